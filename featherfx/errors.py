@@ -1,0 +1,38 @@
+"""What goes wrong in a user's hands, as data: one problem per line, all of them at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with an input.
+
+    source: file (or prim, or option) in which it stands.
+    key: dotted path of the key, empty when the file as a whole is meant.
+    message: what is wrong, with the value and the allowed range where there is one.
+    """
+
+    source: str
+    key: str
+    message: str
+
+    def __str__(self) -> str:
+        return ": ".join(part for part in (self.source, self.key, self.message) if part)
+
+
+class InputError(Exception):
+    """An input is wrong; holds every problem that was found, not the first only."""
+
+    def __init__(self, *problems: Problem) -> None:
+        self.problems: tuple[Problem, ...] = problems
+        super().__init__("\n".join(str(problem) for problem in problems))
+
+
+class SimulationError(Exception):
+    """A feather could not be advanced; names feather, time and reason."""
+
+    def __init__(self, feather: str, time: float, reason: str) -> None:
+        self.feather, self.time, self.reason = feather, time, reason
+        super().__init__(f"feather {feather} at t = {time:.6g} s: {reason}")

@@ -1,0 +1,111 @@
+"""A shot: what happens to a groom over time, and what comes out of it frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.types import Groom
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How finely a feather is resolved.
+
+    rows: rachis rows, columns: barb columns a side, coefficients: curvature coefficients per
+    barb and direction (0: rigid barbs; -1: chosen by the solver). tolerance: m, error per frame
+    that the sub-stepping aims at. max_substeps: most sub-steps per frame.
+    """
+
+    name: str
+    rows: int
+    columns: int
+    coefficients: int
+    tolerance: float
+    max_substeps: int
+
+
+@dataclass(frozen=True)
+class Wind:
+    """A wind field: a mean wind with seeded gusts that travel with it.
+
+    direction: (3,) unit. speed: m/s. gust: share of the speed, root mean square of the gusts.
+    gust_length: m, size of the eddies. air_density: kg/m^3. seed: of the gusts.
+    drag_normal, drag_tangential: force coefficients of the vane across and along its surface.
+    """
+
+    direction: Array
+    speed: float
+    gust: float
+    gust_length: float
+    air_density: float
+    drag_normal: float
+    drag_tangential: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A material point that is led along a path by a stiff spring.
+
+    feather: id. row: rachis row as a share 0..1. column: share 0..1 of the barb (0: the rachis).
+    side: "leading" or "trailing". displacement: (3,) m in the groom's frame, reached from start
+    to end (s) with zero velocity at both. stiffness: N/m.
+    """
+
+    feather: str
+    row: float
+    column: float
+    side: str
+    displacement: Array
+    start: float
+    end: float
+    stiffness: float
+
+
+@dataclass(frozen=True)
+class Motion:
+    """kind: "hold", "flap", "shake" or "keys"; values: the merged numbers of that kind."""
+
+    kind: str
+    values: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """All that a bake needs. frames: first and last, inclusive. gravity: (3,) m/s^2."""
+
+    name: str
+    source: Path
+    groom: Groom
+    first_frame: int
+    last_frame: int
+    frames_per_second: float
+    motion: Motion
+    wind: Wind
+    quality: Quality
+    gravity: Array
+    grips: tuple[Grip, ...] = field(default=())
+    settle: bool = True
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of every feather, world frame, handed to a sink.
+
+    number: frame number. time: s since the first frame.
+    points, velocities: per feather (n, P, 3), the material points (featherfx/feather/types.py)
+        and their rates per second. moved: per feather, whether anything differs from the rest pose
+        of the first frame.
+    """
+
+    number: int
+    time: float
+    points: tuple[Array, ...]
+    velocities: tuple[Array, ...]
