@@ -1,0 +1,37 @@
+"""Curvature shapes of the barbs: polynomials orthonormal under the barb's bending stiffness.
+
+    kappa(s) = (1/L) sum_c q_c P_c(s),     integral_0^1 b(s) P_c P_d ds = delta_cd
+
+s = arc length / L from the rachis, b(s) = max((1 - s)^taper, 0.05) the stiffness relative to the
+root's. The energy of a barb with root stiffness B is then 1/2 (B / L) sum_c q_c^2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FLOOR = 0.05
+SAMPLES = 2000
+
+
+def curvature_shapes(count: int, joints: int, taper: float) -> NDArray[np.float64]:
+    """(count, joints) share of every shape's turn that falls on each joint of a barb.
+
+    A barb of m segments has a joint at its root, which stands for the first half segment, and one
+    between any two segments, which stands for the halves beside it. The last half segment's
+    curvature moves no node.
+    """
+    step = 1.0 / SAMPLES
+    s = (np.arange(SAMPLES) + 0.5) * step
+    stiffness = np.maximum((1.0 - s) ** taper, FLOOR)
+    powers = np.vander(2.0 * s - 1.0, count, increasing=True) if count else np.zeros((SAMPLES, 0))
+    weighted = np.sqrt(stiffness * step)[:, None] * powers
+    _, triangle = np.linalg.qr(weighted)
+    signs = np.sign(np.diag(triangle)) if count else np.zeros(0)
+    values = powers @ np.linalg.inv(triangle) * signs if count else powers
+    turned = np.vstack([np.zeros(count), np.cumsum(values * step, axis=0)])
+    edges = np.concatenate([[0.0], (np.arange(joints) + 0.5) / joints])
+    grid = np.linspace(0.0, 1.0, SAMPLES + 1)
+    at_edges = np.array([np.interp(edges, grid, turned[:, c]) for c in range(count)])
+    return np.diff(at_edges, axis=1) if count else np.zeros((0, joints))

@@ -1,0 +1,235 @@
+"""From rest geometry and materials to the constant arrays of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.types import Feather
+from featherfx.groom.types import FeatherKind
+from featherfx.mechanics.barb_shapes import curvature_shapes
+from featherfx.mechanics.model import Model
+from featherfx.mechanics.section import shaft_mass, shaft_stiffness
+from featherfx.mechanics.turns import frames_to_turns, rotation_vectors, turns_to_frames
+
+Array = NDArray[np.float64]
+
+
+class _Constants(NamedTuple):
+    """The arrays of Model for one feather, without the leading axis F."""
+
+    length: Array
+    rachis_rest: Array
+    rachis_stiffness: Array
+    clamp: Array
+    joints: Array
+    segment: Array
+    barb_stiffness: Array
+    cell_rest: Array
+    cell_stiffness: Array
+    hinge_rest: Array
+    hinge_stiffness: Array
+    mass: Array
+    shaft_area: Array
+
+
+def make_model(feathers: Sequence[Feather], kinds: Sequence[FeatherKind], coefficients: int) -> Model:
+    """Constant arrays of feathers that share a grid.
+
+    feathers, kinds: one each per feather of the batch; all feathers have equal rows and columns
+    and all kinds the same barb taper. coefficients: per barb and direction, 0 for rigid barbs.
+    Damping is left at zero: featherfx.solver.frequency.with_damping adds it. Roots are held.
+    """
+    columns = feathers[0].columns
+    taper = kinds[0].vane_material.barb_taper
+    known: dict[tuple[int, FeatherKind], _Constants] = {}
+    parts = []
+    for feather, kind in zip(feathers, kinds, strict=True):
+        key = (id(feather), kind)
+        if key not in known:
+            known[key] = _constants(feather, kind, coefficients)
+        parts.append(known[key])
+    stacked = {name: np.stack([getattr(p, name) for p in parts]) for name in _Constants._fields}
+    return Model(
+        held=np.ones(len(parts), dtype=np.bool_),
+        shapes=curvature_shapes(coefficients, columns, taper),
+        retardation=np.zeros((len(parts), 2)),
+        **stacked,
+    )
+
+
+def _constants(feather: Feather, kind: FeatherKind, coefficients: int) -> _Constants:
+    points = feather.points
+    frames = row_frames(points)
+    length = np.linalg.norm(np.diff(points[:, 0], axis=0), axis=1)
+    clamp, joints, segment = _barb_rest(feather, frames)
+    cell_rest, cell_area = _cells(feather)
+    vane = kind.vane_material
+    cell_stiffness = np.stack([vane.across * cell_area, vane.shear * cell_area], axis=-1)
+    hinge_rest, hinge_stiffness = _hinges(feather, cell_area, vane.bending_across)
+    return _Constants(
+        length=length,
+        rachis_rest=_rachis_rest(points[:, 0], frames, length),
+        rachis_stiffness=_rachis_stiffness(feather, kind, length),
+        clamp=clamp,
+        joints=joints,
+        segment=segment,
+        barb_stiffness=_barb_stiffness(feather, kind, coefficients),
+        cell_rest=cell_rest,
+        cell_stiffness=cell_stiffness * vane.thickness,
+        hinge_rest=hinge_rest,
+        hinge_stiffness=hinge_stiffness,
+        mass=_mass(feather, kind, cell_area, length),
+        shaft_area=feather.width * _row_share(length),
+    )
+
+
+def row_frames(points: Array) -> Array:
+    """(..., n, P, 3) material points to (..., n, 3, 3) row frames, columns d1, d2, d3."""
+    second, third = points[..., 1, :], points[..., 2, :]
+    return np.stack([np.cross(second, third), second, third], axis=-1)
+
+
+def _row_share(length: Array) -> Array:
+    """(n,) length of rachis that each row stands for."""
+    share = np.zeros(len(length) + 1)
+    share[:-1] += 0.5 * length
+    share[1:] += 0.5 * length
+    return share
+
+
+def _rachis_rest(centre: Array, frames: Array, length: Array) -> Array:
+    relative = np.einsum("nji,njk->nik", frames[:-1], frames[1:])
+    bend = rotation_vectors(relative)
+    half = frames_to_turns(frames[:-1]) + _same_sign(frames_to_turns(frames))
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    middle = turns_to_frames(half)
+    stretch = np.einsum("nji,nj->ni", middle, np.diff(centre, axis=0) / length[:, None])
+    return np.concatenate([stretch, bend], axis=1)
+
+
+def _same_sign(turns: Array) -> Array:
+    """Quaternions 1.. of a row, each with the sign nearest to the one before it."""
+    sign = np.sign(np.einsum("ni,ni->n", turns[:-1], turns[1:]))
+    return turns[1:] * np.where(sign == 0.0, 1.0, sign)[:, None]
+
+
+def _rachis_stiffness(feather: Feather, kind: FeatherKind, length: Array) -> Array:
+    width = 0.5 * (feather.width[:-1] + feather.width[1:])
+    height = 0.5 * (feather.height[:-1] + feather.height[1:])
+    stretch, bend = shaft_stiffness(width, height, kind.rachis_material)
+    return np.concatenate([stretch * length[:, None], bend / length[:, None]], axis=1)
+
+
+def _mass(feather: Feather, kind: FeatherKind, cell_area: Array, length: Array) -> Array:
+    """(n, P) lumped masses; directors carry the shaft's rotary inertia."""
+    columns = feather.columns
+    mass = np.zeros(feather.points.shape[:2])
+    share = _row_share(length)
+    line, about_second, about_third = shaft_mass(
+        feather.width, feather.height, kind.rachis_material
+    )
+    mass[:, 0] = line * share
+    mass[:, 1] = about_third * share
+    mass[:, 2] = about_second * share
+    third = cell_area * kind.vane_material.surface_density / 3.0
+    for side in range(2):
+        node = np.zeros((feather.rows, columns + 1))
+        first, second = third[side, :, :, 0], third[side, :, :, 1]
+        node[:-1, :-1] += first
+        node[:-1, 1:] += first + second
+        node[1:, :-1] += first + second
+        node[1:, 1:] += second
+        mass[:, 0] += node[:, 0]
+        mass[:, 3 + side * columns : 3 + (side + 1) * columns] = node[:, 1:]
+    return mass
+
+
+def barb_nodes(feather: Feather) -> Array:
+    """(2, n, m + 1, 3) nodes of all barbs, column 0 on the rachis."""
+    m = feather.columns
+    root = feather.points[:, :1]
+    sides = [feather.points[:, 3 + s * m : 3 + (s + 1) * m] for s in range(2)]
+    return np.stack([np.concatenate([root, side], axis=1) for side in sides])
+
+
+def _barb_rest(feather: Feather, frames: Array) -> tuple[Array, Array, Array]:
+    """Clamp (2, n, 4), joints (2, n, m, 4) and segment lengths (2, n) at rest."""
+    nodes = barb_nodes(feather)
+    steps = np.diff(nodes, axis=2)
+    segment = feather.barb_length / feather.columns
+    present = segment > 0.0
+    outward = np.stack([frames[:, :, 1], -frames[:, :, 1]])
+    normal = np.broadcast_to(frames[:, :, 2], outward.shape)
+    joints = np.zeros((*steps.shape[:3], 4))
+    joints[..., 0] = 1.0
+    clamp = np.zeros((*steps.shape[:2], 4))
+    before = np.zeros((*steps.shape[:2], 3, 3))
+    for j in range(feather.columns):
+        along = np.where(present[..., None], steps[:, :, j], outward)
+        along = along / np.linalg.norm(along, axis=-1, keepdims=True)
+        # the vane's normal is carried along the barb without turning about it
+        normal = normal - along * np.einsum("snk,snk->sn", normal, along)[..., None]
+        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        frame = np.stack([along, np.cross(normal, along), normal], axis=-1)
+        if j == 0:
+            clamp = frames_to_turns(np.einsum("nji,snjk->snik", frames, frame))
+        else:
+            joints[:, :, j] = frames_to_turns(np.einsum("snji,snjk->snik", before, frame))
+        before = frame
+    return clamp, joints, segment
+
+
+def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int) -> Array:
+    """(2, n, 2 C): root stiffness of the row's bundle of barbs over the barb's length."""
+    vane = kind.vane_material
+    length = feather.barb_length
+    scale = np.divide(feather.barb_share, length, out=np.zeros_like(length), where=length > 0)
+    both = np.array([vane.barb_bending_normal, vane.barb_bending_in_plane])
+    stiffness = np.repeat(scale[:, :, None] * both, coefficients, axis=2)
+    return np.where(stiffness > 0.0, stiffness, 1.0)
+
+
+def _triangle(feather: Feather) -> tuple[Array, Array, Array]:
+    """Edge start, edge end and opposite node of all cells: (2, n-1, m, 2, 3) each."""
+    nodes = barb_nodes(feather)
+    low, high = nodes[:, :-1], nodes[:, 1:]
+    start = np.stack([low[:, :, :-1], high[:, :, :-1]], axis=3)
+    end = np.stack([low[:, :, 1:], high[:, :, 1:]], axis=3)
+    opposite = np.stack([high[:, :, :-1], low[:, :, 1:]], axis=3)
+    return start, end, opposite
+
+
+def _cells(feather: Feather) -> tuple[Array, Array]:
+    """cell_rest (2, n-1, m, 2, 3) and rest area (2, n-1, m, 2), zero where masked."""
+    start, end, opposite = _triangle(feather)
+    exists = feather.cell
+    edge = np.linalg.norm(end - start, axis=-1)
+    edge = np.where(exists, edge, 1.0)
+    along = np.einsum("...k,...k", opposite - start, end - start) / edge
+    reach = np.einsum("...k,...k", opposite - start, opposite - start)
+    height = np.sqrt(np.where(exists, np.maximum(reach - along**2, 0.0), 1.0))
+    rest = np.stack([1.0 / edge, along, 1.0 / height], axis=-1)
+    return np.where(exists[..., None], rest, 0.0), np.where(exists, 0.5 * edge * height, 0.0)
+
+
+def _hinges(feather: Feather, cell_area: Array, modulus: float) -> tuple[Array, Array]:
+    """hinge_rest and hinge_stiffness, (2, n, m)."""
+    nodes = barb_nodes(feather)
+    shape = (2, feather.rows, feather.columns)
+    rest, stiffness = np.zeros(shape), np.zeros(shape)
+    start, end = nodes[:, 1:-1, :-1], nodes[:, 1:-1, 1:]
+    above, below = nodes[:, 2:, :-1], nodes[:, :-2, 1:]
+    edge = end - start
+    first, second = np.cross(edge, above - start), np.cross(below - start, edge)
+    size = np.linalg.norm(edge, axis=-1)
+    sine = np.einsum("...k,...k", np.cross(first, second), edge)
+    rest[:, 1:-1] = np.arctan2(sine, size * np.einsum("...k,...k", first, second))
+    upper, lower = cell_area[:, 1:, :, 0], cell_area[:, :-1, :, 1]
+    both = (upper > 0.0) & (lower > 0.0)
+    total = np.where(both, upper + lower, 1.0)
+    stiffness[:, 1:-1] = np.where(both, modulus * size**2 / total, 0.0)
+    return np.where(stiffness > 0.0, rest, 0.0), stiffness

@@ -1,0 +1,113 @@
+"""Constant data of a batch of feathers that share a grid, as the kernels read it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Model(NamedTuple):
+    """F feathers, n rows, m columns a side, C curvature coefficients per barb and direction.
+
+    P = 3 + 2 m material points a row (featherfx/feather/types.py); sides are 0 leading,
+    1 trailing. SI units.
+
+    held: (F,) bool, whether row 0 is led by the root frame (else the feather flies free).
+    length: (F, n-1) m, rest lengths of the rachis elements.
+    rachis_rest: (F, n-1, 6) v0 and p0 of featherfx/mechanics/rachis_kernels.py.
+    rachis_stiffness: (F, n-1, 6) l c (N m) and d / l (N m).
+    clamp: (F, 2, n, 4) rest direction of the barbs in the row frame, quaternions.
+    joints: (F, 2, n, m, 4) rest turns between segments; the first is the identity.
+    segment: (F, 2, n) m, length of the barbs' segments.
+    shapes: (C, m) share of each curvature shape that falls on each joint.
+    barb_stiffness: (F, 2, n, 2 C) N m, normal then in-plane; 1 where there is no barb.
+    cell_rest: (F, 2, n-1, m, 2, 3) 1/s, p, 1/h of triangles A and B (vane_membrane_kernels).
+    cell_stiffness: (F, 2, n-1, m, 2, 2) N m, b A E_ww and b A E_vw; 0 where there is no triangle.
+    hinge_rest: (F, 2, n, m) rad, rest dihedral angle at the barb edge from column j to j + 1.
+    hinge_stiffness: (F, 2, n, m) N m; 0 where there is no hinge.
+    mass: (F, n, P) kg, and kg m^2 for the two directors (rotary inertia of the shaft).
+    shaft_area: (F, n) m^2, side area of the shaft that the row stands for, for air drag.
+    retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
+    """
+
+    held: NDArray[np.bool_]
+    length: Array
+    rachis_rest: Array
+    rachis_stiffness: Array
+    clamp: Array
+    joints: Array
+    segment: Array
+    shapes: Array
+    barb_stiffness: Array
+    cell_rest: Array
+    cell_stiffness: Array
+    hinge_rest: Array
+    hinge_stiffness: Array
+    mass: Array
+    shaft_area: Array
+    retardation: Array
+
+    @property
+    def feathers(self) -> int:
+        return self.mass.shape[0]
+
+    @property
+    def rows(self) -> int:
+        return self.mass.shape[1]
+
+    @property
+    def columns(self) -> int:
+        return self.joints.shape[3]
+
+    @property
+    def coefficients(self) -> int:
+        return self.shapes.shape[0]
+
+    @property
+    def unknowns(self) -> int:
+        """Generalised coordinates of one feather."""
+        return self.rows * (6 + 4 * self.coefficients)
+
+
+class Loads(NamedTuple):
+    """What acts on a batch during a step.
+
+    gravity: (3,) m/s^2. air: (4,) air density kg/m^3, normal and tangential vane coefficients,
+    shaft coefficient. wind_mean: (3,) m/s; wind_wave: (K, 3) rad/m, wind_rate: (K,) rad/s,
+    wind_amplitude: (K, 3) m/s, wind_phase: (K,) rad: mean + sum amplitude cos(wave.x - rate t +
+    phase). grip_node: (F, G, 2) row and material point, row -1 for none. grip_start, grip_end:
+    (F, G, 3) m, target at the step's start and end. grip_stiffness: (F, G) N/m.
+    """
+
+    gravity: Array
+    air: Array
+    wind_mean: Array
+    wind_wave: Array
+    wind_rate: Array
+    wind_amplitude: Array
+    wind_phase: Array
+    grip_node: NDArray[np.int64]
+    grip_start: Array
+    grip_end: Array
+    grip_stiffness: Array
+
+
+def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Loads:
+    """Loads of a batch in still vacuum under the given gravity (m/s^2)."""
+    return Loads(
+        gravity=np.array(gravity, float),
+        air=np.zeros(4),
+        wind_mean=np.zeros(3),
+        wind_wave=np.zeros((0, 3)),
+        wind_rate=np.zeros(0),
+        wind_amplitude=np.zeros((0, 3)),
+        wind_phase=np.zeros(0),
+        grip_node=np.full((feathers, 0, 2), -1),
+        grip_start=np.zeros((feathers, 0, 3)),
+        grip_end=np.zeros((feathers, 0, 3)),
+        grip_stiffness=np.zeros((feathers, 0)),
+    )

@@ -1,0 +1,32 @@
+"""Arrays of rotations at rest: matrices, unit quaternions (w, x, y, z), rotation vectors."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def frames_to_turns(frames: Array) -> Array:
+    """(..., 3, 3) rotation matrices to (..., 4) unit quaternions."""
+    from scipy.spatial.transform import Rotation
+
+    flat = Rotation.from_matrix(frames.reshape(-1, 3, 3)).as_quat()
+    return np.roll(flat, 1, axis=-1).reshape(*frames.shape[:-2], 4)
+
+
+def turns_to_frames(turns: Array) -> Array:
+    """(..., 4) unit quaternions to (..., 3, 3) rotation matrices."""
+    from scipy.spatial.transform import Rotation
+
+    flat = np.roll(turns.reshape(-1, 4), -1, axis=-1)
+    return Rotation.from_quat(flat).as_matrix().reshape(*turns.shape[:-1], 3, 3)
+
+
+def rotation_vectors(frames: Array) -> Array:
+    """(..., 3, 3) rotation matrices to (..., 3) rotation vectors, rad."""
+    from scipy.spatial.transform import Rotation
+
+    flat = Rotation.from_matrix(frames.reshape(-1, 3, 3)).as_rotvec()
+    return flat.reshape(*frames.shape[:-2], 3)

@@ -1,0 +1,63 @@
+"""Vane bending across barbs: the dihedral angle at every edge that lies along a barb.
+
+    W = 1/2 k (t - t0)^2,        k = D s^2 / (A_1 + A_2)
+
+           x_2
+          /    \\            t   dihedral angle, 0 when flat, rad;  t0 at rest
+        x_0 --- x_1         s   rest length of the barb edge x_0 x_1, m
+          \\    /            A   rest areas of the two triangles, m^2
+           x_3              D   bending modulus across the barbs, N m
+
+With heights h_1, h_2 of the triangles, k = 2 D s / (h_1 + h_2): a strip of barbs h apart that is
+bent to a cylinder turns t = h / radius at each, and W per area is D / (2 radius^2).
+Source: Grinspun et al. 2003; the factor is derived for edges of one direction only.
+"""
+
+from math import atan2, sqrt
+
+from featherfx.compiled import kernel
+from featherfx.mechanics.rotations_kernels import cross
+
+TINY = 1e-300
+
+
+@kernel
+def hinge_angle(start, end, above, below):
+    """Dihedral angle of x_0, x_1, x_2, x_3 (each (3,)), in (-pi, pi]."""
+    ex, ey, ez = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+    ux, uy, uz = above[0] - start[0], above[1] - start[1], above[2] - start[2]
+    vx, vy, vz = below[0] - start[0], below[1] - start[1], below[2] - start[2]
+    ax, ay, az = cross(ex, ey, ez, ux, uy, uz)
+    bx, by, bz = cross(vx, vy, vz, ex, ey, ez)
+    cx, cy, cz = cross(ax, ay, az, bx, by, bz)
+    length = sqrt(ex * ex + ey * ey + ez * ez)
+    return atan2(
+        cx * ex + cy * ey + cz * ez, length * (ax * bx + ay * by + az * bz) + TINY
+    )
+
+
+@kernel
+def hinge_gradient(start, end, above, below, gradient):
+    """Gradient of the dihedral angle, written to gradient (4, 3): x_0, x_1, x_2, x_3."""
+    ex, ey, ez = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+    ux, uy, uz = above[0] - start[0], above[1] - start[1], above[2] - start[2]
+    vx, vy, vz = below[0] - start[0], below[1] - start[1], below[2] - start[2]
+    ax, ay, az = cross(ex, ey, ez, ux, uy, uz)
+    bx, by, bz = cross(vx, vy, vz, ex, ey, ez)
+    square = ex * ex + ey * ey + ez * ez
+    length = sqrt(square)
+    # a triangle crushed to a line would give an infinite slope; it is bounded there
+    floor = 1e-6 * square * square
+    a = ax * ax + ay * ay + az * az
+    b = bx * bx + by * by + bz * bz
+    a = length / max(a, floor)
+    b = length / max(b, floor)
+    above_share = (ux * ex + uy * ey + uz * ez) / square
+    below_share = (vx * ex + vy * ey + vz * ez) / square
+    for k in range(3):
+        na = a * (ax if k == 0 else (ay if k == 1 else az))
+        nb = b * (bx if k == 0 else (by if k == 1 else bz))
+        gradient[2, k] = -na
+        gradient[3, k] = -nb
+        gradient[1, k] = above_share * na + below_share * nb
+        gradient[0, k] = (1.0 - above_share) * na + (1.0 - below_share) * nb

@@ -1,0 +1,161 @@
+"""Total energy of one feather's pose: the merit function of a step.
+
+Every strain s has a stiffness k and, where the material is damped, a reference s_r:
+
+    W = sum 1/2 k s^2 + 1/2 k q (s - s_r)^2,      q = retardation time * rate of the integrator
+
+(Kelvin-Voigt; s measured from rest). Inertia, gravity, air and grips are in node_kernels.
+"""
+
+from featherfx.compiled import kernel
+from featherfx.mechanics.node_kernels import node_energy
+from featherfx.mechanics.vane_bending_kernels import hinge_angle
+from featherfx.mechanics.vane_membrane_kernels import membrane_strain
+
+
+@kernel
+def node_index(side, column, columns):
+    """Material point of a barb node; column 0 is the rachis."""
+    return 0 if column == 0 else 2 + side * columns + column
+
+
+@kernel
+def wrapped(angle):
+    """Angle brought to (-pi, pi]."""
+    if angle > 3.141592653589793:
+        return angle - 6.283185307179586
+    if angle < -3.141592653589793:
+        return angle + 6.283185307179586
+    return angle
+
+
+@kernel
+def feather_strains(model, f, coefficient, points, rachis, strains):
+    """All strains of feather f, measured from rest, written to strains (S,)."""
+    rows, columns = coefficient.shape[1], model.joints.shape[3]
+    at = 0
+    for i in range(rows - 1):
+        for k in range(6):
+            strains[at] = rachis[i, k] - model.rachis_rest[f, i, k]
+            at += 1
+    for side in range(2):
+        for i in range(rows):
+            for c in range(coefficient.shape[2]):
+                strains[at] = coefficient[side, i, c]
+                at += 1
+    rest = model.cell_rest[f]
+    stiffness = model.cell_stiffness[f]
+    for side in range(2):
+        for i in range(rows - 1):
+            for j in range(columns):
+                near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+                for half in range(2):
+                    across, shear = 0.0, 0.0
+                    if stiffness[side, i, j, half, 0] != 0.0:
+                        r, o = (i, i + 1) if half == 0 else (i + 1, i)
+                        across, shear = membrane_strain(
+                            points[r, near],
+                            points[r, far],
+                            points[o, near if half == 0 else far],
+                            rest[side, i, j, half],
+                        )
+                    strains[at] = across
+                    strains[at + 1] = shear
+                    at += 2
+    for side in range(2):
+        for i in range(rows):
+            for j in range(columns):
+                angle = 0.0
+                if model.hinge_stiffness[f, side, i, j] != 0.0:
+                    near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+                    angle = wrapped(
+                        hinge_angle(
+                            points[i, near], points[i, far], points[i + 1, near], points[i - 1, far]
+                        )
+                        - model.hinge_rest[f, side, i, j]
+                    )
+                strains[at] = angle
+                at += 1
+
+
+@kernel
+def _quadratic(strain, reference, stiffness, damping):
+    rate = strain - reference
+    return 0.5 * stiffness * (strain * strain + damping * rate * rate)
+
+
+@kernel
+def elastic_energy(model, f, strains, reference, strain_rate):
+    """Elastic energy, with the dissipation of the step, of strains (S,) (J).
+
+    reference: (S,). strain_rate: 1/s, of the integrator; 0 for the elastic energy alone.
+    """
+    rows, columns = model.mass.shape[1], model.joints.shape[3]
+    shaft = model.retardation[f, 0] * strain_rate
+    vane = model.retardation[f, 1] * strain_rate
+    total = 0.0
+    at = 0
+    for i in range(rows - 1):
+        for k in range(6):
+            stiffness = model.rachis_stiffness[f, i, k]
+            total += _quadratic(strains[at], reference[at], stiffness, shaft)
+            at += 1
+    for side in range(2):
+        for i in range(rows):
+            for c in range(model.barb_stiffness.shape[3]):
+                stiffness = model.barb_stiffness[f, side, i, c]
+                total += _quadratic(strains[at], reference[at], stiffness, vane)
+                at += 1
+    for side in range(2):
+        for i in range(rows - 1):
+            for j in range(columns):
+                for half in range(2):
+                    for k in range(2):
+                        stiffness = model.cell_stiffness[f, side, i, j, half, k]
+                        total += _quadratic(strains[at], reference[at], stiffness, vane)
+                        at += 1
+    for side in range(2):
+        for i in range(rows):
+            for j in range(columns):
+                stiffness = model.hinge_stiffness[f, side, i, j]
+                total += _quadratic(strains[at], reference[at], stiffness, vane)
+                at += 1
+    return total
+
+
+@kernel
+def grip_energy(loads, f, share, points):
+    """Energy of the grips of feather f at a share (0..1) of the step (J)."""
+    total = 0.0
+    for g in range(loads.grip_stiffness.shape[1]):
+        row, p = loads.grip_node[f, g, 0], loads.grip_node[f, g, 1]
+        if row < 0:
+            continue
+        for k in range(3):
+            start, end = loads.grip_start[f, g, k], loads.grip_end[f, g, k]
+            gap = points[row, p, k] - start - share * (end - start)
+            total += 0.5 * loads.grip_stiffness[f, g] * gap * gap
+    return total
+
+
+@kernel
+def step_energy(model, loads, f, share, inertia, rate, strain_rate, points, strains, work):
+    """Energy that an implicit step minimises, of the pose with these points and strains (J)."""
+    return (
+        elastic_energy(model, f, strains, work.reference, strain_rate)
+        + grip_energy(loads, f, share, points)
+        + node_energy(
+            points,
+            work.target,
+            inertia,
+            work.past,
+            rate,
+            model.mass[f],
+            loads.gravity,
+            loads.air,
+            work.wind,
+            work.area,
+            work.speed,
+            model.shaft_area[f],
+        )
+    )

@@ -1,0 +1,119 @@
+"""From generalised coordinates to material points, and from one pose to the next.
+
+Coordinates of a row: centre r (3), frame as quaternion (4), coefficients of both barbs (2 x 2 C).
+Increments of a row, w = 6 + 4 C of them: dr (3), world rotation vector u (3), leading and trailing
+coefficients.
+"""
+
+from featherfx.compiled import kernel
+from featherfx.mechanics.barb_kernels import barb_jacobian, barb_points
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
+from featherfx.mechanics.rotations_kernels import exponential, multiply, normalised, rotate
+
+
+@kernel
+def material_points(model, f, turn, centre, coefficient, points):
+    """Material points (n, P, 3) of feather f's pose, written to points."""
+    columns = model.joints.shape[3]
+    for i in range(turn.shape[0]):
+        w, x, y, z = turn[i, 0], turn[i, 1], turn[i, 2], turn[i, 3]
+        points[i, 0] = centre[i]
+        points[i, 1, 0], points[i, 1, 1], points[i, 1, 2] = rotate(w, x, y, z, 0.0, 1.0, 0.0)
+        points[i, 2, 0], points[i, 2, 1], points[i, 2, 2] = rotate(w, x, y, z, 0.0, 0.0, 1.0)
+        for side in range(2):
+            start = 3 + side * columns
+            barb_points(
+                turn[i],
+                centre[i],
+                model.clamp[f, side, i],
+                model.joints[f, side, i],
+                model.segment[f, side, i],
+                model.shapes,
+                coefficient[side, i],
+                points[i, start : start + columns],
+            )
+
+
+@kernel
+def barb_jacobians(model, f, turn, coefficient, work):
+    """Derivatives of all barb nodes of feather f by their coefficients, to work.jacobian."""
+    for i in range(turn.shape[0]):
+        for side in range(2):
+            barb_jacobian(
+                turn[i],
+                model.clamp[f, side, i],
+                model.joints[f, side, i],
+                model.segment[f, side, i],
+                model.shapes,
+                coefficient[side, i],
+                work.frame,
+                work.spin,
+                work.jacobian[i, side],
+            )
+
+
+@kernel
+def rachis_strains(model, f, turn, centre, halfway, strain):
+    """Frames (n-1, 3, 3) and strains (n-1, 6) of all rachis elements of feather f."""
+    for i in range(turn.shape[0] - 1):
+        rachis_strain(
+            turn[i], turn[i + 1], centre[i], centre[i + 1], model.length[f, i], halfway[i], strain[i]
+        )
+
+
+@kernel
+def add_increment(model, f, turn, centre, coefficient, step, scale, work):
+    """Pose plus scale times the increment step (N,), written to the trial pose of work.
+
+    Row frames are turned by their rotation vectors and coefficients are added; the rachis points
+    are then rebuilt from the root so that every stretch and shear changes by exactly its linear
+    increment. Moving the points straight instead would stretch the nearly inextensible shaft at
+    second order, and that artificial energy is what makes Newton crawl.
+
+    work.halfway and work.rachis must hold the frames and strains of the present pose.
+    """
+    rows = turn.shape[0]
+    count = coefficient.shape[2]
+    wide = 6 + 2 * count
+    for i in range(rows):
+        at = i * wide
+        w, x, y, z = exponential(
+            scale * step[at + 3], scale * step[at + 4], scale * step[at + 5]
+        )
+        w, x, y, z = multiply(w, x, y, z, turn[i, 0], turn[i, 1], turn[i, 2], turn[i, 3])
+        w, x, y, z = normalised(w, x, y, z)
+        work.turn[i, 0], work.turn[i, 1], work.turn[i, 2], work.turn[i, 3] = w, x, y, z
+        for side in range(2):
+            for c in range(count):
+                work.coefficient[side, i, c] = (
+                    coefficient[side, i, c] + scale * step[at + 6 + side * count + c]
+                )
+    for k in range(3):
+        work.centre[0, k] = centre[0, k] + scale * step[k]
+    for i in range(rows - 1):
+        length = model.length[f, i]
+        rachis_gradient(
+            centre[i], centre[i + 1], length, work.halfway[i], work.rachis[i], work.beam
+        )
+        at, to = i * wide, (i + 1) * wide
+        stretch = work.stretch
+        for k in range(3):
+            change = 0.0
+            for a in range(6):
+                change += work.beam[k, a] * step[at + a] + work.beam[k, 6 + a] * step[to + a]
+            stretch[k] = work.rachis[i, k] + scale * change
+        _chain(work.turn[i], work.turn[i + 1], stretch, length, work.centre[i], work.centre[i + 1])
+
+
+@kernel
+def _chain(turn_a, turn_b, stretch, length, point_a, point_b):
+    """Next rachis point from the last one, both frames and the stretch between them."""
+    aw, ax, ay, az = turn_a[0], turn_a[1], turn_a[2], turn_a[3]
+    bw, bx, by, bz = turn_b[0], turn_b[1], turn_b[2], turn_b[3]
+    if aw * bw + ax * bx + ay * by + az * bz < 0.0:
+        bw, bx, by, bz = -bw, -bx, -by, -bz
+    w, x, y, z = normalised(aw + bw, ax + bx, ay + by, az + bz)
+    x, y, z = rotate(w, x, y, z, stretch[0], stretch[1], stretch[2])
+    point_b[0] = point_a[0] + length * x
+    point_b[1] = point_a[1] + length * y
+    point_b[2] = point_a[2] + length * z
