@@ -53,6 +53,6 @@ def kernel(function: Callable[..., Any]) -> Any:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_folder())
     try:
-        return njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST_MATH)(function)
+        return njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=FAST_MATH)(function)
     finally:
         numba.config.CACHE_DIR = before

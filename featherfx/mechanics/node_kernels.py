@@ -41,10 +41,13 @@ def sample_wind(points, time, mean, wave, rate, amplitude, phase, wind):
     rows, size = points.shape[0], points.shape[1]
     columns = (size - 3) // 2
     if rate.shape[0] == 0 or columns == 0:
-        wind[:] = mean
+        for i in range(rows):
+            for p in range(size):
+                for k in range(3):
+                    wind[i, p, k] = mean[k]
         for i in range(rows if rate.shape[0] > 0 else 0):
-            p = points[i, 0]
-            wx, wy, wz = wind_at(p[0], p[1], p[2], time, mean, wave, rate, amplitude, phase)
+            q = points[i, 0]
+            wx, wy, wz = wind_at(q[0], q[1], q[2], time, mean, wave, rate, amplitude, phase)
             wind[i, 0, 0], wind[i, 0, 1], wind[i, 0, 2] = wx, wy, wz
         return
     for i in range(rows):

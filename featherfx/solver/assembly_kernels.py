@@ -68,124 +68,133 @@ def _add_outer(matrix, lines, first, last, k0, k1, k2, k3):
 
 
 @kernel
-def _add_nodes(f, i, side, columns, points, work, wide):
+def _add_nodes(i, side, points, force, stiff, jacobian, block):
     """Inertia, gravity, air and grips of the barb nodes of one row and side."""
-    lines = work.lines
-    first, last = wide, 2 * wide
-    for j in range(1, columns + 1):
-        p = node_index(side, j, columns)
+    lines, matrix, right = block.lines, block.matrix, block.right
+    columns = jacobian.shape[2]
+    first = matrix.shape[0] // 3
+    last = 2 * first
+    for j in range(columns):
+        p = node_index(side, j + 1, columns)
         rx = points[i, p, 0] - points[i, 0, 0]
         ry = points[i, p, 1] - points[i, 0, 1]
         rz = points[i, p, 2] - points[i, 0, 2]
-        jacobian = work.jacobian[i, side, j - 1]
-        stiff = work.stiff[i, p]
-        force = work.force[i, p]
-        # rows of J (3, w), then of the node's stiffness times J
+        s = stiff[i, p]
+        g = force[i, p]
         for k in range(3):
-            lines[k, first : first + 6] = 0.0
+            for a in range(6):
+                lines[k, first + a] = 0.0
             lines[k, first + k] = 1.0
-            for c in range(jacobian.shape[1]):
-                lines[k, first + 6 + c] = jacobian[k, c]
+            for c in range(jacobian.shape[4]):
+                lines[k, first + 6 + c] = jacobian[i, side, j, k, c]
         lines[0, first + 4], lines[0, first + 5] = rz, -ry
         lines[1, first + 3], lines[1, first + 5] = -rz, rx
         lines[2, first + 3], lines[2, first + 4] = ry, -rx
         for a in range(first, last):
             x, y, z = lines[0, a], lines[1, a], lines[2, a]
-            work.local_right[a] -= x * force[0] + y * force[1] + z * force[2]
-            sx = stiff[0] * x + stiff[3] * y + stiff[4] * z
-            sy = stiff[3] * x + stiff[1] * y + stiff[5] * z
-            sz = stiff[4] * x + stiff[5] * y + stiff[2] * z
+            right[a] -= x * g[0] + y * g[1] + z * g[2]
+            sx = s[0] * x + s[3] * y + s[4] * z
+            sy = s[3] * x + s[1] * y + s[5] * z
+            sz = s[4] * x + s[5] * y + s[2] * z
             for b in range(first, a + 1):
-                work.local[a, b] += sx * lines[0, b] + sy * lines[1, b] + sz * lines[2, b]
+                matrix[a, b] += sx * lines[0, b] + sy * lines[1, b] + sz * lines[2, b]
 
 
 @kernel
-def _add_cells(model, f, i, side, columns, points, damping, work, wide, at):
-    """Membrane of the cells between rows i and i + 1; at: their place in the strain vector."""
-    lines, right, strains, reference = work.lines, work.local_right, work.strains, work.reference
-    first, last = wide, 3 * wide
-    stiffness = model.cell_stiffness[f]
-    weight = work.weight
+def _add_cells(i, side, points, rest, stiffness, strains, reference, damping, jacobian, block):
+    """Membrane of the cells between rows i and i + 1.
+
+    rest: (m, 2, 3), stiffness: (m, 2, 2) of these cells; strains, reference: (4 m,) theirs.
+    """
+    lines, weight, gradient = block.lines, block.weight, block.membrane
+    columns = jacobian.shape[2]
+    wide = block.matrix.shape[0] // 3
+    last = 3 * wide
     for j in range(columns):
-        if stiffness[side, i, j, 0, 0] == 0.0 and stiffness[side, i, j, 1, 0] == 0.0:
+        if stiffness[j, 0, 0] == 0.0 and stiffness[j, 1, 0] == 0.0:
             continue
-        lines[:, first:last] = 0.0
+        for k in range(4):
+            weight[k] = 0.0
+            for a in range(wide, last):
+                lines[k, a] = 0.0
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
         for half in range(2):
-            for k in range(2):
-                weight[2 * half + k] = stiffness[side, i, j, half, k]
-            if stiffness[side, i, j, half, 0] == 0.0:
+            if stiffness[j, half, 0] == 0.0:
                 continue
-            row, other = (i, i + 1) if half == 0 else (i + 1, i)
-            edge_at = wide if half == 0 else 2 * wide
-            other_at = 2 * wide if half == 0 else wide
-            column = j if half == 0 else j + 1
+            row, other, edge_at, other_at = i, i + 1, wide, 2 * wide
+            column, opposite = j, near
+            if half == 1:
+                row, other, edge_at, other_at = i + 1, i, 2 * wide, wide
+                column, opposite = j + 1, far
             membrane_gradient(
-                points[row, near],
-                points[row, far],
-                points[other, near if half == 0 else far],
-                model.cell_rest[f, side, i, j, half],
-                work.membrane,
+                points[row, near], points[row, far], points[other, opposite], rest[j, half], gradient
             )
             for k in range(2):
-                line, gradient = lines[2 * half + k], work.membrane[k]
-                _project_column(line, edge_at, row, side, j, points, work.jacobian, gradient[0])
-                _project_column(line, edge_at, row, side, j + 1, points, work.jacobian, gradient[1])
+                line = lines[2 * half + k]
+                weight[2 * half + k] = stiffness[j, half, k]
+                _project_column(line, edge_at, row, side, j, points, jacobian, gradient[k, 0])
+                _project_column(line, edge_at, row, side, j + 1, points, jacobian, gradient[k, 1])
                 _project_column(
-                    line, other_at, other, side, column, points, work.jacobian, gradient[2]
+                    line, other_at, other, side, column, points, jacobian, gradient[k, 2]
                 )
-        place = at + 4 * j
         for k in range(4):
-            strain = strains[place + k]
-            stress = weight[k] * (strain + damping * (strain - reference[place + k]))
+            strain = strains[4 * j + k]
+            stress = weight[k] * (strain + damping * (strain - reference[4 * j + k]))
             weight[k] *= 1.0 + damping
-            for a in range(first, last):
-                right[a] -= stress * lines[k, a]
-        _add_outer(work.local, lines, first, last, weight[0], weight[1], weight[2], weight[3])
+            for a in range(wide, last):
+                block.right[a] -= stress * lines[k, a]
+        _add_outer(block.matrix, lines, wide, last, weight[0], weight[1], weight[2], weight[3])
 
 
 @kernel
-def _add_hinges(model, f, i, side, columns, points, damping, work, wide, at):
-    """Bending across barbs at the edges of row i's barb; at: place in the strain vector."""
-    lines, right, strains, reference = work.lines, work.local_right, work.strains, work.reference
-    weight = work.weight
+def _add_hinges(i, side, points, stiffness, strains, reference, damping, jacobian, block):
+    """Bending across barbs at the edges of row i's barb; stiffness, strains, reference: (m,)."""
+    lines, weight, gradient = block.lines, block.weight, block.hinge
+    columns = jacobian.shape[2]
+    wide = block.matrix.shape[0] // 3
+    last = 3 * wide
     filled = 0
     for j in range(columns):
-        stiffness = model.hinge_stiffness[f, side, i, j]
-        if stiffness == 0.0:
-            continue
-        line = lines[filled]
-        line[:] = 0.0
-        near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-        hinge_gradient(
-            points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], work.hinge
-        )
-        _project_column(line, wide, i, side, j, points, work.jacobian, work.hinge[0])
-        _project_column(line, wide, i, side, j + 1, points, work.jacobian, work.hinge[1])
-        _project_column(line, 2 * wide, i + 1, side, j, points, work.jacobian, work.hinge[2])
-        _project_column(line, 0, i - 1, side, j + 1, points, work.jacobian, work.hinge[3])
-        strain = strains[at + j]
-        stress = stiffness * (strain + damping * (strain - reference[at + j]))
-        for a in range(3 * wide):
-            right[a] -= stress * line[a]
-        weight[filled] = stiffness * (1.0 + damping)
-        filled += 1
-        if filled == 4:
-            _add_outer(
-                work.local, lines, 0, 3 * wide, weight[0], weight[1], weight[2], weight[3]
+        if stiffness[j] != 0.0:
+            line = lines[filled]
+            for a in range(last):
+                line[a] = 0.0
+            near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+            hinge_gradient(
+                points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], gradient
             )
+            _project_column(line, wide, i, side, j, points, jacobian, gradient[0])
+            _project_column(line, wide, i, side, j + 1, points, jacobian, gradient[1])
+            _project_column(line, 2 * wide, i + 1, side, j, points, jacobian, gradient[2])
+            _project_column(line, 0, i - 1, side, j + 1, points, jacobian, gradient[3])
+            stress = stiffness[j] * (strains[j] + damping * (strains[j] - reference[j]))
+            for a in range(last):
+                block.right[a] -= stress * line[a]
+            weight[filled] = stiffness[j] * (1.0 + damping)
+            filled += 1
+        if filled == 4 or (filled > 0 and j == columns - 1):
+            for k in range(filled, 4):
+                weight[k] = 0.0
+            _add_outer(block.matrix, lines, 0, last, weight[0], weight[1], weight[2], weight[3])
             filled = 0
-    if filled > 0:
-        weight[filled:] = 0.0
-        lines[filled:] = 0.0
-        _add_outer(work.local, lines, 0, 3 * wide, weight[0], weight[1], weight[2], weight[3])
 
 
 @kernel
-def _scatter(i, rows, side, count, work, wide):
+def _add_barb(stiffness, strains, reference, damping, block):
+    """Bending of one barb, whose coefficients are its strains; all arrays (2 C,)."""
+    at = block.matrix.shape[0] // 3 + 6
+    for c in range(stiffness.shape[0]):
+        stress = stiffness[c] * (strains[c] + damping * (strains[c] - reference[c]))
+        block.matrix[at + c, at + c] += stiffness[c] * (1.0 + damping)
+        block.right[at + c] -= stress
+
+
+@kernel
+def _scatter(i, rows, side, matrix, right, system):
     """Add the local matrix and right side of row i and one side to the band."""
-    row_size = 6 + 2 * count
-    skip = side * count
+    wide = matrix.shape[0] // 3
+    skip = side * (wide - 6)
+    row_size = 2 * wide - 6
     for block in range(3):
         row = i - 1 + block
         if row < 0 or row >= rows:
@@ -193,7 +202,7 @@ def _scatter(i, rows, side, count, work, wide):
         for a in range(wide):
             to = row * row_size + a + (skip if a >= 6 else 0)
             la = block * wide + a
-            work.right[to] += work.local_right[la]
+            system.right[to] += right[la]
             for other in range(block + 1):
                 column_row = i - 1 + other
                 if column_row < 0:
@@ -201,148 +210,192 @@ def _scatter(i, rows, side, count, work, wide):
                 last = a + 1 if other == block else wide
                 for b in range(last):
                     column = column_row * row_size + b + (skip if b >= 6 else 0)
-                    work.band[column, to - column] += work.local[la, other * wide + b]
+                    system.band[column, to - column] += matrix[la, other * wide + b]
 
 
 @kernel
-def _add_barb(model, f, i, side, damping, work, wide, at):
-    """Bending of one barb: its coefficients are its strains."""
-    count = model.barb_stiffness.shape[3]
-    for c in range(count):
-        strain = work.strains[at + c]
-        stiffness = model.barb_stiffness[f, side, i, c]
-        stress = stiffness * (strain + damping * (strain - work.reference[at + c]))
-        work.local[wide + 6 + c, wide + 6 + c] += stiffness * (1.0 + damping)
-        work.local_right[wide + 6 + c] -= stress
-
-
-@kernel
-def _add_rachis_nodes(i, points, work, row_size):
+def _add_rachis_nodes(i, points, force, stiff, row_size, system):
     """Inertia, gravity, air and grips of row i's rachis point and directors."""
+    band, right = system.band, system.right
     at = i * row_size
     for k in range(3):
-        work.right[at + k] -= work.force[i, 0, k]
-        work.band[at + k, 0] += work.stiff[i, 0, k]
-    work.band[at, 1] += work.stiff[i, 0, 3]
-    work.band[at, 2] += work.stiff[i, 0, 4]
-    work.band[at + 1, 1] += work.stiff[i, 0, 5]
+        right[at + k] -= force[i, 0, k]
+        band[at + k, 0] += stiff[i, 0, k]
+    band[at, 1] += stiff[i, 0, 3]
+    band[at, 2] += stiff[i, 0, 4]
+    band[at + 1, 1] += stiff[i, 0, 5]
     for p in range(1, 3):
         x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
-        force = work.force[i, p]
-        mx, my, mz = cross(x, y, z, force[0], force[1], force[2])
-        inertia = work.stiff[i, p, 0]
-        work.right[at + 3] -= mx
-        work.right[at + 4] -= my
-        work.right[at + 5] -= mz
-        work.band[at + 3, 0] += inertia * (y * y + z * z)
-        work.band[at + 4, 0] += inertia * (x * x + z * z)
-        work.band[at + 5, 0] += inertia * (x * x + y * y)
-        work.band[at + 3, 1] -= inertia * x * y
-        work.band[at + 3, 2] -= inertia * x * z
-        work.band[at + 4, 1] -= inertia * y * z
+        mx, my, mz = cross(x, y, z, force[i, p, 0], force[i, p, 1], force[i, p, 2])
+        inertia = stiff[i, p, 0]
+        right[at + 3] -= mx
+        right[at + 4] -= my
+        right[at + 5] -= mz
+        band[at + 3, 0] += inertia * (y * y + z * z)
+        band[at + 4, 0] += inertia * (x * x + z * z)
+        band[at + 5, 0] += inertia * (x * x + y * y)
+        band[at + 3, 1] -= inertia * x * y
+        band[at + 3, 2] -= inertia * x * z
+        band[at + 4, 1] -= inertia * y * z
 
 
 @kernel
-def _add_rachis_element(model, f, i, centre, damping, work, row_size):
-    """Stretch, shear, twist and bending between rows i and i + 1."""
-    beam = work.beam
-    rachis_gradient(
-        centre[i], centre[i + 1], model.length[f, i], work.halfway[i], work.rachis[i], beam
-    )
-    matrix = work.beam_matrix
-    matrix[:] = 0.0
+def _add_rachis_element(
+    i, centre, halfway, rachis, length, stiffness, strains, reference, damping, beam, matrix, system
+):
+    """Stretch, shear, twist and bending between rows i and i + 1.
+
+    stiffness: (6,), strains and reference: (6,) of this element; beam, matrix: scratch.
+    """
+    row_size = system.band.shape[1] // 3
+    at = i * row_size
+    rachis_gradient(centre[i], centre[i + 1], length, halfway[i], rachis[i], beam)
+    for a in range(12):
+        for b in range(12):
+            matrix[a, b] = 0.0
     for k in range(6):
-        stiffness = model.rachis_stiffness[f, i, k]
-        strain = work.strains[6 * i + k]
-        stress = stiffness * (strain + damping * (strain - work.reference[6 * i + k]))
-        weight = stiffness * (1.0 + damping)
+        stress = stiffness[k] * (strains[k] + damping * (strains[k] - reference[k]))
+        weight = stiffness[k] * (1.0 + damping)
         for a in range(12):
-            to = i * row_size + a if a < 6 else (i + 1) * row_size + a - 6
-            work.right[to] -= stress * beam[k, a]
+            to = at + a if a < 6 else at + row_size + a - 6
+            system.right[to] -= stress * beam[k, a]
             scaled = weight * beam[k, a]
             for b in range(a + 1):
                 matrix[a, b] += scaled * beam[k, b]
     for a in range(12):
-        to = i * row_size + a if a < 6 else (i + 1) * row_size + a - 6
+        to = at + a if a < 6 else at + row_size + a - 6
         for b in range(a + 1):
-            column = i * row_size + b if b < 6 else (i + 1) * row_size + b - 6
-            work.band[column, to - column] += matrix[a, b]
+            column = at + b if b < 6 else at + row_size + b - 6
+            system.band[column, to - column] += matrix[a, b]
 
 
 @kernel
-def _add_grips(loads, f, share, points, work):
-    """Grips, added to the node forces and stiffnesses."""
-    for g in range(loads.grip_stiffness.shape[1]):
-        row, p = loads.grip_node[f, g, 0], loads.grip_node[f, g, 1]
+def _add_grips(node, start, end, stiffness, share, points, force, stiff):
+    """A feather's grips, added to the node forces and stiffnesses."""
+    for g in range(stiffness.shape[0]):
+        row, p = node[g, 0], node[g, 1]
         if row < 0:
             continue
         for k in range(3):
-            start, end = loads.grip_start[f, g, k], loads.grip_end[f, g, k]
-            gap = points[row, p, k] - start - share * (end - start)
-            work.force[row, p, k] += loads.grip_stiffness[f, g] * gap
-            work.stiff[row, p, k] += loads.grip_stiffness[f, g]
+            gap = points[row, p, k] - start[g, k] - share * (end[g, k] - start[g, k])
+            force[row, p, k] += stiffness[g] * gap
+            stiff[row, p, k] += stiffness[g]
 
 
 @kernel
-def _hold_root(work, width):
+def _hold_root(row_size, system):
     """Take the six coordinates of row 0 out of the system: their increment is zero."""
+    band = system.band
     for a in range(6):
-        work.right[a] = 0.0
-        work.band[a, :] = 0.0
-        work.band[a, 0] = 1.0
-        for b in range(a):
-            work.band[b, a - b] = 0.0
+        system.right[a] = 0.0
+        for d in range(band.shape[1]):
+            band[a, d] = 0.0
+        band[a, 0] = 1.0
 
 
 @kernel
-def assemble(model, loads, f, share, inertia, rate, strain_rate, centre, points, work):
-    """Hessian to work.band, minus the gradient to work.right.
+def _add_rows(model, f, factors, pose, around, force, stiff, jacobian, block, system):
+    """Vane of feather f: row by row and side by side."""
+    rows, columns = pose.turn.shape[0], model.joints.shape[3]
+    count = pose.coefficient.shape[2]
+    damping = model.retardation[f, 1] * factors[2]
+    cells_at = (rows - 1) * 6 + 2 * rows * count
+    hinges_at = cells_at + 2 * (rows - 1) * columns * 4
+    strains, reference = pose.strains, around.reference
+    for i in range(rows):
+        for side in range(2):
+            block.matrix[:] = 0.0
+            block.right[:] = 0.0
+            _add_nodes(i, side, pose.points, force, stiff, jacobian, block)
+            at = (rows - 1) * 6 + (side * rows + i) * count
+            _add_barb(model.barb_stiffness[f, side, i], strains[at:], reference[at:], damping, block)
+            if i + 1 < rows:
+                at = cells_at + (side * (rows - 1) + i) * columns * 4
+                _add_cells(
+                    i,
+                    side,
+                    pose.points,
+                    model.cell_rest[f, side, i],
+                    model.cell_stiffness[f, side, i],
+                    strains[at:],
+                    reference[at:],
+                    damping,
+                    jacobian,
+                    block,
+                )
+            if 0 < i < rows - 1:
+                at = hinges_at + (side * rows + i) * columns
+                _add_hinges(
+                    i,
+                    side,
+                    pose.points,
+                    model.hinge_stiffness[f, side, i],
+                    strains[at:],
+                    reference[at:],
+                    damping,
+                    jacobian,
+                    block,
+                )
+            _scatter(i, rows, side, block.matrix, block.right, system)
 
-    work.strains, work.jacobian, work.halfway and work.rachis must belong to the pose. share: of
-    the step, for the grips. inertia, rate, strain_rate: of the integrator.
+
+@kernel
+def assemble(model, loads, f, share, factors, work):
+    """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
+
+    work.jacobian must belong to the pose. share: of the frame, for the grips. factors: (inertia,
+    rate, strain rate) of the integrator.
     """
-    rows, columns = model.mass.shape[1], model.joints.shape[3]
-    count = 2 * model.shapes.shape[0]
-    wide, row_size = 6 + count, 6 + 2 * count
-    shaft = model.retardation[f, 0] * strain_rate
-    vane = model.retardation[f, 1] * strain_rate
-    work.band[:] = 0.0
-    work.right[:] = 0.0
+    pose, around, system = work.now, work.around, work.system
+    rows, row_size = pose.turn.shape[0], system.band.shape[1] // 3
+    system.band[:] = 0.0
+    system.right[:] = 0.0
     node_forces(
-        points,
-        work.target,
-        inertia,
-        work.past,
-        rate,
+        pose.points,
+        around.target,
+        factors[0],
+        around.past,
+        factors[1],
         model.mass[f],
         loads.gravity,
         loads.air,
-        work.wind,
-        work.area,
-        work.speed,
+        around.wind,
+        around.area,
+        around.speed,
         model.shaft_area[f],
         work.force,
         work.stiff,
     )
-    _add_grips(loads, f, share, points, work)
-    barbs_at = (rows - 1) * 6
-    cells_at = barbs_at + 2 * rows * count
-    hinges_at = cells_at + 2 * (rows - 1) * columns * 4
+    _add_grips(
+        loads.grip_node[f],
+        loads.grip_start[f],
+        loads.grip_end[f],
+        loads.grip_stiffness[f],
+        share,
+        pose.points,
+        work.force,
+        work.stiff,
+    )
     for i in range(rows):
-        _add_rachis_nodes(i, points, work, row_size)
-        if i + 1 < rows:
-            _add_rachis_element(model, f, i, centre, shaft, work, row_size)
-        for side in range(2 if columns > 0 else 0):
-            work.local[:] = 0.0
-            work.local_right[:] = 0.0
-            _add_nodes(f, i, side, columns, points, work, wide)
-            _add_barb(model, f, i, side, vane, work, wide, barbs_at + (side * rows + i) * count)
-            if i + 1 < rows:
-                at = cells_at + (side * (rows - 1) + i) * columns * 4
-                _add_cells(model, f, i, side, columns, points, vane, work, wide, at)
-                if i > 0:
-                    at = hinges_at + (side * rows + i) * columns
-                    _add_hinges(model, f, i, side, columns, points, vane, work, wide, at)
-            _scatter(i, rows, side, count, work, wide)
+        _add_rachis_nodes(i, pose.points, work.force, work.stiff, row_size, system)
+    for i in range(rows - 1):
+        _add_rachis_element(
+            i,
+            pose.centre,
+            pose.halfway,
+            pose.rachis,
+            model.length[f, i],
+            model.rachis_stiffness[f, i],
+            pose.strains[6 * i :],
+            around.reference[6 * i :],
+            model.retardation[f, 0] * factors[2],
+            work.beam,
+            work.beam_matrix,
+            system,
+        )
+    if model.joints.shape[3] > 0:
+        _add_rows(
+            model, f, factors, pose, around, work.force, work.stiff, work.jacobian, work.block, system
+        )
     if model.held[f]:
-        _hold_root(work, row_size)
+        _hold_root(row_size, system)

@@ -124,38 +124,47 @@ def elastic_energy(model, f, strains, reference, strain_rate):
 
 
 @kernel
-def grip_energy(loads, f, share, points):
-    """Energy of the grips of feather f at a share (0..1) of the step (J)."""
+def grip_energy(node, start, end, stiffness, share, points):
+    """Energy of a feather's grips (G of them) at a share (0..1) of the frame (J)."""
     total = 0.0
-    for g in range(loads.grip_stiffness.shape[1]):
-        row, p = loads.grip_node[f, g, 0], loads.grip_node[f, g, 1]
+    for g in range(stiffness.shape[0]):
+        row, p = node[g, 0], node[g, 1]
         if row < 0:
             continue
         for k in range(3):
-            start, end = loads.grip_start[f, g, k], loads.grip_end[f, g, k]
-            gap = points[row, p, k] - start - share * (end - start)
-            total += 0.5 * loads.grip_stiffness[f, g] * gap * gap
+            gap = points[row, p, k] - start[g, k] - share * (end[g, k] - start[g, k])
+            total += 0.5 * stiffness[g] * gap * gap
     return total
 
 
 @kernel
-def step_energy(model, loads, f, share, inertia, rate, strain_rate, points, strains, work):
-    """Energy that an implicit step minimises, of the pose with these points and strains (J)."""
+def step_energy(model, loads, f, share, factors, pose, around):
+    """Energy that an implicit step minimises, of a pose whose strains are known (J).
+
+    factors: (inertia, rate, strain rate) of the integrator. share: of the frame, for the grips.
+    """
     return (
-        elastic_energy(model, f, strains, work.reference, strain_rate)
-        + grip_energy(loads, f, share, points)
+        elastic_energy(model, f, pose.strains, around.reference, factors[2])
+        + grip_energy(
+            loads.grip_node[f],
+            loads.grip_start[f],
+            loads.grip_end[f],
+            loads.grip_stiffness[f],
+            share,
+            pose.points,
+        )
         + node_energy(
-            points,
-            work.target,
-            inertia,
-            work.past,
-            rate,
+            pose.points,
+            around.target,
+            factors[0],
+            around.past,
+            factors[1],
             model.mass[f],
             loads.gravity,
             loads.air,
-            work.wind,
-            work.area,
-            work.speed,
+            around.wind,
+            around.area,
+            around.speed,
             model.shaft_area[f],
         )
     )

@@ -51,30 +51,58 @@ def begin_step(radius, h, points, velocity, acceleration, smoothed, target, past
 
 
 @kernel
-def end_step(radius, h, new, points, velocity, acceleration, smoothed, target, past):
-    """Rates at the end of the step, in place; returns the local error of the step in metres.
+def _true_and_smoothed(radius, factors, new, target, acceleration, smoothed):
+    """True and smoothed acceleration (one component) at the end of a step."""
+    inertia, _, am, af, _, _ = factors
+    true = inertia * (new - target)
+    if radius == EULER:
+        return true, true
+    return true, ((1.0 - af) * true + af * acceleration - am * smoothed) / (1.0 - am)
 
-    new: (n, P, 3) positions at the end; points: at the start. The error is that of the
-    displacement, |b - 1/6| h^2 times the largest change of the smoothed acceleration over the
-    points (directors, which are not positions, count with zero weight).
+
+@kernel
+def step_error(radius, h, new, acceleration, smoothed, target):
+    """Local error of a step's displacement, m: |b - 1/6| h^2 |change of smoothed acceleration|.
+
+    new: (n, P, 3) positions at the end; the largest over the points (directors left out).
     """
-    inertia, rate, am, af, b, _ = integrator_coefficients(radius, h)
+    factors = integrator_coefficients(radius, h)
     worst = 0.0
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
+    for i in range(new.shape[0]):
+        for p in range(new.shape[1]):
+            if p == 1 or p == 2:
+                continue
             square = 0.0
             for k in range(3):
-                w = inertia * (new[i, p, k] - target[i, p, k])
-                a = w
-                if radius != EULER:
-                    a = ((1.0 - af) * w + af * acceleration[i, p, k] - am * smoothed[i, p, k]) / (
-                        1.0 - am
-                    )
-                change = a - smoothed[i, p, k]
-                square += change * change
+                _, a = _true_and_smoothed(
+                    radius,
+                    factors,
+                    new[i, p, k],
+                    target[i, p, k],
+                    acceleration[i, p, k],
+                    smoothed[i, p, k],
+                )
+                square += (a - smoothed[i, p, k]) ** 2
+            worst = max(worst, square)
+    return abs(factors[4] - 1.0 / 6.0) * h * h * sqrt(worst)
+
+
+@kernel
+def end_step(radius, h, new, velocity, acceleration, smoothed, target, past):
+    """Rates at the end of a step to positions new (n, P, 3), in place."""
+    factors = integrator_coefficients(radius, h)
+    rate = factors[1]
+    for i in range(new.shape[0]):
+        for p in range(new.shape[1]):
+            for k in range(3):
+                w, a = _true_and_smoothed(
+                    radius,
+                    factors,
+                    new[i, p, k],
+                    target[i, p, k],
+                    acceleration[i, p, k],
+                    smoothed[i, p, k],
+                )
                 velocity[i, p, k] = rate * (new[i, p, k] - past[i, p, k])
                 acceleration[i, p, k] = w
                 smoothed[i, p, k] = a
-            if p != 1 and p != 2:
-                worst = max(worst, square)
-    return abs(b - 1.0 / 6.0) * h * h * sqrt(worst)

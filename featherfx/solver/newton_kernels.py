@@ -3,6 +3,7 @@
 from math import isfinite, sqrt
 
 from featherfx.compiled import kernel
+from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.banded_kernels import factorise, solve_factored
 from featherfx.solver.energy_kernels import feather_strains, step_energy
@@ -33,90 +34,59 @@ def largest_move(before, after):
 
 
 @kernel
-def _evaluate(model, loads, f, share, factors, turn, centre, coefficient, points, work):
-    """Points, strains and energy of a pose; work.trial_halfway, trial_rachis, trial_strains."""
-    material_points(model, f, turn, centre, coefficient, points)
-    rachis_strains(model, f, turn, centre, work.trial_halfway, work.trial_rachis)
-    feather_strains(model, f, coefficient, points, work.trial_rachis, work.trial_strains)
-    return step_energy(
-        model,
-        loads,
-        f,
-        share,
-        factors[0],
-        factors[1],
-        factors[2],
-        points,
-        work.trial_strains,
-        work,
-    )
+def evaluate(model, loads, f, share, factors, pose, around):
+    """Points and strains of a pose from its coordinates, and its energy (J)."""
+    material_points(model, f, pose.turn, pose.centre, pose.coefficient, pose.points)
+    rachis_strains(model.length[f], pose.turn, pose.centre, pose.halfway, pose.rachis)
+    feather_strains(model, f, pose.coefficient, pose.points, pose.rachis, pose.strains)
+    return step_energy(model, loads, f, share, factors, pose, around)
 
 
 @kernel
-def _adopt(turn, centre, coefficient, points, work):
-    """Make the trial pose the present one."""
-    turn[:] = work.turn
-    centre[:] = work.centre
-    coefficient[:] = work.coefficient
-    points[:] = work.points
-    _adopt_strains(work)
+def copy_pose(source, target):
+    """All arrays of one pose to another's."""
+    copy_values(source.turn, target.turn)
+    copy_values(source.centre, target.centre)
+    copy_values(source.coefficient, target.coefficient)
+    copy_values(source.points, target.points)
+    copy_values(source.halfway, target.halfway)
+    copy_values(source.rachis, target.rachis)
+    copy_values(source.strains, target.strains)
 
 
 @kernel
-def _adopt_strains(work):
-    work.halfway[:] = work.trial_halfway
-    work.rachis[:] = work.trial_rachis
-    work.strains[:] = work.trial_strains
-
-
-@kernel
-def minimise(
-    model, loads, f, share, factors, turn, centre, coefficient, points, tolerance, limit, work
-):
-    """Bring the pose (in place) to the minimum of step_energy.
+def minimise(model, loads, f, share, factors, tolerance, limit, work):
+    """Bring the pose work.now to the minimum of step_energy.
 
     factors: (inertia, rate, strain rate) of the integrator. tolerance: m, the move of a Newton
     step that counts as converged. limit: most iterations. Returns (status, iterations, last move).
     """
-    energy = _evaluate(model, loads, f, share, factors, turn, centre, coefficient, points, work)
-    _adopt_strains(work)
+    now, trial, system = work.now, work.trial, work.system
+    energy = evaluate(model, loads, f, share, factors, now, work.around)
     if not isfinite(energy):
         return NOT_FINITE, 0, 0.0
     move = 0.0
     for iteration in range(1, limit + 1):
-        barb_jacobians(model, f, turn, coefficient, work)
-        assemble(
-            model, loads, f, share, factors[0], factors[1], factors[2], centre, points, work
-        )
-        if not factorise(work.band):
+        barb_jacobians(model, f, now.turn, now.coefficient, work.frame, work.spin, work.jacobian)
+        assemble(model, loads, f, share, factors, work)
+        if not factorise(system.band):
             return NOT_DEFINITE, iteration, move
-        solve_factored(work.band, work.right)
+        solve_factored(system.band, system.right)
         scale = 1.0
-        accepted = False
         for _ in range(HALVINGS):
-            add_increment(model, f, turn, centre, coefficient, work.right, scale, work)
-            trial = _evaluate(
-                model,
-                loads,
-                f,
-                share,
-                factors,
-                work.turn,
-                work.centre,
-                work.coefficient,
-                work.points,
-                work,
+            add_increment(
+                model.length[f], now, system.right, scale, trial, work.beam, work.stretch
             )
-            move = largest_move(points, work.points) / scale
-            slack = 1e-9 * (abs(energy) + abs(trial))
-            if isfinite(trial) and (trial <= energy + slack or move < tolerance):
-                accepted = True
+            new = evaluate(model, loads, f, share, factors, trial, work.around)
+            move = largest_move(now.points, trial.points) / scale
+            slack = 1e-9 * (abs(energy) + abs(new))
+            if isfinite(new) and (new <= energy + slack or move < tolerance):
                 break
             scale *= 0.5
-        if not accepted:
+        else:
             return NOT_CONVERGED, iteration, move
-        _adopt(turn, centre, coefficient, points, work)
-        energy = trial
+        copy_pose(trial, now)
+        energy = new
         if move < tolerance:
             return CONVERGED, iteration, move
     return NOT_CONVERGED, limit, move

@@ -17,7 +17,8 @@ def material_points(model, f, turn, centre, coefficient, points):
     columns = model.joints.shape[3]
     for i in range(turn.shape[0]):
         w, x, y, z = turn[i, 0], turn[i, 1], turn[i, 2], turn[i, 3]
-        points[i, 0] = centre[i]
+        for k in range(3):
+            points[i, 0, k] = centre[i, k]
         points[i, 1, 0], points[i, 1, 1], points[i, 1, 2] = rotate(w, x, y, z, 0.0, 1.0, 0.0)
         points[i, 2, 0], points[i, 2, 1], points[i, 2, 2] = rotate(w, x, y, z, 0.0, 0.0, 1.0)
         for side in range(2):
@@ -35,8 +36,11 @@ def material_points(model, f, turn, centre, coefficient, points):
 
 
 @kernel
-def barb_jacobians(model, f, turn, coefficient, work):
-    """Derivatives of all barb nodes of feather f by their coefficients, to work.jacobian."""
+def barb_jacobians(model, f, turn, coefficient, frame, spin, jacobian):
+    """Derivatives of all barb nodes by their coefficients, to jacobian (n, 2, m, 3, 2 C).
+
+    frame: (3, 3) and spin: (3, 2 C) are scratch.
+    """
     for i in range(turn.shape[0]):
         for side in range(2):
             barb_jacobian(
@@ -46,67 +50,70 @@ def barb_jacobians(model, f, turn, coefficient, work):
                 model.segment[f, side, i],
                 model.shapes,
                 coefficient[side, i],
-                work.frame,
-                work.spin,
-                work.jacobian[i, side],
+                frame,
+                spin,
+                jacobian[i, side],
             )
 
 
 @kernel
-def rachis_strains(model, f, turn, centre, halfway, strain):
-    """Frames (n-1, 3, 3) and strains (n-1, 6) of all rachis elements of feather f."""
+def rachis_strains(length, turn, centre, halfway, strain):
+    """Frames (n-1, 3, 3) and strains (n-1, 6) of all rachis elements; length: (n-1,) at rest."""
     for i in range(turn.shape[0] - 1):
         rachis_strain(
-            turn[i], turn[i + 1], centre[i], centre[i + 1], model.length[f, i], halfway[i], strain[i]
+            turn[i], turn[i + 1], centre[i], centre[i + 1], length[i], halfway[i], strain[i]
         )
 
 
 @kernel
-def add_increment(model, f, turn, centre, coefficient, step, scale, work):
-    """Pose plus scale times the increment step (N,), written to the trial pose of work.
+def add_increment(length, now, step, scale, trial, beam, stretch):
+    """Coordinates of pose now plus scale times the increment step (N,), to those of pose trial.
 
     Row frames are turned by their rotation vectors and coefficients are added; the rachis points
     are then rebuilt from the root so that every stretch and shear changes by exactly its linear
     increment. Moving the points straight instead would stretch the nearly inextensible shaft at
     second order, and that artificial energy is what makes Newton crawl.
 
-    work.halfway and work.rachis must hold the frames and strains of the present pose.
+    length: (n-1,) m. beam: (6, 12) and stretch: (3,) are scratch.
     """
-    rows = turn.shape[0]
-    count = coefficient.shape[2]
+    rows = now.turn.shape[0]
+    count = now.coefficient.shape[2]
     wide = 6 + 2 * count
     for i in range(rows):
         at = i * wide
-        w, x, y, z = exponential(
-            scale * step[at + 3], scale * step[at + 4], scale * step[at + 5]
-        )
-        w, x, y, z = multiply(w, x, y, z, turn[i, 0], turn[i, 1], turn[i, 2], turn[i, 3])
-        w, x, y, z = normalised(w, x, y, z)
-        work.turn[i, 0], work.turn[i, 1], work.turn[i, 2], work.turn[i, 3] = w, x, y, z
+        turn_by(now.turn[i], step[at + 3 : at + 6], scale, trial.turn[i])
         for side in range(2):
             for c in range(count):
-                work.coefficient[side, i, c] = (
-                    coefficient[side, i, c] + scale * step[at + 6 + side * count + c]
+                trial.coefficient[side, i, c] = (
+                    now.coefficient[side, i, c] + scale * step[at + 6 + side * count + c]
                 )
     for k in range(3):
-        work.centre[0, k] = centre[0, k] + scale * step[k]
+        trial.centre[0, k] = now.centre[0, k] + scale * step[k]
     for i in range(rows - 1):
-        length = model.length[f, i]
         rachis_gradient(
-            centre[i], centre[i + 1], length, work.halfway[i], work.rachis[i], work.beam
+            now.centre[i], now.centre[i + 1], length[i], now.halfway[i], now.rachis[i], beam
         )
         at, to = i * wide, (i + 1) * wide
-        stretch = work.stretch
         for k in range(3):
             change = 0.0
             for a in range(6):
-                change += work.beam[k, a] * step[at + a] + work.beam[k, 6 + a] * step[to + a]
-            stretch[k] = work.rachis[i, k] + scale * change
-        _chain(work.turn[i], work.turn[i + 1], stretch, length, work.centre[i], work.centre[i + 1])
+                change += beam[k, a] * step[at + a] + beam[k, 6 + a] * step[to + a]
+            stretch[k] = now.rachis[i, k] + scale * change
+        chain(
+            trial.turn[i], trial.turn[i + 1], stretch, length[i], trial.centre[i], trial.centre[i + 1]
+        )
 
 
 @kernel
-def _chain(turn_a, turn_b, stretch, length, point_a, point_b):
+def turn_by(turn, vector, scale, out):
+    """Quaternion turn (4,) followed by the world rotation vector (3,) times scale, to out."""
+    w, x, y, z = exponential(scale * vector[0], scale * vector[1], scale * vector[2])
+    w, x, y, z = multiply(w, x, y, z, turn[0], turn[1], turn[2], turn[3])
+    out[0], out[1], out[2], out[3] = normalised(w, x, y, z)
+
+
+@kernel
+def chain(turn_a, turn_b, stretch, length, point_a, point_b):
     """Next rachis point from the last one, both frames and the stretch between them."""
     aw, ax, ay, az = turn_a[0], turn_a[1], turn_a[2], turn_a[3]
     bw, bx, by, bz = turn_b[0], turn_b[1], turn_b[2], turn_b[3]

@@ -1,4 +1,8 @@
-"""Scratch memory of one thread: everything that a feather's step needs, allocated once."""
+"""Scratch memory of one thread: everything that a feather's step needs, allocated once.
+
+The parts are separate tuples because a compiled function's build time grows with the number of
+arrays that are handed to it.
+"""
 
 from __future__ import annotations
 
@@ -12,54 +16,79 @@ from featherfx.mechanics.model import Model
 Array = NDArray[np.float64]
 
 
-class Work(NamedTuple):
-    """n rows, m columns, C coefficients, P material points a row, N unknowns, w = 6 + 2 C.
+class Pose(NamedTuple):
+    """Coordinates of one feather and what follows from them.
 
-    band (N, 3 (6 + 4 C)), right (N,): linear system. target, past, wind, area (n, P, 3),
-    speed (n, P): of the step (node_kernels). reference (S,): strains that damping pulls towards; strains (S,): of the present pose.
-    force (n, P, 3), stiff (n, P, 6): of the nodes. jacobian (n, 2, m, 3, 2 C): of the barbs.
-    halfway (n-1, 3, 3), rachis (n-1, 6): rachis frames and strains. local (3 w, 3 w),
-    local_right (3 w,), lines (4, 3 w): of one row and side. membrane to stretch: of one stencil.
-    turn (n, 4), centre (n, 3), coefficient (2, n, 2 C), points (n, P, 3),
-    trial_halfway, trial_rachis, trial_strains: the trial pose. saved_*: the pose before the step.
+    turn: (n, 4) row quaternions. centre: (n, 3) m. coefficient: (2, n, 2 C) rad. points:
+    (n, P, 3) material points. halfway: (n-1, 3, 3) and rachis: (n-1, 6), frames and strains of the
+    rachis elements. strains: (S,) all strains, measured from rest.
     """
 
-    band: Array
-    right: Array
+    turn: Array
+    centre: Array
+    coefficient: Array
+    points: Array
+    halfway: Array
+    rachis: Array
+    strains: Array
+
+
+class Surroundings(NamedTuple):
+    """What a step's energy is measured against.
+
+    target, past: (n, P, 3) m, of the integrator. reference: (S,) strains that damping pulls
+    towards. wind: (n, P, 3) m/s, area: (n, P, 3) m^2, speed: (n, P) m/s: node_kernels.
+    """
+
     target: Array
     past: Array
+    reference: Array
     wind: Array
     area: Array
     speed: Array
-    reference: Array
-    strains: Array
+
+
+class System(NamedTuple):
+    """Linear system: band (N, 3 (6 + 4 C)), right (N,)."""
+
+    band: Array
+    right: Array
+
+
+class Block(NamedTuple):
+    """Sums of one row and side, w = 6 + 2 C.
+
+    matrix: (3 w, 3 w). right: (3 w,). lines: (4, 3 w) projected gradients, weight: (4,) theirs.
+    membrane: (2, 3, 3), hinge: (4, 3): gradients of one stencil.
+    """
+
+    matrix: Array
+    right: Array
+    lines: Array
+    weight: Array
+    membrane: Array
+    hinge: Array
+
+
+class Work(NamedTuple):
+    """now, trial: poses. around: Surroundings. system, block: sums. force (n, P, 3), stiff
+    (n, P, 6): of the nodes. jacobian (n, 2, m, 3, 2 C): of the barbs. beam (6, 12), beam_matrix
+    (12, 12): of one rachis element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
+    """
+
+    now: Pose
+    trial: Pose
+    around: Surroundings
+    system: System
+    block: Block
     force: Array
     stiff: Array
     jacobian: Array
-    halfway: Array
-    rachis: Array
-    local: Array
-    local_right: Array
-    lines: Array
-    membrane: Array
-    weight: Array
-    hinge: Array
     beam: Array
     beam_matrix: Array
     frame: Array
     spin: Array
     stretch: Array
-    turn: Array
-    centre: Array
-    coefficient: Array
-    points: Array
-    trial_halfway: Array
-    trial_rachis: Array
-    trial_strains: Array
-    saved_turn: Array
-    saved_centre: Array
-    saved_coefficient: Array
-    saved_points: Array
 
 
 def strain_count(model: Model) -> int:
@@ -68,45 +97,51 @@ def strain_count(model: Model) -> int:
     return (n - 1) * 6 + 2 * n * 2 * c + 2 * (n - 1) * m * 4 + 2 * n * m
 
 
+def _make_pose(model: Model) -> Pose:
+    n, m, c = model.rows, model.columns, model.coefficients
+    return Pose(
+        turn=np.zeros((n, 4)),
+        centre=np.zeros((n, 3)),
+        coefficient=np.zeros((2, n, 2 * c)),
+        points=np.zeros((n, 3 + 2 * m, 3)),
+        halfway=np.zeros((n - 1, 3, 3)),
+        rachis=np.zeros((n - 1, 6)),
+        strains=np.zeros(strain_count(model)),
+    )
+
+
 def make_work(model: Model) -> Work:
     """Scratch for one thread working on feathers of this batch."""
     n, m, c = model.rows, model.columns, model.coefficients
     size, wide = 3 + 2 * m, 3 * (6 + 2 * c)
     return Work(
-        band=np.zeros((model.unknowns, 3 * (6 + 4 * c))),
-        right=np.zeros(model.unknowns),
-        target=np.zeros((n, size, 3)),
-        past=np.zeros((n, size, 3)),
-        wind=np.zeros((n, size, 3)),
-        area=np.zeros((n, size, 3)),
-        speed=np.zeros((n, size)),
-        reference=np.zeros(strain_count(model)),
-        strains=np.zeros(strain_count(model)),
+        now=_make_pose(model),
+        trial=_make_pose(model),
+        around=Surroundings(
+            target=np.zeros((n, size, 3)),
+            past=np.zeros((n, size, 3)),
+            reference=np.zeros(strain_count(model)),
+            wind=np.zeros((n, size, 3)),
+            area=np.zeros((n, size, 3)),
+            speed=np.zeros((n, size)),
+        ),
+        system=System(
+            band=np.zeros((model.unknowns, 3 * (6 + 4 * c))), right=np.zeros(model.unknowns)
+        ),
+        block=Block(
+            matrix=np.zeros((wide, wide)),
+            right=np.zeros(wide),
+            lines=np.zeros((4, wide)),
+            weight=np.zeros(4),
+            membrane=np.zeros((2, 3, 3)),
+            hinge=np.zeros((4, 3)),
+        ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
         jacobian=np.zeros((n, 2, m, 3, 2 * c)),
-        halfway=np.zeros((n - 1, 3, 3)),
-        rachis=np.zeros((n - 1, 6)),
-        local=np.zeros((wide, wide)),
-        local_right=np.zeros(wide),
-        lines=np.zeros((4, wide)),
-        membrane=np.zeros((4, 3, 3)),
-        weight=np.zeros(4),
-        hinge=np.zeros((4, 3)),
         beam=np.zeros((6, 12)),
         beam_matrix=np.zeros((12, 12)),
         frame=np.zeros((3, 3)),
         spin=np.zeros((3, 2 * c)),
         stretch=np.zeros(3),
-        turn=np.zeros((n, 4)),
-        centre=np.zeros((n, 3)),
-        coefficient=np.zeros((2, n, 2 * c)),
-        points=np.zeros((n, size, 3)),
-        trial_halfway=np.zeros((n - 1, 3, 3)),
-        trial_rachis=np.zeros((n - 1, 6)),
-        trial_strains=np.zeros(strain_count(model)),
-        saved_turn=np.zeros((n, 4)),
-        saved_centre=np.zeros((n, 3)),
-        saved_coefficient=np.zeros((2, n, 2 * c)),
-        saved_points=np.zeros((n, size, 3)),
     )

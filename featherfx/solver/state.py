@@ -1,0 +1,81 @@
+"""Changing data of a batch, and what a step reports."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.mechanics.model import Model
+from featherfx.mechanics.turns import frames_to_turns, turns_to_frames
+from featherfx.solver.rest_kernels import rest_pose
+from featherfx.solver.work import strain_count
+
+Array = NDArray[np.float64]
+
+
+class State(NamedTuple):
+    """Generalised coordinates and rates of F feathers at one time (see Model for F, n, C, P).
+
+    turn: (F, n, 4) row frames as quaternions. centre: (F, n, 3) m. coefficient: (F, 2, n, 2 C)
+    rad. points: (F, n, P, 3) material points, velocity and acceleration: their rates; smoothed:
+    the integrator's averaged acceleration. spin: (F, n, 3) rad/s and coefficient_rate:
+    (F, 2, n, 2 C) rad/s of the last step, for the next predictor. strains: (F, 2, S) after the
+    last step and the one before. step: (F,) s, its length, 0 before the first. proposal: (F,) s,
+    length that the error control wants next. time: (F,) s.
+    """
+
+    turn: Array
+    centre: Array
+    coefficient: Array
+    points: Array
+    velocity: Array
+    acceleration: Array
+    smoothed: Array
+    spin: Array
+    coefficient_rate: Array
+    strains: Array
+    step: Array
+    proposal: Array
+    time: Array
+
+    def copy(self) -> State:
+        return State(*(array.copy() for array in self))
+
+
+def rest_state(model: Model, positions: Array, rotations: Array) -> State:
+    """Feathers at rest in their rest shape, roots at positions (F, 3), rotations (F, 3, 3)."""
+    n, c, size = model.rows, model.coefficients, 3 + 2 * model.columns
+    count = model.feathers
+    nodes = (count, n, size, 3)
+    state = State(
+        turn=np.zeros((count, n, 4)),
+        centre=np.zeros((count, n, 3)),
+        coefficient=np.zeros((count, 2, n, 2 * c)),
+        points=np.zeros(nodes),
+        velocity=np.zeros(nodes),
+        acceleration=np.zeros(nodes),
+        smoothed=np.zeros(nodes),
+        spin=np.zeros((count, n, 3)),
+        coefficient_rate=np.zeros((count, 2, n, 2 * c)),
+        strains=np.zeros((count, 2, strain_count(model))),
+        step=np.zeros(count),
+        proposal=np.zeros(count),
+        time=np.zeros(count),
+    )
+    rest_pose(
+        model,
+        np.ascontiguousarray(positions, dtype=float),
+        frames_to_turns(np.asarray(rotations, dtype=float)),
+        state.turn,
+        state.centre,
+        state.coefficient,
+        state.points,
+    )
+    return state
+
+
+def row_rotations(state: State) -> Array:
+    """(F, n, 3, 3) row frames."""
+    return turns_to_frames(state.turn)
