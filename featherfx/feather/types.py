@@ -1,4 +1,4 @@
-"""Rest geometry of one feather: the barb grid and the surface drawn on it.
+r"""Rest geometry of one feather: the barb grid and the surface drawn on it.
 
     row i+1   o---o---o---*===*---o---o---o        * rachis node      o barb node
               | / | / | /   |   \ | \ | \ |
