@@ -6,9 +6,10 @@ is given, and not its rate, the end of a flat barb of any length lies on one ray
 chord, half a curl off the root's direction. Where that ray meets the outline gives the length
 without iteration.
 
-A barb is carried onto the curved shaft as a clamped barb would be: as a whole, in the frame of
-its own row. That keeps the length and shape of every barb exactly (docs/barb_grid.md compares it
-with bending the flattened vane along the shaft).
+A barb is carried onto the curved shaft by turning it, on top of its own curl and camber, as much
+as the shaft turns over the stretch that the flat barb reaches forward. Its length and its angle at
+the root stay exact, and the vane follows camber, sweep and twist of the shaft without being
+squeezed or folded (docs/barb_grid.md compares three ways).
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from numpy.typing import NDArray
 
 from featherfx.feather.curve import turn
 from featherfx.feather.outline import distance_outside, outline_curve, ray_lengths
-from featherfx.groom.types import BarbGuide, FeatherKind, VaneShape
+from featherfx.feather.rachis import Rachis
+from featherfx.feather.types import LEADING
+from featherfx.groom.types import BarbGuide, FeatherKind
 
 Array = NDArray[np.float64]
 
@@ -62,17 +65,19 @@ def interpolate_guides(guides: tuple[BarbGuide, ...], position: Array) -> Array:
 
 
 def trace_barbs(
-    kind: FeatherKind, vane: VaneShape, station: Array, first_vane_row: int, columns: int
+    kind: FeatherKind, side: int, rachis: Rachis, columns: int
 ) -> tuple[Barbs, list[str]]:
-    """Trace the barbs of one vane at the rows with the given stations (n,) m.
+    """Trace the barbs of one vane (LEADING or TRAILING) at the rows of the rachis.
 
     Returns the barbs and what is wrong with them (messages with the position along the vane).
     """
-    rows = len(station)
+    vane = kind.leading if side == LEADING else kind.trailing
+    # The trailing vane is traced as its mirror image, in which rotations in y alone keep sign.
+    turning = rachis.turning * ([1.0, 1.0, 1.0] if side == LEADING else [-1.0, 1.0, -1.0])
+    x = rachis.station - rachis.station[rachis.first_vane_row]
     if not vane.outline:
-        return _place(np.zeros((3, rows)), np.zeros(rows), np.zeros(rows), columns), []
+        return _place(np.zeros((3, len(x))), np.zeros(len(x)), x, turning, columns), []
     vane_length = (1.0 - kind.calamus) * kind.length
-    x = station - station[first_vane_row]
     angles = interpolate_guides(vane.guides, x / vane_length)
     curve = outline_curve(vane.outline) * [vane_length, kind.length]
     chord_angle = angles[0] - 0.5 * angles[1]
@@ -86,25 +91,27 @@ def trace_barbs(
     chord = ray_lengths(curve, x, chord_angle, 1e-9 * kind.length)
     arc_length = chord / np.sinc(angles[1] / (2.0 * np.pi))
     kept = (x >= 0.0) & ~backward & (arc_length >= SHORTEST_BARB * kind.length)
-    barbs = _place(angles, np.where(kept, arc_length, 0.0), x, columns)
-    messages += _bulges(barbs, curve, x / vane_length, kind.length)
-    return barbs, messages
+    barbs = _place(angles, np.where(kept, arc_length, 0.0), x, turning, columns)
+    return barbs, messages + _bulges(barbs, curve, x / vane_length, kind.length)
 
 
-def _place(angles: Array, arc_length: Array, x: Array, columns: int) -> Barbs:
+def _place(angles: Array, arc_length: Array, x: Array, turning: Array, columns: int) -> Barbs:
+    """Barbs from their angles (3, n) rad, lengths (n,) m and roots (n,) m on a shaft that turns
+    by `turning` (3,) rad/m."""
     angle, curl, camber = angles
-    axis = np.zeros((len(angle), 3))
-    axis[:, 2] = angle
-    root_frame, _ = turn(axis)
+    none = np.zeros_like(angle)
+    root_frame, _ = turn(np.stack((none, none, angle), axis=-1))
     share = np.linspace(0.0, 1.0, columns + 1)
     along = arc_length[:, None, None] * share[:, None]
-    bent, bent_tangent = turn(_outer(np.stack((0.0 * curl, camber, -curl), -1), share))
-    _, flat_tangent = turn(_outer(np.stack((0.0 * curl, 0.0 * curl, -curl), -1), share))
-    flat = np.einsum("nab,njb->nja", root_frame, along * flat_tangent)
+    _, tangent = turn(_outer(np.stack((none, none, -curl), axis=-1), share))
+    flat = np.einsum("nab,njb->nja", root_frame, along * tangent)
+    forward = flat[:, -1, 0]
+    followed = np.einsum("nba,nb->na", root_frame, forward[:, None] * turning)
+    bent, tangent = turn(_outer(np.stack((none, camber, -curl), axis=-1) + followed, share))
     flat[..., 0] += x[:, None]
     return Barbs(
         arc_length=arc_length,
-        local=np.einsum("nab,njb->nja", root_frame, along * bent_tangent),
+        local=np.einsum("nab,njb->nja", root_frame, along * tangent),
         dorsal=np.einsum("nab,njb->nja", root_frame, bent[..., 2]),
         flat=flat,
     )

@@ -55,8 +55,7 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
     barb_length, share = np.zeros((2, rows)), np.zeros((2, rows))
     problems: list[Problem] = []
     for side, name in _SIDES:
-        vane: VaneShape = getattr(kind, name)
-        barbs, messages = trace_barbs(kind, vane, rachis.station, rachis.first_vane_row, columns)
+        barbs, messages = trace_barbs(kind, side, rachis, columns)
         nodes, cell[side], folds = _carry(kind, rachis, barbs, side)
         points[:, 3 + side * columns : 3 + (side + 1) * columns] = nodes[:, 1:]
         barb_length[side] = columns * np.linalg.norm(barbs.local[:, 1], axis=-1)

@@ -19,6 +19,7 @@ class Rachis:
 
     station: (n,) m, arc length. position: (n, 3) m. frame: (n, 3, 3), columns d1, d2, d3.
     width, height: (n,) m, outer section along d2 and d3.
+    turning: (3,) rad/m, constant rate at which the frame turns, in the frame itself.
     first_vane_row: the row at which calamus and vane meet.
     """
 
@@ -27,6 +28,7 @@ class Rachis:
     frame: Array
     width: Array
     height: Array
+    turning: Array
     first_vane_row: int
 
 
@@ -60,5 +62,6 @@ def build_rachis(kind: FeatherKind, rows: int) -> Rachis:
         frame=frame,
         width=width,
         height=kind.rachis_material.flattening * width,
+        turning=total / kind.length,
         first_vane_row=first_vane_row,
     )
