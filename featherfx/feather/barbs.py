@@ -14,7 +14,7 @@ squeezed or folded (docs/barb_grid.md compares three ways).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,13 @@ def trace_barbs(
     kept = (x >= 0.0) & ~backward & (arc_length >= SHORTEST_BARB * kind.length)
     barbs = _place(angles, np.where(kept, arc_length, 0.0), x, turning, columns)
     return barbs, messages + _bulges(barbs, curve, x / vane_length, kind.length)
+
+
+def without_barb(barbs: Barbs, row: int) -> Barbs:
+    """The same barbs with the one of a row shrunk to its root."""
+    arc_length, local, flat = barbs.arc_length.copy(), barbs.local.copy(), barbs.flat.copy()
+    arc_length[row], local[row], flat[row] = 0.0, 0.0, flat[row, 0]
+    return replace(barbs, arc_length=arc_length, local=local, flat=flat)
 
 
 def _place(angles: Array, arc_length: Array, x: Array, turning: Array, columns: int) -> Barbs:

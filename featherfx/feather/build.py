@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import InputError, Problem
-from featherfx.feather.barbs import Barbs, trace_barbs
-from featherfx.feather.grid import barb_share, cell_areas, existing_cells, first_fold
+from featherfx.feather.grid import barb_share
 from featherfx.feather.mirror import mirror_feather
 from featherfx.feather.outline import outline_fault
-from featherfx.feather.rachis import Rachis, build_rachis
+from featherfx.feather.rachis import build_rachis
 from featherfx.feather.surface import build_surface
-from featherfx.feather.types import LEADING, TRAILING, Array, Feather
+from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.feather.vane import build_vane
 from featherfx.groom.types import FeatherKind, VaneShape
 
 _SIDES = ((LEADING, "leading"), (TRAILING, "trailing"))
@@ -55,12 +55,11 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
     barb_length, share = np.zeros((2, rows)), np.zeros((2, rows))
     problems: list[Problem] = []
     for side, name in _SIDES:
-        barbs, messages = trace_barbs(kind, side, rachis, columns)
-        nodes, cell[side], folds = _carry(kind, rachis, barbs, side)
-        points[:, 3 + side * columns : 3 + (side + 1) * columns] = nodes[:, 1:]
-        barb_length[side] = columns * np.linalg.norm(barbs.local[:, 1], axis=-1)
-        share[side] = barb_share(rachis.station, barbs.arc_length, rachis.first_vane_row)
-        problems += [_problem(kind, f"{name}.guides", message) for message in messages + folds]
+        vane = build_vane(kind, side, rachis, columns)
+        points[:, 3 + side * columns : 3 + (side + 1) * columns] = vane.nodes[:, 1:]
+        cell[side], barb_length[side] = vane.cell, vane.barb_length
+        share[side] = barb_share(rachis.station, vane.barb_length, rachis.first_vane_row)
+        problems += [_problem(kind, f"{name}.guides", message) for message in vane.problems]
     _raise_if_any(problems)
     surface = build_surface(points, rachis, barb_length, cell, tube_sides)
     return Feather(
@@ -73,49 +72,6 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
         cell=cell,
         surface=surface,
     )
-
-
-def _carry(
-    kind: FeatherKind, rachis: Rachis, barbs: Barbs, side: int
-) -> tuple[Array, np.ndarray[Any, np.dtype[np.bool_]], list[str]]:
-    """Barb nodes (n, m + 1, 3) on the curved rachis, their cells, and how the vane folds."""
-    outward = np.array([1.0, 1.0 if side == LEADING else -1.0, 1.0])
-    offset = np.einsum("nab,njb->nja", rachis.frame, barbs.local * outward)
-    nodes = rachis.position[:, None] + offset
-    dorsal = np.einsum("nab,njb->nja", rachis.frame, barbs.dorsal * outward)
-    area, signed = cell_areas(nodes, dorsal, side)
-    cell = existing_cells(area, rachis.first_vane_row, kind.length)
-    up = np.broadcast_to([0.0, 0.0, 1.0], dorsal.shape)
-    flat_area, flat_signed = cell_areas(barbs.flat * outward, up, side)
-    flat_cell = existing_cells(flat_area, rachis.first_vane_row, kind.length)
-    crossing = first_fold(flat_cell, flat_signed)
-    folded = first_fold(cell, signed)
-    if crossing >= 0:
-        where = _between(rachis, crossing)
-        return (
-            nodes,
-            cell,
-            [
-                f"neighbouring barbs cross {where}: their angles or curls differ by "
-                "too much for the length of the barbs"
-            ],
-        )
-    if folded >= 0:
-        where = _between(rachis, folded)
-        return (
-            nodes,
-            cell,
-            [
-                f"the vane folds over {where}: the camber, sweep or twist of the "
-                "rachis or the camber of the barbs is too strong for their length"
-            ],
-        )
-    return nodes, cell, []
-
-
-def _between(rachis: Rachis, row: int) -> str:
-    x = rachis.station - rachis.station[rachis.first_vane_row]
-    return f"between positions {x[row] / x[-1]:.3g} and {x[row + 1] / x[-1]:.3g} of the vane"
 
 
 def _problems(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> list[Problem]:

@@ -39,16 +39,15 @@ def existing_cells(area: Array, first_vane_row: int, length: float) -> NDArray[n
     return exists
 
 
-def first_fold(exists: NDArray[np.bool_], signed_area: Array) -> int:
-    """Row below the first folded triangle, -1 if there is none."""
-    folded = np.flatnonzero((exists & (signed_area <= 0.0)).any(axis=(1, 2)))
-    return int(folded[0]) if len(folded) else -1
+def folded_rows(exists: NDArray[np.bool_], signed_area: Array) -> NDArray[np.bool_]:
+    """(n - 1,) between which rows and the next a triangle that exists is folded over."""
+    return np.any(exists & (signed_area <= 0.0), axis=(1, 2))
 
 
-def barb_share(station: Array, arc_length: Array, first_vane_row: int) -> Array:
+def barb_share(station: Array, barb_length: Array, first_vane_row: int) -> Array:
     """(n,) m, rachis length nearest to each row within the vane; zero where there is no barb."""
     reach = np.zeros(len(station))
     half = 0.5 * np.diff(station[first_vane_row:])
     reach[first_vane_row:-1] += half
     reach[first_vane_row + 1 :] += half
-    return np.where(arc_length > 0.0, reach, 0.0)
+    return np.where(barb_length > 0.0, reach, 0.0)
