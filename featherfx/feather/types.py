@@ -1,4 +1,4 @@
-"""Rest geometry of one feather: the barb grid and the surface drawn on it.
+r"""Rest geometry of one feather: the barb grid and the surface drawn on it.
 
     row i+1   o---o---o---*===*---o---o---o        * rachis node      o barb node
               | / | / | /   |   \ | \ | \ |
@@ -7,8 +7,9 @@
 
 Material points of a row, P = 3 + 2 m for m columns a side (all vectors of 3):
     0            rachis point r
-    1, 2         directors d2 (to the leading side, within the vane) and d3 (dorsal); unit vectors,
-                 not positions; d1 = d2 x d3 is normal to the shaft's section
+    1, 2         directors d2 (to the leading side, within the vane; to the trailing side on a
+                 mirrored feather) and d3 (dorsal); unit vectors, not positions; d1 = d2 x d3 is
+                 normal to the shaft's section
     3 .. 2+m     leading barb nodes 1..m, root to end
     3+m .. 2+2m  trailing barb nodes 1..m, root to end
 Every surface point is a fixed linear combination of the material points of its row, so that one
@@ -35,7 +36,8 @@ class Surface:
     row: (V,) row of each point.
     terms: (V, 3) material point indices, and weights: (V, 3): point = sum of weight * material
         point, over the point's row. Vane points use one term; tube points use r, d2 and d3.
-    triangles: (T, 3) point indices, counter-clockwise seen from dorsal.
+    triangles: (T, 3) point indices, counter-clockwise seen from dorsal (vanes) or from outside
+        (rachis tube, closed at both ends).
     part: (T,) LEADING, TRAILING or RACHIS.
     barb_direction: (T, 3) unit, rest direction of the triangle's barb, root to end, feather frame
         (rachis triangles: along the shaft).
@@ -63,12 +65,17 @@ class Feather:
 
     rows start at the follicle (row 0: root frame exactly at the origin, d1 = x, d2 = y, d3 = z)
     and end at the rachis tip. Barbs of the calamus and of an absent vane have length zero (all
-    their nodes on the rachis); no triangle touches them.
+    their nodes on the rachis); no triangle touches them. Within a vane a row may lack a barb too
+    (at its base and tip); triangles then run in a fan to that row's rachis point.
+
+    A mirrored feather is the exact mirror image in y. Its frames are right-handed all the same,
+    with d2 = y at the root, so that its leading vane lies on the side of -d2 and -y; d3 is dorsal
+    on both. Everything that says leading or trailing (columns, part, cell, st) holds unchanged.
 
     points: (n, P, 3) material points at rest (layout above).
     station: (n,) m, arc length of the rachis at the rows.
     width, height: (n,) m, outer section of the shaft along d2 and d3.
-    barb_length: (2, n) m, leading and trailing.
+    barb_length: (2, n) m, leading and trailing, along the nodes: m segments of barb_length / m.
     barb_share: (2, n) m, length of rachis whose barbs the row's barb stands for (0 where there
         is no barb).
     cell: (2, n - 1, m, 2) bool, whether triangle A (i,j)(i,j+1)(i+1,j) [index 0], its edge on row

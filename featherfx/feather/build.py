@@ -1,0 +1,143 @@
+"""From a feather kind to the rest geometry of one feather."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from featherfx.errors import InputError, Problem
+from featherfx.feather.grid import barb_share
+from featherfx.feather.mirror import mirror_feather
+from featherfx.feather.outline import outline_fault
+from featherfx.feather.rachis import build_rachis
+from featherfx.feather.surface import build_surface
+from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.feather.vane import build_vane
+from featherfx.groom.types import FeatherKind, VaneShape
+
+_SIDES = ((LEADING, "leading"), (TRAILING, "trailing"))
+
+
+@lru_cache(maxsize=1024)
+def build_feather(
+    kind: FeatherKind, rows: int, columns: int, mirrored: bool = False, tube_sides: int = 6
+) -> Feather:
+    """Rest geometry of a feather, remembered for equal arguments; its arrays are read-only.
+
+    rows: rachis rows, at least 3. columns: barb columns a side, at least 1. mirrored: the mirror
+    image in y, for the other wing: leading vane and d2 on opposite sides, sweep still towards
+    trailing, camber still towards ventral. tube_sides: corners of the rachis section, at least 3.
+
+    A vane begins where its outline does and is closed at right angles to the rachis where an end
+    of the outline lies away from it; rows outside and barbs below a thousandth of the feather's
+    length have no barb. InputError, with all problems found, for outlines and guides that cannot
+    be built: barbs that cross, leave the outline or fold the vane.
+    """
+    _raise_if_any(_problems(kind, rows, columns, tube_sides))
+    if mirrored:
+        feather = mirror_feather(build_feather(kind, rows, columns, False, tube_sides))
+    else:
+        feather = _build(kind, rows, columns, tube_sides)
+    _make_read_only(feather)
+    return feather
+
+
+def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feather:
+    rachis = build_rachis(kind, rows)
+    points = np.empty((rows, 3 + 2 * columns, 3))
+    points[:, 0] = rachis.position
+    points[:, 1], points[:, 2] = rachis.frame[..., 1], rachis.frame[..., 2]
+    cell = np.zeros((2, rows - 1, columns, 2), dtype=np.bool_)
+    barb_length, share = np.zeros((2, rows)), np.zeros((2, rows))
+    problems: list[Problem] = []
+    for side, name in _SIDES:
+        vane = build_vane(kind, side, rachis, columns)
+        points[:, 3 + side * columns : 3 + (side + 1) * columns] = vane.nodes[:, 1:]
+        cell[side], barb_length[side] = vane.cell, vane.barb_length
+        share[side] = barb_share(rachis.station, vane.barb_length, rachis.first_vane_row)
+        problems += [_problem(kind, f"{name}.guides", message) for message in vane.problems]
+    _raise_if_any(problems)
+    surface = build_surface(points, rachis, barb_length, cell, tube_sides)
+    return Feather(
+        points=points,
+        station=rachis.station,
+        width=rachis.width,
+        height=rachis.height,
+        barb_length=barb_length,
+        barb_share=share,
+        cell=cell,
+        surface=surface,
+    )
+
+
+def _problems(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> list[Problem]:
+    """What can be seen from the arguments alone."""
+    least = {"rows": (rows, 3), "columns": (columns, 1), "tube_sides": (tube_sides, 3)}
+    problems = [
+        Problem("", name, f"{value}; allowed: at least {low}")
+        for name, (value, low) in least.items()
+        if value < low
+    ]
+    if not 0.0 <= kind.calamus < 1.0:
+        problems.append(_problem(kind, "calamus", f"{kind.calamus:g}; allowed: 0 to below 1"))
+    sizes = {
+        "length": kind.length,
+        "rachis.diameter_base": kind.rachis.diameter_base,
+        "rachis.diameter_tip": kind.rachis.diameter_tip,
+        "rachis_material.flattening": kind.rachis_material.flattening,
+    }
+    problems += [
+        _problem(kind, key, f"{value:g}; allowed: above 0")
+        for key, value in sizes.items()
+        if not 0.0 < value < np.inf
+    ]
+    for _, name in _SIDES:
+        vane: VaneShape = getattr(kind, name)
+        if vane.outline:
+            problems += _vane_problems(kind, name, vane)
+    return problems
+
+
+def _vane_problems(kind: FeatherKind, name: str, vane: VaneShape) -> list[Problem]:
+    problems = []
+    fault = outline_fault(vane.outline)
+    if fault:
+        problems.append(_problem(kind, f"{name}.outline", fault))
+    places = [guide.position for guide in vane.guides]
+    if not places:
+        problems.append(_problem(kind, f"{name}.guides", "a vane needs at least one barb guide"))
+    if any(later <= earlier for earlier, later in pairwise(places)):
+        problems.append(_problem(kind, f"{name}.guides", "positions must ascend"))
+    for number, guide in enumerate(vane.guides):
+        key = f"{name}.guides.{number}"
+        if not 0.0 < guide.angle < 180.0:
+            message = f"{guide.angle:g}; allowed: 0 to 180 deg"
+            problems.append(_problem(kind, f"{key}.angle", message))
+        for turning in ("curl", "camber"):
+            value = getattr(guide, turning)
+            if not abs(value) <= 180.0:
+                message = f"{value:g}; allowed: -180 to 180 deg"
+                problems.append(_problem(kind, f"{key}.{turning}", message))
+    return problems
+
+
+def _problem(kind: FeatherKind, key: str, message: str) -> Problem:
+    return Problem(f"feather kind {kind.name}", key, message)
+
+
+def _raise_if_any(problems: list[Problem]) -> None:
+    if problems:
+        raise InputError(*problems)
+
+
+def _make_read_only(record: Any) -> None:
+    for entry in fields(record):
+        value = getattr(record, entry.name)
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        elif is_dataclass(value):
+            _make_read_only(value)

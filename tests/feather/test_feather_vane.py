@@ -1,0 +1,161 @@
+"""Tracing barbs to the outline, and what is said about vanes that cannot be built."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from feather_kinds import LEADING_VANE, NO_VANE, SWAN_PRIMARY, TRAILING_VANE, feather_kind
+
+from featherfx.errors import InputError
+from featherfx.feather.barbs import interpolate_guides
+from featherfx.feather.build import build_feather
+from featherfx.feather.outline import distance_outside, outline_curve, outline_fault, ray_lengths
+from featherfx.feather.types import LEADING, TRAILING
+from featherfx.groom.types import BarbGuide, VaneShape
+
+FLAT = {"camber": 0.0, "sweep": 0.0, "twist": 0.0}
+BAND = ((0.0, 0.1), (1.0, 0.1))
+
+
+def vane(outline, *guides) -> VaneShape:
+    return VaneShape(outline, tuple(BarbGuide(*guide) for guide in guides))
+
+
+def messages(kind, rows=21, columns=6) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        build_feather(kind, rows, columns)
+    return [str(problem) for problem in caught.value.problems]
+
+
+def test_the_outline_passes_through_its_points_in_order():
+    control = LEADING_VANE.outline
+    curve = outline_curve(control)
+    gaps = np.linalg.norm(curve[:, None] - np.array(control), axis=-1)
+    assert np.all(gaps.min(axis=0) < 1e-15)
+    assert np.all(np.diff(gaps.argmin(axis=0)) > 0)
+    assert curve[:, 1].min() >= 0.0
+
+
+def test_a_blunt_outline_is_closed_to_the_rachis():
+    curve = outline_curve(BAND)
+    assert tuple(curve[0]) == (0.0, 0.0)
+    assert tuple(curve[-1]) == (1.0, 0.0)
+    inside, beyond = np.array([[0.5, 0.05]]), np.array([[0.5, 0.13], [1.2, 0.05]])
+    assert distance_outside(curve, inside) == pytest.approx(0.0)
+    assert distance_outside(curve, beyond) == pytest.approx([0.03, 0.2])
+
+
+def test_rays_end_at_the_first_edge_they_meet():
+    curve = outline_curve(BAND)
+    root = np.array([0.0, 0.5, 0.95, 1.0, 1.1, -0.1])
+    angle = np.full(6, np.pi / 4)
+    expected = [0.1 * np.sqrt(2), 0.1 * np.sqrt(2), 0.05 * np.sqrt(2), 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(ray_lengths(curve, root, angle, 1e-9), expected, atol=1e-12)
+
+
+def test_flat_barbs_end_on_the_outline_after_turning_by_their_curl():
+    curl = 40.0
+    shape = vane(BAND, (0.0, 70.0, curl, 0.0))
+    feather = build_feather(feather_kind(shape, NO_VANE, **FLAT), 21, 10)
+    row = 8
+    barb = np.concatenate((feather.points[row, :1], feather.points[row, 3:13]))
+    assert barb[-1, 1] == pytest.approx(0.035, rel=1e-12)
+    step = np.diff(barb, axis=0)
+    heading = np.degrees(np.arctan2(step[:, 1], step[:, 0]))
+    np.testing.assert_allclose(np.diff(heading), -curl / 10, atol=1e-9)
+    assert heading[0] == pytest.approx(70.0 - curl / 20)
+
+
+def test_barb_camber_turns_both_vanes_towards_ventral():
+    shape = vane(BAND, (0.0, 60.0, 0.0, 20.0))
+    feather = build_feather(feather_kind(shape, shape, **FLAT), 21, 6)
+    for side in (LEADING, TRAILING):
+        ends = feather.points[4:12, 2 + (side + 1) * 6]
+        length = feather.barb_length[side, 4:12]
+        np.testing.assert_allclose(ends[:, 2], -length * np.sin(np.radians(10.0)), rtol=1e-2)
+
+
+def test_guides_are_met_and_not_overshot():
+    guides = (BarbGuide(0.1, 70, 5, 0), BarbGuide(0.3, 40, 20, 3), BarbGuide(0.9, 40, 5, 9))
+    place = np.linspace(0.0, 1.0, 101)
+    angle, curl, camber = np.degrees(interpolate_guides(guides, place))
+    for guide in guides:
+        at = round(guide.position * 100)
+        assert (angle[at], curl[at], camber[at]) == pytest.approx(
+            (guide.angle, guide.curl, guide.camber)
+        )
+    assert np.all(angle[:11] == pytest.approx(70.0))
+    assert np.all(np.diff(angle) <= 1e-12)
+    assert curl.max() == pytest.approx(20.0)
+
+
+def test_barbs_below_a_thousandth_of_the_length_are_left_out():
+    thin = vane(((0.0, 0.0), (0.5, 0.0009), (1.0, 0.0)), (0.0, 90.0, 0.0, 0.0))
+    feather = build_feather(feather_kind(thin, TRAILING_VANE), 21, 6)
+    assert np.all(feather.barb_length[LEADING] == 0.0)
+    assert not feather.cell[LEADING].any()
+
+
+def test_barbs_that_cross_are_named_with_kind_side_and_position():
+    crossing = vane(BAND, (0.0, 30.0, 0.0, 0.0), (0.5, 30.0, 0.0, 0.0), (0.55, 140.0, 0.0, 0.0))
+    found = messages(feather_kind(crossing, TRAILING_VANE), rows=41)
+    assert len(found) == 1
+    assert "feather kind trial: leading.guides: neighbouring barbs cross" in found[0]
+    assert "between positions 0.5" in found[0]
+
+
+def test_both_vanes_are_reported_at_once():
+    crossing = vane(BAND, (0.0, 30.0, 0.0, 0.0), (0.5, 30.0, 0.0, 0.0), (0.55, 140.0, 0.0, 0.0))
+    found = messages(feather_kind(crossing, crossing), rows=41)
+    assert [message.split(": ")[1] for message in found] == ["leading.guides", "trailing.guides"]
+
+
+def test_a_shaft_that_sweeps_too_strongly_folds_the_vane():
+    wide = vane(((0.0, 0.3), (1.0, 0.3)), (0.0, 80.0, 0.0, 0.0))
+    build_feather(feather_kind(wide, wide, sweep=60.0), 21, 6)
+    found = messages(feather_kind(wide, wide, sweep=270.0))
+    assert len(found) == 1
+    assert "trailing.guides: the vane folds over" in found[0]
+    assert "sweep" in found[0]
+
+
+def test_a_barb_that_bulges_over_the_outline_is_named():
+    shape = vane(((0.0, 0.05), (1.0, 0.05)), (0.0, 60.0, 118.0, 0.0))
+    found = messages(feather_kind(shape, NO_VANE))
+    assert any("leaves the outline" in message for message in found)
+
+
+def test_a_barb_that_turns_back_across_the_rachis_is_named():
+    shape = vane(BAND, (0.0, 30.0, 70.0, 0.0))
+    found = messages(feather_kind(shape, NO_VANE))
+    assert any("turn back across the rachis" in message for message in found)
+
+
+@pytest.mark.parametrize(
+    ("outline", "said"),
+    [
+        (((0.0, 0.1),), "at least two points"),
+        (((0.0, 0.1), (0.0, 0.1), (1.0, 0.0)), "repeats the point"),
+        (((0.0, 0.1), (1.0, -0.1)), "allowed: y >= 0"),
+        (((0.0, 0.1), (1.0, float("nan"))), "not finite"),
+        (((0.0, 0.0), (0.8, 0.2), (0.8, 0.05), (0.2, 0.2), (1.0, 0.0)), "crosses itself"),
+    ],
+)
+def test_faulty_outlines_are_described(outline, said):
+    assert said in outline_fault(outline)
+    shape = vane(outline, (0.0, 60.0, 0.0, 0.0))
+    assert any(said in message for message in messages(feather_kind(shape, NO_VANE)))
+
+
+def test_a_sound_outline_has_no_fault():
+    assert outline_fault(LEADING_VANE.outline) == ""
+    assert outline_fault(TRAILING_VANE.outline) == ""
+
+
+def test_all_faults_of_the_arguments_are_reported_together():
+    bad = replace(SWAN_PRIMARY, length=-1.0, leading=VaneShape(BAND, ()))
+    found = messages(bad, rows=2, columns=0)
+    for key in ("rows", "columns", "length", "leading.guides"):
+        assert any(key in message for message in found)
