@@ -11,7 +11,15 @@ along barbs, across them and in shear (stress = E_vw times engineering shear 2 e
 Source: Jouve 2024, eq. 4.1. In the barb-curvature kinematics e_vv is zero by construction.
 
 Strains of one cell, triangle A then B: e_ww, 2 e_vw, e_ww, 2 e_vw.
+
+A stretched vane resists being lifted: with stresses s = E_ww e_ww and t = 2 E_vw e_vw the second
+variation holds s |dc|^2 + 2 t da.dc besides the squares of the strain variations. Within the
+triangle's plane it is small against those; along its normal n it is all there is, and Newton
+without it needs five times the iterations. Its positive part is l (n.(p da + q dc))^2 with l the
+larger eigenvalue of [[0, t], [t, s]] and (p, q) its unit eigenvector.
 """
+
+from math import sqrt
 
 from featherfx.compiled import kernel
 
@@ -47,3 +55,32 @@ def membrane_gradient(start, end, opposite, rest, gradient):
         gradient[1, 2, k] = by_opposite
         gradient[1, 1, k] = by_end
         gradient[1, 0, k] = -by_opposite - by_end
+
+
+@kernel
+def membrane_lift(start, end, opposite, rest, across, shear, gradient):
+    """Positive part of the geometric stiffness along the triangle's normal.
+
+    across, shear: stresses s, t (times b A). Written: gradient (3, 3) of n.(p a + q c) at fixed n,
+    node (start, end, opposite) and axis. Returns l, the stiffness.
+    """
+    root = sqrt(across * across + 4.0 * shear * shear)
+    stiffness = 0.5 * (across + root)
+    size = sqrt(stiffness * stiffness + shear * shear)
+    ux, uy, uz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+    vx, vy, vz = opposite[0] - start[0], opposite[1] - start[1], opposite[2] - start[2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = sqrt(nx * nx + ny * ny + nz * nz)
+    if not size > 0.0 or not length > 0.0:
+        for k in range(3):
+            gradient[0, k], gradient[1, k], gradient[2, k] = 0.0, 0.0, 0.0
+        return 0.0
+    p, q = shear / size, stiffness / size
+    by_opposite = q * rest[2]
+    by_end = (p - by_opposite * rest[1]) * rest[0]
+    for k in range(3):
+        n = (nx if k == 0 else (ny if k == 1 else nz)) / length
+        gradient[0, k] = -(by_opposite + by_end) * n
+        gradient[1, k] = by_end * n
+        gradient[2, k] = by_opposite * n
+    return stiffness

@@ -11,7 +11,7 @@ from featherfx.mechanics.node_kernels import node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.mechanics.vane_bending_kernels import hinge_gradient
-from featherfx.mechanics.vane_membrane_kernels import membrane_gradient
+from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
 from featherfx.solver.energy_kernels import node_index
 
 
@@ -52,18 +52,19 @@ def _project_column(line, at, row, side, column, points, jacobian, gradient):
 
 
 @kernel
-def _add_outer(matrix, lines, first, last, k0, k1, k2, k3):
-    """matrix += sum k lines lines^T (lower part) over the index range of four lines."""
+def _add_outer(matrix, lines, first, last, weight):
+    """matrix += sum weight lines lines^T (lower part) over an index range, for six lines."""
     for a in range(first, last):
-        c0, c1, c2, c3 = (
-            k0 * lines[0, a],
-            k1 * lines[1, a],
-            k2 * lines[2, a],
-            k3 * lines[3, a],
-        )
+        c0, c1, c2 = weight[0] * lines[0, a], weight[1] * lines[1, a], weight[2] * lines[2, a]
+        c3, c4, c5 = weight[3] * lines[3, a], weight[4] * lines[4, a], weight[5] * lines[5, a]
         for b in range(first, a + 1):
             matrix[a, b] += (
-                c0 * lines[0, b] + c1 * lines[1, b] + c2 * lines[2, b] + c3 * lines[3, b]
+                c0 * lines[0, b]
+                + c1 * lines[1, b]
+                + c2 * lines[2, b]
+                + c3 * lines[3, b]
+                + c4 * lines[4, b]
+                + c5 * lines[5, b]
             )
 
 
@@ -113,7 +114,7 @@ def _add_cells(i, side, points, rest, stiffness, strains, reference, damping, ja
     for j in range(columns):
         if stiffness[j, 0, 0] == 0.0 and stiffness[j, 1, 0] == 0.0:
             continue
-        for k in range(4):
+        for k in range(6):
             weight[k] = 0.0
             for a in range(wide, last):
                 lines[k, a] = 0.0
@@ -126,24 +127,31 @@ def _add_cells(i, side, points, rest, stiffness, strains, reference, damping, ja
             if half == 1:
                 row, other, edge_at, other_at = i + 1, i, 2 * wide, wide
                 column, opposite = j + 1, far
-            membrane_gradient(
-                points[row, near], points[row, far], points[other, opposite], rest[j, half], gradient
-            )
+            start, end, tip = points[row, near], points[row, far], points[other, opposite]
+            membrane_gradient(start, end, tip, rest[j, half], gradient)
+            stress = block.stress
             for k in range(2):
-                line = lines[2 * half + k]
-                weight[2 * half + k] = stiffness[j, half, k]
+                at = 4 * j + 2 * half + k
+                stress[k] = stiffness[j, half, k] * (
+                    strains[at] + damping * (strains[at] - reference[at])
+                )
+            lift = membrane_lift(
+                start, end, tip, rest[j, half], stress[0], stress[1], gradient[2]
+            )
+            for k in range(3):
+                line = lines[3 * half + k]
                 _project_column(line, edge_at, row, side, j, points, jacobian, gradient[k, 0])
                 _project_column(line, edge_at, row, side, j + 1, points, jacobian, gradient[k, 1])
                 _project_column(
                     line, other_at, other, side, column, points, jacobian, gradient[k, 2]
                 )
-        for k in range(4):
-            strain = strains[4 * j + k]
-            stress = weight[k] * (strain + damping * (strain - reference[4 * j + k]))
-            weight[k] *= 1.0 + damping
+            weight[3 * half] = stiffness[j, half, 0] * (1.0 + damping)
+            weight[3 * half + 1] = stiffness[j, half, 1] * (1.0 + damping)
+            weight[3 * half + 2] = lift
+            across, shear = lines[3 * half], lines[3 * half + 1]
             for a in range(wide, last):
-                block.right[a] -= stress * lines[k, a]
-        _add_outer(block.matrix, lines, wide, last, weight[0], weight[1], weight[2], weight[3])
+                block.right[a] -= stress[0] * across[a] + stress[1] * shear[a]
+        _add_outer(block.matrix, lines, wide, last, weight)
 
 
 @kernel
@@ -172,10 +180,10 @@ def _add_hinges(i, side, points, stiffness, strains, reference, damping, jacobia
                 block.right[a] -= stress * line[a]
             weight[filled] = stiffness[j] * (1.0 + damping)
             filled += 1
-        if filled == 4 or (filled > 0 and j == columns - 1):
-            for k in range(filled, 4):
+        if filled == 6 or (filled > 0 and j == columns - 1):
+            for k in range(filled, 6):
                 weight[k] = 0.0
-            _add_outer(block.matrix, lines, 0, last, weight[0], weight[1], weight[2], weight[3])
+            _add_outer(block.matrix, lines, 0, last, weight)
             filled = 0
 
 

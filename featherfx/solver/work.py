@@ -58,8 +58,8 @@ class System(NamedTuple):
 class Block(NamedTuple):
     """Sums of one row and side, w = 6 + 2 C.
 
-    matrix: (3 w, 3 w). right: (3 w,). lines: (4, 3 w) projected gradients, weight: (4,) theirs.
-    membrane: (2, 3, 3), hinge: (4, 3): gradients of one stencil.
+    matrix: (3 w, 3 w). right: (3 w,). lines: (6, 3 w) projected gradients, weight: (6,) theirs.
+    membrane: (3, 3, 3), stress: (2,), hinge: (4, 3): of one stencil.
     """
 
     matrix: Array
@@ -67,6 +67,7 @@ class Block(NamedTuple):
     lines: Array
     weight: Array
     membrane: Array
+    stress: Array
     hinge: Array
 
 
@@ -131,9 +132,10 @@ def make_work(model: Model) -> Work:
         block=Block(
             matrix=np.zeros((wide, wide)),
             right=np.zeros(wide),
-            lines=np.zeros((4, wide)),
-            weight=np.zeros(4),
-            membrane=np.zeros((2, 3, 3)),
+            lines=np.zeros((6, wide)),
+            weight=np.zeros(6),
+            membrane=np.zeros((3, 3, 3)),
+            stress=np.zeros(2),
             hinge=np.zeros((4, 3)),
         ),
         force=np.zeros((n, size, 3)),
