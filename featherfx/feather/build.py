@@ -110,7 +110,7 @@ def _vane_problems(kind: FeatherKind, name: str, vane: VaneShape) -> list[Proble
     places = [guide.position for guide in vane.guides]
     if not places:
         problems.append(_problem(kind, f"{name}.guides", "a vane needs at least one barb guide"))
-    if any(later <= earlier for earlier, later in pairwise(places)):
+    if any(not later > earlier for earlier, later in pairwise(places)):
         problems.append(_problem(kind, f"{name}.guides", "positions must ascend"))
     for number, guide in enumerate(vane.guides):
         key = f"{name}.guides.{number}"

@@ -159,3 +159,26 @@ def test_all_faults_of_the_arguments_are_reported_together():
     found = messages(bad, rows=2, columns=0)
     for key in ("rows", "columns", "length", "leading.guides"):
         assert any(key in message for message in found)
+
+
+def test_a_fan_that_would_fold_is_left_out_and_the_barb_is_the_edge():
+    outline = ((0.0, 0.0), (0.157, 0.1048), (0.564, 0.1129), (0.894, 0.0995), (1.003, 0.0))
+    curled = vane(outline, (0.0, 72.5, 29.0, 13.0), (1.0, 44.0, 4.0, -8.0))
+    straight = vane(outline, (0.0, 58.0, 0.0, 0.0), (1.0, 44.0, 0.0, 0.0))
+    for shape, spanned in ((curled, False), (straight, True)):
+        feather = build_feather(feather_kind(NO_VANE, shape), 36, 8)
+        first = np.flatnonzero(feather.barb_length[TRAILING])[0]
+        assert feather.station[first] > 0.16 * 0.35, "the first row of the vane has no barb"
+        assert feather.cell[TRAILING, first - 1].any() == spanned
+        assert feather.cell[TRAILING, first].all()
+
+
+def test_a_short_end_barb_that_would_fold_the_vane_is_dropped():
+    outline = ((0.0, 0.0055), (0.191, 0.109), (0.403, 0.1534), (0.817, 0.0984), (1.0346, 0.0))
+    shape = vane(outline, (0.0, 58.0, 27.4, 0.0), (1.0, 46.0, 14.1, 0.0))
+    for rows in (42, 60, 80):
+        feather = build_feather(feather_kind(NO_VANE, shape, calamus=0.03, **FLAT), rows, 9)
+        length = feather.barb_length[TRAILING]
+        first = np.flatnonzero(length)[0]
+        assert length[first] > 0.5 * length[first + 1]
+        assert length[first] > 0.02
