@@ -163,7 +163,8 @@ def row(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]:
         return []
     count = entry["count"]
     digits = max(2, len(str(count)))
-    scales = np.linspace(*entry["scale"], count) if count > 1 else [entry["scale"][0]]
+    start, end = entry["scale"]
+    scales = np.linspace(start, end, count)
     choices = _row_choices(entry, _changes(entry, place, store), place)
     drafts = [
         Draft(

@@ -8,6 +8,7 @@ outline, at constant curvature.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ def _arc(guide: BarbGuide, origin: float, length: float) -> Array:
     middle = 0.5 * (share[1:] + share[:-1])
     heading = np.radians(guide.angle - guide.curl * middle)
     steps = np.column_stack((np.cos(heading), np.sin(heading))) * (length / _STEPS)
-    return np.vstack(([[origin, 0.0]], [[origin, 0.0]] + np.cumsum(steps, axis=0)))
+    return np.cumsum(np.vstack(([[origin, 0.0]], steps)), axis=0)
 
 
 def _barb(guide: BarbGuide, edge: Array, vane_length: float) -> Array | None:
@@ -75,7 +76,7 @@ def barbs_cross(vane: VaneShape, vane_length: float) -> list[int]:
     edge = np.asarray(vane.outline, dtype=float) * (vane_length, 1.0)
     barbs = [_barb(guide, edge, vane_length) for guide in vane.guides]
     crossing = []
-    for index, (first, second) in enumerate(zip(barbs[:-1], barbs[1:], strict=True)):
+    for index, (first, second) in enumerate(pairwise(barbs)):
         if first is not None and second is not None and _intersections(first, second).any():
             crossing.append(index)
     return crossing

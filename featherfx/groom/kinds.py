@@ -137,7 +137,7 @@ def blended(first: Any, second: Any, share: float) -> Any:
         return first if share < 0.5 else second
     if isinstance(first, tuple):
         return tuple(blended(a, b, share) for a, b in zip(first, second, strict=True))
-    if is_dataclass(first):
+    if is_dataclass(first) and not isinstance(first, type):
         return type(first)(
             **{
                 each.name: blended(getattr(first, each.name), getattr(second, each.name), share)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from featherfx.groom.preset_keys import FAMILIES, Preset, extended, family_keys
+from featherfx.groom.preset_keys import Preset, extended, family_keys
 from featherfx.groom.schema import REQUIRED, Key, Place, Problems, Table, expected, nearest
 from featherfx.groom.toml_file import load_toml
 
@@ -55,8 +55,9 @@ def merged(below: Tree, above: Tree) -> Tree:
     result = dict(below)
     for name, value in above.items():
         under = below.get(name)
-        both = isinstance(value, dict) and isinstance(under, dict)
-        result[name] = merged(under, value) if both and "base" not in value else value
+        if isinstance(value, dict) and isinstance(under, dict) and "base" not in value:
+            value = merged(under, value)
+        result[name] = value
     return result
 
 
@@ -201,7 +202,7 @@ class Library:
             return None
         return Sourced(key.default, "default")
 
-    def merged(self, family: str, tree: Tree, place: Place) -> Tree | None:
+    def merged(self, family: str, tree: Tree, place: Place, key: str = "base") -> Tree | None:
         """resolve() and finish() in one."""
-        resolved = self.resolve(family, tree, place)
+        resolved = self.resolve(family, tree, place, key=key)
         return None if resolved is None else self.finish(family, resolved, place)

@@ -158,14 +158,12 @@ WIND = {
 KEYFRAME = {
     "time": Key(Number(-1e4, 1e5, "s"), "Time since the first frame."),
     "joint": Key(Text(empty=True), "Joint that is moved; empty: the whole groom.", ""),
-    "position": Key(
-        vector(-1e4, 1e4, "m"), "Displacement from the place at rest.", (0.0, 0.0, 0.0)
-    ),
+    "position": Key(vector(-1e4, 1e4, "m"), "Displacement from the place at rest.", None),
     "rotation": Key(
         Array(Number(-36000, 36000, "deg"), 3, 4),
         "Rotation against the parent: three angles in degrees (about x, then y, then z), or a "
-        "quaternion w, x, y, z.",
-        (0.0, 0.0, 0.0),
+        "quaternion w, x, y, z. One of position and rotation at least is given.",
+        None,
     ),
 }
 

@@ -11,7 +11,7 @@ from featherfx.errors import Problem
 from featherfx.groom.kinds import kind_of
 from featherfx.groom.library import Library, Sourced, Tree
 from featherfx.groom.preset_keys import FAMILIES, Preset, family_keys
-from featherfx.groom.schema import Place, Problems, Table
+from featherfx.groom.schema import Place, Problems, Table, nearest
 
 
 @dataclass(frozen=True)

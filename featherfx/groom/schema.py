@@ -48,6 +48,9 @@ class Place:
     problems: Problems
 
     def child(self, name: str) -> Place:
+        """The place of a key below this one (itself for an empty name)."""
+        if not name:
+            return self
         return Place(self.source, f"{self.key}.{name}" if self.key else name, self.problems)
 
     def item(self, index: int) -> Place:
@@ -107,11 +110,13 @@ class Number:
         return int(value) if self.whole else float(value)
 
     def allowed(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.low:g} to {self.high:g}{unit}"
+        return self._range() + (f" {self.unit}" if self.unit else "")
 
     def describe(self) -> tuple[str, str, str]:
-        return ("integer" if self.whole else "number", self.unit, f"{self.low:g} to {self.high:g}")
+        return "integer" if self.whole else "number", self.unit, self._range()
+
+    def _range(self) -> str:
+        return f"{self.low:.10g} to {self.high:.10g}"
 
     def _noun(self) -> str:
         return "an integer" if self.whole else "a number"

@@ -17,7 +17,7 @@ from featherfx.groom.read import collect_groom
 from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
 from featherfx.groom.toml_file import load_toml
 from featherfx.groom.types import Groom
-from featherfx.shot.keys import GRIP, SHOT, SHOT_FILE
+from featherfx.shot.shot_keys import GRIP, SHOT, SHOT_FILE
 from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
 
 
@@ -63,9 +63,8 @@ def _collect(path: Path, library: Library, problems: Problems) -> Shot | None:
     groom = _groom(raw, path, library, problems)
     settings = {name: _setting(name, raw, library, place) for name in _BUILD}
     grips = _grips(raw, groom, place)
-    frames = raw.get("frames")
-    if checked is not INVALID and frames[1] < frames[0]:
-        place.child("frames").fail(f"{frames[1]} comes before {frames[0]}")
+    _check_frames(raw, place)
+    _check_keyframes(settings["motion"], groom, place.child("motion"))
     if len(problems) or groom is None:
         return None
     return Shot(
@@ -84,6 +83,35 @@ def _collect(path: Path, library: Library, problems: Problems) -> Shot | None:
     )
 
 
+def _check_frames(raw: dict[str, Any], place: Place) -> None:
+    frames = SHOT["frames"].type.check(raw.get("frames", [0, 0]), place.child("frames"), False)
+    if frames is not INVALID and frames[1] < frames[0]:
+        place.child("frames").fail(f"the last frame {frames[1]} comes before the first {frames[0]}")
+
+
+def _check_keyframes(motion: Motion | None, groom: Groom | None, place: Place) -> None:
+    """Joints exist, times of one joint differ, quaternions are not zero."""
+    if motion is None or motion.kind != "keys":
+        return
+    joints = {joint.name for joint in groom.joints} if groom is not None else set()
+    taken: set[tuple[str, str, float]] = set()
+    for index, frame in enumerate(motion.values["keyframes"]):
+        at = place.child("keyframes").item(index)
+        joint, time = frame["joint"], frame["time"]
+        if groom is not None and joint and joint not in joints:
+            at.child("joint").fail(f"no joint '{joint}' in the groom, {nearest(joint, joints)}")
+        for what in ("position", "rotation"):
+            if frame[what] is not None and (joint, what, time) in taken:
+                at.child("time").fail(f"{time:g} s has a {what} of this joint already")
+            if frame[what] is not None:
+                taken.add((joint, what, time))
+        rotation = frame["rotation"]
+        if rotation is None and frame["position"] is None:
+            at.fail("holds neither position nor rotation")
+        if rotation is not None and len(rotation) == 4 and np.linalg.norm(rotation) < 1e-9:
+            at.child("rotation").fail("the quaternion is zero")
+
+
 def _groom(raw: dict[str, Any], path: Path, library: Library, problems: Problems) -> Groom | None:
     name = raw.get("groom")
     if not isinstance(name, str) or not name:
@@ -95,10 +123,13 @@ def _setting(family: str, raw: dict[str, Any], library: Library, place: Place) -
     """The motion, wind or quality of a shot; None after adding problems."""
     key = SHOT[family]
     at = place.child(family)
-    given = key.type.check(raw.get(family, key.default), at, False)
+    written = raw.get(family, key.default)
+    given = key.type.check(written, at, False)
     if given is INVALID:
         return None
-    tree = library.merged(family, sourced(given, place.source), at)
+    tree = library.merged(
+        family, sourced(given, place.source), at, "" if isinstance(written, str) else "base"
+    )
     if tree is None:
         return None
     values = plain(tree)

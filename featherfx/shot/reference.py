@@ -11,7 +11,7 @@ from typing import Any
 
 from featherfx.groom import groom_keys, preset_keys
 from featherfx.groom.schema import REQUIRED, Key
-from featherfx.shot import keys as shot_keys
+from featherfx.shot import shot_keys
 
 _HEAD = """# Reference: every key of shots, grooms and presets
 
