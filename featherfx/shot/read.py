@@ -116,7 +116,9 @@ def _groom(raw: dict[str, Any], path: Path, library: Library, problems: Problems
     name = raw.get("groom")
     if not isinstance(name, str) or not name:
         return None
-    return collect_groom(path.parent / name, library, problems)
+    count = len(problems)
+    groom = collect_groom(path.parent / name, library, problems)
+    return groom if len(problems) == count else None  # half a groom would mislead later checks
 
 
 def _setting(family: str, raw: dict[str, Any], library: Library, place: Place) -> Any:
@@ -161,7 +163,7 @@ def _grips(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple[Grip
         checked = Table(GRIP).check(entry, at, False)
         if checked is INVALID:
             continue
-        if ids and checked["feather"] not in ids:
+        if ids is not None and checked["feather"] not in ids:
             at.child("feather").fail(
                 f"no feather '{checked['feather']}' in the groom, {_likely(checked, ids)}"
             )

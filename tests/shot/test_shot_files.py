@@ -106,7 +106,7 @@ rotation = [0, 0, 0, 0]
 [[motion.keyframes]]
 time = 1
 [[grip]]
-feather = "tial"
+feather = "tail"
 displacement = [0, 0.1, 0]
 start = 1
 end = 1
@@ -115,17 +115,35 @@ stiffness = 100
     )
     problems = found(write(tmp_path, shot, GROOM.replace("tail_feather", "tail_fether")))
     assert problems == [
-        "shot.toml: wind.sped: unknown key, did you mean 'speed'?",
         "shot.toml: gravity: has 2 items, allowed 3",
+        "shot.toml: wind.sped: unknown key, did you mean 'speed'?",
         "groom.toml: feather[0].kind: no feather preset 'tail_fether', did you mean "
         "'tail_feather'?",
         "shot.toml: quality: no quality preset 'drft', did you mean 'draft'?",
-        "shot.toml: grip[0].feather: no feather 'tial' in the groom, did you mean 'tail'?",
         "shot.toml: grip[0].end: 1 is not later than start = 1 s",
         "shot.toml: frames: the last frame 1 comes before the first 5",
-        "shot.toml: motion.keyframes[0].joint: no joint 'hop' in the groom, did you mean 'hip'?",
         "shot.toml: motion.keyframes[0].rotation: the quaternion is zero",
         "shot.toml: motion.keyframes[1]: holds neither position nor rotation",
+    ]
+
+
+def test_names_of_the_groom_are_checked_where_the_groom_is_sound(tmp_path: Path) -> None:
+    shot = (
+        SHOT
+        + """
+[motion]
+kind = "keys"
+keyframes = [{ time = 0, joint = "hop", position = [0, 0, 0] }]
+[[grip]]
+feather = "tial"
+displacement = [0, 0.1, 0]
+end = 1
+stiffness = 100
+"""
+    )
+    assert found(write(tmp_path, shot)) == [
+        "shot.toml: grip[0].feather: no feather 'tial' in the groom, did you mean 'tail'?",
+        "shot.toml: motion.keyframes[0].joint: no joint 'hop' in the groom, did you mean 'hip'?",
     ]
 
 
