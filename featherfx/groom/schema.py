@@ -103,7 +103,7 @@ class Number:
         kinds = int if self.whole else (int, float)
         if isinstance(value, bool) or not isinstance(value, kinds):
             return place.fail(f"{shown(value)} is not {self._noun()}")
-        if not math.isfinite(value):
+        if isinstance(value, float) and not math.isfinite(value):
             return place.fail(f"{shown(value)} is not a finite number")
         if not self.low <= value <= self.high:
             return place.fail(f"{shown(value)} is out of range, allowed {self.allowed()}")

@@ -60,7 +60,7 @@ def _load(path: Path, problems: Problems) -> Columns | None:
         problems.add(path, "", "there is no such file")
     except UnicodeDecodeError as error:
         problems.add(path, "", f"is not UTF-8 text (byte {error.start})")
-    except (OSError, ValueError, zipfile.BadZipFile, csv.Error) as error:
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile, csv.Error) as error:
         problems.add(path, "", f"cannot be read: {error}")
     return None
 

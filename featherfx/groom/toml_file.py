@@ -30,6 +30,8 @@ def load_toml(path: Path, problems: Problems, label: str = "") -> dict[str, Any]
         match = _POSITION.match(str(error))
         text = f"{match['where']}: {match['what']}" if match else str(error)
         problems.add(source, "", f"not valid TOML, {text}")
+    except (ValueError, RecursionError) as error:  # integers or nesting beyond Python's limits
+        problems.add(source, "", f"cannot be read: {error}")
     except OSError as error:
         problems.add(source, "", f"cannot be read: {error.strerror or error}")
     return None

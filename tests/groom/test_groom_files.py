@@ -242,6 +242,22 @@ def test_bad_toml_names_file_and_line(tmp_path: Path) -> None:
     assert problems[0].startswith("groom.toml: not valid TOML, line 2, column")
 
 
+@pytest.mark.parametrize("value", ["1" + "0" * 400, "1" + "0" * 5000, "[" * 2000, "inf", "1e999"])
+def test_absurd_numbers_and_nesting(tmp_path: Path, value: str) -> None:
+    assert len(found(tmp_path, feather("a", f"scale = {value}"))) == 1
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.npz"])
+def test_empty_table_file(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("")
+    assert found(tmp_path, TABLE.format(name))[0].startswith(f"{name}: ")
+
+
+def test_table_with_a_header_alone_has_no_feathers(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(HEADER)
+    assert "there are no feathers" in found(tmp_path, TABLE.format("a.csv"))[0]
+
+
 def test_missing_file_is_one_problem(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         read_groom(tmp_path / "nowhere.toml")
