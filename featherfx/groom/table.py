@@ -191,14 +191,13 @@ def _check_rows(path: Path, columns: Columns, problems: Problems) -> None:
         bad = ~np.isin(side, ("left", "right"))
         _report(path, "side", bad, lambda r: f"'{side[r]}' is not left or right", problems)
     if finite:
-        direction, up = (np.column_stack([columns[c] for c in VECTORS[v]]) for v in _AXES)
+        direction, up = (
+            np.column_stack([columns[c] for c in VECTORS[v]]) for v in ("direction", "up")
+        )
         zero = np.linalg.norm(direction, axis=1) < 1e-9
         _report(path, "direction_x", zero, lambda row: "a direction cannot be zero", problems)
         bad = parallel(direction, up) & ~zero
         _report(path, "up_x", bad, lambda row: "up is zero or parallel to direction", problems)
-
-
-_AXES = ("direction", "up")
 
 
 def _drafts(path: Path, columns: Columns, entry: dict[str, Any], problems: Problems) -> list[Draft]:
