@@ -158,6 +158,8 @@ class Placement:
     id: unique name. kind: merged kind. region: free label, written to USD.
     position: (3,) m, and rotation: (3, 3), columns the feather's x, y, z axes, in the groom's
         frame at rest. joint: name of the joint that carries the root ("" : the groom itself).
+    mirrored: whether the feather belongs to the left wing: its leading vane lies at -y of its
+        frame, and the rest shape is mirrored at y = 0 (sweep, twist); camber stays ventral.
     """
 
     id: str
@@ -166,6 +168,7 @@ class Placement:
     position: Array
     rotation: Array
     joint: str = ""
+    mirrored: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,235 @@
+"""Groom files in: TOML and its tables to a Groom, with every problem found at once."""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.errors import Problem
+from featherfx.groom import drafts as draft_rules
+from featherfx.groom.drafts import Draft, other_side
+from featherfx.groom.file_kind import file_kind
+from featherfx.groom.frames import about_x, mirrored_points
+from featherfx.groom.groom_keys import FEATHER_ENTRY, GROOM_FILE, JOINT, ROW, TABLE, VARIATION
+from featherfx.groom.kind_store import KindStore
+from featherfx.groom.library import Library, sourced
+from featherfx.groom.presets import check_preset
+from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
+from featherfx.groom.table import MOST_REPORTED, read_table
+from featherfx.groom.toml_file import load_toml
+from featherfx.groom.types import Groom, Joint, Placement
+from featherfx.groom.variation import draws
+
+_SIDES = {"left": 1, "right": -1, "middle": 0}
+
+
+def read_groom(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> Groom:
+    """The groom that a TOML file describes.
+
+    preset_folders: searched before the user's and the shipped presets. Raises InputError with all
+    problems of the file, its tables and the presets that it names.
+    """
+    problems = Problems()
+    groom = collect_groom(Path(path), Library(preset_folders, problems), problems)
+    problems.raise_any()
+    assert groom is not None
+    return groom
+
+
+def check_file(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> list[Problem]:
+    """What is wrong with a groom or preset file; empty when nothing is."""
+    problems = Problems()
+    path = Path(path)
+    library = Library(preset_folders, problems)
+    raw = load_toml(path, problems)
+    if raw is None:
+        return problems.listed()
+    kind = file_kind(raw, path, {"groom": GROOM_FILE})
+    if kind == "":
+        problems.add(path, "", "is neither a groom nor a preset: it holds no key of either")
+    elif kind == "groom":
+        collect_groom(path, library, problems)
+    else:
+        check_preset(kind, path, library)
+    return problems.listed()
+
+
+def collect_groom(path: Path, library: Library, problems: Problems) -> Groom | None:
+    """The groom of a file; None, or an incomplete groom, after adding problems."""
+    raw = load_toml(path, problems)
+    if raw is None:
+        return None
+    place = Place(str(path), "", problems)
+    GROOM_FILE.check(raw, place, False)
+    joints = _joints(raw, place)
+    store = KindStore(library)
+    drafts = list(_drafts(raw, path, place, store))
+    if not drafts and not len(problems):
+        place.fail("there are no feathers; expects a [[feather]], [[row]] or [[table]]")
+    drafts = _overridden(raw, drafts, place, store)
+    _check_ids(drafts)
+    _check_joints(drafts, joints)
+    name = raw.get("name")
+    if not isinstance(name, str):
+        return None
+    return Groom(name, path, _placements(raw, drafts, store, place), joints)
+
+
+def _entries(raw: dict[str, Any], name: str, table: Table, place: Place) -> Iterator[Any]:
+    """(place, checked table) of each sound entry of an array of tables."""
+    value = raw.get(name, [])
+    single = isinstance(value, dict)
+    entries = [value] if single else value if isinstance(value, list) else []
+    for index, entry in enumerate(entries):
+        at = place.child(name) if single else place.child(name).item(index)
+        checked = table.check(entry, at, False)
+        if checked is not INVALID:
+            yield at, checked
+
+
+def _drafts(raw: dict[str, Any], path: Path, place: Place, store: KindStore) -> Iterator[Draft]:
+    for at, entry in _entries(raw, "feather", Table(FEATHER_ENTRY), place):
+        yield from draft_rules.single(entry, at, store)
+    for at, entry in _entries(raw, "row", Table(ROW), place):
+        yield from draft_rules.row(entry, at, store)
+    for at, entry in _entries(raw, "table", Table(TABLE), place):
+        yield from read_table(entry, path.parent, at)
+
+
+def _joints(raw: dict[str, Any], place: Place) -> tuple[Joint, ...]:
+    found: dict[str, tuple[Joint, Place]] = {}
+    for at, entry in _entries(raw, "joint", Table(JOINT), place):
+        for joint in _joint_pair(entry, at):
+            if joint.name in found:
+                at.child("name").fail(f"'{joint.name}' is taken by {found[joint.name][1].key}")
+            else:
+                found[joint.name] = joint, at
+    for joint, at in found.values():
+        if joint.parent and joint.parent not in found:
+            at.child("parent").fail(f"no joint '{joint.parent}', {nearest(joint.parent, found)}")
+        chain = [joint.name]
+        while (up := found[chain[-1]][0].parent) in found and up not in chain:
+            chain.append(up)
+        if up == joint.name:
+            at.child("parent").fail("joint cycle: " + " -> ".join([*chain, up]))
+    return tuple(joint for joint, _ in found.values())
+
+
+def _joint_pair(entry: dict[str, Any], at: Place) -> list[Joint]:
+    position = np.array(entry["position"])
+    side = _SIDES[entry["side"]]
+    joint = Joint(entry["name"], position, entry["parent"], entry["role"], side)
+    if not entry["mirror"]:
+        return [joint]
+    name = other_side(joint.name)
+    if name is None:
+        at.child("name").fail(f'\'{joint.name}\' must hold "left" or "right" to be mirrored')
+        return [joint]
+    parent = other_side(joint.parent) or joint.parent
+    return [joint, Joint(name, mirrored_points(position), parent, joint.role, -side)]
+
+
+def _overridden(
+    raw: dict[str, Any], drafts: list[Draft], place: Place, store: KindStore
+) -> list[Draft]:
+    """The drafts with [overrides] applied, pattern by pattern."""
+    rules = raw.get("overrides", {})
+    for pattern, entry in rules.items() if isinstance(rules, dict) else ():
+        at = place.child("overrides").child(f'"{pattern}"')
+        section = GROOM_FILE.keys["overrides"].type.check(
+            {pattern: entry}, place.child("overrides"), True
+        )
+        if section is INVALID:
+            continue
+        change = dict(section[pattern])
+        scale, width = change.pop("scale", 1.0), change.pop("width", 1.0)
+        roll = change.pop("roll", 0.0)
+        number = (store.change(sourced(change, place.source), at),) if change else ()
+        matches = re.compile(fnmatch.translate(pattern)).match
+        hits = [index for index, draft in enumerate(drafts) if matches(draft.id)]
+        if not hits:
+            at.fail(f"matches no feather id, {_likely_id(pattern, drafts)}")
+        for index in hits:
+            draft = drafts[index]
+            drafts[index] = replace(
+                draft,
+                choice=replace(draft.choice, changes=draft.choice.changes + number),
+                scale=draft.scale * scale,
+                width=draft.width * width,
+                roll=draft.roll + roll,
+            )
+    return drafts
+
+
+def _likely_id(pattern: str, drafts: list[Draft]) -> str:
+    ids = [draft.id for draft in drafts[:1000]]
+    meant = nearest(pattern, ids)
+    return meant if meant.startswith("did") else "ids are like " + ", ".join(ids[:3])
+
+
+def _check_ids(drafts: list[Draft]) -> None:
+    first: dict[str, Draft] = {}
+    repeated = 0
+    for draft in drafts:
+        if draft.id not in first:
+            first[draft.id] = draft
+            continue
+        repeated += 1
+        if repeated <= MOST_REPORTED:
+            taken = first[draft.id].place
+            by = taken.key if taken.source == draft.place.source else f"{taken.source}: {taken.key}"
+            draft.place.child("id").fail(f"'{draft.id}' is taken already, by {by}")
+    if repeated > MOST_REPORTED:
+        draft.place.fail(f"and {repeated - MOST_REPORTED} more ids that are taken already")
+
+
+def _check_joints(drafts: list[Draft], joints: tuple[Joint, ...]) -> None:
+    names = {joint.name for joint in joints}
+    reported = set()
+    for draft in drafts:
+        where = (draft.joint, draft.place.source, draft.place.key.partition(" ")[0])
+        if draft.joint and draft.joint not in names and where not in reported:
+            reported.add(where)
+            at = draft.place.child("joint")
+            at.fail(f"no joint '{draft.joint}', {nearest(draft.joint, names)}")
+
+
+def _placements(
+    raw: dict[str, Any], drafts: list[Draft], store: KindStore, place: Place
+) -> tuple[Placement, ...]:
+    if not drafts:
+        return ()
+    changes = np.zeros((len(drafts), 4))
+    given = raw.get("variation")
+    if given is not None:
+        spread = Table(VARIATION).check(given, place.child("variation"), False)
+        if spread is not INVALID:
+            sizes = [spread[name] for name in ("length", "width", "camber", "roll")]
+            changes = draws(spread["seed"], [draft.id for draft in drafts]) * sizes
+    sign = np.array([-1.0 if draft.left else 1.0 for draft in drafts])
+    roll = sign * (np.array([draft.roll for draft in drafts]) + changes[:, 3])
+    rotations = np.stack([draft.rotation for draft in drafts]) @ about_x(roll)
+    placements = []
+    for draft, rotation, change in zip(drafts, rotations, changes.tolist(), strict=True):
+        kind = store.kind(draft.choice)
+        if kind is None:
+            continue
+        scale, width = draft.scale * (1.0 + change[0]), draft.width * (1.0 + change[1])
+        placements.append(
+            Placement(
+                id=draft.id,
+                kind=store.adjusted(kind, scale, width, change[2]),
+                region=draft.region,
+                position=draft.position,
+                rotation=rotation,
+                joint=draft.joint,
+                mirrored=draft.left,
+            )
+        )
+    return tuple(placements)

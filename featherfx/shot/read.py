@@ -1,0 +1,179 @@
+"""Shot files in: TOML to a Shot, with every problem of shot, groom and presets found at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.errors import Problem
+from featherfx.groom.file_kind import file_kind
+from featherfx.groom.groom_keys import GROOM_FILE
+from featherfx.groom.library import Library, plain, sourced
+from featherfx.groom.presets import check_preset
+from featherfx.groom.read import collect_groom
+from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
+from featherfx.groom.toml_file import load_toml
+from featherfx.groom.types import Groom
+from featherfx.shot.shot_keys import GRIP, SHOT, SHOT_FILE
+from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
+
+
+def read_shot(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> Shot:
+    """The shot that a TOML file describes, with its groom.
+
+    preset_folders: searched before the user's and the shipped presets. Raises InputError with all
+    problems of the shot, its groom, tables and presets.
+    """
+    problems = Problems()
+    shot = _collect(Path(path), Library(preset_folders, problems), problems)
+    problems.raise_any()
+    assert shot is not None
+    return shot
+
+
+def check_file(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> list[Problem]:
+    """What is wrong with a shot, groom or preset file; empty when nothing is."""
+    problems = Problems()
+    path = Path(path)
+    library = Library(preset_folders, problems)
+    raw = load_toml(path, problems)
+    if raw is None:
+        return problems.listed()
+    kind = file_kind(raw, path, {"shot": SHOT_FILE, "groom": GROOM_FILE})
+    if kind == "shot":
+        _collect(path, library, problems)
+    elif kind == "groom":
+        collect_groom(path, library, problems)
+    elif kind:
+        check_preset(kind, path, library)
+    else:
+        problems.add(path, "", "is no shot, groom or preset: it holds no key of any")
+    return problems.listed()
+
+
+def _collect(path: Path, library: Library, problems: Problems) -> Shot | None:
+    raw = load_toml(path, problems)
+    if raw is None:
+        return None
+    place = Place(str(path), "", problems)
+    checked = SHOT_FILE.check(raw, place, False)
+    groom = _groom(raw, path, library, problems)
+    settings = {name: _setting(name, raw, library, place) for name in _BUILD}
+    grips = _grips(raw, groom, place)
+    _check_frames(raw, place)
+    _check_keyframes(settings["motion"], groom, place.child("motion"))
+    if len(problems) or groom is None:
+        return None
+    return Shot(
+        name=checked["name"],
+        source=path,
+        groom=groom,
+        first_frame=checked["frames"][0],
+        last_frame=checked["frames"][1],
+        frames_per_second=checked["frames_per_second"],
+        motion=settings["motion"],
+        wind=settings["wind"],
+        quality=settings["quality"],
+        gravity=np.array(checked["gravity"]),
+        grips=grips,
+        settle=checked["settle"],
+    )
+
+
+def _check_frames(raw: dict[str, Any], place: Place) -> None:
+    frames = SHOT["frames"].type.check(raw.get("frames", [0, 0]), place.child("frames"), False)
+    if frames is not INVALID and frames[1] < frames[0]:
+        place.child("frames").fail(f"the last frame {frames[1]} comes before the first {frames[0]}")
+
+
+def _check_keyframes(motion: Motion | None, groom: Groom | None, place: Place) -> None:
+    """Joints exist, times of one joint differ, quaternions are not zero."""
+    if motion is None or motion.kind != "keys":
+        return
+    joints = {joint.name for joint in groom.joints} if groom is not None else set()
+    taken: set[tuple[str, str, float]] = set()
+    for index, frame in enumerate(motion.values["keyframes"]):
+        at = place.child("keyframes").item(index)
+        joint, time = frame["joint"], frame["time"]
+        if groom is not None and joint and joint not in joints:
+            at.child("joint").fail(f"no joint '{joint}' in the groom, {nearest(joint, joints)}")
+        for what in ("position", "rotation"):
+            if frame[what] is not None and (joint, what, time) in taken:
+                at.child("time").fail(f"{time:g} s has a {what} of this joint already")
+            if frame[what] is not None:
+                taken.add((joint, what, time))
+        rotation = frame["rotation"]
+        if rotation is None and frame["position"] is None:
+            at.fail("holds neither position nor rotation")
+        if rotation is not None and len(rotation) == 4 and np.linalg.norm(rotation) < 1e-9:
+            at.child("rotation").fail("the quaternion is zero")
+
+
+def _groom(raw: dict[str, Any], path: Path, library: Library, problems: Problems) -> Groom | None:
+    name = raw.get("groom")
+    if not isinstance(name, str) or not name:
+        return None
+    count = len(problems)
+    groom = collect_groom(path.parent / name, library, problems)
+    return groom if len(problems) == count else None  # half a groom would mislead later checks
+
+
+def _setting(family: str, raw: dict[str, Any], library: Library, place: Place) -> Any:
+    """The motion, wind or quality of a shot; None after adding problems."""
+    key = SHOT[family]
+    at = place.child(family)
+    written = raw.get(family, key.default)
+    given = key.type.check(written, at, False)
+    if given is INVALID:
+        return None
+    tree = library.merged(
+        family, sourced(given, place.source), at, "" if isinstance(written, str) else "base"
+    )
+    if tree is None:
+        return None
+    values = plain(tree)
+    return _BUILD[family](given.get("base") or "custom", values)
+
+
+def _quality(name: str, values: dict[str, Any]) -> Quality:
+    return Quality(name=name, **values)
+
+
+def _wind(name: str, values: dict[str, Any]) -> Wind:
+    return Wind(**values | {"direction": np.array(values["direction"])})
+
+
+def _motion(name: str, values: dict[str, Any]) -> Motion:
+    kind = values.pop("kind")
+    return Motion(kind, values)
+
+
+_BUILD = {"motion": _motion, "wind": _wind, "quality": _quality}
+
+
+def _grips(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple[Grip, ...]:
+    entries = raw.get("grip", [])
+    ids = {feather.id for feather in groom.feathers} if groom is not None else None
+    grips = []
+    for index, entry in enumerate(entries if isinstance(entries, list) else []):
+        at = place.child("grip").item(index)
+        checked = Table(GRIP).check(entry, at, False)
+        if checked is INVALID:
+            continue
+        if ids is not None and checked["feather"] not in ids:
+            at.child("feather").fail(
+                f"no feather '{checked['feather']}' in the groom, {_likely(checked, ids)}"
+            )
+        if checked["end"] <= checked["start"]:
+            start = checked["start"]
+            at.child("end").fail(f"{checked['end']:g} is not later than start = {start:g} s")
+        grips.append(Grip(**checked | {"displacement": np.array(checked["displacement"])}))
+    return tuple(grips)
+
+
+def _likely(checked: dict[str, Any], ids: set[str]) -> str:
+    meant = nearest(checked["feather"], ids)
+    return meant if meant.startswith("did") else "its ids are like " + ", ".join(sorted(ids)[:3])

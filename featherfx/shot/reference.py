@@ -1,0 +1,112 @@
+"""docs/reference.md, generated from the declarations that check users' files.
+
+python -m featherfx.shot.reference > docs/reference.md
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from featherfx.groom import groom_keys, preset_keys
+from featherfx.groom.schema import REQUIRED, Key
+from featherfx.shot import shot_keys
+
+_HEAD = """# Reference: every key of shots, grooms and presets
+
+This page is generated from the declarations that check the files
+(`python -m featherfx.shot.reference`), so what it says is what is enforced. Units are SI; angles
+are in degrees. The groom's frame has x forward, y to the left and z up. A key whose default is
+*required* must be given. `featherfx check FILE` prints all problems of a file at once.
+
+A key that takes a preset takes its name (`wind = "breeze"`) or a table that starts from it and
+changes some values (`wind = { base = "breeze", gust = 0.4 }`).
+
+A feather's own frame: x leaves the follicle along the rachis, y points to the leading vane, z is
+dorsal. With x forward and z up this is a feather of the right wing; feathers with
+`side = "left"` are its mirror image, with the leading vane at -y.
+"""
+
+_PRESETS = """## Presets
+
+A preset is a file `FAMILY/NAME.toml`. Folders are searched in this order, and the first that holds
+the name wins: folders given to the command, those in the environment variable
+`FEATHERFX_PRESETS`, `~/.config/featherfx/presets`, and the presets shipped with featherfx.
+`base = "NAME"` starts from another preset of the same family; a preset in a folder of your own
+whose `base` is its own name extends the shipped one. A table within a preset is merged key by key,
+an array is replaced as a whole, and a table that names a `base` replaces what it covers.
+`featherfx presets show NAME` prints the merged values and the file that each came from.
+"""
+
+_SHOT_PARTS = {"grip": ("[[grip]]", shot_keys.GRIP)}
+_GROOM_PARTS = {
+    "joint": ("[[joint]]", groom_keys.JOINT),
+    "feather": ("[[feather]]", groom_keys.FEATHER_ENTRY),
+    "row": ("[[row]]", groom_keys.ROW),
+    "root": ("first and last of a [[row]]", groom_keys.ROOT),
+    "table": ("[[table]]", groom_keys.TABLE),
+    "variation": ("[variation]", groom_keys.VARIATION),
+}
+
+
+def reference() -> str:
+    """The whole page as Markdown."""
+    lines = [_HEAD, "## Shot file", "", *_table(shot_keys.SHOT)]
+    lines += _parts(_SHOT_PARTS)
+    lines += ["## Groom file", "", *_table(groom_keys.GROOM)]
+    lines += _parts(_GROOM_PARTS)
+    lines += [_PRESETS, *_feather()]
+    for family in ("material/vane", "material/rachis", "quality", "wind"):
+        lines += [f"### {family} preset", "", *_table(preset_keys.FAMILIES[family])]
+    lines += _motion()
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _parts(parts: Mapping[str, tuple[str, Mapping[str, Key]]]) -> Iterator[str]:
+    for title, keys in parts.values():
+        yield from (f"### {title}", "", *_table(keys))
+
+
+def _feather() -> Iterator[str]:
+    yield from ("### feather preset", "", *_table(preset_keys.FEATHER))
+    yield from ("### [rachis] of a feather preset", "", *_table(preset_keys.RACHIS))
+    yield from ("### [leading] and [trailing] of a feather preset", "")
+    yield from _table(preset_keys.VANE)
+    yield from ("### guides of a vane", "", *_table(preset_keys.GUIDE))
+
+
+def _motion() -> Iterator[str]:
+    yield from ("### motion preset", "", *_table({"kind": preset_keys.KIND}))
+    for kind, keys in preset_keys.MOTIONS.items():
+        if keys:
+            yield from (f"### motion of kind {kind}", "", *_table(keys))
+    yield from ("### keyframes of a motion", "", *_table(preset_keys.KEYFRAME))
+
+
+def _table(keys: Mapping[str, Key]) -> Iterator[str]:
+    yield "| key | type | unit | default | allowed | meaning |"
+    yield "|---|---|---|---|---|---|"
+    for name, key in keys.items():
+        kind, unit, allowed = key.type.describe()
+        cells = (f"`{name}`", kind, unit, _default(key.default), allowed, key.meaning)
+        yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    yield ""
+
+
+def _default(value: Any) -> str:
+    if value is REQUIRED:
+        return "*required*"
+    if value is None or value == () or value == {}:
+        return "none"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, tuple):
+        return "`[" + ", ".join(f"{each:g}" for each in value) + "]`"
+    if isinstance(value, str):
+        return f'`"{value}"`'
+    return f"`{value:g}`"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(reference())
