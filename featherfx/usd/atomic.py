@@ -111,6 +111,8 @@ def _replace_all(pairs: Sequence[tuple[Path, Path]]) -> None:
                 changed.unlink(missing_ok=True)
             else:
                 os.replace(backup, changed)
+                # Renaming one name of a file onto another of the same file keeps both.
+                backup.unlink(missing_ok=True)
         if isinstance(error, OSError):
             raise _failure(target, _reason(error)) from error
         raise

@@ -46,7 +46,9 @@ def _stage_problems(stage: Any) -> Iterator[tuple[str, str]]:
         if not stage.HasAuthoredMetadata(name):
             yield str(name), "missing; readers differ in what they assume"
     has_samples = any(
-        attribute.GetNumTimeSamples() for prim in stage.Traverse() for attribute in prim.GetAttributes()
+        attribute.GetNumTimeSamples()
+        for prim in stage.Traverse()
+        for attribute in prim.GetAttributes()
     )
     if not has_samples:
         return

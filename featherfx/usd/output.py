@@ -41,9 +41,7 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
             Problem(source, "", f"suffix '{path.suffix}' is not one of {', '.join(SUFFIXES)}")
         )
     if layout not in LAYOUTS:
-        problems.append(
-            Problem(source, "layout", f"'{layout}' is not one of {', '.join(LAYOUTS)}")
-        )
+        problems.append(Problem(source, "layout", f"'{layout}' is not one of {', '.join(LAYOUTS)}"))
     for file in output_files(path, layout if layout in LAYOUTS else "flat"):
         problems += _file_problems(file, overwrite)
     problems += _folder_problems(path)

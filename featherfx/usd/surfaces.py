@@ -110,7 +110,9 @@ class SurfaceSet:
             shaft_rates.append(motion[:, 0])
         return self._frame(*(np.concatenate(a) for a in (positions, rates, shafts, shaft_rates)))
 
-    def _frame(self, points: Array, rates: Array, shafts: Array, shaft_rates: Array) -> SurfaceFrame:
+    def _frame(
+        self, points: Array, rates: Array, shafts: Array, shaft_rates: Array
+    ) -> SurfaceFrame:
         a, b, c = (points[self._triangles[:, k]] for k in range(3))
         # Area-weighted; a point without faces (calamus) is given the up axis, a unit vector.
         summed = self._faces_of_point @ np.cross(b - a, c - a)
