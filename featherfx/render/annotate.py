@@ -42,7 +42,12 @@ def add_key(picture: Picture, key: Bar | Legend | None) -> Picture:
     if key is None:
         return picture
     size = max(13, min(22, picture.shape[1] // 50))
-    strip = np.full((int(3.4 * size), picture.shape[1], 3), 250, np.uint8)
+    rows = (
+        3.4
+        if isinstance(key, Bar)
+        else 2.0 + 1.4 * _legend_places(key, size, picture.shape[1])[-1][1]
+    )
+    strip = np.full((int(rows * size), picture.shape[1], 3), 250, np.uint8)
     image, draw = _canvas(strip)
     if isinstance(key, Bar):
         _draw_bar(image, draw, key, size)
@@ -74,16 +79,26 @@ def _draw_bar(image: Any, draw: Any, key: Bar, size: int) -> None:
     )  # fmt: skip
 
 
-def _draw_legend(draw: Any, key: Legend, size: int, width: int) -> None:
-    font, x, y = _font(size), float(size), 0.4 * size
-    for name, colour in key.entries:
-        needed = 1.6 * size + draw.textlength(name, font=font)
+def _legend_places(key: Legend, size: int, width: int) -> list[tuple[float, int]]:
+    """Left edge and row of each entry, wrapped to the width."""
+    font, x, row = _font(size), float(size), 0
+    places = []
+    for name, _ in key.entries:
+        needed = 2.8 * size + font.getlength(name)
         if x + needed > width and x > size:
-            x, y = float(size), y + 1.4 * size
+            x, row = float(size), row + 1
+        places.append((x, row))
+        x += needed
+    return places
+
+
+def _draw_legend(draw: Any, key: Legend, size: int, width: int) -> None:
+    places = _legend_places(key, size, width)
+    for (name, colour), (x, row) in zip(key.entries, places, strict=True):
+        y = (0.4 + 1.4 * row) * size
         fill = tuple(round(255 * c) for c in colour)
         draw.rectangle((x, y + 0.1 * size, x + size, y + 1.1 * size), fill=fill)
-        draw.text((x + 1.4 * size, y), name, fill=_INK, font=font)
-        x += needed + 1.2 * size
+        draw.text((x + 1.4 * size, y), name, fill=_INK, font=_font(size))
 
 
 def _canvas(picture: Picture) -> tuple[Any, Any]:

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
-def strain_across_barbs(rest: Array, points: Array, triangles: Array, along: Array) -> Array:
+def strain_across_barbs(rest: Array, points: Array, triangles: Indices, along: Array) -> Array:
     """(T,) Green-Lagrange strain across the barb, no unit: half of (stretch squared - 1).
 
     rest, points: (V, 3) of any one unit. triangles: (T, 3). along: (T, 3) rest direction of the

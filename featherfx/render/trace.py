@@ -34,11 +34,11 @@ class Tracer:
         self._light = light / np.linalg.norm(light)
 
     def picture(self, pose: Pose, colours: Array, stripes: bool) -> NDArray[np.uint8]:
-        """(height, width, 3) of one pose. colours: (T, 3), 0 to 1. stripes: whether to draw barbs."""
+        """(height, width, 3) of one pose. colours: (T, 3), 0 to 1. stripes: barbs and light."""
         from embreex import rtcore_scene
         from embreex.mesh_construction import TriangleMesh
 
-        width, height = self._size
+        height = self._size[1]
         # Single precision rays: an origin near the feathers keeps far-off scenes exact.
         points = (pose.points - self._camera.eye).astype(np.float32)
         accelerated = rtcore_scene.EmbreeScene()
@@ -84,13 +84,18 @@ class Tracer:
         colour = colours[face]
         if spacing is not None:
             colour = colour * self._stripes(face, weights, hits["tfar"], spacing)[:, None]
+        facing = np.maximum(-(normal * rays).sum(axis=1), 0)
+        if spacing is None:
+            # Colours that stand for values stay close to those of the key.
+            return colour * (0.72 + 0.28 * facing)[:, None]
         place = rays * hits["tfar"][:, None] + geometric * (2e-4 * self._scene.extent_of_rest)
         toward = np.tile(self._light.astype(np.float32), (len(rays), 1))
         blocked = accelerated.run(place.astype(np.float32), toward, query="OCCLUDED") == 0
-        key = np.maximum(normal @ self._light, 0) * np.where(blocked, 0.35, 1.0)
+        towards = normal @ self._light
+        # A vane lets light through: its far side is lit at half the strength.
+        lit = np.maximum(towards, -0.5 * towards) * np.where(blocked, 0.4, 1.0)
         sky = 0.5 + 0.5 * (normal @ self._camera.up)
-        facing = np.maximum(-(normal * rays).sum(axis=1), 0)
-        brightness = 0.34 + 0.14 * sky + 0.14 * facing + 0.46 * key
+        brightness = 0.52 + 0.14 * sky + 0.18 * facing + 0.36 * lit
         return np.minimum(colour * brightness[:, None], 1.0)
 
     def _row_spacing(self, pose: Pose) -> Array:

@@ -55,7 +55,7 @@ class GeometryCheck:
         yield from self._primvars()
         if self._mesh and not topology:
             yield from self._subsets()
-            yield from self._over_time("normals", self._flipped)
+            yield from self._flipped()
 
     def _attribute(self, name: str) -> Any:
         return self._prim.GetAttribute(name)
@@ -216,18 +216,24 @@ class GeometryCheck:
             if kind == UsdGeom.Tokens.partition and use.min(initial=1) < 1:
                 yield f"subsetFamily:{family}", f"{int((use < 1).sum())} faces in no subset"
 
-    def _flipped(self, value: Any, code: Any) -> str:
-        points = self._value("points", code)
-        if len(value) != len(points) or len(points) != self._points or (self._counts != 3).any():
-            return ""
+    def _flipped(self) -> Found:
+        """Windings against the normals in the rest pose; in motion a thin tube may fold."""
+        rest = Usd.TimeCode.Default()
+        code = rest if len(self._value("normals", rest)) else None
+        points, normals = self._value("points", code), self._value("normals", code)
+        fits = len(normals) == len(points) == self._points > 0
+        if not fits or (self._counts != 3).any():
+            return
         if self._attribute("orientation").Get() == UsdGeom.Tokens.leftHanded:
-            value = -value
+            normals = -normals
         corners = self._indices.reshape(-1, 3)
         a, b, c = (points[corners[:, k]].astype(float) for k in range(3))
-        normal, mean = np.cross(b - a, c - a), value[corners].mean(axis=1)
-        size = np.linalg.norm(normal, axis=1) * np.linalg.norm(mean, axis=1)
-        flipped = np.flatnonzero((normal * mean).sum(axis=1) < _FLIPPED * size)
-        return f"{len(flipped)} faces face away, the first is {flipped[0]}" if len(flipped) else ""
+        outward, mean = np.cross(b - a, c - a), normals[corners].mean(axis=1)
+        size = np.linalg.norm(outward, axis=1) * np.linalg.norm(mean, axis=1)
+        flipped = np.flatnonzero((outward * mean).sum(axis=1) < _FLIPPED * size)
+        if len(flipped):
+            message = f"{len(flipped)} faces face away from their normals, the first is"
+            yield "faceVertexIndices", f"at rest: {message} {flipped[0]}"
 
 
 def _not_finite(value: Any, code: Any) -> str:

@@ -90,9 +90,14 @@ class Cache:
         self.feathers = tuple(_constant_part(mesh) for mesh in self._meshes)
 
     def pose(self, index: int, time: float | None = None) -> CachedPose:
-        """Feather index at a time code (None: default values, the rest pose)."""
+        """Feather index at a time code.
+
+        None is the rest pose: the default value, or the first sample where there is no default.
+        """
         mesh, feather = self._meshes[index], self.feathers[index]
         code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+        if time is None and mesh.GetPointsAttr().Get(code) is None:
+            code = Usd.TimeCode.EarliestTime()
         matrix = np.array(UsdGeom.Xformable(mesh).ComputeLocalToWorldTransform(code))
         points = _get(mesh.GetPointsAttr(), code, None)
         if points is None:
@@ -154,7 +159,8 @@ def _constant_part(mesh: Any) -> CachedFeather:
     triangles, face = _triangulate(counts, indices)
 
     def label(name: str, fallback: str) -> str:
-        value = primvars.GetPrimvar(name).Get()
+        attribute = primvars.GetPrimvar(name).GetAttr()
+        value = attribute.Get() if attribute else None
         return (value if isinstance(value, str) else value[0]) if value else fallback
 
     side = _get(primvars.GetPrimvar("side").GetAttr(), first, len(counts))

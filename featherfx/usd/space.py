@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
 UP_AXES = ("Y", "Z")
 
 
@@ -17,17 +19,17 @@ class StageSpace:
     meters_per_unit: float = 1.0
     up_axis: str = "Z"
 
-    def directions(self, vectors: NDArray[np.floating]) -> NDArray[np.floating]:
+    def directions(self, vectors: Array) -> Array:
         """(..., 3) directions, turned but not scaled."""
         if self.up_axis == "Z":
             return vectors
         # A quarter turn about x: a proper rotation, so that windings keep their sense.
         return np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
 
-    def positions(self, points: NDArray[np.floating]) -> NDArray[np.floating]:
+    def positions(self, points: Array) -> Array:
         """(..., 3) m (or m/s), turned and scaled to stage units."""
         return self.directions(points) / self.meters_per_unit
 
-    def lengths(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+    def lengths(self, values: Array) -> Array:
         """Lengths in m, in stage units."""
         return values / self.meters_per_unit

@@ -149,7 +149,11 @@ DEFECTS = {
         "46 values; interpolation uniform asks for 48",
     ),
     "scalar primvar": (scalar_primvar, f"{STILL}.primvars:mass", "not an array"),
-    "flipped face": (flip, f"{STILL}.normals", "1 faces face away, the first is 1"),
+    "flipped face": (
+        flip,
+        f"{STILL}.faceVertexIndices",
+        "at rest: 1 faces face away from their normals, the first is 1",
+    ),
     "subset out of range": (subset([0, 48]), f"{STILL}.rachis.indices", "allowed 0 to 47"),
     "subset overlap": (
         subset([0, *range(8, 16), *range(24, 32), *range(40, 48)]),
