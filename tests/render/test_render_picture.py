@@ -20,6 +20,8 @@ from featherfx.render.trace import Tracer
 from featherfx.usd.read import Cache
 from featherfx.usd.write import CacheWriter
 
+pytest.importorskip("embreex", reason="no wheel for this platform")
+
 SIZE = (240, 160)
 
 
