@@ -14,7 +14,6 @@ from featherfx.usd.space import StageSpace
 
 Array = NDArray[np.float64]
 
-VIEWS = ("auto", "top", "side", "front")
 _ANGLE = math.radians(24)
 _MARGIN = 1.06
 # (right, up) of the fixed views in a z-up frame: top, from -y, and from +x.
@@ -51,7 +50,7 @@ class Camera:
 def choose_camera(
     scene: Scene, poses: Sequence[Pose], view: str, up_axis: str, size: tuple[int, int]
 ) -> Camera:
-    """A camera of a view (one of VIEWS) that frames all poses."""
+    """A camera of a view (one of featherfx.render.options.VIEWS) that frames all poses."""
     world_up = StageSpace(1.0, up_axis).directions(np.array([0.0, 0.0, 1.0]))
     if view == "auto":
         right, up = _three_quarter(scene, poses, world_up)

@@ -13,7 +13,6 @@ from featherfx.render.strain import strain_across_barbs
 
 Array = NDArray[np.float64]
 
-COLOURS = ("shaded", "barb", "region", "strain")
 VANE, SHAFT = (0.92, 0.88, 0.80), (0.45, 0.34, 0.23)
 _MUTED = (0.45, 0.45, 0.45)
 # Anchors of perceptually even ramps: viridis, and a blue-white-red diverging one.

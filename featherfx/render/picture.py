@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import InputError, Problem
+from featherfx.render.options import COLOURS, VIEWS
 
-_COLOURS = ("shaded", "barb", "region", "strain")
-_VIEWS = ("auto", "top", "side", "front")
 _MOST_PIXELS = 8192
 
 
@@ -75,7 +74,7 @@ def _check(path: Path, output: Path, size: tuple[int, int], colour: str, view: s
         for module, name in (("embreex", "Embree"), ("PIL", "Pillow"))
         if importlib.util.find_spec(module) is None
     ]
-    for key, value, allowed in (("colour", colour, _COLOURS), ("view", view, _VIEWS)):
+    for key, value, allowed in (("colour", colour, COLOURS), ("view", view, VIEWS)):
         if value not in allowed:
             problems.append(
                 Problem("preview", key, f"'{value}' is not one of {', '.join(allowed)}")

@@ -28,7 +28,8 @@ class Scene:
     """The constant part of all meshes.
 
     triangles: (T, 3). rachis: (T,) bool. owner: (T,) feather. regions: per feather. apex: (T,)
-    which corner is opposite to the barb edge, -1 where there are no barbs. height: (V, 1) v of st.
+    which corner is opposite to the barb edge, -1 where there are no barbs. along_feather: (T,)
+    share of the feather's length, from st.
     rest: rest pose. Units of the stage.
     """
 

@@ -22,7 +22,7 @@ _SAMPLES = 3
 _BARBS_PER_ROW = 4
 _BARB_DEPTH = 0.16
 _ROWS_AT_ONCE = 48
-_TOP, _BOTTOM = np.array([1.0, 1.0, 1.0]), np.array([0.80, 0.81, 0.83])
+_TOP, _BOTTOM = np.array([0.98, 0.98, 0.99]), np.array([0.80, 0.81, 0.83])
 
 
 class Tracer:
@@ -95,7 +95,7 @@ class Tracer:
         # A vane lets light through: its far side is lit at half the strength.
         lit = np.maximum(towards, -0.5 * towards) * np.where(blocked, 0.4, 1.0)
         sky = 0.5 + 0.5 * (normal @ self._camera.up)
-        brightness = 0.52 + 0.14 * sky + 0.18 * facing + 0.36 * lit
+        brightness = 0.46 + 0.12 * sky + 0.16 * facing + 0.36 * lit
         return np.minimum(colour * brightness[:, None], 1.0)
 
     def _row_spacing(self, pose: Pose) -> Array:
@@ -115,7 +115,7 @@ class Tracer:
         # Symmetric in the share, so that the two triangles of a cell meet at the same shade.
         wave = 0.5 - 0.5 * np.cos(2 * math.pi * _BARBS_PER_ROW * share)
         pixels = spacing[face] / _BARBS_PER_ROW / self._camera.pixel(distance, self._size[1])
-        return 1 - _BARB_DEPTH * np.clip((pixels - 1.5) / 2.5, 0, 1) * (1 - wave) ** 2
+        return 1 - _BARB_DEPTH * np.clip((pixels - 1) / 2.5, 0, 1) * (1 - wave) ** 2
 
 
 def _facing(vectors: Array, rays: Array) -> Array:

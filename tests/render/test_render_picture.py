@@ -11,8 +11,9 @@ import pytest
 from PIL import Image
 
 from featherfx.errors import InputError
-from featherfx.render.camera import VIEWS, choose_camera
-from featherfx.render.colour import COLOURS, Bar, Legend, face_colours
+from featherfx.render.camera import choose_camera
+from featherfx.render.colour import Bar, Legend, face_colours
+from featherfx.render.options import COLOURS, VIEWS
 from featherfx.render.picture import render
 from featherfx.render.scene import Pose, load_pose, load_scene
 from featherfx.render.strain import strain_across_barbs
