@@ -1,0 +1,123 @@
+"""What the colours of a picture mean: base colours per face and the key to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.render.scene import Pose, Scene
+from featherfx.render.strain import strain_across_barbs
+
+Array = NDArray[np.float64]
+
+VANE, SHAFT = (0.92, 0.88, 0.80), (0.45, 0.34, 0.23)
+_MUTED = (0.45, 0.45, 0.45)
+# Anchors of perceptually even ramps: viridis, and a blue-white-red diverging one.
+_SEQUENTIAL = np.array(
+    [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]]
+) / 255  # fmt: skip
+_DIVERGING = np.array(
+    [[33, 102, 172], [146, 197, 222], [245, 245, 245], [244, 165, 130], [178, 24, 43]]
+) / 255  # fmt: skip
+_CATEGORIES = np.array(
+    [[68, 119, 170], [238, 102, 119], [34, 136, 51], [204, 187, 68], [102, 204, 238],
+     [170, 51, 119], [187, 187, 187], [238, 153, 51]]
+) / 255  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A colour bar: title with unit, least and greatest value, (K, 3) colours from low to high."""
+
+    title: str
+    low: float
+    high: float
+    ramp: Array
+
+
+@dataclass(frozen=True)
+class Legend:
+    """Named colours."""
+
+    entries: tuple[tuple[str, tuple[float, ...]], ...]
+
+
+def face_colours(
+    scene: Scene, poses: Sequence[Pose], mode: str
+) -> tuple[list[Array], Bar | Legend | None]:
+    """Base colours (T, 3) of each pose, 0 to 1, and the key that explains them."""
+    if mode == "region":
+        return _by_region(scene, len(poses))
+    if mode == "barb":
+        values = [_barb_angle(scene, pose) for pose in poses]
+        return _by_value(scene, values, "barb angle (deg)", _SEQUENTIAL, symmetric=False)
+    if mode == "strain":
+        values = [
+            100
+            * strain_across_barbs(scene.rest.points, pose.points, scene.triangles, scene.rest.barbs)
+            for pose in poses
+        ]
+        title = "Green-Lagrange strain across barbs (%)"
+        return _by_value(scene, values, title, _DIVERGING, symmetric=True)
+    shaded = np.where(scene.rachis[:, None], SHAFT, VANE)
+    return [shaded] * len(poses), None
+
+
+def ramp_colours(ramp: Array, share: Array) -> Array:
+    """Colours (N, 3) at shares 0..1 of a ramp."""
+    steps = np.linspace(0, 1, len(ramp))
+    return np.stack([np.interp(share, steps, ramp[:, k]) for k in range(3)], axis=-1)
+
+
+def _by_region(scene: Scene, count: int) -> tuple[list[Array], Legend]:
+    names = sorted(set(scene.regions))
+    palette = [tuple(_CATEGORIES[k % len(_CATEGORIES)]) for k in range(len(names))]
+    of_feather = np.array([palette[names.index(region)] for region in scene.regions])
+    colours = of_feather[scene.owner] * np.where(scene.rachis, 0.6, 1.0)[:, None]
+    labels = tuple((name or "(none)", c) for name, c in zip(names, palette, strict=True))
+    return [colours] * count, Legend(labels)
+
+
+def _by_value(
+    scene: Scene, values: list[Array], title: str, ramp: Array, symmetric: bool
+) -> tuple[list[Array], Bar]:
+    shown = ~scene.rachis & (scene.apex >= 0)
+    low, high = _limits(np.concatenate([v[shown] for v in values]), symmetric)
+    colours = []
+    for value in values:
+        share = np.clip((value - low) / (high - low), 0, 1)
+        colours.append(np.where(shown[:, None], ramp_colours(ramp, share), _MUTED))
+    return colours, Bar(title, low, high, ramp)
+
+
+def _limits(values: Array, symmetric: bool) -> tuple[float, float]:
+    """The range of a bar: 99 % of the values, so that one odd triangle does not grey the rest."""
+    if len(values) == 0:
+        return 0.0, 1.0
+    if symmetric:
+        reach = max(float(np.percentile(np.abs(values), 99)), 1e-4)
+        return -reach, reach
+    low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
+    return (low, high) if high - low > 0.1 else (low - 1.0, high + 1.0)
+
+
+def _barb_angle(scene: Scene, pose: Pose) -> Array:
+    """(T,) deg, between the barb and the shaft at the same height of the feather."""
+    angle = np.zeros(len(scene.triangles))
+    for feather in range(len(scene.regions)):
+        mine = scene.owner == feather
+        shaft = mine & scene.rachis
+        if not shaft.any():
+            continue
+        heights, place = np.unique(scene.along_feather[shaft], return_inverse=True)
+        tangent = np.zeros((len(heights), 3))
+        np.add.at(tangent, place, pose.barbs[shaft])
+        at = scene.along_feather[mine]
+        here = np.stack([np.interp(at, heights, tangent[:, k]) for k in range(3)], axis=1)
+        here /= np.maximum(np.linalg.norm(here, axis=1, keepdims=True), 1e-300)
+        cosine = np.clip((here * pose.barbs[mine]).sum(axis=1), -1, 1)
+        angle[mine] = np.degrees(np.arccos(cosine))
+    return angle

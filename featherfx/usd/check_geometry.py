@@ -1,0 +1,241 @@
+"""The checks of one mesh or curve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from featherfx.usd import arrays
+
+Found = Iterator[tuple[str, str]]
+
+# Relative to the size of the object: rounding of float32 in the many ways that it is summed.
+_EXTENT_TOLERANCE = 1e-5
+# Cosine between a face and the mean of its vertex normals, below which the face is flipped.
+_FLIPPED = -0.2
+_CONSTANT_ATTRIBUTES = (
+    "faceVertexCounts", "faceVertexIndices", "curveVertexCounts", "subdivisionScheme",
+    "orientation", "doubleSided", "primvars:st", "primvars:Pref", "primvars:rest",
+    "primvars:featherId", "primvars:featherKind", "primvars:region", "primvars:side",
+)  # fmt: skip
+_SAMPLED_WITH_POINTS = ("velocities", "normals", "extent")
+
+
+class GeometryCheck:
+    """Checks of one UsdGeom.Mesh or UsdGeom.BasisCurves; any other point set in part."""
+
+    def __init__(self, prim: Any) -> None:
+        self._prim = prim
+        self._mesh = UsdGeom.Mesh(prim) if prim.IsA(UsdGeom.Mesh) else None
+        self._curves = UsdGeom.Curves(prim) if prim.IsA(UsdGeom.Curves) else None
+        self._codes = self._times("points")
+        # The default is checked as one more time: it stands beside the samples.
+        self._all_codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, self._codes)]
+        self._indices = self._value("faceVertexIndices", None)
+        name = "faceVertexCounts" if self._mesh else "curveVertexCounts"
+        self._counts = self._value(name, None)
+        self._points = len(self._value("points", None))
+
+    def problems(self) -> Found:
+        """(attribute, message) of everything that is wrong."""
+        topology = list(self._topology())
+        yield from topology
+        yield from self._sample_times()
+        yield from self._static_samples()
+        yield from self._over_time("points", self._wrong_count)
+        for name in ("points", "velocities", "normals", "extent", "primvars:barbDirection"):
+            yield from self._over_time(name, _not_finite)
+        yield from self._over_time("extent", self._wrong_extent)
+        for name in ("velocities", "accelerations"):
+            yield from self._over_time(name, self._not_per_point)
+        yield from self._normals_and_widths()
+        yield from self._primvars()
+        if self._mesh and not topology:
+            yield from self._subsets()
+            yield from self._flipped()
+
+    def _attribute(self, name: str) -> Any:
+        return self._prim.GetAttribute(name)
+
+    def _times(self, name: str) -> list[float]:
+        attribute = self._attribute(name)
+        return list(attribute.GetTimeSamples()) if attribute else []
+
+    def _value(self, name: str, code: Any) -> Any:
+        attribute = self._attribute(name)
+        at = Usd.TimeCode.EarliestTime() if code is None else code
+        return arrays.to_numpy(attribute.Get(at) if attribute else None)
+
+    def _over_time(self, name: str, test: Callable[[Any, Any], str]) -> Found:
+        """Run a test of (value, code) at every time of an attribute; report the first failure."""
+        attribute = self._attribute(name)
+        if not attribute or not attribute.HasAuthoredValue():
+            return
+        message, first, count = "", None, 0
+        for code in (Usd.TimeCode.Default(), *map(Usd.TimeCode, attribute.GetTimeSamples())):
+            value = attribute.Get(code)
+            found = test(arrays.to_numpy(value), code) if value is not None else ""
+            if found:
+                count += 1
+                if first is None:
+                    message, first = found, code
+        if first is not None:
+            at = "as default" if first.IsDefault() else f"at time {first.GetValue():g}"
+            more = f" (and at {count - 1} more)" if count > 1 else ""
+            yield name, f"{at}: {message}{more}"
+
+    def _topology(self) -> Found:
+        if self._mesh:
+            if self._counts.sum() != len(self._indices):
+                yield (
+                    "faceVertexCounts",
+                    f"sum is {int(self._counts.sum())}, but there are {len(self._indices)} indices",
+                )
+            wrong = self._indices[(self._indices < 0) | (self._indices >= self._points)]
+            if len(wrong):
+                yield (
+                    "faceVertexIndices",
+                    f"{len(wrong)} out of range, the first is {int(wrong[0])};"
+                    f" allowed 0 to {self._points - 1}",
+                )
+            if len(self._counts) and self._counts.min() < 3:
+                yield "faceVertexCounts", "a face has fewer than 3 points"
+        elif self._curves and self._counts.sum() != self._points:
+            yield (
+                "curveVertexCounts",
+                f"sum is {int(self._counts.sum())}, but there are {self._points} points",
+            )
+
+    def _sample_times(self) -> Found:
+        stage = self._prim.GetStage()
+        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+        outside = [code for code in self._codes if not first <= code <= last]
+        if outside:
+            yield (
+                "points",
+                f"sample at time {outside[0]:g} is outside the stage's {first:g} to {last:g}",
+            )
+        for name in _SAMPLED_WITH_POINTS:
+            attribute = self._attribute(name)
+            if not attribute or not attribute.HasAuthoredValue():
+                if name == "extent":
+                    yield name, "missing"
+            elif self._times(name) != self._codes:
+                yield (
+                    name,
+                    f"{len(self._times(name))} samples, not at the times of the"
+                    f" {len(self._codes)} samples of points",
+                )
+
+    def _static_samples(self) -> Found:
+        for name in _CONSTANT_ATTRIBUTES:
+            if self._times(name):
+                yield name, f"time samples (first at {self._times(name)[0]:g}), but never changes"
+        if self._codes:
+            points = self._attribute("points")
+            rest = arrays.to_numpy(points.Get(Usd.TimeCode.Default()))
+            if all(np.array_equal(arrays.to_numpy(points.Get(c)), rest) for c in self._codes):
+                yield "points", f"{len(self._codes)} samples, all equal to the default value"
+
+    def _wrong_count(self, value: Any, code: Any) -> str:
+        return "" if len(value) == self._points else f"{len(value)} points, not {self._points}"
+
+    def _not_per_point(self, value: Any, code: Any) -> str:
+        points = len(self._value("points", code))
+        return "" if len(value) == points else f"{len(value)} values for {points} points"
+
+    def _wrong_extent(self, value: Any, code: Any) -> str:
+        points = self._value("points", code)
+        if len(points) == 0 or not (np.isfinite(points).all() and np.isfinite(value).all()):
+            return ""
+        padding = 0.5 * self._value("widths", None).max(initial=0.0) if self._curves else 0.0
+        actual = np.stack([points.min(axis=0) - padding, points.max(axis=0) + padding])
+        if value.shape != actual.shape:
+            return f"{len(value)} corners, not 2"
+        scale = max(float(np.abs(actual).max()), float(np.ptp(actual, axis=0).max()))
+        error = float(np.abs(actual - value).max())
+        return "" if error <= _EXTENT_TOLERANCE * scale else f"off by {error:.3g} stage units"
+
+    def _expected(self, interpolation: str) -> int:
+        per_point = self._points
+        faces = len(self._counts) if self._mesh or self._curves else 1
+        corners = len(self._indices) if self._mesh else per_point
+        table = {"constant": 1, "uniform": faces, "faceVarying": corners}
+        return table.get(interpolation, per_point)
+
+    def _normals_and_widths(self) -> Found:
+        geometry = UsdGeom.PointBased(self._prim)
+        kinds = {"normals": geometry.GetNormalsInterpolation()}
+        if self._curves:
+            kinds["widths"] = self._curves.GetWidthsInterpolation()
+        for name, interpolation in kinds.items():
+            yield from self._sized(name, interpolation, self._expected(interpolation))
+
+    def _primvars(self) -> Found:
+        for primvar in UsdGeom.PrimvarsAPI(self._prim).GetPrimvars():
+            interpolation, name = primvar.GetInterpolation(), str(primvar.GetAttr().GetName())
+            expected = self._expected(interpolation) * primvar.GetElementSize()
+            if not primvar.GetTypeName().isArray:
+                yield name, "is not an array; some readers drop it"
+            elif primvar.IsIndexed():
+                yield from self._indexed(primvar, name, interpolation, expected)
+            else:
+                yield from self._sized(name, interpolation, expected)
+
+    def _indexed(self, primvar: Any, name: str, interpolation: str, expected: int) -> Found:
+        yield from self._sized(f"{name}:indices", interpolation, expected)
+        indices, values = arrays.to_numpy(primvar.GetIndices()), primvar.Get() or ()
+        if len(indices) and not 0 <= indices.min() <= indices.max() < len(values):
+            yield f"{name}:indices", f"out of range; allowed 0 to {len(values) - 1}"
+
+    def _sized(self, name: str, interpolation: str, expected: int) -> Found:
+        def test(value: Any, code: Any) -> str:
+            if len(value) == expected:
+                return ""
+            return f"{len(value)} values; interpolation {interpolation} asks for {expected}"
+
+        yield from self._over_time(name, test)
+
+    def _subsets(self) -> Found:
+        families: dict[str, list[Any]] = {}
+        for subset in UsdGeom.Subset.GetAllGeomSubsets(self._mesh):
+            indices = arrays.to_numpy(subset.GetIndicesAttr().Get()).astype(int)
+            name = subset.GetPrim().GetName()
+            if len(indices) and not 0 <= indices.min() <= indices.max() < len(self._counts):
+                yield f"{name}.indices", f"out of range; allowed 0 to {len(self._counts) - 1}"
+                continue
+            families.setdefault(subset.GetFamilyNameAttr().Get(), []).append(indices)
+        for family, members in families.items():
+            kind = UsdGeom.Subset.GetFamilyType(self._mesh, family) if family else ""
+            use = np.bincount(np.concatenate(members), minlength=len(self._counts))
+            if kind != UsdGeom.Tokens.unrestricted and use.max(initial=0) > 1:
+                yield f"subsetFamily:{family}", f"{int((use > 1).sum())} faces in several subsets"
+            if kind == UsdGeom.Tokens.partition and use.min(initial=1) < 1:
+                yield f"subsetFamily:{family}", f"{int((use < 1).sum())} faces in no subset"
+
+    def _flipped(self) -> Found:
+        """Windings against the normals in the rest pose; in motion a thin tube may fold."""
+        rest = Usd.TimeCode.Default()
+        code = rest if len(self._value("normals", rest)) else None
+        points, normals = self._value("points", code), self._value("normals", code)
+        fits = len(normals) == len(points) == self._points > 0
+        if not fits or (self._counts != 3).any():
+            return
+        if self._attribute("orientation").Get() == UsdGeom.Tokens.leftHanded:
+            normals = -normals
+        corners = self._indices.reshape(-1, 3)
+        a, b, c = (points[corners[:, k]].astype(float) for k in range(3))
+        outward, mean = np.cross(b - a, c - a), normals[corners].mean(axis=1)
+        size = np.linalg.norm(outward, axis=1) * np.linalg.norm(mean, axis=1)
+        flipped = np.flatnonzero((outward * mean).sum(axis=1) < _FLIPPED * size)
+        if len(flipped):
+            message = f"{len(flipped)} faces face away from their normals, the first is"
+            yield "faceVertexIndices", f"at rest: {message} {flipped[0]}"
+
+
+def _not_finite(value: Any, code: Any) -> str:
+    wrong = np.flatnonzero(~np.isfinite(value.reshape(len(value), -1)).all(axis=1))
+    return f"not finite in {len(wrong)} elements, the first is {wrong[0]}" if len(wrong) else ""

@@ -1,0 +1,44 @@
+"""Primvars: always arrays, since some readers drop scalars."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pxr import Sdf, UsdGeom
+
+from featherfx.usd import arrays
+from featherfx.usd.types import FeatherEntry
+
+BARB_DIRECTION = "primvars:barbDirection"
+SIDE_NAMES = ("leading", "trailing", "rachis")
+
+
+def author_labels(prim: Any, entry: FeatherEntry) -> None:
+    """featherId, featherKind and region, one string each for the whole prim."""
+    values = {"featherId": entry.id, "featherKind": entry.kind, "region": entry.region}
+    for name, value in values.items():
+        _author(prim, name, Sdf.ValueTypeNames.StringArray, "constant", arrays.strings(value))
+
+
+def author_rest(prim: Any, points: Any) -> None:
+    """Pref (RenderMan, Arnold) and rest (Houdini): the rest points, per point."""
+    value = arrays.vec3f(points)
+    for name in ("Pref", "rest"):
+        _author(prim, name, Sdf.ValueTypeNames.Point3fArray, "vertex", value)
+
+
+def author_surface(prim: Any, entry: FeatherEntry) -> None:
+    """st per point and side (0 leading, 1 trailing, 2 rachis) per face."""
+    surface = entry.feather.surface
+    _author(prim, "st", Sdf.ValueTypeNames.TexCoord2fArray, "vertex", arrays.vec2f(surface.st))
+    _author(prim, "side", Sdf.ValueTypeNames.IntArray, "uniform", arrays.ints(surface.part))
+
+
+def author_colour(prim: Any, colour: tuple[float, float, float]) -> None:
+    """Display colour for viewers that ignore materials."""
+    value = arrays.vec3f([colour])
+    _author(prim, "displayColor", Sdf.ValueTypeNames.Color3fArray, "constant", value)
+
+
+def _author(prim: Any, name: str, kind: Any, interpolation: str, value: Any) -> None:
+    UsdGeom.PrimvarsAPI(prim).CreatePrimvar(name, kind, interpolation).Set(value)

@@ -1,0 +1,192 @@
+"""Caches read back: what pictures, tests and checks need of a USD file, as numpy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Tf, Usd, UsdGeom
+
+from featherfx.errors import InputError, Problem
+from featherfx.feather.types import LEADING
+from featherfx.usd import arrays
+
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class CachedFeather:
+    """The constant part of one mesh.
+
+    path: of the prim. id, kind, region: labels (id: the prim's name where none is authored).
+    triangles: (T, 3) point indices; faces with more sides are cut into fans. side: (T,) 0 leading,
+    1 trailing, 2 rachis (0 where unknown). face: (T,) face that the triangle was cut from.
+    subsets: name to face indices. rest: (V, 3) and st: (V, 2), None where not authored.
+    """
+
+    path: str
+    id: str
+    kind: str
+    region: str
+    triangles: Indices
+    side: Indices
+    face: Indices
+    subsets: Mapping[str, Indices]
+    rest: Floats | None
+    st: Floats | None
+
+
+@dataclass(frozen=True)
+class CachedPose:
+    """One feather at one time, stage units, world space.
+
+    points, velocities, normals: (V, 3), barb_direction: (T, 3), extent: (2, 3) in object space;
+    None where not authored (or of another size than the mesh).
+    """
+
+    points: Floats
+    velocities: Floats | None
+    normals: Floats | None
+    barb_direction: Floats | None
+    extent: Floats | None
+
+
+def open_stage(path: str | Path) -> Any:
+    """Open a USD file with all payloads. Raises InputError if that fails."""
+    if not Path(path).is_file():
+        raise InputError(Problem(str(path), "", "file does not exist"))
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        reason = "; ".join(str(part.commentary) for part in error.args)
+        raise InputError(Problem(str(path), "", f"USD cannot open it: {reason}")) from error
+    # USD keeps layers that are open elsewhere in this process; the file may be newer.
+    stage.Reload()
+    return stage
+
+
+class Cache:
+    """A USD file with its meshes; purposes other than default and render are left out.
+
+    feathers: one entry per mesh, in the order of the stage. frames: start and end time code.
+    Raises InputError if the file cannot be opened or holds no mesh.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._stage = open_stage(path)
+        self.frames = (self._stage.GetStartTimeCode(), self._stage.GetEndTimeCode())
+        self.has_frames = self._stage.HasAuthoredTimeCodeRange()
+        self.frames_per_second = self._stage.GetTimeCodesPerSecond()
+        self.meters_per_unit = UsdGeom.GetStageMetersPerUnit(self._stage)
+        self.up_axis = str(UsdGeom.GetStageUpAxis(self._stage))
+        self._meshes = [UsdGeom.Mesh(prim) for prim in self._stage.Traverse() if _is_drawn(prim)]
+        if not self._meshes:
+            raise InputError(Problem(str(path), "", "holds no visible mesh"))
+        self.feathers = tuple(_constant_part(mesh) for mesh in self._meshes)
+
+    def pose(self, index: int, time: float | None = None) -> CachedPose:
+        """Feather index at a time code.
+
+        None is the rest pose: the default value, or the first sample where there is no default.
+        """
+        mesh, feather = self._meshes[index], self.feathers[index]
+        code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+        if time is None and mesh.GetPointsAttr().Get(code) is None:
+            code = Usd.TimeCode.EarliestTime()
+        matrix = np.array(UsdGeom.Xformable(mesh).ComputeLocalToWorldTransform(code))
+        points = _get(mesh.GetPointsAttr(), code, None)
+        if points is None:
+            raise InputError(Problem(feather.path, "points", f"no value at {code}"))
+        count = len(points)
+        barbs = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("barbDirection").GetAttr()
+        direction = _get(barbs, code, None)
+        if direction is not None:
+            fits = len(direction) > feather.face.max(initial=-1)
+            direction = _unit(direction[feather.face] @ matrix[:3, :3]) if fits else None
+        normals = _get(mesh.GetNormalsAttr(), code, count)
+        velocities = _get(mesh.GetVelocitiesAttr(), code, count)
+        # Normals turn with the inverse transpose; row vectors here.
+        turned = None if normals is None else _unit(normals @ np.linalg.inv(matrix[:3, :3]).T)
+        return CachedPose(
+            points=(points @ matrix[:3, :3] + matrix[3, :3]).astype(np.float32),
+            velocities=None if velocities is None else velocities @ matrix[:3, :3],
+            normals=turned,
+            barb_direction=direction,
+            extent=_get(mesh.GetExtentAttr(), code, 2),
+        )
+
+
+def _is_drawn(prim: Any) -> bool:
+    if not prim.IsA(UsdGeom.Mesh):
+        return False
+    image = UsdGeom.Imageable(prim)
+    drawn = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+    return image.ComputePurpose() in drawn and (
+        image.ComputeVisibility() != UsdGeom.Tokens.invisible
+    )
+
+
+def _get(attribute: Any, code: Any, count: int | None) -> Any:
+    """An attribute's value as numpy; None if there is none, or not of count elements."""
+    value = attribute.Get(code) if attribute else None
+    if value is None or (count is not None and len(value) != count):
+        return None
+    return arrays.to_numpy(value)
+
+
+def _unit(vectors: Any) -> Any:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1.0)
+
+
+def _constant_part(mesh: Any) -> CachedFeather:
+    prim, first = mesh.GetPrim(), Usd.TimeCode.EarliestTime()
+    primvars = UsdGeom.PrimvarsAPI(prim)
+    counts = arrays.to_numpy(mesh.GetFaceVertexCountsAttr().Get(first)).astype(np.int64)
+    indices = arrays.to_numpy(mesh.GetFaceVertexIndicesAttr().Get(first)).astype(np.int64)
+    points = mesh.GetPointsAttr().Get(first)
+    total = 0 if points is None else len(points)
+    inside = ((indices >= 0) & (indices < total)).all()
+    if counts.sum() != len(indices) or not inside:
+        raise InputError(
+            Problem(str(prim.GetPath()), "faceVertexIndices", "do not fit the mesh's points")
+        )
+    triangles, face = _triangulate(counts, indices)
+
+    def label(name: str, fallback: str) -> str:
+        attribute = primvars.GetPrimvar(name).GetAttr()
+        value = attribute.Get() if attribute else None
+        return (value if isinstance(value, str) else value[0]) if value else fallback
+
+    side = _get(primvars.GetPrimvar("side").GetAttr(), first, len(counts))
+    subsets = UsdGeom.Subset.GetAllGeomSubsets(mesh)
+    return CachedFeather(
+        path=str(prim.GetPath()),
+        id=label("featherId", prim.GetName()),
+        kind=label("featherKind", ""),
+        region=label("region", ""),
+        triangles=triangles,
+        side=np.full(len(face), LEADING) if side is None else side.astype(np.int64)[face],
+        face=face,
+        subsets={
+            s.GetPrim().GetName(): arrays.to_numpy(s.GetIndicesAttr().Get(first)).astype(np.int64)
+            for s in subsets
+        },
+        rest=_get(primvars.GetPrimvar("rest").GetAttr(), first, total),
+        st=_get(primvars.GetPrimvar("st").GetAttr(), first, total),
+    )
+
+
+def _triangulate(counts: Indices, indices: Indices) -> tuple[Indices, Indices]:
+    """Fans of the faces: (T, 3) point indices and (T,) face indices."""
+    cuts = np.maximum(counts - 2, 0)
+    face = np.repeat(np.arange(len(counts)), cuts)
+    starts = (np.cumsum(counts) - counts)[face]
+    step = np.arange(len(face)) - (np.cumsum(cuts) - cuts)[face]
+    corners = np.stack([starts, starts + step + 1, starts + step + 2], axis=1)
+    return indices[corners].reshape(-1, 3), face

@@ -1,0 +1,35 @@
+"""The stage's units and up axis: world frame (metres, z up) to stage coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+UP_AXES = ("Y", "Z")
+
+
+@dataclass(frozen=True)
+class StageSpace:
+    """meters_per_unit: m, length of one stage unit. up_axis: "Y" or "Z"."""
+
+    meters_per_unit: float = 1.0
+    up_axis: str = "Z"
+
+    def directions(self, vectors: Array) -> Array:
+        """(..., 3) directions, turned but not scaled."""
+        if self.up_axis == "Z":
+            return vectors
+        # A quarter turn about x: a proper rotation, so that windings keep their sense.
+        return np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
+
+    def positions(self, points: Array) -> Array:
+        """(..., 3) m (or m/s), turned and scaled to stage units."""
+        return self.directions(points) / self.meters_per_unit
+
+    def lengths(self, values: Array) -> Array:
+        """Lengths in m, in stage units."""
+        return values / self.meters_per_unit

@@ -1,0 +1,35 @@
+"""What the USD writer takes and what it reports; importable without USD."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError
+from featherfx.feather.types import Feather
+
+Array = NDArray[np.float64]
+
+
+class OutputError(InputError):
+    """An output cannot be written: where, and why. Nothing was left under the final name."""
+
+
+@dataclass(frozen=True)
+class FeatherEntry:
+    """One feather of a cache.
+
+    id: unique name, kept as the primvar featherId and made a prim name. kind, region: labels.
+    feather: rest geometry. rest_points: (n, P, 3) m, material points at rest, world frame
+        (layout in featherfx/feather/types.py).
+    static: promise that the feather never leaves rest_points; its frames are not looked at.
+    """
+
+    id: str
+    kind: str
+    region: str
+    feather: Feather
+    rest_points: Array
+    static: bool = False

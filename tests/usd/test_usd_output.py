@@ -1,0 +1,204 @@
+"""All of an output or none of it, whatever goes wrong."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import feathers
+import pytest
+from pxr import Usd
+
+from featherfx.errors import InputError
+from featherfx.usd import atomic
+from featherfx.usd.output import check_output
+from featherfx.usd.types import OutputError
+from featherfx.usd.write import CacheWriter
+
+NAMES = {"flat": ["out.usda"], "payload": ["out.animation.usdc", "out.payload.usdc", "out.usda"]}
+
+
+def bake(path: Path, last: int = 3, **options) -> None:
+    with CacheWriter(path, feathers.entries(), (1, 3), 24.0, **options) as writer:
+        for number in range(1, last + 1):
+            writer.write(feathers.frame(number))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+@pytest.mark.parametrize("layout", ["flat", "payload"])
+def test_only_the_named_files_appear(tmp_path, layout):
+    bake(tmp_path / "out.usda", layout=layout)
+    assert sorted(contents(tmp_path)) == NAMES[layout]
+
+
+@pytest.mark.parametrize("layout", ["flat", "payload"])
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_an_exception_in_mid_bake_leaves_the_old_files(tmp_path, layout, error):
+    bake(tmp_path / "out.usda", layout=layout)
+    before = contents(tmp_path)
+
+    def stop_in_the_middle() -> None:
+        with CacheWriter(
+            tmp_path / "out.usda", feathers.entries(), (1, 9), layout=layout, overwrite=True
+        ) as writer:
+            writer.write(feathers.frame(1))
+            raise error
+
+    with pytest.raises(error):
+        stop_in_the_middle()
+    assert contents(tmp_path) == before
+
+
+def test_missing_frames_are_an_error(tmp_path):
+    with pytest.raises(OutputError, match="frames 3 to 3 never came"):
+        bake(tmp_path / "out.usda", last=2)
+    assert contents(tmp_path) == {}
+
+
+def test_overwriting_replaces_everything(tmp_path):
+    bake(tmp_path / "out.usda", layout="payload")
+    first = contents(tmp_path)
+    bake(tmp_path / "out.usda", layout="payload", overwrite=True, meters_per_unit=0.01)
+    second = contents(tmp_path)
+    assert sorted(second) == NAMES["payload"]
+    assert all(first[name] != second[name] for name in first)
+
+
+@pytest.mark.parametrize("failing", [0, 1, 2])
+@pytest.mark.parametrize("existing", [True, False])
+def test_a_failed_rename_restores_all_files(tmp_path, monkeypatch, failing, existing):
+    if existing:
+        bake(tmp_path / "out.usda", layout="payload")
+    before = contents(tmp_path)
+    real, calls = os.replace, []
+
+    def replace(source, target):
+        calls.append(target)
+        if len(calls) == failing + 1:
+            raise OSError(5, "Input/output error")
+        real(source, target)
+
+    monkeypatch.setattr(atomic.os, "replace", replace)
+    with pytest.raises(OutputError, match="Input/output error"):
+        bake(tmp_path / "out.usda", layout="payload", overwrite=True, meters_per_unit=0.01)
+    assert contents(tmp_path) == before
+
+
+FULL_DISK = """
+import resource, signal, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+import feathers
+from featherfx.errors import InputError
+from featherfx.usd.write import CacheWriter
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+try:
+    with CacheWriter(sys.argv[2], feathers.entries(), (1, 3), layout=sys.argv[3],
+                     overwrite=True) as writer:
+        for number in (1, 2, 3):
+            writer.write(feathers.frame(number))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[4]), resource.RLIM_INFINITY))
+except InputError as error:
+    print(error)
+    sys.exit(7)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no file size limit to run into")
+@pytest.mark.parametrize(
+    ("name", "layout"), [("out.usda", "flat"), ("out.usdc", "flat"), ("out.usda", "payload")]
+)
+@pytest.mark.parametrize("limit", [0, 1500])
+def test_a_full_disk_leaves_the_old_file(tmp_path, name, layout, limit):
+    """The system refuses to write beyond a limit, as it does on a full disk."""
+    bake(tmp_path / name, layout=layout)
+    before = contents(tmp_path)
+    here = str(Path(__file__).parent)
+    run = [sys.executable, "-c", FULL_DISK, here, str(tmp_path / name), layout, str(limit)]
+    result = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert result.returncode == 7, result.stderr
+    assert "not written" in result.stdout
+    assert contents(tmp_path) == before
+
+
+def test_an_error_of_export_is_one_message(tmp_path, monkeypatch):
+    def fail(path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(atomic, "_flush", fail)
+    with pytest.raises(OutputError, match=r"out\.usda: not written .No space left on device"):
+        bake(tmp_path / "out.usda")
+    assert contents(tmp_path) == {}
+
+
+def test_a_file_that_reads_back_differently_is_not_published(tmp_path, monkeypatch):
+    def lose_a_sample(path):
+        from pxr import Sdf
+
+        layer = Sdf.Layer.OpenAsAnonymous(str(path))
+        layer.EraseTimeSample("/out/feathers/primary_1.points", 2)
+        layer.Export(str(path))
+
+    monkeypatch.setattr(atomic, "_flush", lose_a_sample)
+    with pytest.raises(OutputError, match=r"differs.*primary_1\.points"):
+        bake(tmp_path / "out.usda")
+    assert contents(tmp_path) == {}
+
+
+def test_an_open_reader_keeps_its_file(tmp_path):
+    bake(tmp_path / "out.usdc")
+    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    bake(tmp_path / "out.usdc", overwrite=True, meters_per_unit=0.01)
+    points = stage.GetPrimAtPath("/out/feathers/covert").GetAttribute("points").Get()
+    assert max(abs(p[0]) for p in points) < 1
+
+
+def test_output_is_checked_before_any_work(tmp_path):
+    (tmp_path / "there.usda").write_text("mine")
+    (tmp_path / "folder.usdc").mkdir()
+    (tmp_path / "two.payload.usdc").write_text("mine")
+    wrong = {
+        "there.usda": "exists already",
+        "folder.usdc": "is a folder",
+        "a.abc": "suffix '.abc' is not one of .usd, .usda, .usdc",
+        "none/a.usda": "folder does not exist",
+        "there.usda/a.usda": "is not a folder",
+    }
+    for name, message in wrong.items():
+        with pytest.raises(InputError, match=message):
+            check_output(tmp_path / name)
+        with pytest.raises(InputError, match=message):
+            CacheWriter(tmp_path / name, feathers.entries(), None)
+    with pytest.raises(OutputError, match=r"two\.payload\.usdc: exists already"):
+        check_output(tmp_path / "two.usda", layout="payload")
+    assert check_output(tmp_path / "there.usda", overwrite=True) == tmp_path / "there.usda"
+    assert (tmp_path / "there.usda").read_text() == "mine"
+
+
+def test_a_read_only_folder_is_found_by_trying(tmp_path, monkeypatch):
+    def refuse(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("featherfx.usd.output.tempfile.TemporaryFile", refuse)
+    with pytest.raises(OutputError, match="cannot write to this folder: Permission denied"):
+        check_output(tmp_path / "a.usda")
+
+
+def test_all_wrong_arguments_are_named_at_once(tmp_path):
+    twice = [feathers.entries()[0]] * 2
+    with pytest.raises(OutputError) as caught:
+        CacheWriter(
+            tmp_path / "a.usda", twice, (5, 1), float("nan"), meters_per_unit=0, up_axis="X"
+        )
+    keys = [problem.key for problem in caught.value.problems]
+    assert keys == ["feathers", "frames", "frames_per_second", "meters_per_unit", "up_axis"]
+
+
+def test_asking_needs_no_usd():
+    code = "import sys, featherfx.usd, featherfx.usd.output; sys.exit('pxr' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
