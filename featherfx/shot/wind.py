@@ -20,8 +20,8 @@ from featherfx.shot.types import Wind
 Array = NDArray[np.float64]
 
 _MODES = 24
-# Wave numbers over that of the largest energy; beyond lie 2 % of it below and 4 % above.
-_LOWEST, _HIGHEST = 0.15, 60.0
+# Wave numbers over that of the largest energy; 0.1 % of the energy lies below, 7 % above.
+_LOWEST, _HIGHEST = 0.25, 60.0
 _PEAK = math.sqrt(12.0 / 5.0)  # where E(k) is largest
 
 
