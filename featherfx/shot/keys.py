@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, Problem
 from featherfx.shot.rotation import rotation_spline
 from featherfx.shot.skeleton import Skeleton
 
@@ -43,11 +42,8 @@ class Keys:
         return turns, shifts
 
 
-def keys_of(keyframes: Sequence[dict[str, Any]], skeleton: Skeleton, source: str) -> Keys:
-    """Tracks through the keyframes, in any order. Raises InputError with all that is wrong."""
-    problems = _problems(keyframes, skeleton, source)
-    if problems:
-        raise InputError(*problems)
+def keys_of(keyframes: Sequence[dict[str, Any]], skeleton: Skeleton) -> Keys:
+    """Tracks through keyframes, in any order, that the reader of the shot has checked."""
     ordered = sorted(keyframes, key=lambda keyframe: keyframe["time"])
     positions: list[tuple[int, Track]] = []
     rotations: list[tuple[int, Track]] = []
@@ -62,33 +58,7 @@ def keys_of(keyframes: Sequence[dict[str, Any]], skeleton: Skeleton, source: str
 
 
 def _has(keyframe: dict[str, Any], what: str) -> bool:
-    return keyframe.get(what) is not None and len(keyframe[what]) > 0
-
-
-def _problems(
-    keyframes: Sequence[dict[str, Any]], skeleton: Skeleton, source: str
-) -> list[Problem]:
-    if not keyframes:
-        return [Problem(source, "motion.keyframes", "holds no keyframe, at least 1 is needed")]
-    found: list[Problem] = []
-    taken: dict[tuple[str, str, float], int] = {}
-    for number, keyframe in enumerate(keyframes):
-        key = f"motion.keyframes[{number}]"
-        joint = keyframe.get("joint", "")
-        if joint not in skeleton.names:
-            known = ", ".join(f'"{name}"' for name in skeleton.names)
-            found.append(Problem(source, f"{key}.joint", f'"{joint}" is unknown, joints: {known}'))
-        whats = [what for what in ("position", "rotation") if _has(keyframe, what)]
-        if not whats:
-            found.append(Problem(source, key, "has neither position nor rotation"))
-        if "rotation" in whats and len(keyframe["rotation"]) == 4 and not any(keyframe["rotation"]):
-            found.append(Problem(source, f"{key}.rotation", "is a quaternion of length zero"))
-        for what in whats:
-            first = taken.setdefault((joint, what, float(keyframe["time"])), number)
-            if first != number:
-                message = f"keyframe {first} has a {what} of this joint at {keyframe['time']} s too"
-                found.append(Problem(source, f"{key}.time", message))
-    return found
+    return keyframe.get(what) is not None
 
 
 def _position_track(times: Array, values: list[Any]) -> Track:

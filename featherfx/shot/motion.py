@@ -51,8 +51,7 @@ class RootMotion:
 def root_motion(shot: Shot) -> RootMotion:
     """The root motion of a shot.
 
-    Raises InputError where the motion does not fit the groom: a flap without a shoulder on
-    either side, keyframes of unknown joints, two keyframes of one joint at one time.
+    Raises InputError for a flap where the groom has no shoulder on either side.
     """
     groom = shot.groom
     skeleton = skeleton_of(groom)
@@ -78,7 +77,7 @@ def _local_poses(shot: Shot, skeleton: Skeleton) -> LocalPoses:
         case "flap":
             return _flap(shot.groom, Flap(values), str(shot.source))
         case "keys":
-            return keys_of(values["keyframes"], skeleton, str(shot.source))
+            return keys_of(values["keyframes"], skeleton)
         case kind:
             message = f'"{kind}" is unknown, allowed are hold, shake, flap and keys'
             raise InputError(Problem(str(shot.source), "motion.kind", message))

@@ -267,23 +267,3 @@ def test_keys_of_a_joint_move_what_hangs_on_it():
     arm = still[3] - pivot
     turned = np.array((-arm[1], arm[0], arm[2]))
     np.testing.assert_allclose(positions[3], pivot + turned, atol=1e-12)
-
-
-def test_all_that_is_wrong_with_keyframes_is_told_at_once():
-    keyframes = [
-        {"time": 0.0, "joint": "elbow", "rotation": [0.0, 0.0, 0.0]},
-        {"time": 0.0, "joint": "elbow_l"},
-        {"time": 1.0, "joint": "body", "rotation": [0.0, 0.0, 0.0, 0.0]},
-        {"time": 1.0, "joint": "body", "rotation": [0.0, 0.0, 5.0]},
-    ]
-    with pytest.raises(InputError) as caught:
-        motion_of("keys", {"keyframes": keyframes})
-    keys = [problem.key for problem in caught.value.problems]
-    assert keys == [
-        "motion.keyframes[0].joint",
-        "motion.keyframes[1]",
-        "motion.keyframes[2].rotation",
-        "motion.keyframes[3].time",
-    ]
-    with pytest.raises(InputError, match="no keyframe"):
-        motion_of("keys", {"keyframes": []})
