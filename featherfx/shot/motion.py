@@ -79,8 +79,7 @@ def _local_poses(shot: Shot, skeleton: Skeleton) -> LocalPoses:
         case "keys":
             return keys_of(values["keyframes"], skeleton)
         case kind:
-            message = f'"{kind}" is unknown, allowed are hold, shake, flap and keys'
-            raise InputError(Problem(str(shot.source), "motion.kind", message))
+            raise ValueError(f"no motion is of kind {kind!r}")
 
 
 def _at_rest(joints: int) -> tuple[Array, Array]:
