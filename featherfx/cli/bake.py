@@ -21,6 +21,7 @@ from featherfx.cli.progress import Progress
 
 @click.command(
     cls=Command,
+    short_help="Simulate a shot and write it to USD.",
     epilog="""
     featherfx bake samples/swan_wing/shot.toml -o swan_wing.usdc
     featherfx bake shot.toml --frames 1-12 --quality draft --overwrite
@@ -64,6 +65,7 @@ def bake(shot: Path, jobs: int | None, **options: Any) -> None:
 
 @click.command(
     cls=Command,
+    short_help="Write a groom's feathers at rest to USD.",
     epilog="""
     featherfx groom samples/swan_wing/groom.toml -o feathers.usdc
     featherfx groom groom.toml -o feathers.usda --up-axis Y --meters-per-unit 0.01

@@ -12,6 +12,7 @@ from featherfx.cli.program import Command
 
 @click.command(
     cls=Command,
+    short_help="Check grooms, presets, shots and USD files.",
     epilog="""
     featherfx check samples/swan_wing/shot.toml
     featherfx check presets/feather/*.toml wing.usdc

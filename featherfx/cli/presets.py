@@ -17,7 +17,10 @@ def presets() -> None:
 
 
 @presets.command(
-    "list", cls=Command, epilog="featherfx presets list\nfeatherfx presets list --presets mine"
+    "list",
+    cls=Command,
+    short_help="List all presets by family.",
+    epilog="featherfx presets list\nfeatherfx presets list --presets mine",
 )
 @presets_option
 def list_command(preset_folders: tuple[Path, ...]) -> None:
@@ -35,6 +38,7 @@ def list_command(preset_folders: tuple[Path, ...]) -> None:
 @presets.command(
     "show",
     cls=Command,
+    short_help="Show a preset and where its values come from.",
     epilog="featherfx presets show swan_primary\nfeatherfx presets show material/vane/swan_vane",
 )
 @click.argument("name")

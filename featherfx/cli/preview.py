@@ -12,6 +12,7 @@ from featherfx.cli.program import Command
 
 @click.command(
     cls=Command,
+    short_help="Draw a USD file to PNG.",
     epilog="""
     featherfx preview swan_wing.usdc -o wing.png --frame 12
     featherfx preview swan_wing.usdc -o beat.png --sheet 8 --view front
