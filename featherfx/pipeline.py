@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
@@ -118,10 +119,8 @@ def export_groom(
     )
     feathers = _all(
         *(
-            lambda kind=kind, mirrored=mirrored: build_feather(
-                kind, grid.rows, grid.columns, mirrored
-            )
-            for kind, mirrored in ((each.kind, each.mirrored) for each in groom.feathers)
+            partial(build_feather, each.kind, grid.rows, grid.columns, each.mirrored)
+            for each in groom.feathers
         )
     )
     entries = _entries(groom, feathers, static=True)
@@ -201,7 +200,8 @@ def _prepared(
 
 def _all(*tasks: Callable[[], Any]) -> list[Any]:
     """Results of all tasks; raises one InputError with the problems of all of them."""
-    results, problems = [], []
+    results: list[Any] = []
+    problems: list[Problem] = []
     for task in tasks:
         try:
             results.append(task())
@@ -232,7 +232,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
     else:
         return []
     kinds = dict.fromkeys(feather.kind for feather in groom.feathers)
-    tasks += [lambda kind=kind: build_feather(kind, grid.rows, grid.columns) for kind in kinds]
+    tasks += [partial(build_feather, kind, grid.rows, grid.columns) for kind in kinds]
     try:
         _all(*tasks)
     except InputError as error:

@@ -1,5 +1,6 @@
 """groom, check, presets and preview on the samples."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,15 @@ def test_groom_is_sound_and_has_no_time(rest):
 @pytest.mark.parametrize("file", sorted(ROOT.glob("samples/*/*.toml")), ids=str)
 def test_samples_pass_the_check(file):
     result = run("check", file)
+    assert result.exit_code == 0, result.stdout
+
+
+def test_files_of_the_first_wing_pass_the_check(tmp_path):
+    text = (ROOT / "docs/first_wing.md").read_text()
+    groom, overrides, shot = re.findall(r"```toml\n(.*?)```", text, re.S)
+    (tmp_path / "groom.toml").write_text(groom + overrides)
+    (tmp_path / "shot.toml").write_text(shot)
+    result = run("check", tmp_path / "groom.toml", tmp_path / "shot.toml")
     assert result.exit_code == 0, result.stdout
 
 
