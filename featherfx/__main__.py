@@ -1,0 +1,5 @@
+"""`python -m featherfx`: the same as the command `featherfx`."""
+
+from featherfx.cli.main import main
+
+main(prog_name="featherfx")

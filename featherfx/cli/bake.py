@@ -1,0 +1,90 @@
+"""`featherfx bake` and `featherfx groom`: the two commands that write USD."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+
+from featherfx.cli.options import (
+    FrameRange,
+    presets_option,
+    quality_option,
+    readable_path,
+    stage_options,
+)
+from featherfx.cli.program import Command
+from featherfx.cli.progress import Progress
+
+
+@click.command(
+    cls=Command,
+    short_help="Simulate a shot and write it to USD.",
+    epilog="""
+    featherfx bake samples/swan_wing/shot.toml -o swan_wing.usdc
+    featherfx bake shot.toml --frames 1-12 --quality draft --overwrite
+    featherfx bake shot.toml -o wing.usda --meters-per-unit 0.01 --up-axis Y --report wing.json
+    """,
+)
+@click.argument("shot", type=readable_path())
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="USD file to write (.usd, .usdc, .usda).  [default: the shot's name with .usdc]",
+)
+@click.option(
+    "--frames", type=FrameRange(), help="First and last frame to write.  [default: all of the shot]"
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Feathers simulated at a time; the result does not depend on it.  [default: all cores]",
+)
+@quality_option("Quality preset instead of the shot's.")
+@presets_option
+@click.option("--report", type=click.Path(path_type=Path), help="JSON file for figures of the run.")
+@stage_options
+def bake(shot: Path, jobs: int | None, **options: Any) -> None:
+    """Simulate the feathers of SHOT (a TOML file) and write them to USD.
+
+    The output appears under its name when it is complete, never before.
+    """
+    from featherfx.pipeline import bake as bake_shot
+
+    with Progress("frames") as progress:
+        result = bake_shot(shot, jobs=jobs or os.cpu_count() or 1, on_frame=progress, **options)
+    click.echo(
+        f"{result['feathers']} feathers, {result['frames']} frames"
+        f" in {result['wall_seconds']:.1f} s",
+        err=True,
+    )
+
+
+@click.command(
+    cls=Command,
+    short_help="Write a groom's feathers at rest to USD.",
+    epilog="""
+    featherfx groom samples/swan_wing/groom.toml -o feathers.usdc
+    featherfx groom groom.toml -o feathers.usda --up-axis Y --meters-per-unit 0.01
+    """,
+)
+@click.argument("groom", metavar="GROOM", type=readable_path())
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="USD file to write (.usd, .usdc, .usda).",
+)
+@quality_option("Quality preset that gives rows and columns.  [default: final]")
+@presets_option
+@stage_options
+def groom(groom: Path, quality: str | None, **options: Any) -> None:
+    """Write the feathers of GROOM (a TOML file) at rest to USD, without time samples."""
+    from featherfx.pipeline import export_groom
+
+    count = export_groom(groom, quality=quality or "final", **options)
+    click.echo(f"{count} feathers at rest", err=True)

@@ -1,0 +1,37 @@
+"""`featherfx check`: problems of files, by file and key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from featherfx.cli.options import presets_option, readable_path
+from featherfx.cli.program import Command
+
+
+@click.command(
+    cls=Command,
+    short_help="Check grooms, presets, shots and USD files.",
+    epilog="""
+    featherfx check samples/swan_wing/shot.toml
+    featherfx check presets/feather/*.toml wing.usdc
+    """,
+)
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=readable_path())
+@presets_option
+@click.pass_context
+def check(ctx: click.Context, files: tuple[Path, ...], preset_folders: tuple[Path, ...]) -> None:
+    """Check grooms, presets and shots (TOML) and USD files.
+
+    Prints one line per problem (file, key, what is wrong, allowed range) and exits with 1 if
+    there is any.
+    """
+    from featherfx.pipeline import check as problems_of
+
+    found = [problem for file in files for problem in problems_of(file, preset_folders)]
+    for problem in dict.fromkeys(found):
+        click.echo(str(problem))
+    if found:
+        ctx.exit(1)
+    click.echo(f"{len(files)} checked, no problems", err=True)

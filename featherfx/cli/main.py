@@ -1,0 +1,25 @@
+"""The `featherfx` command. Commands import what they need when they run, not before."""
+
+from __future__ import annotations
+
+import click
+
+from featherfx import __version__
+from featherfx.cli.bake import bake, groom
+from featherfx.cli.check import check
+from featherfx.cli.presets import presets
+from featherfx.cli.preview import preview
+from featherfx.cli.program import Program
+
+
+@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="featherfx")
+def main() -> None:
+    """Feathers from groom files to simulated USD caches.
+
+    Exit codes: 0 done, 1 the input is wrong or the work failed, 2 wrong usage.
+    """
+
+
+for command in (bake, groom, check, presets, preview):
+    main.add_command(command)

@@ -1,0 +1,98 @@
+"""Values and options that several commands share."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
+
+
+class FrameRange(click.ParamType):
+    """A-B, first and last frame, inclusive; or one frame."""
+
+    name = "A-B"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        match = re.fullmatch(r"(-?\d+)(?:-(-?\d+))?", value.strip())
+        if not match:
+            self.fail(f"'{value}' is not a range of frames such as 1-24 or 12", param, ctx)
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last < first:
+            self.fail(f"'{value}' ends before it starts", param, ctx)
+        return first, last
+
+
+class Size(click.ParamType):
+    """WxH in pixels."""
+
+    name = "WxH"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        match = re.fullmatch(r"(\d+)x(\d+)", value.strip().lower())
+        if not match:
+            self.fail(f"'{value}' is not a size such as 1280x720", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+def readable_path() -> click.Path:
+    """A path that the command reads; whether it can is told with the other problems."""
+    return click.Path(path_type=Path)
+
+
+def stage_options(command: Decorated) -> Decorated:
+    """Options of the commands that write USD."""
+    options = (
+        click.option(
+            "--meters-per-unit",
+            type=click.FloatRange(min=0.0, min_open=True),
+            default=1.0,
+            show_default=True,
+            help="Unit of length in the USD file; 0.01 for centimetres. Points are scaled.",
+        ),
+        click.option(
+            "--up-axis",
+            type=click.Choice(["Y", "Z"], case_sensitive=False),
+            default="Z",
+            show_default=True,
+            help="Axis that points up in the USD file. Points are turned.",
+        ),
+        click.option(
+            "--layout",
+            type=click.Choice(["flat", "payload"]),
+            default="flat",
+            show_default=True,
+            help="One file, or a root that loads topology and animation as a payload.",
+        ),
+        click.option("--overwrite", is_flag=True, help="Replace the output if it exists."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def quality_option(text: str) -> Callable[[Decorated], Decorated]:
+    return click.option("--quality", metavar="NAME", help=text)
+
+
+def presets_option(command: Decorated) -> Decorated:
+    return click.option(
+        "--presets",
+        "preset_folders",
+        type=click.Path(path_type=Path, file_okay=False, exists=True),
+        multiple=True,
+        metavar="FOLDER",
+        help="Folder of presets that win over the shipped ones. Repeatable.",
+    )(command)

@@ -1,0 +1,50 @@
+"""Progress of long work on stderr: a bar on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import Any, Self
+
+import click
+
+_SECONDS_BETWEEN_LINES = 1.0
+
+
+class Progress:
+    """Context manager; call it with the units of work done and their number."""
+
+    def __init__(self, label: str) -> None:
+        self.label = label
+        self.terminal = sys.stderr.isatty()
+        self.bar: Any = None
+        self.done = 0
+        self.last_line = float("-inf")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.bar is not None:
+            self.bar.__exit__(kind, error, trace)
+
+    def __call__(self, done: int, total: int) -> None:
+        if self.terminal:
+            if self.bar is None:
+                bar = click.progressbar(
+                    length=total, label=self.label, file=sys.stderr, show_pos=True
+                )
+                self.bar = bar.__enter__()
+            self.bar.update(done - self.done)
+            self.done = done
+            return
+        now = time.monotonic()
+        if done == total or now - self.last_line >= _SECONDS_BETWEEN_LINES:
+            self.last_line = now
+            click.echo(f"{self.label}: {done} of {total}", err=True)

@@ -1,0 +1,91 @@
+"""A gusty wind as a sum of travelling waves that compiled kernels can evaluate anywhere.
+
+    velocity(x, t) = mean + sum_k amplitude_k cos(wave_vector_k . x - frequency_k t + phase_k)
+
+Each amplitude is perpendicular to its wave vector, so the field has no divergence. The gusts
+travel with the mean wind (frozen turbulence, Taylor 1938): frequency = wave_vector . mean. Their
+strengths follow the energy spectrum of von Karman (1948), E(k) ~ k^4 / (1 + k^2)^(17/6).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.shot.types import Wind
+
+Array = NDArray[np.float64]
+
+_MODES = 24
+# Wave numbers over that of the largest energy; 0.1 % of the energy lies below, 7 % above.
+_LOWEST, _HIGHEST = 0.25, 60.0
+_PEAK = math.sqrt(12.0 / 5.0)  # where E(k) is largest
+
+
+@dataclass(frozen=True)
+class WindField:
+    """Wind velocity over space and time, K gust modes (K = 0: steady and uniform).
+
+    mean: (3,) m/s. wave_vectors: (K, 3) rad/m. frequencies: (K,) rad/s. amplitudes: (K, 3) m/s.
+    phases: (K,) rad.
+    """
+
+    mean: Array
+    wave_vectors: Array
+    frequencies: Array
+    amplitudes: Array
+    phases: Array
+
+    def velocity(self, points: Array, time: float) -> Array:
+        """(N, 3) m/s at points (N, 3) m, at a time in s."""
+        angles = points @ self.wave_vectors.T - self.frequencies * time + self.phases
+        return np.asarray(self.mean + np.cos(angles) @ self.amplitudes)
+
+
+def wind_field(wind: Wind) -> WindField:
+    """The field of a wind: the same wind, seed included, gives the same field.
+
+    The gusts' speed has a root mean square of gust times speed, over all directions together;
+    gust_length is half the wave length at which they hold most energy.
+    """
+    mean = wind.speed * np.asarray(wind.direction, dtype=np.float64)
+    strength = wind.gust * wind.speed
+    if strength == 0.0:
+        none = np.zeros((0, 3))
+        return WindField(mean, none, np.zeros(0), none, np.zeros(0))
+    random = np.random.default_rng(wind.seed)
+    numbers, energies = _spectrum(random, math.pi / wind.gust_length)
+    directions = _directions(random)
+    wave_vectors = numbers[:, None] * directions
+    amplitudes = (strength * np.sqrt(2.0 * energies))[:, None] * _across(random, directions)
+    phases = random.uniform(0.0, 2.0 * math.pi, _MODES)
+    return WindField(mean, wave_vectors, wave_vectors @ mean, amplitudes, phases)
+
+
+def _spectrum(random: np.random.Generator, peak: float) -> tuple[Array, Array]:
+    """Wave numbers (K,) rad/m, one in each of K bands, and the bands' shares of the energy."""
+    edges = np.geomspace(_LOWEST, _HIGHEST, _MODES + 1)
+    share = random.uniform(0.0, 1.0, _MODES)
+    numbers = edges[:-1] * (edges[1:] / edges[:-1]) ** share
+    scaled = _PEAK * numbers
+    energies = scaled**4 / (1.0 + scaled**2) ** (17.0 / 6.0) * np.diff(edges)
+    return peak * numbers, energies / energies.sum()
+
+
+def _directions(random: np.random.Generator) -> Array:
+    """(K, 3) unit vectors spread evenly over the sphere, turned and ordered at random."""
+    height = 1.0 - (2.0 * np.arange(_MODES) + 1.0) / _MODES
+    around = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(_MODES)
+    radius = np.sqrt(1.0 - height**2)
+    spread = np.stack((radius * np.cos(around), radius * np.sin(around), height), axis=1)
+    turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    return np.asarray(random.permutation(spread) @ turn.T)
+
+
+def _across(random: np.random.Generator, directions: Array) -> Array:
+    """(K, 3) unit vectors, each perpendicular to its direction, otherwise at random."""
+    drawn = np.cross(directions, random.normal(size=directions.shape))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))

@@ -1,0 +1,120 @@
+"""Failures become one message and an exit code; wrong usage is told with help."""
+
+import errno
+import subprocess
+import sys
+import time
+
+import pytest
+from click.testing import CliRunner
+
+from featherfx import pipeline
+from featherfx.cli.main import main
+from featherfx.errors import InputError, Problem, SimulationError
+
+NO_SPACE = OSError(errno.ENOSPC, "No space left on device", "wing.usdc")
+FAILURES = [
+    (
+        InputError(Problem("a.toml", "row[0].count", "0 is out of range"), Problem("b", "", "bad")),
+        "featherfx: a.toml: row[0].count: 0 is out of range\nfeatherfx: b: bad\n",
+    ),
+    (
+        SimulationError("primary_3", 0.25, "no convergence"),
+        "featherfx: feather primary_3 at t = 0.25 s: no convergence\n",
+    ),
+    (KeyboardInterrupt(), "featherfx: interrupted: nothing was written\n"),
+    (NO_SPACE, "featherfx: wing.usdc: No space left on device\n"),
+]
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(each) for each in arguments])
+
+
+def failing(monkeypatch, failure):
+    def bake(*arguments, **options):
+        raise failure
+
+    monkeypatch.setattr(pipeline, "bake", bake)
+
+
+@pytest.mark.parametrize(("failure", "message"), FAILURES)
+def test_a_failure_is_one_message_and_exit_code_one(monkeypatch, failure, message):
+    failing(monkeypatch, failure)
+    result = run("bake", "shot.toml")
+    assert result.exit_code == 1
+    assert result.stderr == message
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize(("failure", "message"), FAILURES)
+def test_verbose_adds_the_traceback(monkeypatch, failure, message):
+    failing(monkeypatch, failure)
+    result = run("bake", "shot.toml", "--verbose")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("Traceback")
+    assert result.stderr.endswith(message)
+
+
+def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
+    failing(monkeypatch, ZeroDivisionError("fault"))
+    assert isinstance(run("bake", "shot.toml").exception, ZeroDivisionError)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["bake"], "Missing argument 'SHOT'"),
+        (["bake", "s.toml", "--frames", "5-1"], "ends before it starts"),
+        (["bake", "s.toml", "--frames", "a-b"], "such as 1-24"),
+        (["bake", "s.toml", "--jobs", "0"], "x>=1"),
+        (["bake", "s.toml", "--meters-per-unit", "0"], "x>0"),
+        (["bake", "s.toml", "--up-axis", "X"], "is not one of"),
+        (["bake", "s.toml", "--layout", "clips"], "is not one of"),
+        (["bake", "s.toml", "--presets", "no/such/folder"], "does not exist"),
+        (["groom", "g.toml"], "Missing option '-o'"),
+        (["check"], "Missing argument 'FILE...'"),
+        (["preview", "f.usd", "-o", "p.png", "--size", "big"], "such as 1280x720"),
+        (["preview", "f.usd", "-o", "p.png", "--sheet", "3", "--frame", "1"], "do not agree"),
+        (["presets", "show"], "Missing argument 'NAME'"),
+        (["fly"], "No such command 'fly'"),
+    ],
+)
+def test_wrong_usage_is_exit_code_two(arguments, told):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert told in result.stderr
+
+
+def test_options_reach_the_bake(monkeypatch):
+    seen = {}
+
+    def bake(shot, **options):
+        seen.update(options, shot=str(shot))
+        options["on_frame"](0, 2)
+        options["on_frame"](2, 2)
+        return {"feathers": 3, "frames": 2, "wall_seconds": 1.25}
+
+    monkeypatch.setattr(pipeline, "bake", bake)
+    result = run("bake", "s.toml", "--frames", "-3-12", "--jobs", "2", "--up-axis", "y")
+    assert result.exit_code == 0, result.stderr
+    assert (seen["shot"], seen["frames"], seen["jobs"]) == ("s.toml", (-3, 12), 2)
+    assert (seen["up_axis"], seen["meters_per_unit"], seen["layout"]) == ("Y", 1.0, "flat")
+    assert seen["output"] is None
+    assert result.stderr == "frames: 0 of 2\nframes: 2 of 2\n3 feathers, 2 frames in 1.2 s\n"
+
+
+@pytest.mark.parametrize("command", [name for name in main.commands if name != "presets"])
+def test_help_of_every_command_shows_examples(command):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert f"  featherfx {command} " in result.stdout.partition("Examples:")[2]
+
+
+def test_help_answers_at_once():
+    begin = time.perf_counter()
+    code = [sys.executable, "-m", "featherfx", "--help"]
+    done = subprocess.run(code, capture_output=True, text=True, check=True)
+    assert "bake" in done.stdout
+    # Half a second on an idle machine; this bound only catches a heavy import.
+    assert time.perf_counter() - begin < 1.5

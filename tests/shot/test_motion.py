@@ -1,0 +1,269 @@
+"""Root motion: what each kind does to the roots, how smooth it is, what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from featherfx.errors import InputError
+from featherfx.groom.types import Groom, Joint, Placement
+from featherfx.shot.motion import root_motion
+from featherfx.shot.types import Motion, Quality, Shot, Wind
+
+MIRROR = np.diag((1.0, -1.0, 1.0))
+FLAP = {
+    "period": 0.8,
+    "shoulder_amplitude": 40.0,
+    "shoulder_offset": 8.0,
+    "shoulder_sweep": 12.0,
+    "elbow_amplitude": 15.0,
+    "elbow_offset": 25.0,
+    "elbow_phase": 0.7,
+    "wrist_amplitude": 20.0,
+    "wrist_offset": 30.0,
+    "wrist_phase": 0.75,
+    "twist": 15.0,
+    "beats": 0,
+}
+
+
+def placement(name, position, joint, rotation=None):
+    turn = np.eye(3) if rotation is None else rotation
+    return Placement(name, None, "wing", np.array(position, float), turn, joint)
+
+
+def wing_joints():
+    joints = [Joint("body", np.array((0.0, 0.0, 0.1)), "", "body", 0)]
+    for side, letter in ((1, "l"), (-1, "r")):
+        for role, parent, y in (
+            ("wrist", f"elbow_{letter}", 0.7),
+            ("shoulder", "body", 0.1),
+            ("elbow", f"shoulder_{letter}", 0.4),
+        ):
+            place = np.array((-0.02 * y, side * y, 0.1))
+            joints.append(Joint(f"{role}_{letter}", place, parent, role, side))
+    return tuple(joints)
+
+
+def wing_groom():
+    turn = Rotation.from_euler("xyz", (20, -30, 110), degrees=True).as_matrix()
+    feathers = [placement("tail", (-0.4, 0.0, 0.0), "")]
+    for side, letter in ((1, "l"), (-1, "r")):
+        rotation = turn if side > 0 else MIRROR @ turn @ np.diag((1.0, -1.0, 1.0))
+        for role, y in (("shoulder", 0.2), ("elbow", 0.5), ("wrist", 0.9)):
+            place = (-0.05, side * y, 0.12)
+            feathers.append(placement(f"{role}_{letter}", place, f"{role}_{letter}", rotation))
+    return Groom("wings", Path("groom.toml"), tuple(feathers), wing_joints())
+
+
+def motion_of(kind, values, groom=None):
+    shot = Shot(
+        name="shot",
+        source=Path("shot.toml"),
+        groom=groom or wing_groom(),
+        first_frame=1,
+        last_frame=24,
+        frames_per_second=24.0,
+        motion=Motion(kind, values),
+        wind=Wind(np.array((1.0, 0, 0)), 0.0, 0.0, 1.0, 1.2, 1.0, 0.1, 0),
+        quality=Quality("draft", 11, 4, 1, 1e-3, 8),
+        gravity=np.array((0.0, 0.0, -9.81)),
+    )
+    return root_motion(shot)
+
+
+def is_rotation(matrices):
+    product = matrices @ np.swapaxes(matrices, -1, -2)
+    return np.allclose(product, np.eye(3), atol=1e-12) and np.all(np.linalg.det(matrices) > 0)
+
+
+def sampled(motion, times):
+    positions, rotations = zip(*(motion.frames(time) for time in times), strict=True)
+    return np.stack(positions), np.stack(rotations)
+
+
+def largest_jump_of_rate(motion, end, samples=4000):
+    """Largest change of velocity between neighbouring samples over the largest velocity."""
+    positions, rotations = sampled(motion, np.linspace(-0.05, end, samples))
+    state = np.concatenate((positions, rotations.reshape(*rotations.shape[:2], 9)), axis=2)
+    rate = np.diff(state, axis=0)
+    return np.abs(np.diff(rate, axis=0)).max() / np.abs(rate).max()
+
+
+def test_hold_leaves_every_root_where_the_groom_has_it():
+    groom = wing_groom()
+    positions, rotations = motion_of("hold", {}, groom).frames(3.21)
+    np.testing.assert_array_equal(positions, [f.position for f in groom.feathers])
+    np.testing.assert_array_equal(rotations, [f.rotation for f in groom.feathers])
+
+
+def test_shake_is_a_sine_along_the_direction_that_starts_at_rest():
+    values = {"amplitude": 0.05, "frequency": 3.0, "direction": [0.0, 3.0, 4.0]}
+    motion, rest = motion_of("shake", values), motion_of("hold", {}).frames(0.0)
+    for time in (0.1, 0.2513, 1.7):
+        positions, rotations = motion.frames(time)
+        shift = 0.05 * np.sin(6.0 * np.pi * time) * np.array((0.0, 0.6, 0.8))
+        np.testing.assert_allclose(positions - rest[0], np.tile(shift, (7, 1)), atol=1e-14)
+        np.testing.assert_array_equal(rotations, rest[1])
+    step = 1e-5
+    near = np.abs(motion.frames(step)[0] - rest[0]).max()
+    assert near < 1e-6 * 0.05 * 6.0 * np.pi * step
+    assert largest_jump_of_rate(motion, 1.0) < 0.02
+
+
+def test_flap_starts_at_rest_in_the_pose_of_phase_zero():
+    motion = motion_of("flap", FLAP)
+    (start, after), turns = sampled(motion, (0.0, 1e-5))
+    late = motion.frames(5 * FLAP["period"])
+    np.testing.assert_allclose(start, late[0], atol=1e-12)
+    np.testing.assert_allclose(turns[0], late[1], atol=1e-12)
+    assert np.abs(after - start).max() < 1e-10
+    shoulder = motion.frames(0.0)[0][1]
+    assert shoulder[2] > 0.12 + 0.05  # the wing is up
+
+
+def test_flap_is_periodic_and_smooth():
+    motion = motion_of("flap", FLAP)
+    first = sampled(motion, 0.8 + np.linspace(0.0, 0.8, 17))
+    third = sampled(motion, 2.4 + np.linspace(0.0, 0.8, 17))
+    np.testing.assert_allclose(first[0], third[0], atol=1e-12)
+    np.testing.assert_allclose(first[1], third[1], atol=1e-12)
+    assert is_rotation(first[1])
+    assert largest_jump_of_rate(motion, 1.7) < 0.02
+
+
+@pytest.mark.parametrize("beats", [0.3, 1, 2.5])
+def test_flap_rests_after_its_beats(beats):
+    motion = motion_of("flap", FLAP | {"beats": beats})
+    end = beats * FLAP["period"]
+    before, after = motion.frames(end - 1e-5)[0], motion.frames(end + 7.0)[0]
+    np.testing.assert_allclose(motion.frames(end)[0], after, atol=1e-12)
+    assert np.abs(before - after).max() < 1e-9
+    middle = motion.frames(0.5 * end)[0]
+    assert np.abs(middle - after).max() > 0.05
+    assert largest_jump_of_rate(motion, end + 0.1) < 0.04
+
+
+def test_flap_of_the_right_wing_mirrors_that_of_the_left():
+    motion = motion_of("flap", FLAP)
+    rest = motion_of("hold", {}).frames(0.0)[1]
+    for time in (0.0, 0.33, 0.61):
+        positions, rotations = motion.frames(time)
+        np.testing.assert_allclose(positions[4:], positions[1:4] @ MIRROR, atol=1e-12)
+        turn = rotations @ np.swapaxes(rest, 1, 2)
+        np.testing.assert_allclose(turn[4:], MIRROR @ turn[1:4] @ MIRROR, atol=1e-12)
+
+
+def test_flap_signs_raise_twist_and_fold_the_wing():
+    still = dict.fromkeys(FLAP, 0.0) | {"period": 1.0}
+
+    def at(time, **values):
+        return motion_of("flap", still | values).frames(time)
+
+    rest = at(0.0)[0]
+    left = slice(1, 4)
+    assert np.all(at(1.0, shoulder_amplitude=30.0)[0][left, 2] > rest[left, 2])
+    assert np.all(at(1.5, shoulder_amplitude=30.0)[0][left, 2] < rest[left, 2])
+    assert np.all(at(1.0, shoulder_sweep=10.0)[0][left, 0] < rest[left, 0])
+    # A quarter beat on, in mid-downstroke, the leading edge (forward, +x) is down.
+    turn = at(1.25, twist=20.0)[1][1] @ at(0.0)[1][1].T
+    assert turn[2, 0] == pytest.approx(-np.sin(np.radians(20.0)))
+    folded = at(0.0, elbow_offset=30.0)[0] - rest
+    assert folded[2, 0] > 0.01
+    assert folded[2, 2] < 0.0
+    assert np.all(folded[1] == 0.0)
+    folded = at(0.0, wrist_offset=30.0)[0] - rest
+    assert folded[3, 0] < -0.01
+    assert folded[3, 2] < 0.0
+    assert np.all(folded[:3] == 0.0)
+
+
+def test_joints_carry_their_feathers_rigidly_and_feathers_without_joint_stay():
+    motion = motion_of("flap", FLAP)
+    rest, moved = motion_of("hold", {}).frames(0.0), motion.frames(0.37)
+    np.testing.assert_array_equal(moved[0][0], rest[0][0])
+    np.testing.assert_array_equal(moved[1][0], rest[1][0])
+    # The pivot of the elbow is a point of the shoulder's body and of the elbow's.
+    pivot = wing_joints()[3].position
+
+    def carried(feather):
+        turn = moved[1][feather] @ rest[1][feather].T
+        return moved[0][feather] + turn @ (pivot - rest[0][feather])
+
+    np.testing.assert_allclose(carried(1), carried(2), atol=1e-12)
+
+
+def test_flap_without_shoulder_is_refused():
+    groom = Groom("one", Path("groom.toml"), (placement("a", (0, 0, 0), ""),))
+    with pytest.raises(InputError, match="shoulder"):
+        motion_of("flap", FLAP, groom)
+
+
+KEYS = [
+    {"time": 0.5, "joint": "", "position": [0.0, 0.0, 0.0], "rotation": [0.0, 0.0, 0.0]},
+    {"time": 1.0, "joint": "", "position": [0.2, 0.0, 0.1], "rotation": [30.0, 40.0, -60.0]},
+    {"time": 2.0, "joint": "", "position": [0.2, 0.3, 0.0], "rotation": [1.0, 0.0, 0.0, 0.0]},
+    {"time": 2.2, "joint": "", "rotation": [0.0, 170.0, 0.0]},
+]
+
+
+def test_keys_are_met_and_held_outside():
+    motion = motion_of("keys", {"keyframes": KEYS[::-1]})
+    rest = motion_of("hold", {}).frames(0.0)
+    for time in (-1.0, 0.0, 0.5):
+        np.testing.assert_allclose(motion.frames(time)[0], rest[0], atol=1e-14)
+    turn = Rotation.from_euler("xyz", KEYS[1]["rotation"], degrees=True).as_matrix()
+    positions, rotations = motion.frames(1.0)
+    np.testing.assert_allclose(positions, rest[0] @ turn.T + KEYS[1]["position"], atol=1e-12)
+    np.testing.assert_allclose(rotations, turn @ rest[1], atol=1e-12)
+    positions, rotations = motion.frames(2.0)
+    np.testing.assert_allclose(positions, rest[0] + KEYS[2]["position"], atol=1e-12)
+    np.testing.assert_allclose(motion.frames(2.2)[0], motion.frames(9.0)[0], atol=1e-12)
+
+
+def test_keys_are_smooth_rotations_at_every_time():
+    motion = motion_of("keys", {"keyframes": KEYS})
+    assert is_rotation(sampled(motion, np.linspace(0.0, 3.0, 101))[1])
+    assert largest_jump_of_rate(motion, 2.4) < 0.05
+
+
+def test_keys_do_not_depend_on_the_frame_they_are_given_in():
+    turn = Rotation.from_rotvec((0.4, -1.1, 0.7))
+    given = [Rotation.from_rotvec(v) for v in ((0, 0, 0), (0.5, 1.0, 0), (0.2, -0.4, 2.0))]
+
+    def rotations(keys):
+        keyframes = [
+            {"time": 0.3 * i, "rotation": list(key.as_quat(scalar_first=True))}
+            for i, key in enumerate(keys)
+        ]
+        return sampled(motion_of("keys", {"keyframes": keyframes}), np.linspace(0, 0.6, 13))[1]
+
+    plain = rotations(given)
+    turned = rotations([turn * key for key in given])
+    np.testing.assert_allclose(turned, turn.as_matrix() @ plain, atol=1e-12)
+
+
+def test_keys_about_one_axis_follow_the_clamped_cubic_spline_of_the_angle():
+    from scipy.interpolate import CubicSpline
+
+    times, angles = [0.0, 0.4, 1.0, 1.3], [0.0, 80.0, 200.0, 90.0]
+    keyframes = [{"time": t, "rotation": [0, 0, a]} for t, a in zip(times, angles, strict=True)]
+    motion = motion_of("keys", {"keyframes": keyframes})
+    spline = CubicSpline(times, np.radians(angles), bc_type="clamped")
+    rest = motion_of("hold", {}).frames(0.0)[1]
+    for time in np.linspace(0.0, 1.3, 29):
+        expected = Rotation.from_rotvec((0.0, 0.0, spline(time))).as_matrix() @ rest
+        np.testing.assert_allclose(motion.frames(time)[1], expected, atol=1e-12)
+
+
+def test_keys_of_a_joint_move_what_hangs_on_it():
+    keyframes = [{"time": 0.0, "joint": "elbow_l", "rotation": [0.0, 0.0, 90.0]}]
+    motion, rest = motion_of("keys", {"keyframes": keyframes}), motion_of("hold", {})
+    positions, still = motion.frames(4.0)[0], rest.frames(0.0)[0]
+    moved = np.abs(positions - still).max(axis=1) > 1e-6
+    assert list(moved) == [False, False, True, True, False, False, False]
+    pivot = wing_joints()[3].position
+    arm = still[3] - pivot
+    turned = np.array((-arm[1], arm[0], arm[2]))
+    np.testing.assert_allclose(positions[3], pivot + turned, atol=1e-12)

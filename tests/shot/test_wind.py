@@ -1,0 +1,89 @@
+"""The wind field: strength, no divergence, travelling gusts, eddy size, determinism."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from featherfx.shot.types import Wind
+from featherfx.shot.wind import wind_field
+
+GUSTY = Wind(
+    direction=np.array((0.6, 0.8, 0.0)),
+    speed=8.0,
+    gust=0.5,
+    gust_length=0.7,
+    air_density=1.2,
+    drag_normal=1.2,
+    drag_tangential=0.05,
+    seed=3,
+)
+
+
+def points(seed, count, size=1.0):
+    return np.random.default_rng(seed).uniform(-size, size, (count, 3))
+
+
+@pytest.mark.parametrize("changed", [{"speed": 0.0}, {"gust": 0.0}])
+def test_no_gusts_make_a_steady_uniform_wind(changed):
+    wind = replace(GUSTY, **changed)
+    field = wind_field(wind)
+    assert field.amplitudes.shape == field.wave_vectors.shape == (0, 3)
+    assert field.frequencies.shape == field.phases.shape == (0,)
+    velocity = field.velocity(points(0, 5), 1.3)
+    np.testing.assert_array_equal(velocity, np.tile(wind.speed * wind.direction, (5, 1)))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_gusts_have_the_mean_and_root_mean_square_asked_for(seed):
+    field = wind_field(replace(GUSTY, seed=seed))
+    gusts = field.velocity(points(4, 200_000, 200.0), 0.7) - 8.0 * GUSTY.direction
+    assert np.abs(gusts.mean(axis=0)).max() < 0.05
+    assert np.sqrt((gusts**2).sum(axis=1).mean()) == pytest.approx(0.5 * 8.0, rel=0.02)
+
+
+def test_the_field_has_no_divergence():
+    field, centres, step = wind_field(GUSTY), points(5, 200), 1e-4
+    gradient = np.stack(
+        [
+            (field.velocity(centres + shift, 0.4) - field.velocity(centres - shift, 0.4))
+            / (2.0 * step)
+            for shift in step * np.eye(3)
+        ],
+        axis=1,
+    )
+    divergence = np.trace(gradient, axis1=1, axis2=2)
+    assert np.abs(divergence).max() < 1e-4 * np.abs(gradient).max()
+
+
+def test_gusts_travel_with_the_mean_wind():
+    field, places = wind_field(GUSTY), points(6, 50)
+    mean = 8.0 * GUSTY.direction
+    later = field.velocity(places + 2.5 * mean, 2.5)
+    np.testing.assert_allclose(later, field.velocity(places, 0.0), atol=1e-9)
+    assert np.abs(field.velocity(places, 2.5) - field.velocity(places, 0.0)).max() > 1.0
+
+
+@pytest.mark.parametrize("length", [0.2, 2.0])
+def test_eddies_have_the_gust_length(length):
+    starts, along = points(7, 20_000, 300.0), np.array((0.0, 0.0, 1.0))
+
+    def likeness(distance):
+        total = 0.0
+        for seed in range(4):
+            field = wind_field(replace(GUSTY, gust_length=length, seed=seed))
+            first = field.velocity(starts, 0.0) - field.mean
+            second = field.velocity(starts + distance * along, 0.0) - field.mean
+            total += (first * second).sum() / (first * first).sum() / 4
+        return total
+
+    assert likeness(0.05 * length) > 0.7
+    assert likeness(length) < 0.3
+
+
+def test_the_seed_decides():
+    again, other = wind_field(GUSTY), wind_field(replace(GUSTY, seed=4))
+    places = points(8, 20)
+    same = wind_field(GUSTY).velocity(places, 0.9)
+    np.testing.assert_array_equal(again.velocity(places, 0.9), same)
+    assert np.abs(other.velocity(places, 0.9) - same).max() > 0.5
