@@ -103,6 +103,28 @@ def area_vectors(points, cell_stiffness, area):
 
 
 @kernel
+def blow(points, time, loads, velocity, cell_stiffness, around):
+    """Wind, vane areas and speeds through the air at the predicted points."""
+    sample_wind(
+        points,
+        time,
+        loads.wind_mean,
+        loads.wind_wave,
+        loads.wind_rate,
+        loads.wind_amplitude,
+        loads.wind_phase,
+        around.wind,
+    )
+    area_vectors(points, cell_stiffness, around.area)
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            square = 0.0
+            for k in range(3):
+                square += (velocity[i, p, k] - around.wind[i, p, k]) ** 2
+            around.speed[i, p] = sqrt(square)
+
+
+@kernel
 def _drag(ux, uy, uz, nx, ny, nz, normal, tangential):
     """Energy and force of the drag potential; u relative velocity, n unit normal.
 

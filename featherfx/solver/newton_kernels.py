@@ -10,6 +10,7 @@ from featherfx.solver.energy_kernels import feather_strains, step_energy
 from featherfx.solver.pose_kernels import (
     add_increment,
     barb_jacobians,
+    load_pose,
     material_points,
     rachis_strains,
 )
@@ -90,3 +91,14 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
         if move < tolerance:
             return CONVERGED, iteration, move
     return NOT_CONVERGED, limit, move
+
+
+@kernel
+def linearise(model, loads, f, inertia, turn, centre, coefficient, work):
+    """Hessian of one feather's pose to work.system.band: stiffness plus inertia times mass."""
+    now = work.now
+    load_pose(turn, centre, coefficient, model.length[f], now)
+    factors = (inertia, 0.0, 0.0)
+    evaluate(model, loads, f, 0.0, factors, now, work.around)
+    barb_jacobians(model, f, now.turn, now.coefficient, work.frame, work.spin, work.jacobian)
+    assemble(model, loads, f, 0.0, factors, work)

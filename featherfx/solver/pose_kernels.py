@@ -7,6 +7,7 @@ coefficients.
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.barb_kernels import barb_jacobian, barb_points
+from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.rotations_kernels import exponential, multiply, normalised, rotate
 
@@ -63,6 +64,15 @@ def rachis_strains(length, turn, centre, halfway, strain):
         rachis_strain(
             turn[i], turn[i + 1], centre[i], centre[i + 1], length[i], halfway[i], strain[i]
         )
+
+
+@kernel
+def load_pose(turn, centre, coefficient, length, pose):
+    """Coordinates of one feather into a pose, with its rachis frames and strains."""
+    copy_values(turn, pose.turn)
+    copy_values(centre, pose.centre)
+    copy_values(coefficient, pose.coefficient)
+    rachis_strains(length, pose.turn, pose.centre, pose.halfway, pose.rachis)
 
 
 @kernel

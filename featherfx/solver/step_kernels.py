@@ -1,10 +1,8 @@
 """One feather through one frame: error-controlled implicit steps, entirely compiled."""
 
-from math import sqrt
-
 from featherfx.compiled import kernel
 from featherfx.mechanics.copy_kernels import copy_values
-from featherfx.mechanics.node_kernels import area_vectors, sample_wind
+from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.rotations_kernels import exponential, logarithm, multiply, normalised
 from featherfx.solver.integrator_kernels import (
     EULER,
@@ -14,7 +12,7 @@ from featherfx.solver.integrator_kernels import (
     step_error,
 )
 from featherfx.solver.newton_kernels import CONVERGED, NOT_CONVERGED, minimise
-from featherfx.solver.pose_kernels import chain, material_points, rachis_strains, turn_by
+from featherfx.solver.pose_kernels import chain, load_pose, material_points, turn_by
 from featherfx.solver.root_kernels import root_at
 
 # columns of a feather's counters
@@ -22,15 +20,6 @@ STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, ERROR, MOVE, STATUS = 0, 1, 2, 3
 COUNTERS = 8
 # a regular step may be cut this far when Newton fails
 SMALLEST_SHARE = 256.0
-
-
-@kernel
-def _load(f, state, length, pose):
-    """Pose of feather f at the start of a step."""
-    copy_values(state.turn[f], pose.turn)
-    copy_values(state.centre[f], pose.centre)
-    copy_values(state.coefficient[f], pose.coefficient)
-    rachis_strains(length, pose.turn, pose.centre, pose.halfway, pose.rachis)
 
 
 @kernel
@@ -83,28 +72,6 @@ def _follow_root(before, length, pose):
 
 
 @kernel
-def _blow(points, time, loads, velocity, cell_stiffness, around):
-    """Wind, vane areas and speeds through the air at the predicted points."""
-    sample_wind(
-        points,
-        time,
-        loads.wind_mean,
-        loads.wind_wave,
-        loads.wind_rate,
-        loads.wind_amplitude,
-        loads.wind_phase,
-        around.wind,
-    )
-    area_vectors(points, cell_stiffness, around.area)
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
-            square = 0.0
-            for k in range(3):
-                square += (velocity[i, p, k] - around.wind[i, p, k]) ** 2
-            around.speed[i, p] = sqrt(square)
-
-
-@kernel
 def _strain_rate(h, before, strains, reference):
     """Rate of the backward difference of strains (2, S); its reference is written (S,).
 
@@ -142,7 +109,7 @@ def _keep_rates(h, pose, before, spin, coefficient, coefficient_rate):
 def _predict(model, loads, f, share, h, radius, follow, path, base, state, work):
     """Set up a step: pose work.now, surroundings; returns the factors of the integrator."""
     now, around, length = work.now, work.around, model.length[f]
-    _load(f, state, length, now)
+    load_pose(state.turn[f], state.centre[f], state.coefficient[f], length, now)
     begin_step(
         radius,
         h,
@@ -170,7 +137,7 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
         )
     if loads.air[0] > 0.0:
         material_points(model, f, now.turn, now.centre, now.coefficient, now.points)
-        _blow(
+        blow(
             now.points,
             state.time[f] + h,
             loads,

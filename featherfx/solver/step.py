@@ -1,0 +1,210 @@
+"""The solver as the rest of the program calls it: step and equilibrium of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from threading import local
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import SimulationError
+from featherfx.mechanics.model import Loads, Model
+from featherfx.solver.newton_kernels import CONVERGED, NOT_DEFINITE, NOT_FINITE
+from featherfx.solver.settle_kernels import settle
+from featherfx.solver.state import State
+from featherfx.solver.step_kernels import (
+    COUNTERS,
+    ERROR,
+    FAILED,
+    FALLBACKS,
+    ITERATIONS,
+    MOVE,
+    REJECTED,
+    STATUS,
+    STEPS,
+    advance,
+)
+from featherfx.solver.work import Work, make_work
+
+Array = NDArray[np.float64]
+
+REASONS = {
+    NOT_FINITE: "a value is not finite",
+    NOT_DEFINITE: "the linear system is not positive definite",
+}
+NEWTON_ITERATIONS = 40
+SETTLE_ITERATIONS = 200
+SETTLE_STEPS = 80
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a batch is stepped.
+
+    tolerance: m, local error of a step that the sub-stepping keeps to. newton: m, last Newton
+    move that counts as converged. max_substeps: regular sub-steps of a frame at most (a step that
+    Newton cannot solve is cut further). radius: spectral radius at infinite frequency, 0 (most
+    damping of what a step does not resolve) to 1 (energy is conserved).
+    """
+
+    tolerance: float = 1e-4
+    newton: float = 1e-6
+    max_substeps: int = 64
+    radius: float = 0.0
+
+
+class RootPath(NamedTuple):
+    """Where the roots go during a frame.
+
+    samples: (F, K, 6) position (m) and rotation vector (rad) relative to the first sample, at K
+    evenly spaced shares of the frame. base: (F, 4) quaternion of the first sample.
+    """
+
+    samples: Array
+    base: Array
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What one call did, per feather: (F,) arrays.
+
+    steps, iterations, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
+    iterations, steps repeated for their error, attempts that Newton gave up, implicit Euler steps.
+    error: m, largest accepted local error. move: m, largest last Newton move. status: 0, or why
+    the feather stopped (featherfx/solver/newton_kernels.py).
+    """
+
+    steps: Array
+    iterations: Array
+    rejected: Array
+    failed: Array
+    fallbacks: Array
+    error: Array
+    move: Array
+    status: Array
+
+
+def hold_roots(state: State) -> RootPath:
+    """A path that keeps all roots where they are."""
+    samples = np.zeros((len(state.turn), 2, 6))
+    samples[:, :, :3] = state.centre[:, None, 0]
+    return RootPath(samples, state.turn[:, 0].copy())
+
+
+class Solver:
+    """Steps a batch; holds what does not change between steps, and the threads.
+
+    model: constant data. settings: how to step. jobs: threads; every feather is computed by one
+    thread from its own data only, so the result does not depend on how many there are. A context
+    manager that ends the threads.
+    """
+
+    def __init__(self, model: Model, settings: Settings, jobs: int = 1) -> None:
+        self.model, self.settings = model, settings
+        self._local = local()
+        self._pool = ThreadPoolExecutor(jobs) if jobs > 1 else None
+
+    def __enter__(self) -> Solver:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def step(
+        self,
+        state: State,
+        loads: Loads,
+        path: RootPath,
+        duration: float,
+        feathers: Sequence[int] | None = None,
+    ) -> tuple[State, StepReport]:
+        """Advance feathers by a duration in s; the given state is not changed.
+
+        feathers: indices to advance, all by default. A feather that cannot be solved stays at its
+        last good sub-step and has a status in the report: see raise_if_failed.
+        """
+        new = state.copy()
+        counters = np.zeros((self.model.feathers, COUNTERS))
+        settings = self.settings
+        shortest = duration / settings.max_substeps
+        values = np.array(
+            [settings.radius, settings.newton, NEWTON_ITERATIONS, settings.tolerance, shortest]
+        )
+
+        def one(f: int) -> None:
+            advance(
+                self.model,
+                loads,
+                f,
+                duration,
+                path.samples[f],
+                path.base[f],
+                new,
+                values,
+                self._work(),
+                counters[f],
+            )
+
+        self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
+        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, ERROR, MOVE, STATUS)
+        return new, StepReport(*(counters[:, column] for column in columns))
+
+    def equilibrium(
+        self, state: State, loads: Loads, share: float = 0.0
+    ) -> tuple[State, Array, Array]:
+        """Bring all feathers to rest under their loads; the given state is not changed.
+
+        share: 0..1, place within the loads' frame (grips). Returns the state, and per feather the
+        status (0: at rest within settings.newton) and the Newton iterations.
+        """
+        new = state.copy()
+        status = np.zeros(self.model.feathers)
+        iterations = np.zeros(self.model.feathers)
+
+        def one(f: int) -> None:
+            status[f], iterations[f] = settle(
+                self.model,
+                loads,
+                f,
+                share,
+                new,
+                self.settings.newton,
+                SETTLE_ITERATIONS,
+                SETTLE_STEPS,
+                self._work(),
+            )
+
+        self._for_each(one, range(self.model.feathers))
+        return new, status, iterations
+
+    def _work(self) -> Work:
+        """Scratch of the calling thread."""
+        if not hasattr(self._local, "work"):
+            self._local.work = make_work(self.model)
+        work: Work = self._local.work
+        return work
+
+    def _for_each(self, function: Callable[[int], None], feathers: Iterable[int]) -> None:
+        if self._pool is None:
+            for f in feathers:
+                function(f)
+        else:
+            for _ in self._pool.map(function, feathers):
+                pass
+
+
+def raise_if_failed(status: Array, time: Array, names: Sequence[str]) -> None:
+    """SimulationError for the first feather with a status; it tells how many more there are."""
+    bad = np.flatnonzero(status != CONVERGED)
+    if len(bad) == 0:
+        return
+    first = int(bad[0])
+    reason = REASONS.get(int(status[first]), "Newton did not converge at the shortest step")
+    if len(bad) > 1:
+        reason += f" (and {len(bad) - 1} more feathers)"
+    raise SimulationError(names[first], float(time[first]), reason)
