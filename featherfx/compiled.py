@@ -50,9 +50,14 @@ def cache_folder() -> Path:
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function of arrays and scalars without Python objects, cached between runs."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())
+    config: Any = numba.config
+    compile_cached: Any = njit
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_folder())
     try:
-        return njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=FAST_MATH)(function)
+        # kernels allocate nothing, so counting references to arrays would only cost time
+        return compile_cached(
+            cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=FAST_MATH
+        )(function)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before

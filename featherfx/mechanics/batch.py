@@ -36,7 +36,9 @@ class _Constants(NamedTuple):
     shaft_area: Array
 
 
-def make_model(feathers: Sequence[Feather], kinds: Sequence[FeatherKind], coefficients: int) -> Model:
+def make_model(
+    feathers: Sequence[Feather], kinds: Sequence[FeatherKind], coefficients: int
+) -> Model:
     """Constant arrays of feathers that share a grid.
 
     feathers, kinds: one each per feather of the batch; all feathers have equal rows and columns

@@ -41,17 +41,13 @@ def shaft_stiffness(width: Array, height: Array, material: RachisMaterial) -> tu
     return np.stack([material.young * cortex, shear, shear], -1), np.stack(bend, -1)
 
 
-def shaft_mass(
-    width: Array, height: Array, material: RachisMaterial
-) -> tuple[Array, Array, Array]:
+def shaft_mass(width: Array, height: Array, material: RachisMaterial) -> tuple[Array, Array, Array]:
     """Mass per length (kg/m) and its second moments about d2 and d3 (kg m) of sections (k,)."""
     area, about_second, about_third, _ = _section(width, height)
     core = 1.0 - material.wall
 
     def weighted(solid: Array, power: int) -> Array:
         inner = core**power
-        return solid * (
-            material.cortex_density * (1.0 - inner) + material.core_density * inner
-        )
+        return solid * (material.cortex_density * (1.0 - inner) + material.core_density * inner)
 
     return weighted(area, 2), weighted(about_second, 4), weighted(about_third, 4)

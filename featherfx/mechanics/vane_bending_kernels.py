@@ -31,9 +31,7 @@ def hinge_angle(start, end, above, below):
     bx, by, bz = cross(vx, vy, vz, ex, ey, ez)
     cx, cy, cz = cross(ax, ay, az, bx, by, bz)
     length = sqrt(ex * ex + ey * ey + ez * ez)
-    return atan2(
-        cx * ex + cy * ey + cz * ez, length * (ax * bx + ay * by + az * bz) + TINY
-    )
+    return atan2(cx * ex + cy * ey + cz * ez, length * (ax * bx + ay * by + az * bz) + TINY)
 
 
 @kernel

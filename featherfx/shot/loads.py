@@ -22,7 +22,7 @@ PATH_SAMPLES = 5
 SHAFT_DRAG = 1.1
 
 
-def root_path(motion: RootMotion, members: Array, start: float, end: float) -> RootPath:
+def root_path(motion: RootMotion, members: NDArray[np.int64], start: float, end: float) -> RootPath:
     """Paths of the roots with indices members (F,) from start to end (s)."""
     poses = [motion.frames(time) for time in np.linspace(start, end, PATH_SAMPLES)]
     positions = np.stack([pose[0][members] for pose in poses], axis=1)

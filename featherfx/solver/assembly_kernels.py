@@ -22,9 +22,7 @@ def _project(line, at, root, point, jacobian, gradient):
     line[at] += gx
     line[at + 1] += gy
     line[at + 2] += gz
-    mx, my, mz = cross(
-        point[0] - root[0], point[1] - root[1], point[2] - root[2], gx, gy, gz
-    )
+    mx, my, mz = cross(point[0] - root[0], point[1] - root[1], point[2] - root[2], gx, gy, gz)
     line[at + 3] += mx
     line[at + 4] += my
     line[at + 5] += mz
@@ -135,9 +133,7 @@ def _add_cells(i, side, points, rest, stiffness, strains, reference, damping, ja
                 stress[k] = stiffness[j, half, k] * (
                     strains[at] + damping * (strains[at] - reference[at])
                 )
-            lift = membrane_lift(
-                start, end, tip, rest[j, half], stress[0], stress[1], gradient[2]
-            )
+            lift = membrane_lift(start, end, tip, rest[j, half], stress[0], stress[1], gradient[2])
             for k in range(3):
                 line = lines[3 * half + k]
                 _project_column(line, edge_at, row, side, j, points, jacobian, gradient[k, 0])
@@ -316,7 +312,9 @@ def _add_rows(model, f, factors, pose, around, force, stiff, jacobian, block, sy
             block.right[:] = 0.0
             _add_nodes(i, side, pose.points, force, stiff, jacobian, block)
             at = (rows - 1) * 6 + (side * rows + i) * count
-            _add_barb(model.barb_stiffness[f, side, i], strains[at:], reference[at:], damping, block)
+            _add_barb(
+                model.barb_stiffness[f, side, i], strains[at:], reference[at:], damping, block
+            )
             if i + 1 < rows:
                 at = cells_at + (side * (rows - 1) + i) * columns * 4
                 _add_cells(
@@ -403,7 +401,16 @@ def assemble(model, loads, f, share, factors, work):
         )
     if model.joints.shape[3] > 0:
         _add_rows(
-            model, f, factors, pose, around, work.force, work.stiff, work.jacobian, work.block, system
+            model,
+            f,
+            factors,
+            pose,
+            around,
+            work.force,
+            work.stiff,
+            work.jacobian,
+            work.block,
+            system,
         )
     if model.held[f]:
         _hold_root(row_size, system)

@@ -20,7 +20,9 @@ def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
 
     The six coordinates of a held root have unit stiffness and no mass.
     """
-    state = rest_state(model, np.zeros((model.feathers, 3)), np.tile(np.eye(3), (model.feathers, 1, 1)))
+    state = rest_state(
+        model, np.zeros((model.feathers, 3)), np.tile(np.eye(3), (model.feathers, 1, 1))
+    )
     weightless = {name: np.zeros_like(getattr(model, name)) for name in STIFFNESSES}
     work = make_work(model)
     stiffness = _band(model, feather, 0.0, state, work)

@@ -110,7 +110,12 @@ def add_increment(length, now, step, scale, trial, beam, stretch):
                 change += beam[k, a] * step[at + a] + beam[k, 6 + a] * step[to + a]
             stretch[k] = now.rachis[i, k] + scale * change
         chain(
-            trial.turn[i], trial.turn[i + 1], stretch, length[i], trial.centre[i], trial.centre[i + 1]
+            trial.turn[i],
+            trial.turn[i + 1],
+            stretch,
+            length[i],
+            trial.centre[i],
+            trial.centre[i + 1],
         )
 
 

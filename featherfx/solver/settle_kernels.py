@@ -22,9 +22,7 @@ def settle(model, loads, f, share, state, tolerance, limit, most, work):
     Newton iterations per step. most: steps in all. Returns (status, iterations).
     """
     now, around = work.now, work.around
-    load_pose(
-        state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now
-    )
+    load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
     copy_values(state.points[f], now.points)
     around.reference[:] = 0.0
     state.velocity[f] = 0.0
@@ -40,7 +38,9 @@ def settle(model, loads, f, share, state, tolerance, limit, most, work):
         copy_values(now.points, around.target)
         copy_values(now.points, around.past)
         if loads.air[0] > 0.0:
-            blow(now.points, state.time[f], loads, state.velocity[f], model.cell_stiffness[f], around)
+            blow(
+                now.points, state.time[f], loads, state.velocity[f], model.cell_stiffness[f], around
+            )
         factors = (1.0 / (h * h), 1.0 / h, 0.0)
         status, count, _ = minimise(model, loads, f, share, factors, tolerance, limit, work)
         iterations += count
@@ -48,9 +48,7 @@ def settle(model, loads, f, share, state, tolerance, limit, most, work):
             h *= 0.25
             if h < SHORTEST:
                 break
-            load_pose(
-                state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now
-            )
+            load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
             copy_values(state.points[f], now.points)
             continue
         copy_values(now.turn, state.turn[f])

@@ -3,7 +3,7 @@
 from featherfx.compiled import kernel
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.node_kernels import blow
-from featherfx.mechanics.rotations_kernels import exponential, logarithm, multiply, normalised
+from featherfx.mechanics.rotations_kernels import logarithm, multiply, normalised
 from featherfx.solver.integrator_kernels import (
     EULER,
     begin_step,
@@ -188,9 +188,7 @@ def _solve_step(model, loads, f, share, h, path, base, state, settings, work, co
         if option == 2:
             radius = EULER
             counters[FALLBACKS] += 1
-        factors = _predict(
-            model, loads, f, share, h, radius, option == 1, path, base, state, work
-        )
+        factors = _predict(model, loads, f, share, h, radius, option == 1, path, base, state, work)
         status, iterations, move = minimise(
             model, loads, f, share, factors, settings[1], int(settings[2]), work
         )
