@@ -58,17 +58,19 @@ class System(NamedTuple):
 class Block(NamedTuple):
     """Sums of one row and side, w = 6 + 2 C.
 
-    matrix: (3 w, 3 w). right: (3 w,). lines: (4, 3 w) projected gradients, weight: (4,) theirs.
-    membrane: (4, 3, 3), hinge: (4, 3), tension: (m,): of one stencil or barb.
+    matrix: (3 w, 3 w). right: (3 w,). lines, weighted: (3 w, 8 m) projected gradients, and times
+    their weights. weight: (8, m), membrane: (8, 3, 3, m), tension: (m,), hinge: (4, 3): of the
+    stencils of a strip.
     """
 
     matrix: Array
     right: Array
     lines: Array
+    weighted: Array
     weight: Array
     membrane: Array
-    hinge: Array
     tension: Array
+    hinge: Array
 
 
 class Beam(NamedTuple):
@@ -81,7 +83,7 @@ class Beam(NamedTuple):
 
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, block: sums. force (n, P, 3), stiff
-    (n, P, 6): of the nodes. jacobian (n, 2, m, 3, 2 C): of the barbs. beam: sums of one rachis
+    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3, m + 1): of the barbs. beam: sums of one rachis
     element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
     """
 
@@ -139,15 +141,16 @@ def make_work(model: Model) -> Work:
         block=Block(
             matrix=np.zeros((wide, wide)),
             right=np.zeros(wide),
-            lines=np.zeros((4, wide)),
-            weight=np.zeros(4),
-            membrane=np.zeros((4, 3, 3)),
-            hinge=np.zeros((4, 3)),
+            lines=np.zeros((wide, 8 * m)),
+            weighted=np.zeros((wide, 8 * m)),
+            weight=np.zeros((8, m)),
+            membrane=np.zeros((8, 3, 3, m)),
             tension=np.zeros(m),
+            hinge=np.zeros((4, 3)),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
-        jacobian=np.zeros((n, 2, m, 3, 2 * c)),
+        jacobian=np.zeros((n, 2, 6 + 2 * c, 3, m + 1)),
         beam=Beam(
             gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))
         ),
