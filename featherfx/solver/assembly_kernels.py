@@ -46,9 +46,9 @@ def _add_products(matrix, row_at, column_at, left, right, lines):
 def _add_nodes(i, side, force, stiff, jacobian, block):
     """Forces on the barb nodes of one row and side, and inertia, air and grips' stiffness.
 
-    jacobian: (w, 3, m + 1) of this barb.
+    jacobian: (w, 3, S) of this barb, whose first m + 1 nodes count.
     """
-    wide, _, nodes = jacobian.shape
+    wide, nodes = jacobian.shape[0], block.tension.shape[0] + 1
     weighted, lines = block.weighted[:wide], block.lines[:wide]
     first = node_index(side, 1, nodes - 1) - 1
     for a in range(wide):
@@ -71,7 +71,7 @@ def _add_tension(i, side, points, force, segment, signed, jacobian, block):
     """Geometric stiffness of the barb's tension: T / l |turn of each segment|^2."""
     if not segment > 0.0:
         return
-    wide, _, nodes = jacobian.shape
+    wide, nodes = jacobian.shape[0], block.tension.shape[0] + 1
     weighted, lines = block.weighted[:wide], block.lines[:wide]
     start = 3 + side * (nodes - 1)
     tension = block.tension
@@ -114,7 +114,7 @@ def _cell_forces(i, side, points, rest, stiffness, strains, reference, damping, 
 
     rest: (m, 2, 3), stiffness: (m, 2, 2) of these cells; strains, reference: (4 m,) theirs.
     """
-    gradient = block.membrane[:, :, :, 0]
+    gradient = block.triangle
     columns = stiffness.shape[0]
     for j in range(columns):
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
@@ -139,78 +139,81 @@ def _cell_forces(i, side, points, rest, stiffness, strains, reference, damping, 
 
 
 @kernel
-def _cell_lines(
-    i, side, points, rest, stiffness, strains, reference, damping, signed, weight, gradients
-):
-    """Weights (8, m) and nodal gradients (8, 3, 3, m) of the lines of a strip of cells.
+def _cell_lines(i, side, points, rest, stiffness, strains, reference, damping, signed, block):
+    """Weights (2, 4, m + 1) and nodal gradients (2, 3, 3, 4, m + 1) of the lines of a strip.
 
-    Lines 0 to 3 belong to triangles A, 4 to 7 to B: e_ww, 2 e_vw, and the two of the geometric
-    stiffness, of which the destabilising one only if signed. Other arguments as _cell_forces.
+    Triangle A or B; node (edge start, edge end, opposite), axis; line: e_ww, 2 e_vw, and the two of
+    the geometric stiffness, of which the destabilising one only if signed; cell, of which the last
+    is always zero. Other arguments as _cell_forces.
     """
+    weight, gradients, triangle = block.weight, block.membrane, block.triangle
     columns = stiffness.shape[0]
     for j in range(columns):
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
         for half in range(2):
-            first = 4 * half
             if stiffness[j, half, 0] == 0.0:
-                weight[first : first + 4, j] = 0.0
-                gradients[first : first + 4, :, :, j] = 0.0
+                weight[half, :, j] = 0.0
+                gradients[half, :, :, :, j] = 0.0
                 continue
             row, other, _, opposite = _cell_nodes(i, half, j, near, far)
             start, end, tip = points[row, near], points[row, far], points[other, opposite]
             at = 4 * j + 2 * half
             across = _stress(stiffness[j, half, 0], strains[at], reference[at], damping)
             shear = _stress(stiffness[j, half, 1], strains[at + 1], reference[at + 1], damping)
-            membrane_gradient(start, end, tip, rest[j, half], gradients[first:, :, :, j])
+            membrane_gradient(start, end, tip, rest[j, half], triangle)
             membrane_lift(
-                start,
-                end,
-                tip,
-                rest[j, half],
-                across,
-                shear,
-                weight[first + 2 :, j],
-                gradients[first + 2 :, :, :, j],
+                start, end, tip, rest[j, half], across, shear, weight[half, 2:, j], triangle[2:]
             )
-            weight[first, j] = stiffness[j, half, 0] * (1.0 + damping)
-            weight[first + 1, j] = stiffness[j, half, 1] * (1.0 + damping)
+            for line in range(4):
+                for node in range(3):
+                    for k in range(3):
+                        gradients[half, node, k, line, j] = triangle[line, node, k]
+            weight[half, 0, j] = stiffness[j, half, 0] * (1.0 + damping)
+            weight[half, 1, j] = stiffness[j, half, 1] * (1.0 + damping)
             if not signed:
-                weight[first + 3, j] = 0.0
+                weight[half, 3, j] = 0.0
 
 
 @kernel
-def _fill_lines(weight, gradients, edge, other, shift, at, lines, weighted, edge_at, other_at):
-    """Project nodal gradients of m stencils and weigh them.
+def _fill_edge(weight, gradients, edge, lines, weighted, row_at, at):
+    """Project the gradients at both ends of barb edges and weigh them.
 
-    weight: (m,). gradients: (3, 3, m) of edge start, edge end and opposite node. edge, other:
-    (w, 3, m + 1) Jacobians of both rows; shift: column of the opposite node beyond j. Written:
-    columns at to at + m of lines and weighted (2 w, S), rows from edge_at and other_at.
+    weight: (S,). gradients: (3, 3, S). edge: (w, 3, S + 1) Jacobian of the barb. Written: w rows
+    from row_at, S columns from at, of lines and weighted.
     """
     count = weight.shape[0]
-    start, end, tip = gradients[0], gradients[1], gradients[2]
+    s0, s1, s2 = gradients[0, 0], gradients[0, 1], gradients[0, 2]
+    e0, e1, e2 = gradients[1, 0], gradients[1, 1], gradients[1, 2]
     for a in range(edge.shape[0]):
-        e, o = edge[a], other[a]
-        line, product = lines[edge_at + a], weighted[edge_at + a]
-        for j in range(count):
-            value = (
-                e[0, j] * start[0, j]
-                + e[1, j] * start[1, j]
-                + e[2, j] * start[2, j]
-                + e[0, j + 1] * end[0, j]
-                + e[1, j + 1] * end[1, j]
-                + e[2, j + 1] * end[2, j]
+        x, y, z = edge[a, 0], edge[a, 1], edge[a, 2]
+        line = lines[row_at + a, at : at + count]
+        for s in range(count):
+            line[s] = (
+                x[s] * s0[s]
+                + y[s] * s1[s]
+                + z[s] * s2[s]
+                + x[s + 1] * e0[s]
+                + y[s + 1] * e1[s]
+                + z[s + 1] * e2[s]
             )
-            line[at + j] = value
-            product[at + j] = weight[j] * value
-        line, product = lines[other_at + a], weighted[other_at + a]
-        for j in range(count):
-            value = (
-                o[0, j + shift] * tip[0, j]
-                + o[1, j + shift] * tip[1, j]
-                + o[2, j + shift] * tip[2, j]
-            )
-            line[at + j] = value
-            product[at + j] = weight[j] * value
+        product = weighted[row_at + a, at : at + count]
+        for s in range(count):
+            product[s] = weight[s] * line[s]
+
+
+@kernel
+def _fill_tip(weight, gradient, shift, other, lines, weighted, row_at, at):
+    """As _fill_edge, for the opposite nodes; gradient: (3, S), shift: their column beyond j."""
+    count = weight.shape[0]
+    g0, g1, g2 = gradient[0], gradient[1], gradient[2]
+    for a in range(other.shape[0]):
+        x, y, z = other[a, 0, shift:], other[a, 1, shift:], other[a, 2, shift:]
+        line = lines[row_at + a, at : at + count]
+        for s in range(count):
+            line[s] = x[s] * g0[s] + y[s] * g1[s] + z[s] * g2[s]
+        product = weighted[row_at + a, at : at + count]
+        for s in range(count):
+            product[s] = weight[s] * line[s]
 
 
 @kernel
@@ -218,33 +221,18 @@ def _add_cells(
     i, side, points, rest, stiffness, strains, reference, damping, signed, jacobian, block
 ):
     """Membrane stiffness of the cells between rows i and i + 1; arguments as _cell_lines."""
-    columns = stiffness.shape[0]
     wide = jacobian.shape[2]
+    count = 4 * (stiffness.shape[0] + 1)
     low, high = jacobian[i, side], jacobian[i + 1, side]
-    weight, gradients = block.weight, block.membrane
-    _cell_lines(
-        i, side, points, rest, stiffness, strains, reference, damping, signed, weight, gradients
-    )
+    _cell_lines(i, side, points, rest, stiffness, strains, reference, damping, signed, block)
     lines, weighted = block.lines, block.weighted
-    for k in range(8):
-        edge, other, edge_at, other_at, shift = low, high, 0, wide, 0
-        if k >= 4:
-            edge, other, edge_at, other_at, shift = high, low, wide, 0, 1
-        _fill_lines(
-            weight[k],
-            gradients[k],
-            edge,
-            other,
-            shift,
-            k * columns,
-            lines,
-            weighted,
-            edge_at,
-            other_at,
-        )
-    _add_products(
-        block.matrix, wide, wide, weighted[: 2 * wide], lines[: 2 * wide], 8 * columns
-    )
+    weight = block.weight.reshape((2, count))
+    gradients = block.membrane.reshape((2, 3, 3, count))
+    _fill_edge(weight[0], gradients[0], low, lines, weighted, 0, 0)
+    _fill_tip(weight[0], gradients[0, 2], 0, high, lines, weighted, wide, 0)
+    _fill_edge(weight[1], gradients[1], high, lines, weighted, wide, count)
+    _fill_tip(weight[1], gradients[1, 2], 1, low, lines, weighted, 0, count)
+    _add_products(block.matrix, wide, wide, weighted[: 2 * wide], lines[: 2 * wide], 2 * count)
 
 
 @kernel
@@ -272,34 +260,27 @@ def _add_hinges(i, side, points, stiffness, damping, jacobian, block):
     """Stiffness of bending across barbs at the edges of row i's barb; stiffness: (m,)."""
     columns = stiffness.shape[0]
     wide = jacobian.shape[2]
-    gradients, weight = block.membrane[:2], block.weight[0]
+    gradients, weight = block.membrane[0, :, :, 0], block.weight[0, 0, :columns]
+    below = block.membrane[1, 0, :, 0]
     for j in range(columns):
         weight[j] = stiffness[j] * (1.0 + damping)
         if stiffness[j] == 0.0:
-            gradients[:, :, :, j] = 0.0
+            gradients[:, :, j] = 0.0
+            below[:, j] = 0.0
             continue
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
         hinge_gradient(
             points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], block.hinge
         )
         for k in range(3):
-            gradients[0, 0, k, j] = block.hinge[0, k]
-            gradients[0, 1, k, j] = block.hinge[1, k]
-            gradients[0, 2, k, j] = block.hinge[2, k]
-            gradients[1, 2, k, j] = block.hinge[3, k]
+            gradients[0, k, j] = block.hinge[0, k]
+            gradients[1, k, j] = block.hinge[1, k]
+            gradients[2, k, j] = block.hinge[2, k]
+            below[k, j] = block.hinge[3, k]
     lines, weighted = block.lines, block.weighted
-    row = jacobian[i, side]
-    above, below = jacobian[i + 1, side], jacobian[i - 1, side]
-    _fill_lines(
-        weight, gradients[0], row, above, 0, 0, lines, weighted, wide, 2 * wide
-    )
-    for a in range(wide):
-        for j in range(columns):
-            value = 0.0
-            for k in range(3):
-                value += below[a, k, j + 1] * gradients[1, 2, k, j]
-            lines[a, j] = value
-            weighted[a, j] = weight[j] * value
+    _fill_edge(weight, gradients, jacobian[i, side], lines, weighted, wide, 0)
+    _fill_tip(weight, gradients[2], 0, jacobian[i + 1, side], lines, weighted, 2 * wide, 0)
+    _fill_tip(weight, below, 1, jacobian[i - 1, side], lines, weighted, 0, 0)
     _add_products(block.matrix, 0, 0, weighted, lines, columns)
 
 
@@ -452,9 +433,7 @@ def _add_vane_forces(model, f, damping, pose, reference, block, force):
 
 
 @kernel
-def _add_rows(
-    model, f, damping, signed, pose, reference, force, stiff, jacobian, block, system
-):
+def _add_rows(model, f, damping, signed, pose, reference, force, stiff, jacobian, block, system):
     """Vane of feather f: row by row and side by side. force: (n, P, 3), of all that acts."""
     rows, columns = pose.turn.shape[0], model.joints.shape[3]
     count = pose.coefficient.shape[2]

@@ -40,8 +40,9 @@ def material_points(model, f, turn, centre, coefficient, points):
 def barb_jacobians(model, f, pose, frame, spin, jacobian):
     """Derivatives of the nodes of all barbs by their row's increments.
 
-    Written: jacobian (n, 2, 6 + 2 C, 3, m + 1): increment (dr, u and the coefficients of this
-    side), axis, node, of which 0 is the rachis point. frame: (3, 3) and spin: (3, 2 C) are scratch.
+    Written: jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): increment (dr, u and the coefficients of
+    this side), axis, and four times over the nodes, of which 0 is the rachis point: once for each
+    kind of line of a triangle, so that the assembly runs along all of them at once. frame: (3, 3) and spin: (3, 2 C) are scratch.
     """
     columns = model.joints.shape[3]
     for i in range(pose.turn.shape[0]):
@@ -61,6 +62,17 @@ def barb_jacobians(model, f, pose, frame, spin, jacobian):
                 spin,
                 jacobian[i, side],
             )
+            _repeat(columns + 1, jacobian[i, side])
+
+
+@kernel
+def _repeat(nodes, jacobian):
+    """Copy the first nodes of jacobian (w, 3, S) three times behind themselves."""
+    for a in range(jacobian.shape[0]):
+        for k in range(3):
+            line = jacobian[a, k]
+            for s in range(nodes, 4 * nodes):
+                line[s] = line[s - nodes]
 
 
 @kernel

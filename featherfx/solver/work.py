@@ -58,9 +58,9 @@ class System(NamedTuple):
 class Block(NamedTuple):
     """Sums of one row and side, w = 6 + 2 C.
 
-    matrix: (3 w, 3 w). right: (3 w,). lines, weighted: (3 w, 8 m) projected gradients, and times
-    their weights. weight: (8, m), membrane: (8, 3, 3, m), tension: (m,), hinge: (4, 3): of the
-    stencils of a strip.
+    matrix: (3 w, 3 w). right: (3 w,). lines, weighted: (3 w, 8 (m + 1)) projected gradients,
+    and times their weights. weight: (2, 4, m + 1), membrane: (2, 3, 3, 4, m + 1), tension: (m,):
+    of a strip. triangle: (4, 3, 3), hinge: (4, 3): of one stencil.
     """
 
     matrix: Array
@@ -70,6 +70,7 @@ class Block(NamedTuple):
     weight: Array
     membrane: Array
     tension: Array
+    triangle: Array
     hinge: Array
 
 
@@ -83,7 +84,7 @@ class Beam(NamedTuple):
 
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, block: sums. force (n, P, 3), stiff
-    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3, m + 1): of the barbs. beam: sums of one rachis
+    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): of the barbs. beam: sums of one rachis
     element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
     """
 
@@ -141,19 +142,18 @@ def make_work(model: Model) -> Work:
         block=Block(
             matrix=np.zeros((wide, wide)),
             right=np.zeros(wide),
-            lines=np.zeros((wide, 8 * m)),
-            weighted=np.zeros((wide, 8 * m)),
-            weight=np.zeros((8, m)),
-            membrane=np.zeros((8, 3, 3, m)),
+            lines=np.zeros((wide, 8 * m + 8)),
+            weighted=np.zeros((wide, 8 * m + 8)),
+            weight=np.zeros((2, 4, m + 1)),
+            membrane=np.zeros((2, 3, 3, 4, m + 1)),
             tension=np.zeros(m),
+            triangle=np.zeros((4, 3, 3)),
             hinge=np.zeros((4, 3)),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
-        jacobian=np.zeros((n, 2, 6 + 2 * c, 3, m + 1)),
-        beam=Beam(
-            gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))
-        ),
+        jacobian=np.zeros((n, 2, 6 + 2 * c, 3, 4 * m + 5)),
+        beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
         frame=np.zeros((3, 3)),
         spin=np.zeros((3, 2 * c)),
         stretch=np.zeros(3),
