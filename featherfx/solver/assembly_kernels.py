@@ -10,7 +10,7 @@ of contiguous arrays; the sums are added to the band once per row and side.
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.barb_kernels import barb_tensions
-from featherfx.mechanics.node_kernels import node_forces
+from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.mechanics.vane_bending_kernels import hinge_gradient
@@ -518,6 +518,7 @@ def assemble(model, loads, f, share, factors, signed, work):
         work.force,
         work.stiff,
     )
+    add_dead_forces(loads.force[f], work.force)
     vane = model.retardation[f, 1] * factors[2]
     if model.joints.shape[3] > 0:
         _add_vane_forces(model, f, vane, pose, around.reference, work.block, work.force)

@@ -42,7 +42,8 @@ def barb_jacobians(model, f, pose, frame, spin, jacobian):
 
     Written: jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): increment (dr, u and the coefficients of
     this side), axis, and four times over the nodes, of which 0 is the rachis point: once for each
-    kind of line of a triangle, so that the assembly runs along all of them at once. frame: (3, 3) and spin: (3, 2 C) are scratch.
+    kind of line of a triangle, so that the assembly runs along all of them at once.
+    frame: (3, 3) and spin: (3, 2 C) are scratch.
     """
     columns = model.joints.shape[3]
     for i in range(pose.turn.shape[0]):

@@ -84,8 +84,8 @@ class Beam(NamedTuple):
 
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, block: sums. force (n, P, 3), stiff
-    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): of the barbs. beam: sums of one rachis
-    element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
+    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): of the barbs.
+    beam: sums of one rachis element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
     """
 
     now: Pose
