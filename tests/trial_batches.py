@@ -128,3 +128,34 @@ def random_pose(model: Model, rng: Random, bend: float = 0.1, curl: float = 0.3)
     state.centre[0] += 1e-3 * size * rng.normal(size=(model.rows, 3))
     state.coefficient[...] = curl * rng.normal(size=state.coefficient.shape)
     return state
+
+
+def barb_slopes(
+    turn: Array, clamp: Array, joints: Array, segment: float, shapes: Array, coefficients: Array
+) -> Array:
+    """(6 + 2 C, 3, m) derivatives of a barb's nodes by shift and turn of its row (about a rachis
+    point at the origin) and by its coefficients."""
+    from featherfx.mechanics.barb_kernels import barb_jacobian, barb_points, root_jacobian
+
+    columns, origin = shapes.shape[1], np.zeros(3)
+    points, jacobian = np.zeros((columns, 3)), np.zeros((6 + len(coefficients), 3, columns + 1))
+    barb_points(turn, origin, clamp, joints, segment, shapes, coefficients, points)
+    root_jacobian(origin, points, jacobian)
+    frame, spin = np.zeros((3, 3)), np.zeros((3, len(coefficients)))
+    barb_jacobian(turn, clamp, joints, segment, shapes, coefficients, frame, spin, jacobian)
+    return jacobian[:, :, 1:]
+
+
+def assembled(
+    model: Model, loads: Any, share: float, factors: Any, work: Any, signed: bool = False
+) -> Array:
+    """Gradient (N,) of the first feather's step energy at the evaluated pose work.now.
+
+    The Hessian is left in work.system.band.
+    """
+    from featherfx.solver.assembly_kernels import assemble
+    from featherfx.solver.pose_kernels import barb_jacobians
+
+    barb_jacobians(model, 0, work.now, work.frame, work.spin, work.jacobian)
+    assemble(model, loads, 0, share, factors, signed, work)
+    return -work.system.right.copy()

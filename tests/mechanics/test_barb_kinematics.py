@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize
-from trial_batches import random_turn
+from trial_batches import barb_slopes, random_turn
 
-from featherfx.mechanics.barb_kernels import barb_jacobian, barb_points
+from featherfx.mechanics.barb_kernels import barb_points
 from featherfx.mechanics.barb_shapes import FLOOR, curvature_shapes
 from featherfx.mechanics.turns import turns_to_frames
 
@@ -33,12 +33,10 @@ def nodes_of(shapes, coefficients, length=1.0):
 def tip_flexibility(taper, coefficients, joints):
     """Tip deflection of a barb of unit length and root stiffness under a unit tip load."""
     shapes = curvature_shapes(coefficients, joints, taper)
-    jacobian = np.zeros((joints, 3, 2 * coefficients))
-    barb_jacobian(
-        *(UNIT, UNIT, straight_joints(joints), 1.0 / joints, shapes, np.zeros(2 * coefficients)),
-        *(np.zeros((3, 3)), np.zeros((3, 2 * coefficients)), jacobian),
+    slopes = barb_slopes(
+        UNIT, UNIT, straight_joints(joints), 1.0 / joints, shapes, np.zeros(2 * coefficients)
     )
-    normal, in_plane = jacobian[-1, 2, :coefficients], jacobian[-1, 1, coefficients:]
+    normal, in_plane = slopes[6 : 6 + coefficients, 2, -1], slopes[6 + coefficients :, 1, -1]
     assert np.sum(normal**2) == pytest.approx(np.sum(in_plane**2), rel=1e-12)
     return np.sum(normal**2)
 

@@ -7,6 +7,7 @@ import pytest
 from derivatives import derivative_fault, with_a_wrong_sign
 from trial_batches import (
     FEATHER_PRESETS,
+    assembled,
     at_origin,
     preset_batch,
     random_pose,
@@ -17,9 +18,8 @@ from trial_batches import (
 
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.turns import rotation_vectors, turns_to_frames
-from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.newton_kernels import evaluate
-from featherfx.solver.pose_kernels import add_increment, barb_jacobians, load_pose
+from featherfx.solver.pose_kernels import add_increment, load_pose
 from featherfx.solver.work import make_work
 
 FACTORS = (500.0, 30.0, 40.0)
@@ -49,12 +49,7 @@ class Trial:
 
     def assembled(self, signed=False):
         """Gradient (N,); the Hessian is left in the work's band."""
-        work = self.work
-        barb_jacobians(
-            self.model, 0, work.now.turn, work.now.coefficient, work.frame, work.spin, work.jacobian
-        )
-        assemble(self.model, self.loads, 0, SHARE, self.factors, signed, work)
-        return -work.system.right.copy()
+        return assembled(self.model, self.loads, SHARE, self.factors, self.work, signed)
 
 
 def loaded(name, seed, **sizes):

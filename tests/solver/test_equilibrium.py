@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, random_pose, rod
+from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, random_pose, rod
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.newton_kernels import evaluate
-from featherfx.solver.pose_kernels import barb_jacobians, load_pose
+from featherfx.solver.pose_kernels import load_pose
 from featherfx.solver.step import Settings, Solver
 from featherfx.solver.work import make_work
 
@@ -24,9 +23,7 @@ def energy_and_gradient(model, loads, state):
     now = work.now
     load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], now)
     energy = evaluate(model, loads, 0, 0.0, STILL, now, work.around)
-    barb_jacobians(model, 0, now.turn, now.coefficient, work.frame, work.spin, work.jacobian)
-    assemble(model, loads, 0, 0.0, STILL, False, work)
-    return energy, -work.system.right
+    return energy, assembled(model, loads, 0.0, STILL, work)
 
 
 @pytest.mark.parametrize("name", FEATHER_PRESETS)

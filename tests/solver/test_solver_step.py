@@ -231,3 +231,19 @@ def test_error_control_keeps_to_the_tolerance():
     assert steps[-1] > 4 * steps[0]
     gaps = [np.linalg.norm(end - ends[-1], axis=-1).max() for end in ends[:-1]]
     assert gaps[2] < 0.4 * gaps[1] < 0.4 * gaps[0]
+
+
+@pytest.mark.parametrize("name", ["swan_primary", "tail_feather"])
+def test_a_mirrored_feather_moves_as_the_mirror_image(name):
+    ends = []
+    for mirrored in (False, True):
+        _, model = preset_batch(name, mirrored=mirrored, **SMALL)
+        sign = -1.0 if mirrored else 1.0
+        state, loads = at_origin(model), no_loads(1, (0.0, 3.0 * sign, -9.81))
+        with Solver(model, Settings(tolerance=1e-3, newton=1e-9)) as solver:
+            for frame in range(3):
+                path = swung(state, frame * FRAME, amplitude=0.05 * sign, axis=1, smooth=True)
+                state, _ = solver.step(state, loads, path, FRAME)
+        ends.append(np.delete(state.points[0], [1, 2], axis=1))
+    assert np.abs(ends[0][:, :, 1]).max() > 0.01
+    assert np.abs(ends[0] * (1.0, -1.0, 1.0) - ends[1]).max() < 1e-6
