@@ -7,7 +7,7 @@ w = 6 + 2 C, as outer products of projected strain gradients J^T ds/dx, and adde
 """
 
 from featherfx.compiled import kernel
-from featherfx.mechanics.node_kernels import node_forces
+from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.mechanics.vane_bending_kernels import hinge_gradient
@@ -382,6 +382,7 @@ def assemble(model, loads, f, share, factors, work):
         work.force,
         work.stiff,
     )
+    add_dead_forces(loads.force[f], work.force)
     for i in range(rows):
         _add_rachis_nodes(i, pose.points, work.force, work.stiff, row_size, system)
     for i in range(rows - 1):
