@@ -107,3 +107,26 @@ def barb_jacobian(turn, clamp, joints, segment, shapes, coefficients, frame, spi
             for k in range(3):
                 for c in range(2 * count):
                     jacobian[j, k, c] += jacobian[j - 1, k, c]
+
+
+@kernel
+def barb_tensions(root, points, forces, tension):
+    """Tension of a barb's segments from the forces on its nodes, written to tension (m,), N.
+
+    root: (3,). points: (m, 3). forces: (m, 3), gradient of the energy at the nodes (minus the
+    force). The constraint of inextensibility carries the sum of all forces further out.
+
+    Tension T stiffens a segment against turning: the second derivative of the barb's nodes times
+    the forces is T / l |turn of l e1|^2 (leading order in the turns between joints).
+    """
+    sx, sy, sz = 0.0, 0.0, 0.0
+    for j in range(points.shape[0] - 1, -1, -1):
+        sx -= forces[j, 0]
+        sy -= forces[j, 1]
+        sz -= forces[j, 2]
+        before = root if j == 0 else points[j - 1]
+        dx = points[j, 0] - before[0]
+        dy = points[j, 1] - before[1]
+        dz = points[j, 2] - before[2]
+        length = sqrt(dx * dx + dy * dy + dz * dz)
+        tension[j] = (sx * dx + sy * dy + sz * dz) / length if length > 0.0 else 0.0

@@ -58,8 +58,8 @@ class System(NamedTuple):
 class Block(NamedTuple):
     """Sums of one row and side, w = 6 + 2 C.
 
-    matrix: (3 w, 3 w). right: (3 w,). lines: (6, 3 w) projected gradients, weight: (6,) theirs.
-    membrane: (3, 3, 3), stress: (2,), hinge: (4, 3): of one stencil.
+    matrix: (3 w, 3 w). right: (3 w,). lines: (4, 3 w) projected gradients, weight: (4,) theirs.
+    membrane: (4, 3, 3), hinge: (4, 3), tension: (m,): of one stencil or barb.
     """
 
     matrix: Array
@@ -67,14 +67,22 @@ class Block(NamedTuple):
     lines: Array
     weight: Array
     membrane: Array
-    stress: Array
     hinge: Array
+    tension: Array
+
+
+class Beam(NamedTuple):
+    """One rachis element: gradient (6, 12) of its strains, stress (6,), matrix (12, 12)."""
+
+    gradient: Array
+    stress: Array
+    matrix: Array
 
 
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, block: sums. force (n, P, 3), stiff
-    (n, P, 6): of the nodes. jacobian (n, 2, m, 3, 2 C): of the barbs. beam (6, 12), beam_matrix
-    (12, 12): of one rachis element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
+    (n, P, 6): of the nodes. jacobian (n, 2, m, 3, 2 C): of the barbs. beam: sums of one rachis
+    element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
     """
 
     now: Pose
@@ -85,8 +93,7 @@ class Work(NamedTuple):
     force: Array
     stiff: Array
     jacobian: Array
-    beam: Array
-    beam_matrix: Array
+    beam: Beam
     frame: Array
     spin: Array
     stretch: Array
@@ -132,17 +139,18 @@ def make_work(model: Model) -> Work:
         block=Block(
             matrix=np.zeros((wide, wide)),
             right=np.zeros(wide),
-            lines=np.zeros((6, wide)),
-            weight=np.zeros(6),
-            membrane=np.zeros((3, 3, 3)),
-            stress=np.zeros(2),
+            lines=np.zeros((4, wide)),
+            weight=np.zeros(4),
+            membrane=np.zeros((4, 3, 3)),
             hinge=np.zeros((4, 3)),
+            tension=np.zeros(m),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
         jacobian=np.zeros((n, 2, m, 3, 2 * c)),
-        beam=np.zeros((6, 12)),
-        beam_matrix=np.zeros((12, 12)),
+        beam=Beam(
+            gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))
+        ),
         frame=np.zeros((3, 3)),
         spin=np.zeros((3, 2 * c)),
         stretch=np.zeros(3),
