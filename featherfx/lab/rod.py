@@ -59,8 +59,8 @@ class Rod:
     segments: int = 40
 
 
-def check_rod(rod: Rod) -> None:
-    """Raises InputError with every value of the rod that is out of its range."""
+def rod_problems(rod: Rod) -> list[Problem]:
+    """Every value of the rod that is out of its range."""
     problems = [
         _problem(name, value, "above 0")
         for name in ("length", "ei", "ei2", "gj", "ea", "ga", "line_mass")
@@ -79,12 +79,16 @@ def check_rod(rod: Rod) -> None:
             problems.append(_problem("rest_curvature", rod.rest_curvature, allowed))
     if not np.isfinite(rod.rest_curvature) and not any(p.key == "rest_curvature" for p in problems):
         problems.append(_problem("rest_curvature", rod.rest_curvature, "any finite number"))
-    if problems:
-        raise InputError(*problems)
+    return problems
 
 
 def _problem(name: str, value: float, allowed: str) -> Problem:
     return Problem("rod", name, f"{value:g}; allowed: {allowed}")
+
+
+def _raise_if_any(problems: list[Problem]) -> None:
+    if problems:
+        raise InputError(*problems)
 
 
 def rod_model(rod: Rod) -> Model:
@@ -92,7 +96,7 @@ def rod_model(rod: Rod) -> Model:
 
     Raises InputError with every value that is out of its range.
     """
-    check_rod(rod)
+    _raise_if_any(rod_problems(rod))
     rows = rod.segments + 1
     station = np.linspace(0.0, rod.length, rows)
     length = np.diff(station)
@@ -142,7 +146,10 @@ def _stiffness(rod: Rod, station: Array) -> Array:
     along = np.array([ea, ga, ga])
     turning = np.array([rod.gj or rod.ei, rod.ei2 or rod.ei, rod.ei])
     length = np.diff(station)
-    start, end = 1.0 - rod.taper * station[:-1] / rod.length, 1.0 - rod.taper * station[1:] / rod.length
+    start, end = (
+        1.0 - rod.taper * station[:-1] / rod.length,
+        1.0 - rod.taper * station[1:] / rod.length,
+    )
     # means of c^-2 and c^-4 over an element, in a form that holds at taper 0
     second = 1.0 / (start * end)
     fourth = (start**2 + start * end + end**2) / (3.0 * (start * end) ** 3)
@@ -164,6 +171,13 @@ def row_share(rod: Rod) -> Array:
     return share
 
 
+def straight(model: Model) -> State:
+    """A batch of one rod held straight along +x, whatever its rest shape, clamped at the origin."""
+    rest = model.rachis_rest.copy()
+    rest[:] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    return clamped(model._replace(rachis_rest=rest))
+
+
 def rod_loads(
     rod: Rod, tip_force: Vector = (0.0, 0.0, 0.0), points: Sequence[tuple[float, Vector]] = ()
 ) -> Loads:
@@ -172,28 +186,36 @@ def rod_loads(
     tip_force: N. points: (arc length from the clamp in m, force in N) pairs; a force between rows
     is shared linearly. Raises InputError for places off the rod and forces that are not finite.
     """
+    _raise_if_any(rod_problems(rod) + _load_problems(rod, tip_force, points))
     force = np.zeros((rod.segments + 1, 3))
     force[:, 2] = -rod.line_weight * row_share(rod)
-    problems = []
-    station = np.linspace(0.0, rod.length, rod.segments + 1)
-    for name, place, vector in (
-        ("tip_force", rod.length, tip_force),
-        *((f"points[{k}]", *each) for k, each in enumerate(points)),
-    ):
-        if not np.isfinite(vector).all():
-            problems.append(Problem("rod", name, f"{vector}; allowed: finite numbers"))
-        if not 0.0 <= place <= rod.length:
-            problems.append(_problem(name, place, f"0 to {rod.length:g} m"))
-            continue
+    for place, vector in ((rod.length, tip_force), *points):
         low = min(int(place / rod.length * rod.segments), rod.segments - 1)
-        share = (place - station[low]) / (station[low + 1] - station[low])
+        share = place / rod.length * rod.segments - low
         force[low] += (1.0 - share) * np.asarray(vector)
         force[low + 1] += share * np.asarray(vector)
-    if problems:
-        raise InputError(*problems)
     nodes = np.zeros((1, rod.segments + 1, 3, 3))
     nodes[0, :, 0] = force
     return no_loads(1)._replace(force=nodes)
+
+
+def _load_problems(
+    rod: Rod, tip_force: Vector, points: Sequence[tuple[float, Vector]]
+) -> list[Problem]:
+    problems = [
+        Problem("rod", name, f"{vector}; allowed: finite numbers")
+        for name, vector in (
+            ("tip_force", tip_force),
+            *((f"points[{k}]", force) for k, (_, force) in enumerate(points)),
+        )
+        if not np.isfinite(vector).all()
+    ]
+    problems += [
+        _problem(f"points[{k}]", place, f"0 to {rod.length:g} m")
+        for k, (place, _) in enumerate(points)
+        if rod.length > 0.0 and not 0.0 <= place <= rod.length
+    ]
+    return problems
 
 
 def clamped(model: Model) -> State:
