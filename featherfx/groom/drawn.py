@@ -20,6 +20,7 @@ from featherfx.groom.library import sourced
 from featherfx.groom.preset_keys import FEATHER
 from featherfx.groom.rachis_curve import curved_up, fit_curve, without_repeats
 from featherfx.groom.schema import INVALID, Place, Table
+from featherfx.groom.types import FeatherKind
 
 Array = NDArray[np.float64]
 
@@ -144,3 +145,28 @@ def _up(feather: DrawnFeather, entry: dict[str, Any], points: Array) -> Array | 
     if entry["up"] is not None:
         return np.array(entry["up"])
     return curved_up(points) if len(points) > 2 else None
+
+
+def drawn_changes(
+    draft: Draft, kind: FeatherKind, store: KindStore
+) -> tuple[float, float, float] | None:
+    """Factor of length and changes of camber and sweep (deg) that make a kind fit its drawing.
+
+    What an override has changed stays as it is. None after adding problems.
+    """
+    shape = draft.shape
+    if shape is None:
+        return 1.0, 0.0, 0.0
+    base = store.kind(shape.choice)
+    if base is None:
+        return None
+    fit, rachis = shape.fit, base.rachis
+    factor = fit.length / kind.length if kind.length == base.length else 1.0
+    if not shape.bent:
+        return factor, 0.0, 0.0
+    sweep = -fit.sweep if draft.left else fit.sweep
+    return (
+        factor,
+        fit.camber - rachis.camber if kind.rachis.camber == rachis.camber else 0.0,
+        sweep - rachis.sweep if kind.rachis.sweep == rachis.sweep else 0.0,
+    )

@@ -8,6 +8,7 @@ heading angles about two axes that are carried along the curve are fitted by str
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +113,7 @@ def fit_curve(points: Array, up: Array) -> FittedCurve:
 def _headings(tangents: Array, start: Array) -> tuple[Array, Array]:
     """Angles (k,) rad by which tangents (k, 3) have turned to -z and to -y of a carried frame."""
     frame, down, back = start, [0.0], [0.0]
-    for before, after in zip(tangents[:-1], tangents[1:], strict=True):
+    for before, after in pairwise(tangents):
         local = frame.T @ after
         sine = np.hypot(local[1], local[2])
         turning = np.arctan2(sine, local[0]) / sine if sine > 1e-12 else 1.0

@@ -14,7 +14,7 @@ import numpy as np
 from featherfx.errors import Problem
 from featherfx.groom import drafts as draft_rules
 from featherfx.groom.drafts import Draft, other_side
-from featherfx.groom.drawn import SceneReader, drawn_drafts
+from featherfx.groom.drawn import SceneReader, drawn_changes, drawn_drafts
 from featherfx.groom.file_kind import file_kind
 from featherfx.groom.frames import about_x, mirrored_points
 from featherfx.groom.groom_keys import (
@@ -32,7 +32,7 @@ from featherfx.groom.presets import check_preset
 from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
 from featherfx.groom.table import MOST_REPORTED, read_table
 from featherfx.groom.toml_file import load_toml
-from featherfx.groom.types import FeatherKind, Groom, Joint, Placement
+from featherfx.groom.types import Groom, Joint, Placement
 from featherfx.groom.variation import draws
 
 SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -269,7 +269,7 @@ def _placements(
         kind = store.kind(draft.choice)
         if kind is None:
             continue
-        drawn = _drawn_changes(draft, kind, store)
+        drawn = drawn_changes(draft, kind, store)
         if drawn is None:
             continue
         scale = draft.scale * drawn[0] * (1.0 + change[0])
@@ -288,28 +288,3 @@ def _placements(
             )
         )
     return tuple(placements)
-
-
-def _drawn_changes(
-    draft: Draft, kind: FeatherKind, store: KindStore
-) -> tuple[float, float, float] | None:
-    """Factor of length and changes of camber and sweep (deg) that make a kind fit its drawing.
-
-    What an override has changed stays as it is. None after adding problems.
-    """
-    shape = draft.shape
-    if shape is None:
-        return 1.0, 0.0, 0.0
-    base = store.kind(shape.choice)
-    if base is None:
-        return None
-    fit, rachis = shape.fit, base.rachis
-    factor = fit.length / kind.length if kind.length == base.length else 1.0
-    if not shape.bent:
-        return factor, 0.0, 0.0
-    sweep = -fit.sweep if draft.left else fit.sweep
-    return (
-        factor,
-        fit.camber - rachis.camber if kind.rachis.camber == rachis.camber else 0.0,
-        sweep - rachis.sweep if kind.rachis.sweep == rachis.sweep else 0.0,
-    )

@@ -80,7 +80,7 @@ def bind(
         barycentric=barycentric,
         distance=np.linalg.norm(offset, axis=1),
         offset=offset,
-        inverse=np.linalg.inv(tangents(own)),
+        inverse=np.asarray(np.linalg.inv(tangents(own)), dtype=np.float64),
     )
 
 
@@ -106,7 +106,7 @@ def rotation_part(gradient: Array) -> Array:
 
 
 def _mirrored_turns(binding: Binding, now: Array) -> Array:
-    rest = np.linalg.inv(binding.inverse)
+    rest = np.asarray(np.linalg.inv(binding.inverse), dtype=np.float64)
     return _side_frames(now) @ _side_frames(rest).transpose(0, 2, 1)
 
 
