@@ -254,7 +254,7 @@ def _instances(
 
 
 def _template(scene: Scene, path: Any, entry: dict[str, Any], at: Place, place: Place) -> Any:
-    """[(curve, matrix to the prototype's own space)] and values; None where there is no such prim."""
+    """[(curve, matrix to the prototype's space)] and values; None where there is no such prim."""
     prim = find_prim(scene, str(path), at.child("prototypes"))
     if prim is None:
         return None

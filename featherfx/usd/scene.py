@@ -138,8 +138,7 @@ def transform_code(prim: Any, code: Any) -> Any:
         return code
     while prim and not prim.IsPseudoRoot():
         if prim.IsA(UsdGeom.Xformable) and any(
-            op.GetAttr().Get(DEFAULT) is None
-            for op in UsdGeom.Xformable(prim).GetOrderedXformOps()
+            op.GetAttr().Get(DEFAULT) is None for op in UsdGeom.Xformable(prim).GetOrderedXformOps()
         ):
             return EARLIEST
         prim = prim.GetParent()
