@@ -40,5 +40,7 @@ def _carry(f: int, state: State, path: RootPath) -> None:
     for rate in (state.velocity, state.acceleration, state.smoothed, state.spin):
         rate[f] = rate[f] @ turn.T
     rows = Rotation.from_matrix(turn) * Rotation.from_quat(np.roll(state.turn[f], -1, axis=-1))
-    state.turn[f] = np.roll(rows.as_quat(), 1, axis=-1)
-    state.turn[f, 0] = path.base[f]
+    turns = np.roll(rows.as_quat(), 1, axis=-1)
+    # the signs of neighbours belong together (rachis_kernels), the root's follows theirs
+    state.turn[f] = turns
+    state.turn[f, 0] = np.copysign(1.0, turns[0] @ path.base[f]) * path.base[f]

@@ -50,7 +50,7 @@ class Case:
 def draw_case(seed: int, most_rows: int = 200) -> Case:
     """The case of a seed. most_rows: of the feather's rows, 3 at least."""
     random = np.random.default_rng(seed)
-    rows = int(round(log_uniform(random, 3, most_rows)))
+    rows = round(log_uniform(random, 3, most_rows))
     columns, coefficients = int(random.integers(1, 11)), int(random.integers(0, 5))
     drawn = draw_feather(random, rows, columns)
     model = with_damping(make_model([drawn.feather], [drawn.kind], coefficients), [drawn.kind])
@@ -145,7 +145,10 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
     for row in range(1, model.rows):
         shared = _turn(random, angle) @ shared
         frames[row] = shared @ frames[row]
-    state.turn[0] = frames_to_turns(frames)
+    turns = frames_to_turns(frames)
+    sign = np.where(np.einsum("nk,nk->n", turns[1:], turns[:-1]) < 0.0, -1.0, 1.0)
+    turns[1:] *= np.cumprod(sign)[:, None]
+    state.turn[0] = turns
     bend = min(angle, 2.0)
     state.coefficient[0] = random.uniform(-bend, bend, state.coefficient[0].shape)
     turn, centre = state.turn[0], state.centre[0]
