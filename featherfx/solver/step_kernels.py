@@ -21,7 +21,7 @@ COUNTERS = 8
 # how a step is tried, in this order
 GO_ON, FOLLOW, BACKWARD = 0, 1, 2
 # a regular step may be cut this far when Newton fails
-SMALLEST_SHARE = 256.0
+SMALLEST_SHARE = 4096.0
 
 
 @kernel
