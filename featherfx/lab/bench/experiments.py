@@ -113,7 +113,7 @@ def steps_table(kind: FeatherKind, extent: Extent) -> Table:
         "Hero: 41 rows, 10 columns a side. Production: 21 rows, 6 columns. Two coefficients, a"
         " 3 Hz and 5 cm shake, Newton to 1e-6 m, no error control. dpbtrf: LAPACK's banded Cholesky"
         " of the nodal hero's matrix (2,583 unknowns, half-bandwidth 131), one thread, measured"
-        " next to each line. Times are the best of three runs."
+        " next to each line. Processor time, best of three runs."
     )
     return Table("steps", "Time of a step", note, rows)
 
