@@ -167,7 +167,8 @@ def pose_strains(model: Model, state: State) -> Array:
     rachis, strains = np.zeros((model.rows - 1, 6)), np.zeros(state.strains.shape[2])
     halfway = np.zeros((model.rows - 1, 3, 3))
     rachis_strains(model.length[0], state.turn[0], state.centre[0], halfway, rachis)
-    feather_strains(model, 0, state.coefficient[0], state.points[0], rachis, strains)
+    before = state.strains[0, 0]
+    feather_strains(model, 0, state.coefficient[0], state.points[0], rachis, before, strains)
     return strains
 
 
