@@ -32,12 +32,12 @@ REPEATS = 3
 class Extent:
     """How much is measured.
 
-    rows, coefficients, steps (1/s), radii: of the front. tolerances: share of the length, with
-    error control. reference: shake of the reference. batches: feathers at a time. duration: s, of
-    the timed runs.
+    grids (rows, columns), coefficients, steps (1/s), radii: of the front. tolerances: share of the
+    length, with error control. reference: shake of the reference. batches: feathers at a time.
+    duration: s, of the timed runs.
     """
 
-    rows: tuple[int, ...]
+    grids: tuple[tuple[int, int], ...]
     coefficients: tuple[int, ...]
     steps: tuple[int, ...]
     radii: tuple[float, ...]
@@ -48,22 +48,22 @@ class Extent:
 
 
 QUICK = Extent(
-    rows=(6, 11, 21),
+    grids=((11, 4), (21, 6)),
     coefficients=(1, 2),
-    steps=(24, 96),
-    radii=(0.0, 0.5, EULER),
+    steps=(24, 96, 384),
+    radii=(0.0, 0.8, EULER),
     tolerances=(1e-2, 1e-3),
-    reference=Shake(rows=81, columns=6, coefficients=3, step=1.0 / 768.0, radius=0.8),
+    reference=Shake(rows=81, columns=6, coefficients=3, step=1.0 / 1536.0, radius=0.8),
     batches=(1, 10, 100),
     duration=0.25,
 )
 FULL = Extent(
-    rows=(6, 11, 21, 41),
-    coefficients=(0, 1, 2, 3, 4),
+    grids=((6, 4), (11, 4), (21, 6), (41, 10)),
+    coefficients=(0, 1, 2, 3),
     steps=(24, 48, 96, 192, 384),
     radii=(0.0, 0.5, 0.8, EULER),
     tolerances=(1e-2, 3e-3, 1e-3, 3e-4, 1e-4),
-    reference=Shake(rows=161, columns=10, coefficients=4, step=1.0 / 6144.0, radius=0.8),
+    reference=Shake(rows=161, columns=10, coefficients=3, step=1.0 / 3072.0, radius=0.8),
     batches=(1, 10, 100, 1000),
     duration=0.5,
 )
@@ -155,15 +155,15 @@ def stiffness_table(kind: FeatherKind, extent: Extent) -> Table:
 
 def front_shakes(extent: Extent) -> Iterator[Shake]:
     """Every setting of the front: fixed steps, then error control."""
-    columns = PRODUCTION.columns
     steps = [(1.0 / rate, radius) for rate, radius in product(extent.steps, extent.radii)]
-    for rows, coefficients in product(extent.rows, extent.coefficients):
+    for (rows, columns), coefficients in product(extent.grids, extent.coefficients):
         for step, radius in steps:
             yield Shake(rows, columns, coefficients, step, radius=radius)
-    for rows, share in product(extent.rows, extent.tolerances):
+    control = product(extent.grids, extent.tolerances, (0.0, 0.8))
+    for (rows, columns), share, radius in control:
         tolerance = share * swan_primary().length
         newton = min(1e-6, 1e-3 * tolerance)
-        yield Shake(rows, columns, 2, step=0.0, tolerance=tolerance, newton=newton)
+        yield Shake(rows, columns, 2, 0.0, tolerance, radius, newton)
 
 
 def front_table(kind: FeatherKind, extent: Extent) -> Table:
