@@ -210,7 +210,9 @@ def _add_cells(
             across = _stress(stiffness[j, half, 0], strains[at], reference[at], damping)
             shear = _stress(stiffness[j, half, 1], strains[at + 1], reference[at + 1], damping)
             membrane_gradient(start, end, tip, rest[j, half], gradient)
-            membrane_lift(start, end, tip, rest[j, half], across, shear, weight[2:], gradient[2:])
+            membrane_lift(
+                start, end, tip, rest[j, half], across, shear, weight[2:], gradient[2:]
+            )
             weight[0] = stiffness[j, half, 0] * (1.0 + damping)
             weight[1] = stiffness[j, half, 1] * (1.0 + damping)
             if not signed:
@@ -426,7 +428,9 @@ def _add_vane_forces(model, f, damping, pose, reference, block, force):
 
 
 @kernel
-def _add_rows(model, f, damping, signed, pose, reference, force, stiff, jacobian, block, system):
+def _add_rows(
+    model, f, damping, signed, pose, reference, force, stiff, jacobian, block, system
+):
     """Vane of feather f: row by row and side by side. force: (n, P, 3), of all that acts."""
     rows, columns = pose.turn.shape[0], model.joints.shape[3]
     count = pose.coefficient.shape[2]
@@ -437,7 +441,9 @@ def _add_rows(model, f, damping, signed, pose, reference, force, stiff, jacobian
             block.matrix[:] = 0.0
             block.right[:] = 0.0
             _add_nodes(i, side, points, force, stiff, jacobian, block)
-            _add_tension(i, side, points, force, model.segment[f, side, i], signed, jacobian, block)
+            _add_tension(
+                i, side, points, force, model.segment[f, side, i], signed, jacobian, block
+            )
             at = (rows - 1) * 6 + (side * rows + i) * count
             _add_barb(
                 model.barb_stiffness[f, side, i], strains[at:], reference[at:], damping, block

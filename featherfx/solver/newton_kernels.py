@@ -77,9 +77,7 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
         solve_factored(system.band, system.right)
         scale = 1.0
         for _ in range(HALVINGS):
-            add_increment(
-                model.length[f], now, system.right, scale, trial, work.beam.gradient, work.stretch
-            )
+            add_increment(model.length[f], now, system.right, scale, trial, work.beam.gradient, work.stretch)
             new = evaluate(model, loads, f, share, factors, trial, work.around)
             move = largest_move(now.points, trial.points) / scale
             slack = 1e-9 * (abs(energy) + abs(new))

@@ -148,7 +148,9 @@ def make_work(model: Model) -> Work:
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
         jacobian=np.zeros((n, 2, m, 3, 2 * c)),
-        beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
+        beam=Beam(
+            gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))
+        ),
         frame=np.zeros((3, 3)),
         spin=np.zeros((3, 2 * c)),
         stretch=np.zeros(3),
