@@ -74,14 +74,15 @@ def barb_jacobian(turn, clamp, joints, segment, shapes, coefficients, frame, spi
     """Derivative of a barb's nodes by its coefficients.
 
     As barb_points. Scratch: frame (3, 3); spin (3, 2 C), world rotation of the current segment by
-    each coefficient. Written: jacobian (m, 3, 2 C). The derivative by the row frame needs no
-    table: it is u x (x_j - root).
+    each coefficient. Written: rows 6 and on of jacobian (6 + 2 C, 3, m + 1), node 0 being the
+    rachis point.
     """
     count = shapes.shape[0]
     w, x, y, z = multiply(
         turn[0], turn[1], turn[2], turn[3], clamp[0], clamp[1], clamp[2], clamp[3]
     )
     spin[:] = 0.0
+    jacobian[6:, :, 0] = 0.0
     for j in range(shapes.shape[1]):
         normal, in_plane = _joint_angles(shapes, coefficients, j)
         w, x, y, z = multiply(w, x, y, z, joints[j, 0], joints[j, 1], joints[j, 2], joints[j, 3])
@@ -100,13 +101,30 @@ def barb_jacobian(turn, clamp, joints, segment, shapes, coefficients, frame, spi
         ty = segment * 2.0 * (x * y + w * z)
         tz = segment * 2.0 * (x * z - w * y)
         for c in range(2 * count):
-            jacobian[j, 0, c] = spin[1, c] * tz - spin[2, c] * ty
-            jacobian[j, 1, c] = spin[2, c] * tx - spin[0, c] * tz
-            jacobian[j, 2, c] = spin[0, c] * ty - spin[1, c] * tx
-        if j > 0:
-            for k in range(3):
-                for c in range(2 * count):
-                    jacobian[j, k, c] += jacobian[j - 1, k, c]
+            d = jacobian[6 + c]
+            d[0, j + 1] = d[0, j] + spin[1, c] * tz - spin[2, c] * ty
+            d[1, j + 1] = d[1, j] + spin[2, c] * tx - spin[0, c] * tz
+            d[2, j + 1] = d[2, j] + spin[0, c] * ty - spin[1, c] * tx
+
+
+@kernel
+def root_jacobian(root, points, jacobian):
+    """Derivative of a barb's nodes by its row: dx = dr + u x (x - root).
+
+    root: (3,). points: (m, 3). Written: rows 0 to 5 of jacobian (6 + 2 C, 3, m + 1).
+    """
+    jacobian[0:6] = 0.0
+    for j in range(points.shape[0] + 1):
+        for k in range(3):
+            jacobian[k, k, j] = 1.0
+        if j == 0:
+            continue
+        x = points[j - 1, 0] - root[0]
+        y = points[j - 1, 1] - root[1]
+        z = points[j - 1, 2] - root[2]
+        jacobian[3, 1, j], jacobian[3, 2, j] = -z, y
+        jacobian[4, 0, j], jacobian[4, 2, j] = z, -x
+        jacobian[5, 0, j], jacobian[5, 1, j] = -y, x
 
 
 @kernel

@@ -1,14 +1,16 @@
-"""Gradient and Gauss-Newton Hessian of step_energy in generalised coordinates, as a band.
+"""Gradient and Hessian of step_energy in generalised coordinates, as a band.
 
 Row by row and side by side: all that touches the barb of row i (its nodes, the cells between rows
 i and i + 1, the hinges on its edges) involves rows i - 1, i, i + 1 only, and of those only the
-root (6) and this side's coefficients (2 C). It is summed in one small dense matrix of 3 w,
-w = 6 + 2 C, as outer products of projected strain gradients J^T ds/dx, and added to the band once.
+root (6) and this side's coefficients (2 C): w = 6 + 2 C increments a row. Every strain, node or
+segment gives lines, its projected gradient J^T ds/dx. They are laid out increment by increment,
+(w, lines), so that filling them runs along the barb and their weighted products are dot products
+of contiguous arrays; the sums are added to the band once per row and side.
 """
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.barb_kernels import barb_tensions
-from featherfx.mechanics.node_kernels import node_forces
+from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.mechanics.vane_bending_kernels import hinge_gradient
@@ -17,129 +19,80 @@ from featherfx.solver.energy_kernels import node_index
 
 
 @kernel
-def _project(line, at, root, point, jacobian, gradient):
-    """Add J^T gradient of a barb node to line[at : at + w]; jacobian: (3, 2 C)."""
-    gx, gy, gz = gradient[0], gradient[1], gradient[2]
-    line[at] += gx
-    line[at + 1] += gy
-    line[at + 2] += gz
-    mx, my, mz = cross(point[0] - root[0], point[1] - root[1], point[2] - root[2], gx, gy, gz)
-    line[at + 3] += mx
-    line[at + 4] += my
-    line[at + 5] += mz
-    for c in range(jacobian.shape[1]):
-        line[at + 6 + c] += jacobian[0, c] * gx + jacobian[1, c] * gy + jacobian[2, c] * gz
+def _add_products(matrix, row_at, column_at, left, right, lines):
+    """matrix[row_at + a, column_at + b] += left[a] . right[b] over the first lines of both.
+
+    left: (p, S), right: (q, S), p and q even. Two by two, so that each load serves twice; on the
+    diagonal (row_at == column_at) the blocks above it are left out.
+    """
+    triangle = row_at == column_at
+    for a in range(0, left.shape[0], 2):
+        g, h = left[a], left[a + 1]
+        for b in range(0, a + 2 if triangle else right.shape[0], 2):
+            u, v = right[b], right[b + 1]
+            gu, gv, hu, hv = 0.0, 0.0, 0.0, 0.0
+            for s in range(lines):
+                gu += g[s] * u[s]
+                gv += g[s] * v[s]
+                hu += h[s] * u[s]
+                hv += h[s] * v[s]
+            matrix[row_at + a, column_at + b] += gu
+            matrix[row_at + a, column_at + b + 1] += gv
+            matrix[row_at + a + 1, column_at + b] += hu
+            matrix[row_at + a + 1, column_at + b + 1] += hv
 
 
 @kernel
-def _project_column(line, at, row, side, column, points, jacobian, gradient):
-    """As _project, for column 0 (the rachis point itself) or a barb node of a row."""
-    if column == 0:
-        line[at] += gradient[0]
-        line[at + 1] += gradient[1]
-        line[at + 2] += gradient[2]
-    else:
-        columns = jacobian.shape[2]
-        _project(
-            line,
-            at,
-            points[row, 0],
-            points[row, node_index(side, column, columns)],
-            jacobian[row, side, column - 1],
-            gradient,
-        )
+def _add_nodes(i, side, force, stiff, jacobian, block):
+    """Forces on the barb nodes of one row and side, and inertia, air and grips' stiffness.
 
-
-@kernel
-def _add_outer(matrix, lines, first, last, weight):
-    """matrix += sum weight lines lines^T (lower part) over an index range, for four lines."""
-    for a in range(first, last):
-        c0, c1 = weight[0] * lines[0, a], weight[1] * lines[1, a]
-        c2, c3 = weight[2] * lines[2, a], weight[3] * lines[3, a]
-        for b in range(first, a + 1):
-            matrix[a, b] += (
-                c0 * lines[0, b] + c1 * lines[1, b] + c2 * lines[2, b] + c3 * lines[3, b]
-            )
-
-
-@kernel
-def _add_nodes(i, side, points, force, stiff, jacobian, block):
-    """Forces on the barb nodes of one row and side, and inertia, air and grips' stiffness."""
-    lines, matrix, right = block.lines, block.matrix, block.right
-    columns = jacobian.shape[2]
-    first = matrix.shape[0] // 3
-    last = 2 * first
-    for j in range(columns):
-        p = node_index(side, j + 1, columns)
-        s = stiff[i, p]
-        g = force[i, p]
-        _node_lines(i, side, j, points, jacobian, lines, first)
-        for a in range(first, last):
-            x, y, z = lines[0, a], lines[1, a], lines[2, a]
-            right[a] -= x * g[0] + y * g[1] + z * g[2]
-            sx = s[0] * x + s[3] * y + s[4] * z
-            sy = s[3] * x + s[1] * y + s[5] * z
-            sz = s[4] * x + s[5] * y + s[2] * z
-            for b in range(first, a + 1):
-                matrix[a, b] += sx * lines[0, b] + sy * lines[1, b] + sz * lines[2, b]
-
-
-@kernel
-def _node_lines(i, side, j, points, jacobian, lines, first):
-    """Rows of J of barb node j (0: the first after the rachis) to lines[0:3, first:]."""
-    p = node_index(side, j + 1, jacobian.shape[2])
-    rx = points[i, p, 0] - points[i, 0, 0]
-    ry = points[i, p, 1] - points[i, 0, 1]
-    rz = points[i, p, 2] - points[i, 0, 2]
-    for k in range(3):
-        for a in range(6):
-            lines[k, first + a] = 0.0
-        lines[k, first + k] = 1.0
-        for c in range(jacobian.shape[4]):
-            lines[k, first + 6 + c] = jacobian[i, side, j, k, c]
-    lines[0, first + 4], lines[0, first + 5] = rz, -ry
-    lines[1, first + 3], lines[1, first + 5] = -rz, rx
-    lines[2, first + 3], lines[2, first + 4] = ry, -rx
+    jacobian: (w, 3, S) of this barb, whose first m + 1 nodes count.
+    """
+    wide, nodes = jacobian.shape[0], block.tension.shape[0] + 1
+    weighted, lines = block.weighted[:wide], block.lines[:wide]
+    first = node_index(side, 1, nodes - 1) - 1
+    for a in range(wide):
+        total = 0.0
+        for j in range(1, nodes):
+            x, y, z = jacobian[a, 0, j], jacobian[a, 1, j], jacobian[a, 2, j]
+            g, s = force[i, first + j], stiff[i, first + j]
+            total += x * g[0] + y * g[1] + z * g[2]
+            at = 3 * j - 3
+            lines[a, at], lines[a, at + 1], lines[a, at + 2] = x, y, z
+            weighted[a, at] = s[0] * x + s[3] * y + s[4] * z
+            weighted[a, at + 1] = s[3] * x + s[1] * y + s[5] * z
+            weighted[a, at + 2] = s[4] * x + s[5] * y + s[2] * z
+        block.right[wide + a] -= total
+    _add_products(block.matrix, wide, wide, weighted, lines, 3 * nodes - 3)
 
 
 @kernel
 def _add_tension(i, side, points, force, segment, signed, jacobian, block):
     """Geometric stiffness of the barb's tension: T / l |turn of each segment|^2."""
-    lines, matrix = block.lines, block.matrix
-    columns = jacobian.shape[2]
-    first = matrix.shape[0] // 3
-    start = 3 + side * columns
     if not segment > 0.0:
         return
+    wide, nodes = jacobian.shape[0], block.tension.shape[0] + 1
+    weighted, lines = block.weighted[:wide], block.lines[:wide]
+    start = 3 + side * (nodes - 1)
+    tension = block.tension
     barb_tensions(
         points[i, 0],
-        points[i, start : start + columns],
-        force[i, start : start + columns],
-        block.tension,
+        points[i, start : start + nodes - 1],
+        force[i, start : start + nodes - 1],
+        tension,
     )
-    for k in range(3):
-        for a in range(3):
-            lines[k, first + a] = 0.0
-    for j in range(columns):
-        tension = block.tension[j] / segment
-        if tension == 0.0 or (tension < 0.0 and not signed):
-            continue
-        p = node_index(side, j + 1, columns)
-        q = node_index(side, j, columns)
-        dx = points[i, p, 0] - points[i, q, 0]
-        dy = points[i, p, 1] - points[i, q, 1]
-        dz = points[i, p, 2] - points[i, q, 2]
-        lines[0, first + 3], lines[0, first + 4], lines[0, first + 5] = 0.0, dz, -dy
-        lines[1, first + 3], lines[1, first + 4], lines[1, first + 5] = -dz, 0.0, dx
-        lines[2, first + 3], lines[2, first + 4], lines[2, first + 5] = dy, -dx, 0.0
+    for j in range(nodes - 1):
+        tension[j] /= segment
+        if tension[j] < 0.0 and not signed:
+            tension[j] = 0.0
+    for a in range(wide):
         for k in range(3):
-            for c in range(jacobian.shape[4]):
-                inner = jacobian[i, side, j - 1, k, c] if j > 0 else 0.0
-                lines[k, first + 6 + c] = jacobian[i, side, j, k, c] - inner
-        for a in range(first + 3, 2 * first):
-            x, y, z = tension * lines[0, a], tension * lines[1, a], tension * lines[2, a]
-            for b in range(first + 3, a + 1):
-                matrix[a, b] += x * lines[0, b] + y * lines[1, b] + z * lines[2, b]
+            at = k * (nodes - 1)
+            for j in range(nodes - 1):
+                turn = jacobian[a, k, j + 1] - jacobian[a, k, j]
+                lines[a, at + j] = turn
+                weighted[a, at + j] = tension[j] * turn
+    _add_products(block.matrix, wide, wide, weighted, lines, 3 * nodes - 3)
 
 
 @kernel
@@ -161,7 +114,7 @@ def _cell_forces(i, side, points, rest, stiffness, strains, reference, damping, 
 
     rest: (m, 2, 3), stiffness: (m, 2, 2) of these cells; strains, reference: (4 m,) theirs.
     """
-    gradient = block.membrane
+    gradient = block.triangle
     columns = stiffness.shape[0]
     for j in range(columns):
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
@@ -186,47 +139,100 @@ def _cell_forces(i, side, points, rest, stiffness, strains, reference, damping, 
 
 
 @kernel
-def _add_cells(
-    i, side, points, rest, stiffness, strains, reference, damping, signed, jacobian, block
-):
-    """Membrane stiffness of the cells between rows i and i + 1; arguments as _cell_forces.
+def _cell_lines(i, side, points, rest, stiffness, strains, reference, damping, signed, block):
+    """Weights (2, 4, m + 1) and nodal gradients (2, 3, 3, 4, m + 1) of the lines of a strip.
 
-    signed: whether the destabilising part of the geometric stiffness is included.
+    Triangle A or B; node (edge start, edge end, opposite), axis; line: e_ww, 2 e_vw, and the two of
+    the geometric stiffness, of which the destabilising one only if signed; cell, of which the last
+    is always zero. Other arguments as _cell_forces.
     """
-    lines, weight, gradient = block.lines, block.weight, block.membrane
-    columns = jacobian.shape[2]
-    wide = block.matrix.shape[0] // 3
-    last = 3 * wide
+    weight, gradients, triangle = block.weight, block.membrane, block.triangle
+    columns = stiffness.shape[0]
     for j in range(columns):
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
         for half in range(2):
             if stiffness[j, half, 0] == 0.0:
+                weight[half, :, j] = 0.0
+                gradients[half, :, :, :, j] = 0.0
                 continue
-            row, other, column, opposite = _cell_nodes(i, half, j, near, far)
-            edge_at = wide + (row - i) * wide
-            other_at = wide + (other - i) * wide
+            row, other, _, opposite = _cell_nodes(i, half, j, near, far)
             start, end, tip = points[row, near], points[row, far], points[other, opposite]
             at = 4 * j + 2 * half
             across = _stress(stiffness[j, half, 0], strains[at], reference[at], damping)
             shear = _stress(stiffness[j, half, 1], strains[at + 1], reference[at + 1], damping)
-            membrane_gradient(start, end, tip, rest[j, half], gradient)
+            membrane_gradient(start, end, tip, rest[j, half], triangle)
             membrane_lift(
-                start, end, tip, rest[j, half], across, shear, weight[2:], gradient[2:]
+                start, end, tip, rest[j, half], across, shear, weight[half, 2:, j], triangle[2:]
             )
-            weight[0] = stiffness[j, half, 0] * (1.0 + damping)
-            weight[1] = stiffness[j, half, 1] * (1.0 + damping)
+            for line in range(4):
+                for node in range(3):
+                    for k in range(3):
+                        gradients[half, node, k, line, j] = triangle[line, node, k]
+            weight[half, 0, j] = stiffness[j, half, 0] * (1.0 + damping)
+            weight[half, 1, j] = stiffness[j, half, 1] * (1.0 + damping)
             if not signed:
-                weight[3] = 0.0
-            for k in range(4):
-                line = lines[k]
-                for a in range(wide, last):
-                    line[a] = 0.0
-                _project_column(line, edge_at, row, side, j, points, jacobian, gradient[k, 0])
-                _project_column(line, edge_at, row, side, j + 1, points, jacobian, gradient[k, 1])
-                _project_column(
-                    line, other_at, other, side, column, points, jacobian, gradient[k, 2]
-                )
-            _add_outer(block.matrix, lines, wide, last, weight)
+                weight[half, 3, j] = 0.0
+
+
+@kernel
+def _fill_edge(weight, gradients, edge, lines, weighted, row_at, at):
+    """Project the gradients at both ends of barb edges and weigh them.
+
+    weight: (S,). gradients: (3, 3, S). edge: (w, 3, S + 1) Jacobian of the barb. Written: w rows
+    from row_at, S columns from at, of lines and weighted.
+    """
+    count = weight.shape[0]
+    s0, s1, s2 = gradients[0, 0], gradients[0, 1], gradients[0, 2]
+    e0, e1, e2 = gradients[1, 0], gradients[1, 1], gradients[1, 2]
+    for a in range(edge.shape[0]):
+        x, y, z = edge[a, 0], edge[a, 1], edge[a, 2]
+        line = lines[row_at + a, at : at + count]
+        for s in range(count):
+            line[s] = (
+                x[s] * s0[s]
+                + y[s] * s1[s]
+                + z[s] * s2[s]
+                + x[s + 1] * e0[s]
+                + y[s + 1] * e1[s]
+                + z[s + 1] * e2[s]
+            )
+        product = weighted[row_at + a, at : at + count]
+        for s in range(count):
+            product[s] = weight[s] * line[s]
+
+
+@kernel
+def _fill_tip(weight, gradient, shift, other, lines, weighted, row_at, at):
+    """As _fill_edge, for the opposite nodes; gradient: (3, S), shift: their column beyond j."""
+    count = weight.shape[0]
+    g0, g1, g2 = gradient[0], gradient[1], gradient[2]
+    for a in range(other.shape[0]):
+        x, y, z = other[a, 0, shift:], other[a, 1, shift:], other[a, 2, shift:]
+        line = lines[row_at + a, at : at + count]
+        for s in range(count):
+            line[s] = x[s] * g0[s] + y[s] * g1[s] + z[s] * g2[s]
+        product = weighted[row_at + a, at : at + count]
+        for s in range(count):
+            product[s] = weight[s] * line[s]
+
+
+@kernel
+def _add_cells(
+    i, side, points, rest, stiffness, strains, reference, damping, signed, jacobian, block
+):
+    """Membrane stiffness of the cells between rows i and i + 1; arguments as _cell_lines."""
+    wide = jacobian.shape[2]
+    count = 4 * (stiffness.shape[0] + 1)
+    low, high = jacobian[i, side], jacobian[i + 1, side]
+    _cell_lines(i, side, points, rest, stiffness, strains, reference, damping, signed, block)
+    lines, weighted = block.lines, block.weighted
+    weight = block.weight.reshape((2, count))
+    gradients = block.membrane.reshape((2, 3, 3, count))
+    _fill_edge(weight[0], gradients[0], low, lines, weighted, 0, 0)
+    _fill_tip(weight[0], gradients[0, 2], 0, high, lines, weighted, wide, 0)
+    _fill_edge(weight[1], gradients[1], high, lines, weighted, wide, count)
+    _fill_tip(weight[1], gradients[1, 2], 1, low, lines, weighted, 0, count)
+    _add_products(block.matrix, wide, wide, weighted[: 2 * wide], lines[: 2 * wide], 2 * count)
 
 
 @kernel
@@ -252,31 +258,30 @@ def _hinge_forces(i, side, points, stiffness, strains, reference, damping, block
 @kernel
 def _add_hinges(i, side, points, stiffness, damping, jacobian, block):
     """Stiffness of bending across barbs at the edges of row i's barb; stiffness: (m,)."""
-    lines, weight, gradient = block.lines, block.weight, block.hinge
-    columns = jacobian.shape[2]
-    wide = block.matrix.shape[0] // 3
-    last = 3 * wide
-    filled = 0
+    columns = stiffness.shape[0]
+    wide = jacobian.shape[2]
+    gradients, weight = block.membrane[0, :, :, 0], block.weight[0, 0, :columns]
+    below = block.membrane[1, 0, :, 0]
     for j in range(columns):
-        if stiffness[j] != 0.0:
-            line = lines[filled]
-            for a in range(last):
-                line[a] = 0.0
-            near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-            hinge_gradient(
-                points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], gradient
-            )
-            _project_column(line, wide, i, side, j, points, jacobian, gradient[0])
-            _project_column(line, wide, i, side, j + 1, points, jacobian, gradient[1])
-            _project_column(line, 2 * wide, i + 1, side, j, points, jacobian, gradient[2])
-            _project_column(line, 0, i - 1, side, j + 1, points, jacobian, gradient[3])
-            weight[filled] = stiffness[j] * (1.0 + damping)
-            filled += 1
-        if filled == 4 or (filled > 0 and j == columns - 1):
-            for k in range(filled, 4):
-                weight[k] = 0.0
-            _add_outer(block.matrix, lines, 0, last, weight)
-            filled = 0
+        weight[j] = stiffness[j] * (1.0 + damping)
+        if stiffness[j] == 0.0:
+            gradients[:, :, j] = 0.0
+            below[:, j] = 0.0
+            continue
+        near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+        hinge_gradient(
+            points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], block.hinge
+        )
+        for k in range(3):
+            gradients[0, k, j] = block.hinge[0, k]
+            gradients[1, k, j] = block.hinge[1, k]
+            gradients[2, k, j] = block.hinge[2, k]
+            below[k, j] = block.hinge[3, k]
+    lines, weighted = block.lines, block.weighted
+    _fill_edge(weight, gradients, jacobian[i, side], lines, weighted, wide, 0)
+    _fill_tip(weight, gradients[2], 0, jacobian[i + 1, side], lines, weighted, 2 * wide, 0)
+    _fill_tip(weight, below, 1, jacobian[i - 1, side], lines, weighted, 0, 0)
+    _add_products(block.matrix, 0, 0, weighted, lines, columns)
 
 
 @kernel
@@ -428,9 +433,7 @@ def _add_vane_forces(model, f, damping, pose, reference, block, force):
 
 
 @kernel
-def _add_rows(
-    model, f, damping, signed, pose, reference, force, stiff, jacobian, block, system
-):
+def _add_rows(model, f, damping, signed, pose, reference, force, stiff, jacobian, block, system):
     """Vane of feather f: row by row and side by side. force: (n, P, 3), of all that acts."""
     rows, columns = pose.turn.shape[0], model.joints.shape[3]
     count = pose.coefficient.shape[2]
@@ -440,9 +443,16 @@ def _add_rows(
         for side in range(2):
             block.matrix[:] = 0.0
             block.right[:] = 0.0
-            _add_nodes(i, side, points, force, stiff, jacobian, block)
+            _add_nodes(i, side, force, stiff, jacobian[i, side], block)
             _add_tension(
-                i, side, points, force, model.segment[f, side, i], signed, jacobian, block
+                i,
+                side,
+                points,
+                force,
+                model.segment[f, side, i],
+                signed,
+                jacobian[i, side],
+                block,
             )
             at = (rows - 1) * 6 + (side * rows + i) * count
             _add_barb(
@@ -508,6 +518,7 @@ def assemble(model, loads, f, share, factors, signed, work):
         work.force,
         work.stiff,
     )
+    add_dead_forces(loads.force[f], work.force)
     vane = model.retardation[f, 1] * factors[2]
     if model.joints.shape[3] > 0:
         _add_vane_forces(model, f, vane, pose, around.reference, work.block, work.force)

@@ -58,17 +58,20 @@ class System(NamedTuple):
 class Block(NamedTuple):
     """Sums of one row and side, w = 6 + 2 C.
 
-    matrix: (3 w, 3 w). right: (3 w,). lines: (4, 3 w) projected gradients, weight: (4,) theirs.
-    membrane: (4, 3, 3), hinge: (4, 3), tension: (m,): of one stencil or barb.
+    matrix: (3 w, 3 w). right: (3 w,). lines, weighted: (3 w, 8 (m + 1)) projected gradients,
+    and times their weights. weight: (2, 4, m + 1), membrane: (2, 3, 3, 4, m + 1), tension: (m,):
+    of a strip. triangle: (4, 3, 3), hinge: (4, 3): of one stencil.
     """
 
     matrix: Array
     right: Array
     lines: Array
+    weighted: Array
     weight: Array
     membrane: Array
-    hinge: Array
     tension: Array
+    triangle: Array
+    hinge: Array
 
 
 class Beam(NamedTuple):
@@ -81,8 +84,8 @@ class Beam(NamedTuple):
 
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, block: sums. force (n, P, 3), stiff
-    (n, P, 6): of the nodes. jacobian (n, 2, m, 3, 2 C): of the barbs. beam: sums of one rachis
-    element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
+    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): of the barbs.
+    beam: sums of one rachis element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
     """
 
     now: Pose
@@ -139,18 +142,18 @@ def make_work(model: Model) -> Work:
         block=Block(
             matrix=np.zeros((wide, wide)),
             right=np.zeros(wide),
-            lines=np.zeros((4, wide)),
-            weight=np.zeros(4),
-            membrane=np.zeros((4, 3, 3)),
-            hinge=np.zeros((4, 3)),
+            lines=np.zeros((wide, 8 * m + 8)),
+            weighted=np.zeros((wide, 8 * m + 8)),
+            weight=np.zeros((2, 4, m + 1)),
+            membrane=np.zeros((2, 3, 3, 4, m + 1)),
             tension=np.zeros(m),
+            triangle=np.zeros((4, 3, 3)),
+            hinge=np.zeros((4, 3)),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
-        jacobian=np.zeros((n, 2, m, 3, 2 * c)),
-        beam=Beam(
-            gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))
-        ),
+        jacobian=np.zeros((n, 2, 6 + 2 * c, 3, 4 * m + 5)),
+        beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
         frame=np.zeros((3, 3)),
         spin=np.zeros((3, 2 * c)),
         stretch=np.zeros(3),
