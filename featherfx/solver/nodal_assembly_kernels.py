@@ -14,7 +14,7 @@ from featherfx.mechanics.barb_bending_kernels import bend_gradient
 from featherfx.mechanics.barb_clamp_kernels import clamp_gradient
 from featherfx.mechanics.barb_stretch_kernels import stretch_gradient
 from featherfx.mechanics.nodal_kernels import bend_nodes
-from featherfx.mechanics.node_kernels import node_forces
+from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
@@ -375,6 +375,7 @@ def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work)
         work.force,
         work.stiff,
     )
+    add_dead_forces(loads.force[f], work.force)
     _add_points(nodal.slot[f], pose.points, work.force, work.stiff, system)
     if nodal.shaft:
         damping = model.retardation[f, 0] * factors[2]

@@ -10,7 +10,7 @@ inextensible add p e with the multiplier p.
 from featherfx.compiled import kernel
 from featherfx.mechanics.barb_stretch_kernels import stretch_strain
 from featherfx.mechanics.nodal_kernels import barb_turns, hinge_turns
-from featherfx.mechanics.node_kernels import node_energy
+from featherfx.mechanics.node_kernels import dead_energy, node_energy
 from featherfx.mechanics.rachis_kernels import rachis_strain
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 from featherfx.mechanics.vane_plate_kernels import hinge_of
@@ -184,6 +184,7 @@ def nodal_step_energy(model, nodal, loads, f, share, factors, pose, work):
             share,
             pose.points,
         )
+        + dead_energy(pose.points, loads.force[f])
         + node_energy(
             pose.points,
             around.target,

@@ -183,6 +183,9 @@ def _solve_step(
     The textbook method starts at the last pose. Returns (status, spectral radius that worked).
     """
     status, radius = NOT_CONVERGED, settings[0]
+    if state.step[f] <= 0.0:
+        # no acceleration is known yet; see featherfx/solver/step_kernels.py
+        radius = EULER
     for attempt in range(3):
         if attempt == 0 and state.step[f] <= 0.0 and not textbook:
             continue
