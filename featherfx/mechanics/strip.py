@@ -1,4 +1,4 @@
-"""A flat rectangular strip as a feather: rows along x, straight barbs along y, no shaft to speak of.
+"""A flat rectangular strip as a feather: rows along x, straight barbs along y, hardly a shaft.
 
 The body of the virtual experiments with plates and of side-by-side runs with other simulators.
 """
