@@ -95,9 +95,9 @@ def nodal_model(
         if key not in known:
             known[key] = _one(model, f, feather, kind, bending, shaft, pinned)
         parts.append(known[key])
+    band = max(int(part.pop("band")) for part in known.values())
     arrays = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
-    arrays["band"] = int(arrays["band"].max())
-    return NodalModel(**arrays, shaft=shaft, inextensible=stretch == "inextensible")
+    return NodalModel(**arrays, band=band, shaft=shaft, inextensible=stretch == "inextensible")
 
 
 def _check(model: Model, bending: str, stretch: str, pinned: NDArray[np.bool_] | None) -> None:

@@ -1,8 +1,11 @@
 """Minimise the energy of one implicit step in the nodal kinematics.
 
 Two methods. The improved one takes full Newton steps, because a line search on an energy with
-stiff barbs accepts only steps that hardly stretch them; what keeps it safe is that a step in time
-that does not converge is repeated in halves. The textbook one is projected Newton: Hessian with
+stiff barbs accepts only steps that hardly stretch them. Points do not move along straight lines:
+shaft and barbs are rebuilt from the root outwards with the directions of the increment but the
+stretch of its linear part, so that turning stretches nothing and the iterations hardly depend on
+the stiffness. What keeps it safe is that a step in time that does not converge is repeated in
+halves. The textbook one is projected Newton: Hessian with
 the geometric stiffness of the current stresses, its negative part left out, and a line search on
 the whole energy; it is kept to measure the improved one against.
 
@@ -12,10 +15,11 @@ over its stress, p += k e, until no strain is left; the result does not depend o
 that is eliminated instead would couple all nodes of a barb: that is the barb-curvature kinematics.
 """
 
-from math import isfinite
+from math import isfinite, sqrt
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.copy_kernels import copy_values
+from featherfx.mechanics.rachis_kernels import rachis_gradient
 from featherfx.mechanics.rotations_kernels import rotate
 from featherfx.solver.banded_kernels import factorise, solve_factored
 from featherfx.solver.newton_kernels import (
@@ -28,7 +32,7 @@ from featherfx.solver.newton_kernels import (
 )
 from featherfx.solver.nodal_assembly_kernels import nodal_assemble
 from featherfx.solver.nodal_energy_kernels import nodal_step_energy, nodal_strains, sections
-from featherfx.solver.pose_kernels import turn_by
+from featherfx.solver.pose_kernels import chain, turn_by
 
 # largest strain of an inextensible segment
 INEXTENSIBLE = 1e-10
@@ -56,8 +60,71 @@ def gather(present, points):
 
 
 @kernel
-def _move(nodal, f, now, step, scale, trial):
-    """Pose now plus scale times the increment step (N,), to trial."""
+def _shaft(length, slot, now, step, scale, trial, beam, stretch):
+    """Rachis points rebuilt from the first one, so that stretch and shear change linearly.
+
+    Scratch: beam (6, 12), stretch (6,).
+    """
+    for i in range(slot.shape[0] - 1):
+        if slot[i + 1, 0] < 0 or slot[i + 1, 1] < 0:
+            continue
+        a, b = now.points[i, 0], now.points[i + 1, 0]
+        rachis_gradient(a, b, length[i], now.halfway[i], now.rachis[i], beam)
+        for k in range(3):
+            change = 0.0
+            for node in range(4):
+                at = slot[i + node // 2, node % 2]
+                for x in range(3 if at >= 0 else 0):
+                    change += beam[k, 3 * node + x] * step[at + x]
+            stretch[k] = now.rachis[i, k] + scale * change
+        chain(
+            trial.turn[i],
+            trial.turn[i + 1],
+            stretch,
+            length[i],
+            trial.points[i, 0],
+            trial.points[i + 1, 0],
+        )
+
+
+@kernel
+def _barb(first, slot, now, step, scale, trial):
+    """Nodes of one barb rebuilt from the rachis, so that every stretch e changes linearly.
+
+    first: material point of its first node. slot: (P,), now, trial: (P, 3) of the row.
+    """
+    columns = (slot.shape[0] - 3) // 2
+    # what the straight move of the node before and its rebuilt place are
+    mx, my, mz = 0.0, 0.0, 0.0
+    if slot[0] >= 0:
+        at = slot[0]
+        mx, my, mz = scale * step[at], scale * step[at + 1], scale * step[at + 2]
+    q = 0
+    for p in range(first, first + columns):
+        at = slot[p]
+        if at < 0:
+            return
+        nx, ny, nz = scale * step[at], scale * step[at + 1], scale * step[at + 2]
+        dx, dy, dz = now[p, 0] - now[q, 0], now[p, 1] - now[q, 1], now[p, 2] - now[q, 2]
+        ux, uy, uz = nx - mx, ny - my, nz - mz
+        wanted = dx * dx + dy * dy + dz * dz + 2.0 * (dx * ux + dy * uy + dz * uz)
+        dx, dy, dz = dx + ux, dy + uy, dz + uz
+        square = dx * dx + dy * dy + dz * dz
+        # a segment that would vanish keeps the straight move
+        factor = sqrt(wanted / square) if wanted > 0.0625 * square else 1.0
+        trial[p, 0] = trial[q, 0] + factor * dx
+        trial[p, 1] = trial[q, 1] + factor * dy
+        trial[p, 2] = trial[q, 2] + factor * dz
+        mx, my, mz, q = nx, ny, nz, p
+
+
+@kernel
+def _move(model, nodal, f, now, step, scale, straight, element, trial):
+    """Pose now plus scale times the increment step (N,), to trial.
+
+    straight: points move along straight lines. Otherwise, where there is a shaft, shaft and barbs
+    are rebuilt so that their stretch changes by exactly its linear increment.
+    """
     slot = nodal.slot[f]
     for i in range(slot.shape[0]):
         at = slot[i, 1]
@@ -72,6 +139,15 @@ def _move(nodal, f, now, step, scale, trial):
                 for k in range(3):
                     move = scale * step[at + k] if at >= 0 else 0.0
                     trial.points[i, p, k] = now.points[i, p, k] + move
+    if nodal.shaft and not straight:
+        _shaft(model.length[f], slot, now, step, scale, trial, element.beam, element.stress)
+        columns = model.joints.shape[3]
+        for i in range(slot.shape[0]):
+            for side in range(2):
+                if nodal.present[f, side, i]:
+                    start = 3 + side * columns
+                    _barb(start, slot[i], now.points[i], step, scale, trial.points[i])
+    gather(nodal.present[f], trial.points)
     set_directors(trial.turn, trial.points)
 
 
@@ -138,7 +214,17 @@ def nodal_minimise(model, nodal, loads, f, share, factors, tolerance, limit, tex
             return NOT_DEFINITE, iteration, move
         scale = 1.0
         for _ in range(HALVINGS if textbook else 1):
-            _move(nodal, f, now, work.system.right, scale, trial)
+            _move(
+                model,
+                nodal,
+                f,
+                now,
+                work.system.right,
+                scale,
+                textbook,
+                work.element,
+                trial,
+            )
             new = evaluate(model, nodal, loads, f, share, factors, trial, work)
             move = largest_move(now.points, trial.points) / scale
             slack = 1e-9 * (abs(energy) + abs(new))
