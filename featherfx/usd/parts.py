@@ -66,12 +66,20 @@ class Parts:
         folder.mkdir(exist_ok=True)
         self._lock = _Lock(folder / "lock")
         self.records: list[ChunkRecord] = []
+        try:
+            self._start(keep)
+        except BaseException:
+            self.discard()
+            raise
+
+    def _start(self, keep: bool) -> None:
         if keep:
             self.records = self._sound_records()
         self._remove_strays()
         with _told(self.folder):
             self.folder.mkdir(exist_ok=True)
-            write_text(self.folder / _SETTINGS, _json({"format": _FORMAT, "settings": settings}))
+            content = {"format": _FORMAT, "settings": self._settings}
+            write_text(self.folder / _SETTINGS, _json(content))
 
     def chunk(self, index: int) -> Path:
         """USD file of a chunk."""
@@ -99,14 +107,14 @@ class Parts:
         """The cache is published: remove all that is no part of it."""
         if keep_chunks:
             self.state(len(self.records) - 1).unlink(missing_ok=True)
-            self._lock.close()
             for other in self.folder.parent.iterdir():
                 if other.is_dir() and other != self.folder:
                     shutil.rmtree(other, ignore_errors=True)
+            self._lock.close()
         else:
-            self.remove()
+            self.discard()
 
-    def remove(self) -> None:
+    def discard(self) -> None:
         """Remove the chunks, and the folder unless something else is in it."""
         shutil.rmtree(self.folder, ignore_errors=True)
         self._lock.close()

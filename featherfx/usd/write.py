@@ -127,7 +127,7 @@ class CacheWriter:
                 if self._resumable and self._parts.records:
                     self._parts.close()
                 else:
-                    self._parts.remove()
+                    self._parts.discard()
 
     @property
     def samples_done(self) -> int:
