@@ -74,14 +74,15 @@ def barb_jacobian(turn, clamp, joints, segment, shapes, coefficients, frame, spi
     """Derivative of a barb's nodes by its coefficients.
 
     As barb_points. Scratch: frame (3, 3); spin (3, 2 C), world rotation of the current segment by
-    each coefficient. Written: jacobian (m, 3, 2 C). The derivative by the row frame needs no
-    table: it is u x (x_j - root).
+    each coefficient. Written: rows 6 and on of jacobian (6 + 2 C, 3, m + 1), node 0 being the
+    rachis point.
     """
     count = shapes.shape[0]
     w, x, y, z = multiply(
         turn[0], turn[1], turn[2], turn[3], clamp[0], clamp[1], clamp[2], clamp[3]
     )
     spin[:] = 0.0
+    jacobian[6:, :, 0] = 0.0
     for j in range(shapes.shape[1]):
         normal, in_plane = _joint_angles(shapes, coefficients, j)
         w, x, y, z = multiply(w, x, y, z, joints[j, 0], joints[j, 1], joints[j, 2], joints[j, 3])
@@ -100,10 +101,50 @@ def barb_jacobian(turn, clamp, joints, segment, shapes, coefficients, frame, spi
         ty = segment * 2.0 * (x * y + w * z)
         tz = segment * 2.0 * (x * z - w * y)
         for c in range(2 * count):
-            jacobian[j, 0, c] = spin[1, c] * tz - spin[2, c] * ty
-            jacobian[j, 1, c] = spin[2, c] * tx - spin[0, c] * tz
-            jacobian[j, 2, c] = spin[0, c] * ty - spin[1, c] * tx
-        if j > 0:
-            for k in range(3):
-                for c in range(2 * count):
-                    jacobian[j, k, c] += jacobian[j - 1, k, c]
+            d = jacobian[6 + c]
+            d[0, j + 1] = d[0, j] + spin[1, c] * tz - spin[2, c] * ty
+            d[1, j + 1] = d[1, j] + spin[2, c] * tx - spin[0, c] * tz
+            d[2, j + 1] = d[2, j] + spin[0, c] * ty - spin[1, c] * tx
+
+
+@kernel
+def root_jacobian(root, points, jacobian):
+    """Derivative of a barb's nodes by its row: dx = dr + u x (x - root).
+
+    root: (3,). points: (m, 3). Written: rows 0 to 5 of jacobian (6 + 2 C, 3, m + 1).
+    """
+    jacobian[0:6] = 0.0
+    for j in range(points.shape[0] + 1):
+        for k in range(3):
+            jacobian[k, k, j] = 1.0
+        if j == 0:
+            continue
+        x = points[j - 1, 0] - root[0]
+        y = points[j - 1, 1] - root[1]
+        z = points[j - 1, 2] - root[2]
+        jacobian[3, 1, j], jacobian[3, 2, j] = -z, y
+        jacobian[4, 0, j], jacobian[4, 2, j] = z, -x
+        jacobian[5, 0, j], jacobian[5, 1, j] = -y, x
+
+
+@kernel
+def barb_tensions(root, points, forces, tension):
+    """Tension of a barb's segments from the forces on its nodes, written to tension (m,), N.
+
+    root: (3,). points: (m, 3). forces: (m, 3), gradient of the energy at the nodes (minus the
+    force). The constraint of inextensibility carries the sum of all forces further out.
+
+    Tension T stiffens a segment against turning: the second derivative of the barb's nodes times
+    the forces is T / l |turn of l e1|^2 (leading order in the turns between joints).
+    """
+    sx, sy, sz = 0.0, 0.0, 0.0
+    for j in range(points.shape[0] - 1, -1, -1):
+        sx -= forces[j, 0]
+        sy -= forces[j, 1]
+        sz -= forces[j, 2]
+        before = root if j == 0 else points[j - 1]
+        dx = points[j, 0] - before[0]
+        dy = points[j, 1] - before[1]
+        dz = points[j, 2] - before[2]
+        length = sqrt(dx * dx + dy * dy + dz * dz)
+        tension[j] = (sx * dx + sy * dy + sz * dz) / length if length > 0.0 else 0.0

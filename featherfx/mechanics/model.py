@@ -80,7 +80,8 @@ class Loads(NamedTuple):
     shaft coefficient. wind_mean: (3,) m/s; wind_wave: (K, 3) rad/m, wind_rate: (K,) rad/s,
     wind_amplitude: (K, 3) m/s, wind_phase: (K,) rad: mean + sum amplitude cos(wave.x - rate t +
     phase). grip_node: (F, G, 2) row and material point, row -1 for none. grip_start, grip_end:
-    (F, G, 3) m, target at the step's start and end. grip_stiffness: (F, G) N/m.
+    (F, G, 3) m, target at the step's start and end. grip_stiffness: (F, G) N/m. force: (F, n, P, 3)
+    N, dead loads on the material points (N m on directors), or (F, 0, 0, 3) where there are none.
     """
 
     gravity: Array
@@ -94,6 +95,7 @@ class Loads(NamedTuple):
     grip_start: Array
     grip_end: Array
     grip_stiffness: Array
+    force: Array
 
 
 def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Loads:
@@ -110,4 +112,5 @@ def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0
         grip_start=np.zeros((feathers, 0, 3)),
         grip_end=np.zeros((feathers, 0, 3)),
         grip_stiffness=np.zeros((feathers, 0)),
+        force=np.zeros((feathers, 0, 0, 3)),
     )

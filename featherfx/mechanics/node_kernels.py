@@ -1,10 +1,10 @@
-"""What acts on single material points: inertia, gravity, air drag and grips.
+"""What acts on single material points: inertia, gravity, air drag, grips and dead loads.
 
-    W = 1/2 a m |x - x_t|^2  -  m g.x  +  D(v) / c  +  1/2 k |x - x_g|^2,     v = c (x - x_v)
+    W = 1/2 a m |x - x_t|^2 - m g.x - f.x + D(v) / c + 1/2 k |x - x_g|^2,     v = c (x - x_v)
 
 a, x_t and c, x_v come from the time integrator (featherfx/solver/integrator_kernels.py): they
-make the acceleration a (x - x_t) and the velocity c (x - x_v). m mass, g gravity, k and x_g
-stiffness and target of a grip.
+make the acceleration a (x - x_t) and the velocity c (x - x_v). m mass, g gravity, f dead load,
+k and x_g stiffness and target of a grip.
 
 Air drag, with u = v - wind and n the unit normal of the vane around the point, S its area there:
 
@@ -223,3 +223,23 @@ def node_forces(
             stiff[i, p, 3] += along * nx * ny
             stiff[i, p, 4] += along * nx * nz
             stiff[i, p, 5] += along * ny * nz
+
+
+@kernel
+def dead_energy(points, dead):
+    """Energy of dead loads (n, P, 3), N, on the material points (n, P, 3); none: (0, 0, 3)."""
+    total = 0.0
+    for i in range(dead.shape[0]):
+        for p in range(dead.shape[1]):
+            for k in range(3):
+                total -= dead[i, p, k] * points[i, p, k]
+    return total
+
+
+@kernel
+def add_dead_forces(dead, force):
+    """Gradient of dead_energy, added to force (n, P, 3)."""
+    for i in range(dead.shape[0]):
+        for p in range(dead.shape[1]):
+            for k in range(3):
+                force[i, p, k] -= dead[i, p, k]

@@ -12,11 +12,11 @@ Source: Jouve 2024, eq. 4.1. In the barb-curvature kinematics e_vv is zero by co
 
 Strains of one cell, triangle A then B: e_ww, 2 e_vw, e_ww, 2 e_vw.
 
-A stretched vane resists being lifted: with stresses s = E_ww e_ww and t = 2 E_vw e_vw the second
-variation holds s |dc|^2 + 2 t da.dc besides the squares of the strain variations. Within the
-triangle's plane it is small against those; along its normal n it is all there is, and Newton
-without it needs five times the iterations. Its positive part is l (n.(p da + q dc))^2 with l the
-larger eigenvalue of [[0, t], [t, s]] and (p, q) its unit eigenvector.
+A stretched vane resists being lifted, a compressed one wrinkles: with stresses s = E_ww e_ww and
+t = 2 E_vw e_vw the second variation holds s |dc|^2 + 2 t da.dc besides the squares of the strain
+variations. Within the triangle's plane it is small against those; along its normal n it is all
+there is. It is the sum of l (n.(p da + q dc))^2 over both eigenvalues l of [[0, t], [t, s]] with
+unit eigenvectors (p, q).
 """
 
 from math import sqrt
@@ -58,29 +58,30 @@ def membrane_gradient(start, end, opposite, rest, gradient):
 
 
 @kernel
-def membrane_lift(start, end, opposite, rest, across, shear, gradient):
-    """Positive part of the geometric stiffness along the triangle's normal.
+def membrane_lift(start, end, opposite, rest, across, shear, stiffness, gradient):
+    """Geometric stiffness along the triangle's normal.
 
-    across, shear: stresses s, t (times b A). Written: gradient (3, 3) of n.(p a + q c) at fixed n,
-    node (start, end, opposite) and axis. Returns l, the stiffness.
+    across, shear: stresses s, t (times b A). Written: stiffness (2,), the positive and the
+    negative eigenvalue, and gradient (2, 3, 3) of n.(p a + q c) at fixed n for each: node (start,
+    end, opposite), axis.
     """
     root = sqrt(across * across + 4.0 * shear * shear)
-    stiffness = 0.5 * (across + root)
-    size = sqrt(stiffness * stiffness + shear * shear)
     ux, uy, uz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
     vx, vy, vz = opposite[0] - start[0], opposite[1] - start[1], opposite[2] - start[2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     length = sqrt(nx * nx + ny * ny + nz * nz)
-    if not size > 0.0 or not length > 0.0:
+    scale = 1.0 / length if length > 0.0 else 0.0
+    for e in range(2):
+        value = 0.5 * (across + root) if e == 0 else 0.5 * (across - root)
+        size = sqrt(value * value + shear * shear)
+        p, q = 0.0, 0.0
+        if size > 0.0:
+            p, q = shear / size, value / size
+        stiffness[e] = value
+        by_opposite = q * rest[2] * scale
+        by_end = (p * scale - by_opposite * rest[1]) * rest[0]
         for k in range(3):
-            gradient[0, k], gradient[1, k], gradient[2, k] = 0.0, 0.0, 0.0
-        return 0.0
-    p, q = shear / size, stiffness / size
-    by_opposite = q * rest[2]
-    by_end = (p - by_opposite * rest[1]) * rest[0]
-    for k in range(3):
-        n = (nx if k == 0 else (ny if k == 1 else nz)) / length
-        gradient[0, k] = -(by_opposite + by_end) * n
-        gradient[1, k] = by_end * n
-        gradient[2, k] = by_opposite * n
-    return stiffness
+            n = nx if k == 0 else (ny if k == 1 else nz)
+            gradient[e, 0, k] = -(by_opposite + by_end) * n
+            gradient[e, 1, k] = by_end * n
+            gradient[e, 2, k] = by_opposite * n

@@ -84,6 +84,7 @@ def frame_loads(
         grip_start=targets[0],
         grip_end=targets[1],
         grip_stiffness=stiffness,
+        force=np.zeros((count, 0, 0, 3)),
     )
 
 

@@ -1,14 +1,17 @@
-"""Gradient and Gauss-Newton Hessian of step_energy in generalised coordinates, as a band.
+"""Gradient and Hessian of step_energy in generalised coordinates, as a band.
 
 Row by row and side by side: all that touches the barb of row i (its nodes, the cells between rows
 i and i + 1, the hinges on its edges) involves rows i - 1, i, i + 1 only, and of those only the
-root (6) and this side's coefficients (2 C). It is summed in one small dense matrix of 3 w,
-w = 6 + 2 C, as outer products of projected strain gradients J^T ds/dx, and added to the band once.
+root (6) and this side's coefficients (2 C): w = 6 + 2 C increments a row. Every strain, node or
+segment gives lines, its projected gradient J^T ds/dx. They are laid out increment by increment,
+(w, lines), so that filling them runs along the barb and their weighted products are dot products
+of contiguous arrays; the sums are added to the band once per row and side.
 """
 
 from featherfx.compiled import kernel
-from featherfx.mechanics.node_kernels import node_forces
-from featherfx.mechanics.rachis_kernels import rachis_gradient
+from featherfx.mechanics.barb_kernels import barb_tensions
+from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
+from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.mechanics.vane_bending_kernels import hinge_gradient
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
@@ -16,171 +19,269 @@ from featherfx.solver.energy_kernels import node_index
 
 
 @kernel
-def _project(line, at, root, point, jacobian, gradient):
-    """Add J^T gradient of a barb node to line[at : at + w]; jacobian: (3, 2 C)."""
-    gx, gy, gz = gradient[0], gradient[1], gradient[2]
-    line[at] += gx
-    line[at + 1] += gy
-    line[at + 2] += gz
-    mx, my, mz = cross(point[0] - root[0], point[1] - root[1], point[2] - root[2], gx, gy, gz)
-    line[at + 3] += mx
-    line[at + 4] += my
-    line[at + 5] += mz
-    for c in range(jacobian.shape[1]):
-        line[at + 6 + c] += jacobian[0, c] * gx + jacobian[1, c] * gy + jacobian[2, c] * gz
+def _add_products(matrix, row_at, column_at, left, right, lines):
+    """matrix[row_at + a, column_at + b] += left[a] . right[b] over the first lines of both.
+
+    left: (p, S), right: (q, S), p and q even. Two by two, so that each load serves twice; on the
+    diagonal (row_at == column_at) the blocks above it are left out.
+    """
+    triangle = row_at == column_at
+    for a in range(0, left.shape[0], 2):
+        g, h = left[a], left[a + 1]
+        for b in range(0, a + 2 if triangle else right.shape[0], 2):
+            u, v = right[b], right[b + 1]
+            gu, gv, hu, hv = 0.0, 0.0, 0.0, 0.0
+            for s in range(lines):
+                gu += g[s] * u[s]
+                gv += g[s] * v[s]
+                hu += h[s] * u[s]
+                hv += h[s] * v[s]
+            matrix[row_at + a, column_at + b] += gu
+            matrix[row_at + a, column_at + b + 1] += gv
+            matrix[row_at + a + 1, column_at + b] += hu
+            matrix[row_at + a + 1, column_at + b + 1] += hv
 
 
 @kernel
-def _project_column(line, at, row, side, column, points, jacobian, gradient):
-    """As _project, for column 0 (the rachis point itself) or a barb node of a row."""
-    if column == 0:
-        line[at] += gradient[0]
-        line[at + 1] += gradient[1]
-        line[at + 2] += gradient[2]
-    else:
-        columns = jacobian.shape[2]
-        _project(
-            line,
-            at,
-            points[row, 0],
-            points[row, node_index(side, column, columns)],
-            jacobian[row, side, column - 1],
-            gradient,
-        )
+def _add_nodes(i, side, force, stiff, jacobian, block):
+    """Forces on the barb nodes of one row and side, and inertia, air and grips' stiffness.
+
+    jacobian: (w, 3, S) of this barb, whose first m + 1 nodes count.
+    """
+    wide, nodes = jacobian.shape[0], block.tension.shape[0] + 1
+    weighted, lines = block.weighted[:wide], block.lines[:wide]
+    first = node_index(side, 1, nodes - 1) - 1
+    for a in range(wide):
+        total = 0.0
+        for j in range(1, nodes):
+            x, y, z = jacobian[a, 0, j], jacobian[a, 1, j], jacobian[a, 2, j]
+            g, s = force[i, first + j], stiff[i, first + j]
+            total += x * g[0] + y * g[1] + z * g[2]
+            at = 3 * j - 3
+            lines[a, at], lines[a, at + 1], lines[a, at + 2] = x, y, z
+            weighted[a, at] = s[0] * x + s[3] * y + s[4] * z
+            weighted[a, at + 1] = s[3] * x + s[1] * y + s[5] * z
+            weighted[a, at + 2] = s[4] * x + s[5] * y + s[2] * z
+        block.right[wide + a] -= total
+    _add_products(block.matrix, wide, wide, weighted, lines, 3 * nodes - 3)
 
 
 @kernel
-def _add_outer(matrix, lines, first, last, weight):
-    """matrix += sum weight lines lines^T (lower part) over an index range, for six lines."""
-    for a in range(first, last):
-        c0, c1, c2 = weight[0] * lines[0, a], weight[1] * lines[1, a], weight[2] * lines[2, a]
-        c3, c4, c5 = weight[3] * lines[3, a], weight[4] * lines[4, a], weight[5] * lines[5, a]
-        for b in range(first, a + 1):
-            matrix[a, b] += (
-                c0 * lines[0, b]
-                + c1 * lines[1, b]
-                + c2 * lines[2, b]
-                + c3 * lines[3, b]
-                + c4 * lines[4, b]
-                + c5 * lines[5, b]
-            )
-
-
-@kernel
-def _add_nodes(i, side, points, force, stiff, jacobian, block):
-    """Inertia, gravity, air and grips of the barb nodes of one row and side."""
-    lines, matrix, right = block.lines, block.matrix, block.right
-    columns = jacobian.shape[2]
-    first = matrix.shape[0] // 3
-    last = 2 * first
-    for j in range(columns):
-        p = node_index(side, j + 1, columns)
-        rx = points[i, p, 0] - points[i, 0, 0]
-        ry = points[i, p, 1] - points[i, 0, 1]
-        rz = points[i, p, 2] - points[i, 0, 2]
-        s = stiff[i, p]
-        g = force[i, p]
+def _add_tension(i, side, points, force, segment, signed, jacobian, block):
+    """Geometric stiffness of the barb's tension: T / l |turn of each segment|^2."""
+    if not segment > 0.0:
+        return
+    wide, nodes = jacobian.shape[0], block.tension.shape[0] + 1
+    weighted, lines = block.weighted[:wide], block.lines[:wide]
+    start = 3 + side * (nodes - 1)
+    tension = block.tension
+    barb_tensions(
+        points[i, 0],
+        points[i, start : start + nodes - 1],
+        force[i, start : start + nodes - 1],
+        tension,
+    )
+    for j in range(nodes - 1):
+        tension[j] /= segment
+        if tension[j] < 0.0 and not signed:
+            tension[j] = 0.0
+    for a in range(wide):
         for k in range(3):
-            for a in range(6):
-                lines[k, first + a] = 0.0
-            lines[k, first + k] = 1.0
-            for c in range(jacobian.shape[4]):
-                lines[k, first + 6 + c] = jacobian[i, side, j, k, c]
-        lines[0, first + 4], lines[0, first + 5] = rz, -ry
-        lines[1, first + 3], lines[1, first + 5] = -rz, rx
-        lines[2, first + 3], lines[2, first + 4] = ry, -rx
-        for a in range(first, last):
-            x, y, z = lines[0, a], lines[1, a], lines[2, a]
-            right[a] -= x * g[0] + y * g[1] + z * g[2]
-            sx = s[0] * x + s[3] * y + s[4] * z
-            sy = s[3] * x + s[1] * y + s[5] * z
-            sz = s[4] * x + s[5] * y + s[2] * z
-            for b in range(first, a + 1):
-                matrix[a, b] += sx * lines[0, b] + sy * lines[1, b] + sz * lines[2, b]
+            at = k * (nodes - 1)
+            for j in range(nodes - 1):
+                turn = jacobian[a, k, j + 1] - jacobian[a, k, j]
+                lines[a, at + j] = turn
+                weighted[a, at + j] = tension[j] * turn
+    _add_products(block.matrix, wide, wide, weighted, lines, 3 * nodes - 3)
 
 
 @kernel
-def _add_cells(i, side, points, rest, stiffness, strains, reference, damping, jacobian, block):
-    """Membrane of the cells between rows i and i + 1.
+def _stress(stiffness, strain, reference, damping):
+    return stiffness * (strain + damping * (strain - reference))
+
+
+@kernel
+def _cell_nodes(i, half, j, near, far):
+    """(row of the edge, other row, other column, other node) of triangle A or B of a cell."""
+    if half == 0:
+        return i, i + 1, j, near
+    return i + 1, i, j + 1, far
+
+
+@kernel
+def _cell_forces(i, side, points, rest, stiffness, strains, reference, damping, block, force):
+    """Membrane forces of the cells between rows i and i + 1, added to force (n, P, 3).
 
     rest: (m, 2, 3), stiffness: (m, 2, 2) of these cells; strains, reference: (4 m,) theirs.
     """
-    lines, weight, gradient = block.lines, block.weight, block.membrane
-    columns = jacobian.shape[2]
-    wide = block.matrix.shape[0] // 3
-    last = 3 * wide
+    gradient = block.triangle
+    columns = stiffness.shape[0]
     for j in range(columns):
-        if stiffness[j, 0, 0] == 0.0 and stiffness[j, 1, 0] == 0.0:
-            continue
-        for k in range(6):
-            weight[k] = 0.0
-            for a in range(wide, last):
-                lines[k, a] = 0.0
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
         for half in range(2):
             if stiffness[j, half, 0] == 0.0:
                 continue
-            row, other, edge_at, other_at = i, i + 1, wide, 2 * wide
-            column, opposite = j, near
-            if half == 1:
-                row, other, edge_at, other_at = i + 1, i, 2 * wide, wide
-                column, opposite = j + 1, far
-            start, end, tip = points[row, near], points[row, far], points[other, opposite]
-            membrane_gradient(start, end, tip, rest[j, half], gradient)
-            stress = block.stress
-            for k in range(2):
-                at = 4 * j + 2 * half + k
-                stress[k] = stiffness[j, half, k] * (
-                    strains[at] + damping * (strains[at] - reference[at])
-                )
-            lift = membrane_lift(start, end, tip, rest[j, half], stress[0], stress[1], gradient[2])
+            row, other, _, opposite = _cell_nodes(i, half, j, near, far)
+            at = 4 * j + 2 * half
+            across = _stress(stiffness[j, half, 0], strains[at], reference[at], damping)
+            shear = _stress(stiffness[j, half, 1], strains[at + 1], reference[at + 1], damping)
+            membrane_gradient(
+                points[row, near],
+                points[row, far],
+                points[other, opposite],
+                rest[j, half],
+                gradient,
+            )
             for k in range(3):
-                line = lines[3 * half + k]
-                _project_column(line, edge_at, row, side, j, points, jacobian, gradient[k, 0])
-                _project_column(line, edge_at, row, side, j + 1, points, jacobian, gradient[k, 1])
-                _project_column(
-                    line, other_at, other, side, column, points, jacobian, gradient[k, 2]
-                )
-            weight[3 * half] = stiffness[j, half, 0] * (1.0 + damping)
-            weight[3 * half + 1] = stiffness[j, half, 1] * (1.0 + damping)
-            weight[3 * half + 2] = lift
-            across, shear = lines[3 * half], lines[3 * half + 1]
-            for a in range(wide, last):
-                block.right[a] -= stress[0] * across[a] + stress[1] * shear[a]
-        _add_outer(block.matrix, lines, wide, last, weight)
+                force[row, near, k] += across * gradient[0, 0, k] + shear * gradient[1, 0, k]
+                force[row, far, k] += across * gradient[0, 1, k] + shear * gradient[1, 1, k]
+                force[other, opposite, k] += across * gradient[0, 2, k] + shear * gradient[1, 2, k]
 
 
 @kernel
-def _add_hinges(i, side, points, stiffness, strains, reference, damping, jacobian, block):
-    """Bending across barbs at the edges of row i's barb; stiffness, strains, reference: (m,)."""
-    lines, weight, gradient = block.lines, block.weight, block.hinge
-    columns = jacobian.shape[2]
-    wide = block.matrix.shape[0] // 3
-    last = 3 * wide
-    filled = 0
+def _cell_lines(i, side, points, rest, stiffness, strains, reference, damping, signed, block):
+    """Weights (2, 4, m + 1) and nodal gradients (2, 3, 3, 4, m + 1) of the lines of a strip.
+
+    Triangle A or B; node (edge start, edge end, opposite), axis; line: e_ww, 2 e_vw, and the two of
+    the geometric stiffness, of which the destabilising one only if signed; cell, of which the last
+    is always zero. Other arguments as _cell_forces.
+    """
+    weight, gradients, triangle = block.weight, block.membrane, block.triangle
+    columns = stiffness.shape[0]
     for j in range(columns):
-        if stiffness[j] != 0.0:
-            line = lines[filled]
-            for a in range(last):
-                line[a] = 0.0
-            near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-            hinge_gradient(
-                points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], gradient
+        near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+        for half in range(2):
+            if stiffness[j, half, 0] == 0.0:
+                weight[half, :, j] = 0.0
+                gradients[half, :, :, :, j] = 0.0
+                continue
+            row, other, _, opposite = _cell_nodes(i, half, j, near, far)
+            start, end, tip = points[row, near], points[row, far], points[other, opposite]
+            at = 4 * j + 2 * half
+            across = _stress(stiffness[j, half, 0], strains[at], reference[at], damping)
+            shear = _stress(stiffness[j, half, 1], strains[at + 1], reference[at + 1], damping)
+            membrane_gradient(start, end, tip, rest[j, half], triangle)
+            membrane_lift(
+                start, end, tip, rest[j, half], across, shear, weight[half, 2:, j], triangle[2:]
             )
-            _project_column(line, wide, i, side, j, points, jacobian, gradient[0])
-            _project_column(line, wide, i, side, j + 1, points, jacobian, gradient[1])
-            _project_column(line, 2 * wide, i + 1, side, j, points, jacobian, gradient[2])
-            _project_column(line, 0, i - 1, side, j + 1, points, jacobian, gradient[3])
-            stress = stiffness[j] * (strains[j] + damping * (strains[j] - reference[j]))
-            for a in range(last):
-                block.right[a] -= stress * line[a]
-            weight[filled] = stiffness[j] * (1.0 + damping)
-            filled += 1
-        if filled == 6 or (filled > 0 and j == columns - 1):
-            for k in range(filled, 6):
-                weight[k] = 0.0
-            _add_outer(block.matrix, lines, 0, last, weight)
-            filled = 0
+            for line in range(4):
+                for node in range(3):
+                    for k in range(3):
+                        gradients[half, node, k, line, j] = triangle[line, node, k]
+            weight[half, 0, j] = stiffness[j, half, 0] * (1.0 + damping)
+            weight[half, 1, j] = stiffness[j, half, 1] * (1.0 + damping)
+            if not signed:
+                weight[half, 3, j] = 0.0
+
+
+@kernel
+def _fill_edge(weight, gradients, edge, lines, weighted, row_at, at):
+    """Project the gradients at both ends of barb edges and weigh them.
+
+    weight: (S,). gradients: (3, 3, S). edge: (w, 3, S + 1) Jacobian of the barb. Written: w rows
+    from row_at, S columns from at, of lines and weighted.
+    """
+    count = weight.shape[0]
+    s0, s1, s2 = gradients[0, 0], gradients[0, 1], gradients[0, 2]
+    e0, e1, e2 = gradients[1, 0], gradients[1, 1], gradients[1, 2]
+    for a in range(edge.shape[0]):
+        x, y, z = edge[a, 0], edge[a, 1], edge[a, 2]
+        line = lines[row_at + a, at : at + count]
+        for s in range(count):
+            line[s] = (
+                x[s] * s0[s]
+                + y[s] * s1[s]
+                + z[s] * s2[s]
+                + x[s + 1] * e0[s]
+                + y[s + 1] * e1[s]
+                + z[s + 1] * e2[s]
+            )
+        product = weighted[row_at + a, at : at + count]
+        for s in range(count):
+            product[s] = weight[s] * line[s]
+
+
+@kernel
+def _fill_tip(weight, gradient, shift, other, lines, weighted, row_at, at):
+    """As _fill_edge, for the opposite nodes; gradient: (3, S), shift: their column beyond j."""
+    count = weight.shape[0]
+    g0, g1, g2 = gradient[0], gradient[1], gradient[2]
+    for a in range(other.shape[0]):
+        x, y, z = other[a, 0, shift:], other[a, 1, shift:], other[a, 2, shift:]
+        line = lines[row_at + a, at : at + count]
+        for s in range(count):
+            line[s] = x[s] * g0[s] + y[s] * g1[s] + z[s] * g2[s]
+        product = weighted[row_at + a, at : at + count]
+        for s in range(count):
+            product[s] = weight[s] * line[s]
+
+
+@kernel
+def _add_cells(
+    i, side, points, rest, stiffness, strains, reference, damping, signed, jacobian, block
+):
+    """Membrane stiffness of the cells between rows i and i + 1; arguments as _cell_lines."""
+    wide = jacobian.shape[2]
+    count = 4 * (stiffness.shape[0] + 1)
+    low, high = jacobian[i, side], jacobian[i + 1, side]
+    _cell_lines(i, side, points, rest, stiffness, strains, reference, damping, signed, block)
+    lines, weighted = block.lines, block.weighted
+    weight = block.weight.reshape((2, count))
+    gradients = block.membrane.reshape((2, 3, 3, count))
+    _fill_edge(weight[0], gradients[0], low, lines, weighted, 0, 0)
+    _fill_tip(weight[0], gradients[0, 2], 0, high, lines, weighted, wide, 0)
+    _fill_edge(weight[1], gradients[1], high, lines, weighted, wide, count)
+    _fill_tip(weight[1], gradients[1, 2], 1, low, lines, weighted, 0, count)
+    _add_products(block.matrix, wide, wide, weighted[: 2 * wide], lines[: 2 * wide], 2 * count)
+
+
+@kernel
+def _hinge_forces(i, side, points, stiffness, strains, reference, damping, block, force):
+    """Forces of the hinges on row i's barb, added to force; stiffness to reference: (m,)."""
+    gradient = block.hinge
+    columns = stiffness.shape[0]
+    for j in range(columns):
+        if stiffness[j] == 0.0:
+            continue
+        near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+        hinge_gradient(
+            points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], gradient
+        )
+        stress = _stress(stiffness[j], strains[j], reference[j], damping)
+        for k in range(3):
+            force[i, near, k] += stress * gradient[0, k]
+            force[i, far, k] += stress * gradient[1, k]
+            force[i + 1, near, k] += stress * gradient[2, k]
+            force[i - 1, far, k] += stress * gradient[3, k]
+
+
+@kernel
+def _add_hinges(i, side, points, stiffness, damping, jacobian, block):
+    """Stiffness of bending across barbs at the edges of row i's barb; stiffness: (m,)."""
+    columns = stiffness.shape[0]
+    wide = jacobian.shape[2]
+    gradients, weight = block.membrane[0, :, :, 0], block.weight[0, 0, :columns]
+    below = block.membrane[1, 0, :, 0]
+    for j in range(columns):
+        weight[j] = stiffness[j] * (1.0 + damping)
+        if stiffness[j] == 0.0:
+            gradients[:, :, j] = 0.0
+            below[:, j] = 0.0
+            continue
+        near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+        hinge_gradient(
+            points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], block.hinge
+        )
+        for k in range(3):
+            gradients[0, k, j] = block.hinge[0, k]
+            gradients[1, k, j] = block.hinge[1, k]
+            gradients[2, k, j] = block.hinge[2, k]
+            below[k, j] = block.hinge[3, k]
+    lines, weighted = block.lines, block.weighted
+    _fill_edge(weight, gradients, jacobian[i, side], lines, weighted, wide, 0)
+    _fill_tip(weight, gradients[2], 0, jacobian[i + 1, side], lines, weighted, 2 * wide, 0)
+    _fill_tip(weight, below, 1, jacobian[i - 1, side], lines, weighted, 0, 0)
+    _add_products(block.matrix, 0, 0, weighted, lines, columns)
 
 
 @kernel
@@ -188,9 +289,8 @@ def _add_barb(stiffness, strains, reference, damping, block):
     """Bending of one barb, whose coefficients are its strains; all arrays (2 C,)."""
     at = block.matrix.shape[0] // 3 + 6
     for c in range(stiffness.shape[0]):
-        stress = stiffness[c] * (strains[c] + damping * (strains[c] - reference[c]))
         block.matrix[at + c, at + c] += stiffness[c] * (1.0 + damping)
-        block.right[at + c] -= stress
+        block.right[at + c] -= _stress(stiffness[c], strains[c], reference[c], damping)
 
 
 @kernel
@@ -244,28 +344,27 @@ def _add_rachis_nodes(i, points, force, stiff, row_size, system):
 
 
 @kernel
-def _add_rachis_element(
-    i, centre, halfway, rachis, length, stiffness, strains, reference, damping, beam, matrix, system
-):
+def _add_rachis_element(i, pose, length, stiffness, reference, damping, signed, beam, system):
     """Stretch, shear, twist and bending between rows i and i + 1.
 
-    stiffness: (6,), strains and reference: (6,) of this element; beam, matrix: scratch.
+    stiffness: (6,); reference: (6,) of this element; beam: scratch; signed: as in assemble.
     """
     row_size = system.band.shape[1] // 3
     at = i * row_size
-    rachis_gradient(centre[i], centre[i + 1], length, halfway[i], rachis[i], beam)
-    for a in range(12):
-        for b in range(12):
-            matrix[a, b] = 0.0
+    gradient, matrix, stress = beam.gradient, beam.matrix, beam.stress
+    start, end, halfway = pose.centre[i], pose.centre[i + 1], pose.halfway[i]
+    rachis_gradient(start, end, length, halfway, pose.rachis[i], gradient)
+    matrix[:] = 0.0
     for k in range(6):
-        stress = stiffness[k] * (strains[k] + damping * (strains[k] - reference[k]))
+        stress[k] = _stress(stiffness[k], pose.strains[6 * i + k], reference[k], damping)
         weight = stiffness[k] * (1.0 + damping)
         for a in range(12):
             to = at + a if a < 6 else at + row_size + a - 6
-            system.right[to] -= stress * beam[k, a]
-            scaled = weight * beam[k, a]
+            system.right[to] -= stress[k] * gradient[k, a]
+            scaled = weight * gradient[k, a]
             for b in range(a + 1):
-                matrix[a, b] += scaled * beam[k, b]
+                matrix[a, b] += scaled * gradient[k, b]
+    rachis_geometric(start, end, length, halfway, stress, signed, matrix)
     for a in range(12):
         to = at + a if a < 6 else at + row_size + a - 6
         for b in range(a + 1):
@@ -298,19 +397,63 @@ def _hold_root(row_size, system):
 
 
 @kernel
-def _add_rows(model, f, factors, pose, around, force, stiff, jacobian, block, system):
-    """Vane of feather f: row by row and side by side."""
+def _add_vane_forces(model, f, damping, pose, reference, block, force):
+    """Membrane and hinge forces of feather f on its nodes, added to force (n, P, 3)."""
+    rows, columns = pose.turn.shape[0], model.joints.shape[3]
+    cells_at = (rows - 1) * 6 + 2 * rows * pose.coefficient.shape[2]
+    hinges_at = cells_at + 2 * (rows - 1) * columns * 4
+    for side in range(2):
+        for i in range(rows - 1):
+            at = cells_at + (side * (rows - 1) + i) * columns * 4
+            _cell_forces(
+                i,
+                side,
+                pose.points,
+                model.cell_rest[f, side, i],
+                model.cell_stiffness[f, side, i],
+                pose.strains[at:],
+                reference[at:],
+                damping,
+                block,
+                force,
+            )
+        for i in range(1, rows - 1):
+            at = hinges_at + (side * rows + i) * columns
+            _hinge_forces(
+                i,
+                side,
+                pose.points,
+                model.hinge_stiffness[f, side, i],
+                pose.strains[at:],
+                reference[at:],
+                damping,
+                block,
+                force,
+            )
+
+
+@kernel
+def _add_rows(model, f, damping, signed, pose, reference, force, stiff, jacobian, block, system):
+    """Vane of feather f: row by row and side by side. force: (n, P, 3), of all that acts."""
     rows, columns = pose.turn.shape[0], model.joints.shape[3]
     count = pose.coefficient.shape[2]
-    damping = model.retardation[f, 1] * factors[2]
     cells_at = (rows - 1) * 6 + 2 * rows * count
-    hinges_at = cells_at + 2 * (rows - 1) * columns * 4
-    strains, reference = pose.strains, around.reference
+    points, strains = pose.points, pose.strains
     for i in range(rows):
         for side in range(2):
             block.matrix[:] = 0.0
             block.right[:] = 0.0
-            _add_nodes(i, side, pose.points, force, stiff, jacobian, block)
+            _add_nodes(i, side, force, stiff, jacobian[i, side], block)
+            _add_tension(
+                i,
+                side,
+                points,
+                force,
+                model.segment[f, side, i],
+                signed,
+                jacobian[i, side],
+                block,
+            )
             at = (rows - 1) * 6 + (side * rows + i) * count
             _add_barb(
                 model.barb_stiffness[f, side, i], strains[at:], reference[at:], damping, block
@@ -320,37 +463,30 @@ def _add_rows(model, f, factors, pose, around, force, stiff, jacobian, block, sy
                 _add_cells(
                     i,
                     side,
-                    pose.points,
+                    points,
                     model.cell_rest[f, side, i],
                     model.cell_stiffness[f, side, i],
                     strains[at:],
                     reference[at:],
                     damping,
+                    signed,
                     jacobian,
                     block,
                 )
             if 0 < i < rows - 1:
-                at = hinges_at + (side * rows + i) * columns
                 _add_hinges(
-                    i,
-                    side,
-                    pose.points,
-                    model.hinge_stiffness[f, side, i],
-                    strains[at:],
-                    reference[at:],
-                    damping,
-                    jacobian,
-                    block,
+                    i, side, points, model.hinge_stiffness[f, side, i], damping, jacobian, block
                 )
             _scatter(i, rows, side, block.matrix, block.right, system)
 
 
 @kernel
-def assemble(model, loads, f, share, factors, work):
+def assemble(model, loads, f, share, factors, signed, work):
     """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
 
     work.jacobian must belong to the pose. share: of the frame, for the grips. factors: (inertia,
-    rate, strain rate) of the integrator.
+    rate, strain rate) of the integrator. signed: whether geometric stiffness of compression is
+    included, too: then the Hessian may be indefinite, but Newton converges where a vane wrinkles.
     """
     pose, around, system = work.now, work.around, work.system
     rows, row_size = pose.turn.shape[0], system.band.shape[1] // 3
@@ -382,30 +518,32 @@ def assemble(model, loads, f, share, factors, work):
         work.force,
         work.stiff,
     )
+    add_dead_forces(loads.force[f], work.force)
+    vane = model.retardation[f, 1] * factors[2]
+    if model.joints.shape[3] > 0:
+        _add_vane_forces(model, f, vane, pose, around.reference, work.block, work.force)
     for i in range(rows):
         _add_rachis_nodes(i, pose.points, work.force, work.stiff, row_size, system)
     for i in range(rows - 1):
         _add_rachis_element(
             i,
-            pose.centre,
-            pose.halfway,
-            pose.rachis,
+            pose,
             model.length[f, i],
             model.rachis_stiffness[f, i],
-            pose.strains[6 * i :],
             around.reference[6 * i :],
             model.retardation[f, 0] * factors[2],
+            signed,
             work.beam,
-            work.beam_matrix,
             system,
         )
     if model.joints.shape[3] > 0:
         _add_rows(
             model,
             f,
-            factors,
+            vane,
+            signed,
             pose,
-            around,
+            around.reference,
             work.force,
             work.stiff,
             work.jacobian,

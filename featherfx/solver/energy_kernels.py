@@ -4,11 +4,11 @@ Every strain s has a stiffness k and, where the material is damped, a reference 
 
     W = sum 1/2 k s^2 + 1/2 k q (s - s_r)^2,      q = retardation time * rate of the integrator
 
-(Kelvin-Voigt; s measured from rest). Inertia, gravity, air and grips are in node_kernels.
+(Kelvin-Voigt; s measured from rest). Inertia, gravity, air, grips and dead loads are in node_kernels.
 """
 
 from featherfx.compiled import kernel
-from featherfx.mechanics.node_kernels import node_energy
+from featherfx.mechanics.node_kernels import dead_energy, node_energy
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 
@@ -153,6 +153,7 @@ def step_energy(model, loads, f, share, factors, pose, around):
             share,
             pose.points,
         )
+        + dead_energy(pose.points, loads.force[f])
         + node_energy(
             pose.points,
             around.target,

@@ -68,14 +68,18 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
         return NOT_FINITE, 0, 0.0
     move = 0.0
     for iteration in range(1, limit + 1):
-        barb_jacobians(model, f, now.turn, now.coefficient, work.frame, work.spin, work.jacobian)
-        assemble(model, loads, f, share, factors, work)
+        barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
+        assemble(model, loads, f, share, factors, True, work)
         if not factorise(system.band):
-            return NOT_DEFINITE, iteration, move
+            assemble(model, loads, f, share, factors, False, work)
+            if not factorise(system.band):
+                return NOT_DEFINITE, iteration, move
         solve_factored(system.band, system.right)
         scale = 1.0
         for _ in range(HALVINGS):
-            add_increment(model.length[f], now, system.right, scale, trial, work.beam, work.stretch)
+            add_increment(
+                model.length[f], now, system.right, scale, trial, work.beam.gradient, work.stretch
+            )
             new = evaluate(model, loads, f, share, factors, trial, work.around)
             move = largest_move(now.points, trial.points) / scale
             slack = 1e-9 * (abs(energy) + abs(new))
@@ -98,5 +102,5 @@ def linearise(model, loads, f, inertia, turn, centre, coefficient, work):
     load_pose(turn, centre, coefficient, model.length[f], now)
     factors = (inertia, 0.0, 0.0)
     evaluate(model, loads, f, 0.0, factors, now, work.around)
-    barb_jacobians(model, f, now.turn, now.coefficient, work.frame, work.spin, work.jacobian)
-    assemble(model, loads, f, 0.0, factors, work)
+    barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
+    assemble(model, loads, f, 0.0, factors, False, work)

@@ -6,7 +6,7 @@ coefficients.
 """
 
 from featherfx.compiled import kernel
-from featherfx.mechanics.barb_kernels import barb_jacobian, barb_points
+from featherfx.mechanics.barb_kernels import barb_jacobian, barb_points, root_jacobian
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.rotations_kernels import exponential, multiply, normalised, rotate
@@ -37,24 +37,43 @@ def material_points(model, f, turn, centre, coefficient, points):
 
 
 @kernel
-def barb_jacobians(model, f, turn, coefficient, frame, spin, jacobian):
-    """Derivatives of all barb nodes by their coefficients, to jacobian (n, 2, m, 3, 2 C).
+def barb_jacobians(model, f, pose, frame, spin, jacobian):
+    """Derivatives of the nodes of all barbs by their row's increments.
 
+    Written: jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): increment (dr, u and the coefficients of
+    this side), axis, and four times over the nodes, of which 0 is the rachis point: once for each
+    kind of line of a triangle, so that the assembly runs along all of them at once.
     frame: (3, 3) and spin: (3, 2 C) are scratch.
     """
-    for i in range(turn.shape[0]):
+    columns = model.joints.shape[3]
+    for i in range(pose.turn.shape[0]):
         for side in range(2):
+            start = 3 + side * columns
+            root_jacobian(
+                pose.points[i, 0], pose.points[i, start : start + columns], jacobian[i, side]
+            )
             barb_jacobian(
-                turn[i],
+                pose.turn[i],
                 model.clamp[f, side, i],
                 model.joints[f, side, i],
                 model.segment[f, side, i],
                 model.shapes,
-                coefficient[side, i],
+                pose.coefficient[side, i],
                 frame,
                 spin,
                 jacobian[i, side],
             )
+            _repeat(columns + 1, jacobian[i, side])
+
+
+@kernel
+def _repeat(nodes, jacobian):
+    """Copy the first nodes of jacobian (w, 3, S) three times behind themselves."""
+    for a in range(jacobian.shape[0]):
+        for k in range(3):
+            line = jacobian[a, k]
+            for s in range(nodes, 4 * nodes):
+                line[s] = line[s - nodes]
 
 
 @kernel

@@ -182,6 +182,9 @@ def _solve_step(model, loads, f, share, h, path, base, state, settings, work, co
     Returns (status, spectral radius that worked); the solution is work.now.
     """
     status, radius = NOT_CONVERGED, settings[0]
+    if state.step[f] <= 0.0:
+        # no acceleration is known yet: one Euler step keeps the second order, a wrong one does not
+        radius = EULER
     for option in range(3):
         if option == 0 and state.step[f] <= 0.0:
             continue

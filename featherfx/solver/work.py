@@ -58,23 +58,34 @@ class System(NamedTuple):
 class Block(NamedTuple):
     """Sums of one row and side, w = 6 + 2 C.
 
-    matrix: (3 w, 3 w). right: (3 w,). lines: (6, 3 w) projected gradients, weight: (6,) theirs.
-    membrane: (3, 3, 3), stress: (2,), hinge: (4, 3): of one stencil.
+    matrix: (3 w, 3 w). right: (3 w,). lines, weighted: (3 w, 8 (m + 1)) projected gradients,
+    and times their weights. weight: (2, 4, m + 1), membrane: (2, 3, 3, 4, m + 1), tension: (m,):
+    of a strip. triangle: (4, 3, 3), hinge: (4, 3): of one stencil.
     """
 
     matrix: Array
     right: Array
     lines: Array
+    weighted: Array
     weight: Array
     membrane: Array
-    stress: Array
+    tension: Array
+    triangle: Array
     hinge: Array
+
+
+class Beam(NamedTuple):
+    """One rachis element: gradient (6, 12) of its strains, stress (6,), matrix (12, 12)."""
+
+    gradient: Array
+    stress: Array
+    matrix: Array
 
 
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, block: sums. force (n, P, 3), stiff
-    (n, P, 6): of the nodes. jacobian (n, 2, m, 3, 2 C): of the barbs. beam (6, 12), beam_matrix
-    (12, 12): of one rachis element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
+    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): of the barbs.
+    beam: sums of one rachis element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
     """
 
     now: Pose
@@ -85,8 +96,7 @@ class Work(NamedTuple):
     force: Array
     stiff: Array
     jacobian: Array
-    beam: Array
-    beam_matrix: Array
+    beam: Beam
     frame: Array
     spin: Array
     stretch: Array
@@ -132,17 +142,18 @@ def make_work(model: Model) -> Work:
         block=Block(
             matrix=np.zeros((wide, wide)),
             right=np.zeros(wide),
-            lines=np.zeros((6, wide)),
-            weight=np.zeros(6),
-            membrane=np.zeros((3, 3, 3)),
-            stress=np.zeros(2),
+            lines=np.zeros((wide, 8 * m + 8)),
+            weighted=np.zeros((wide, 8 * m + 8)),
+            weight=np.zeros((2, 4, m + 1)),
+            membrane=np.zeros((2, 3, 3, 4, m + 1)),
+            tension=np.zeros(m),
+            triangle=np.zeros((4, 3, 3)),
             hinge=np.zeros((4, 3)),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
-        jacobian=np.zeros((n, 2, m, 3, 2 * c)),
-        beam=np.zeros((6, 12)),
-        beam_matrix=np.zeros((12, 12)),
+        jacobian=np.zeros((n, 2, 6 + 2 * c, 3, 4 * m + 5)),
+        beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
         frame=np.zeros((3, 3)),
         spin=np.zeros((3, 2 * c)),
         stretch=np.zeros(3),
