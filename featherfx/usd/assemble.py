@@ -14,12 +14,11 @@ from featherfx.errors import Problem
 from featherfx.usd.atomic import publish
 from featherfx.usd.chunk import open_chunk
 from featherfx.usd.layout import CacheLayers, Clips, finish_layers
+from featherfx.usd.names import prim_name
 from featherfx.usd.parts import ChunkRecord, Parts
-from featherfx.usd.samples import AnimatedPrims
+from featherfx.usd.samples import RATES, AnimatedPrims
 from featherfx.usd.stage import StageInfo, new_layer
 from featherfx.usd.types import OutputError
-
-CLIP_SET = "frames"
 
 
 def assemble(
@@ -50,7 +49,7 @@ def assemble(
         high = np.max([high, *(record.high for record in records)], axis=0)
         _still_poses(layers.topology, prims, ~moving & ~np.array(static), parts)
         if layers.layout == "clips":
-            clips = _clips(info, prims, moving, parts)
+            clips = _clips(path.stem, info, prims, moving, parts)
         else:
             _copy_samples(layers.animation, prims, moving, parts)
     publish(finish_layers(layers, info, path, (low, high), clips))
@@ -70,7 +69,7 @@ def _still_poses(layer: Any, prims: AnimatedPrims, still: Any, parts: Parts) -> 
     with Sdf.ChangeBlock():
         for index in np.flatnonzero(still):
             for key, path in prims.paths[index].items():
-                if key[1] != "velocities":
+                if key[1] not in RATES:
                     value = chunk.QueryTimeSample(path, code)
                     prims.create(layer, int(index), key).default = value
 
@@ -88,7 +87,9 @@ def _copy_samples(layer: Any, prims: AnimatedPrims, moving: Any, parts: Parts) -
                         layer.SetTimeSample(path, code, chunk.QueryTimeSample(path, code))
 
 
-def _clips(info: StageInfo, prims: AnimatedPrims, moving: Any, parts: Parts) -> Clips | None:
+def _clips(
+    name: str, info: StageInfo, prims: AnimatedPrims, moving: Any, parts: Parts
+) -> Clips | None:
     """The chunks as clips; None where nothing moves. Each is looked at before the root names it."""
     if not moving.any():
         return None
@@ -101,7 +102,7 @@ def _clips(info: StageInfo, prims: AnimatedPrims, moving: Any, parts: Parts) -> 
     publish([(manifest, path)])
     codes = [record.codes for record in parts.records]
     return Clips(
-        name=CLIP_SET,
+        name=prim_name(name),
         manifest=path,
         files=[parts.chunk(number) for number in range(len(codes))],
         starts=[each[0] for each in codes],

@@ -7,17 +7,30 @@ are taken out again after each, which costs far less than making the prims anew.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Sdf
 
 from featherfx.usd.atomic import publish
 from featherfx.usd.parts import ChunkRecord, file_digest
 from featherfx.usd.samples import AnimatedPrims
 from featherfx.usd.stage import StageInfo, new_layer
-from featherfx.usd.surfaces import SurfaceFrame
+from featherfx.usd.surfaces import Floats, SurfaceFrame
+
+
+@dataclass
+class _Run:
+    """Poses of the chunk at hand: their codes, the first, (N,) who has left it, corners of all."""
+
+    moving: NDArray[np.bool_]
+    codes: list[float] = field(default_factory=list)
+    first: SurfaceFrame | None = None
+    low: Floats = field(default_factory=lambda: np.full(3, np.inf, np.float32))
+    high: Floats = field(default_factory=lambda: np.full(3, -np.inf, np.float32))
 
 
 class ChunkWriter:
@@ -38,59 +51,55 @@ class ChunkWriter:
             for index in np.flatnonzero(~self._static):
                 for key in prims.paths[index]:
                     prims.create(self._layer, int(index), key)
-        self._clear()
+        self._run = self._new_run()
 
     @property
     def count(self) -> int:
         """Poses collected so far."""
-        return len(self._codes)
+        return len(self._run.codes)
 
     def add(self, code: float, frame: SurfaceFrame) -> None:
         """Add the pose at the next time code; frame is kept until the chunk is written."""
-        if self._first is None:
-            self._first = frame
-        moving = self._prims.surfaces.changed(frame, self._first, self._seconds)
-        moving &= ~self._static
+        run, prims, layer = self._run, self._prims, self._layer
+        run.first = first = run.first or frame
+        moving = prims.surfaces.changed(frame, first, self._seconds) & ~self._static
         with Sdf.ChangeBlock():
-            for index in np.flatnonzero(moving & ~self._moving):
-                self._prims.author_sample(self._layer, int(index), self._codes, self._first)
-            self._moving |= moving
-            for index in np.flatnonzero(self._moving):
-                self._prims.author_sample(self._layer, int(index), (code,), frame)
-        self._codes.append(code)
-        self._low = np.minimum(self._low, frame.extent[:, 0].min(axis=0))
-        self._high = np.maximum(self._high, frame.extent[:, 1].max(axis=0))
+            for index in np.flatnonzero(moving & ~run.moving):
+                prims.author_sample(layer, int(index), run.codes, first)
+            run.moving |= moving
+            for index in np.flatnonzero(run.moving):
+                prims.author_sample(layer, int(index), (code,), frame)
+        run.codes.append(code)
+        run.low = np.minimum(run.low, frame.extent[:, 0].min(axis=0))
+        run.high = np.maximum(run.high, frame.extent[:, 1].max(axis=0))
 
     def write(self, path: Path) -> ChunkRecord:
         """Write the chunk, whole and read back, and start the next one."""
-        assert self._first is not None
+        run, prims, layer = self._run, self._prims, self._layer
+        assert run.first is not None
         with Sdf.ChangeBlock():
-            for index in np.flatnonzero(~self._moving & ~self._static):
-                self._prims.author_sample(self._layer, int(index), self._codes, self._first)
-        self._layer.startTimeCode, self._layer.endTimeCode = self._codes[0], self._codes[-1]
-        publish([(self._layer, path)])
+            for index in np.flatnonzero(~run.moving & ~self._static):
+                prims.author_sample(layer, int(index), run.codes, run.first)
+        layer.startTimeCode, layer.endTimeCode = run.codes[0], run.codes[-1]
+        publish([(layer, path)])
         size, digest = file_digest(path)
-        record = ChunkRecord(
-            codes=tuple(self._codes),
+        self._run = self._new_run()
+        return ChunkRecord(
+            codes=tuple(run.codes),
             bytes=size,
             sha256=digest,
-            constant="".join("01"[not moving] for moving in self._moving),
-            first=tuple(self._prims.digest(k, self._first) for k in range(len(self._static))),
-            low=tuple(self._low.tolist()),
-            high=tuple(self._high.tolist()),
+            constant="".join("01"[not moving] for moving in run.moving),
+            first=tuple(prims.digest(k, run.first) for k in range(len(self._static))),
+            low=tuple(run.low.tolist()),
+            high=tuple(run.high.tolist()),
         )
-        self._clear()
-        return record
 
-    def _clear(self) -> None:
-        self._codes: list[float] = []
-        self._first: SurfaceFrame | None = None
-        self._moving = np.zeros(len(self._static), dtype=np.bool_)
-        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+    def _new_run(self) -> _Run:
         with Sdf.ChangeBlock():
             for index in np.flatnonzero(~self._static):
                 for path in self._prims.paths[index].values():
                     self._layer.GetAttributeAtPath(path).ClearInfo("timeSamples")
+        return _Run(np.zeros(len(self._static), dtype=np.bool_))
 
 
 def open_chunk(path: Path) -> Any:

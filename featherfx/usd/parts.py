@@ -112,7 +112,8 @@ class Parts:
                     shutil.rmtree(other, ignore_errors=True)
             self._lock.close()
         else:
-            self.discard()
+            shutil.rmtree(self.folder.parent, ignore_errors=True)
+            self._lock.close()
 
     def discard(self) -> None:
         """Remove the chunks, and the folder unless something else is in it."""
@@ -124,6 +125,17 @@ class Parts:
     def close(self) -> None:
         """Leave all as it is, for a later run."""
         self._lock.close()
+
+    @staticmethod
+    def are_whole(folder: Path, settings: Mapping[str, str]) -> bool:
+        """Whether the chunks of a finished bake are all there, by their sizes."""
+        bake = folder / settings_digest(settings)
+        records = sorted(bake.glob("[0-9]*.json"))
+        found = [(file.with_suffix(".usdc"), _read_record(file)) for file in records]
+        return bool(found) and all(
+            record is not None and chunk.is_file() and chunk.stat().st_size == record.bytes
+            for chunk, record in found
+        )
 
     def _record(self, index: int) -> Path:
         return self.folder / f"{index:04d}.json"
@@ -212,6 +224,9 @@ class _Lock:
         self._file = path.open("ab")
         try:
             _lock(self._file.fileno())
+            # The file may have been removed by its last holder after it was opened here.
+            if not os.path.samestat(os.fstat(self._file.fileno()), path.stat()):
+                raise BlockingIOError
         except OSError as error:
             self._file.close()
             message = "another bake is writing this cache; wait for it or choose another name"

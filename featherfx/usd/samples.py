@@ -9,7 +9,6 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
 from pxr import Sdf
 
 from featherfx.usd import arrays
@@ -24,25 +23,36 @@ _TYPES = {
     "normals": Sdf.ValueTypeNames.Normal3fArray,
     "velocities": Sdf.ValueTypeNames.Vector3fArray,
     BARB_DIRECTION: Sdf.ValueTypeNames.Vector3fArray,
+    "accelerations": Sdf.ValueTypeNames.Vector3fArray,
 }
-_OF_RACHIS = ("points", "extent", "velocities")
+_OF_RACHIS = ("points", "extent", "velocities", "accelerations")
+RATES = ("velocities", "accelerations")
 _INTERPOLATION = {"normals": "vertex", BARB_DIRECTION: "uniform"}
 
 
 class AnimatedPrims:
     """The prims of a cache that move, and how a pose becomes their values.
 
-    meshes, rachises: prim paths, one of each per feather. Keys are ("mesh" or "rachis",
-    attribute name).
+    meshes, rachises: prim paths, one of each per feather. accelerations: whether they are
+    written, too. Keys are ("mesh" or "rachis", attribute name).
     """
 
     def __init__(
-        self, meshes: Sequence[Any], rachises: Sequence[Any], surfaces: SurfaceSet
+        self,
+        meshes: Sequence[Any],
+        rachises: Sequence[Any],
+        surfaces: SurfaceSet,
+        accelerations: bool = False,
     ) -> None:
         self.surfaces = surfaces
+        names = [name for name in _TYPES if accelerations or name != "accelerations"]
         self.paths: list[dict[Key, Any]] = [
-            {("mesh", name): mesh.AppendProperty(name) for name in _TYPES}
-            | {("rachis", name): rachis.AppendProperty(name) for name in _OF_RACHIS}
+            {("mesh", name): mesh.AppendProperty(name) for name in names}
+            | {
+                ("rachis", name): rachis.AppendProperty(name)
+                for name in names
+                if name in _OF_RACHIS
+            }
             for mesh, rachis in zip(meshes, rachises, strict=True)
         ]
 
@@ -59,9 +69,9 @@ class AnimatedPrims:
         return attribute
 
     def author_defaults(self, layer: Any, index: int, frame: SurfaceFrame) -> None:
-        """One pose of a feather as default values; a default pose has no velocity."""
+        """One pose of a feather as default values; a default pose has no rates."""
         for key, value in self.values(index, frame):
-            if key[1] != "velocities":
+            if key[1] not in RATES:
                 self.create(layer, index, key).default = value
 
     def author_sample(
@@ -85,10 +95,13 @@ class AnimatedPrims:
         yield ("rachis", "points"), vec3f(frame.rachis_points[shaft])
         yield ("rachis", "extent"), vec3f(frame.rachis_extent[index])
         yield ("rachis", "velocities"), vec3f(frame.rachis_velocities[shaft])
+        if frame.accelerations is not None and frame.rachis_accelerations is not None:
+            yield ("mesh", "accelerations"), vec3f(frame.accelerations[points])
+            yield ("rachis", "accelerations"), vec3f(frame.rachis_accelerations[shaft])
 
     def digest(self, index: int, frame: SurfaceFrame) -> str:
         """Short name of a feather's pose: equal poses, equal names."""
         points, shaft = self.surfaces.point_slices[index], self.surfaces.rachis_slices[index]
-        digest = hashlib.blake2b(frame.points[points], digest_size=8)
-        digest.update(np.ascontiguousarray(frame.rachis_points[shaft]))
+        digest = hashlib.blake2b(frame.points[points].tobytes(), digest_size=8)
+        digest.update(frame.rachis_points[shaft].tobytes())
         return digest.hexdigest()

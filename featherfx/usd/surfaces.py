@@ -8,7 +8,7 @@ simulation meanwhile.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -32,7 +32,8 @@ class SurfaceFrame:
 
     points, normals, velocities: (V, 3) surface points. barb_direction: (T, 3).
     rachis_points, rachis_velocities: (R, 3). extent: (N, 2, 3) and rachis_extent: (N, 2, 3), the
-    latter padded by half the width. Velocities in stage units per second.
+    latter padded by half the width. Velocities in stage units per second. accelerations: (V, 3)
+    and rachis_accelerations: (R, 3), stage units per second squared, None where not asked for.
     """
 
     points: Floats
@@ -43,6 +44,8 @@ class SurfaceFrame:
     rachis_velocities: Floats
     extent: Floats
     rachis_extent: Floats
+    accelerations: Floats | None = None
+    rachis_accelerations: Floats | None = None
 
 
 def barb_edges(surface: Surface, points: Array) -> Indices:
@@ -101,15 +104,32 @@ class SurfaceSet:
     @property
     def bytes_per_sample(self) -> int:
         """Bytes of one pose of all feathers."""
-        return sum(getattr(self.rest, each.name).nbytes for each in fields(self.rest))
+        values = (getattr(self.rest, each.name) for each in fields(self.rest))
+        return sum(value.nbytes for value in values if value is not None)
 
-    def evaluate(self, points: Sequence[Array], velocities: Sequence[Array]) -> SurfaceFrame:
+    def evaluate(
+        self,
+        points: Sequence[Array],
+        velocities: Sequence[Array],
+        accelerations: Sequence[Array] = (),
+    ) -> SurfaceFrame:
         """A pose from per-feather (n, P, 3) material points and rates; static feathers: at rest."""
         poses, rates = [], []
         for entry, given, rate in zip(self._entries, points, velocities, strict=True):
             poses.append(np.reshape(entry.rest_points if entry.static else given, (-1, 3)))
             rates.append(np.zeros_like(poses[-1]) if entry.static else np.reshape(rate, (-1, 3)))
-        return self._frame(np.concatenate(poses), np.concatenate(rates))
+        frame = self._frame(np.concatenate(poses), np.concatenate(rates))
+        return self._with_accelerations(frame, accelerations) if len(accelerations) else frame
+
+    def _with_accelerations(self, frame: SurfaceFrame, given: Sequence[Array]) -> SurfaceFrame:
+        rates = np.concatenate([np.reshape(each, (-1, 3)) for each in given])
+        space, surface = self._space, np.empty_like(frame.velocities)
+        quarter, scale = space.up_axis == "Y", 1.0 / space.meters_per_unit
+        surface_kernels.combine(
+            rates, self._terms, self._weights, scale, quarter, self._scratch[0], surface
+        )
+        shaft = space.positions(rates[self._shaft_nodes]).astype(np.float32)
+        return replace(frame, accelerations=surface, rachis_accelerations=shaft)
 
     def _frame(self, material: Array, rates: Array) -> SurfaceFrame:
         space, (world, scratch) = self._space, self._scratch

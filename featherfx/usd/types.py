@@ -25,6 +25,7 @@ class FeatherEntry:
     feather: rest geometry. rest_points: (n, P, 3) m, material points at rest, world frame
         (layout in featherfx/feather/types.py).
     static: promise that the feather never leaves rest_points; its frames are not looked at.
+    name: of the prim; empty: made from the id.
     """
 
     id: str
@@ -33,3 +34,4 @@ class FeatherEntry:
     feather: Feather
     rest_points: Array
     static: bool = False
+    name: str = ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -50,7 +51,9 @@ class CacheWriter:
     meters_per_unit: m, and up_axis: "Y" or "Z": points, velocities and widths are converted.
     layout: "flat", "payload" or "clips" (featherfx/usd/layout.py), or "auto". chunk: frames that
     are held in memory, then written to a file of their own. subframes: samples a frame.
-    metadata: plain values, kept as custom data of the root layer.
+    accelerations: whether frames have them and they are written.
+    root: name of the root prim, by default the file's. metadata: plain values, kept with the
+    layout as custom data of the root layer.
 
     settings: texts of all that the frames depend on. Where given, finished chunks stay on disk
     when the block is left by an exception, or the process by a kill, and a writer with equal
@@ -75,6 +78,8 @@ class CacheWriter:
         overwrite: bool = False,
         chunk: int = CHUNK_FRAMES,
         subframes: int = 1,
+        accelerations: bool = False,
+        root: str = "",
         metadata: Mapping[str, Any] | None = None,
         settings: Mapping[str, str] | None = None,
         resume: bool = False,
@@ -89,14 +94,17 @@ class CacheWriter:
         _check_arguments(self._path, feathers, frames, values, up_axis)
         space = StageSpace(meters_per_unit, up_axis)
         self._info = StageInfo(
-            prim_name(self._path.stem), space, frames, frames_per_second, dict(metadata or {})
+            prim_name(root or self._path.stem), space, frames, frames_per_second, {}
         )
         self._feathers, self._subframes = tuple(feathers), subframes
+        self._accelerations = accelerations
         self._surfaces = SurfaceSet(self._feathers, space)
         self._check_finite(self._surfaces.rest, 0.0)
         self._static = [entry.static for entry in self._feathers]
         bytes_in_all = self._surfaces.bytes_per_sample * self._samples
-        self._layers = new_layers(self._info, chosen_layout(layout, bytes_in_all))
+        layout = chosen_layout(layout, bytes_in_all)
+        self._info = replace(self._info, metadata={**(metadata or {}), "layout": layout})
+        self._layers = new_layers(self._info, layout)
         self._prims = self._define_prims()
         self._resumable = settings is not None
         self._parts: Parts | None = None
@@ -154,7 +162,8 @@ class CacheWriter:
             raise ValueError(f"frame {frame.number:g} is out of turn; the cache holds {frames}")
         if len(frame.points) != len(self._feathers):
             raise ValueError(f"{len(frame.points)} feathers given, not {len(self._feathers)}")
-        pose = self._surfaces.evaluate(frame.points, frame.velocities)
+        second = frame.accelerations if self._accelerations else ()
+        pose = self._surfaces.evaluate(frame.points, frame.velocities, second)
         self._check_finite(pose, frame.time)
         self._chunk.add(float(frame.number), pose)
         self._next += 1
@@ -186,7 +195,7 @@ class CacheWriter:
         define_root(stage, info)
         define_scopes(stage, info)
         materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
-        names = unique_prim_names([entry.id for entry in self._feathers])
+        names = unique_prim_names([entry.name or entry.id for entry in self._feathers])
         shafts = unique_prim_names([f"{name}_rachis" for name in names])
         meshes = [info.root_path.AppendPath(f"{FEATHERS}/{name}") for name in names]
         rachises = [info.root_path.AppendPath(f"{RACHISES}/{name}") for name in shafts]
@@ -195,7 +204,7 @@ class CacheWriter:
             define_mesh(stage, meshes[k], entry, rest, materials)
             shaft = surfaces.rest.rachis_points[surfaces.rachis_slices[k]]
             define_rachis(stage, rachises[k], entry, shaft, surfaces.widths[k], materials)
-        return AnimatedPrims(meshes, rachises, surfaces)
+        return AnimatedPrims(meshes, rachises, surfaces, self._accelerations)
 
     def _finish(self) -> None:
         frames = self._info.frames

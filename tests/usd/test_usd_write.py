@@ -83,7 +83,9 @@ def test_stage_metadata_in_every_layer(caches, kind):
     root = stage.GetDefaultPrim()
     assert Usd.ModelAPI(root).GetKind() == "component"
     assert [p.GetName() for p in stage.GetPseudoRoot().GetChildren()] == [kind]
-    assert stage.GetRootLayer().customLayerData == {"featherfx": {"shot": "s"}}
+    assert stage.GetRootLayer().customLayerData == {
+        "featherfx": {"shot": "s", "layout": "payload" if kind == "payload" else "flat"}
+    }
 
 
 @pytest.mark.parametrize("kind", KINDS)
