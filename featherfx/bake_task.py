@@ -5,18 +5,17 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from featherfx import __version__
+from featherfx.api import read_quality, read_shot
 from featherfx.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from featherfx.shot.types import Quality, Shot
-
-Folders = Iterable[str | Path]
+    from featherfx.shot.types import Shot
 
 
 class StageOptions(TypedDict, total=False):
@@ -78,6 +77,7 @@ def prepare(
     options: BakeOptions,
 ) -> Task:
     """The bake to do, after all that can be known to be wrong."""
+    from featherfx.shot.share import share_of
     from featherfx.usd.names import prim_name, unique_prim_names
     from featherfx.usd.output import check_output
     from featherfx.usd.resume import is_finished
@@ -100,23 +100,10 @@ def prepare(
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
     if feathers:
-        shot, names = _share(shot, names, feathers)
+        shot, names = share_of(shot, *feathers), names[feathers[0] - 1 :: feathers[1]]
     settings = _settings(shot, frames, feathers, options)
     finished = resume and is_finished(path, settings, overwrite)
     return Task(shot, path, frames, settings, names, prim_name(whole.stem), finished)
-
-
-def _share(
-    shot: Shot, names: Sequence[str], feathers: tuple[int, int]
-) -> tuple[Shot, Sequence[str]]:
-    """The shot with every n-th feather, from the i-th on: shares of about equal work."""
-    index, count = feathers
-    placements = shot.groom.feathers[index - 1 :: count]
-    if not 1 <= index <= count or not placements:
-        most = len(shot.groom.feathers)
-        message = f"{index}/{count} holds no feather; allowed 1/1 to {most}/{most}"
-        raise InputError(Problem(str(shot.source), "feathers", message))
-    return replace(shot, groom=replace(shot.groom, feathers=placements)), names[index - 1 :: count]
 
 
 def _settings(
@@ -149,16 +136,6 @@ def part_path(path: Path, feathers: tuple[int, int]) -> Path:
     return path.with_name(f"{path.stem}.{feathers[0]}of{feathers[1]}{path.suffix}")
 
 
-def read_quality(name: str, preset_folders: Folders = ()) -> Quality:
-    """A quality preset by its name. Raises InputError."""
-    from featherfx.groom.library import plain
-    from featherfx.groom.presets import load_preset
-    from featherfx.shot.types import Quality
-
-    _, tree = load_preset(f"quality/{name}", preset_folders)
-    return Quality(name=name, **plain(tree))
-
-
 def all_of(*tasks: Callable[[], Any]) -> list[Any]:
     """Results of all tasks; raises one InputError with the problems of all of them."""
     results: list[Any] = []
@@ -182,8 +159,6 @@ def wanted_shot(
     shot_path: str | Path, frames: tuple[int, int] | None, folders: Sequence[str | Path]
 ) -> Shot:
     """The shot. Raises InputError for it, its groom, and frames that it does not have."""
-    from featherfx.shot.read import read_shot
-
     shot = read_shot(shot_path, folders)
     if frames and not shot.first_frame <= frames[0] <= frames[1] <= shot.last_frame:
         allowed = f"allowed {shot.first_frame} to {shot.last_frame}"

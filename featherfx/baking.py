@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from featherfx import __version__
-from featherfx.bake_task import BakeOptions, Folders, Task, prepare, sample_count
+from featherfx.api import Folders
+from featherfx.bake_task import BakeOptions, Task, prepare, sample_count
 
 if TYPE_CHECKING:
     from featherfx.feather.types import Feather
     from featherfx.groom.types import Groom
+    from featherfx.shot.skin_motion import BoundSkin
     from featherfx.shot.types import Quality
     from featherfx.usd.types import FeatherEntry
 
@@ -84,7 +86,9 @@ def bake(
     return result
 
 
-def entries_of(groom: Groom, feathers: Sequence[Feather], static: bool) -> list[FeatherEntry]:
+def entries_of(
+    groom: Groom, feathers: Sequence[Feather], static: bool, skin: BoundSkin | None = None
+) -> list[FeatherEntry]:
     """What the writer takes, for every feather of a groom."""
     from featherfx.shot.placement import place
     from featherfx.usd.types import FeatherEntry
@@ -97,8 +101,9 @@ def entries_of(groom: Groom, feathers: Sequence[Feather], static: bool) -> list[
             feather=feather,
             rest_points=place(feather.points, placement.position, placement.rotation),
             static=static,
+            root=None if skin is None else skin.roots[index],
         )
-        for placement, feather in zip(groom.feathers, feathers, strict=True)
+        for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
     ]
 
 
@@ -127,10 +132,8 @@ def _simulate(
         build_feather(p.kind, quality.rows, quality.columns, p.mirrored)
         for p in shot.groom.feathers
     ]
-    entries = [
-        replace(entry, name=name)
-        for entry, name in zip(entries_of(shot.groom, built, False), task.names, strict=True)
-    ]
+    entries = entries_of(shot.groom, built, static=False, skin=shot.skin)
+    entries = [replace(entry, name=name) for entry, name in zip(entries, task.names, strict=True)]
     writer = CacheWriter(
         task.path,
         entries,

@@ -7,7 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
-from featherfx.bake_task import Folders, StageOptions, all_of, read_quality
+from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_readers
+from featherfx.bake_task import StageOptions, all_of
 from featherfx.baking import bake, entries_of, metadata_of
 from featherfx.errors import InputError, Problem
 
@@ -27,7 +28,6 @@ def export_groom(
     quality: name of the preset that gives rows and columns. Raises InputError with every problem.
     """
     from featherfx.feather.build import build_feather
-    from featherfx.groom.read import read_groom
     from featherfx.usd.output import check_output
 
     folders = tuple(preset_folders)
@@ -70,7 +70,7 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
 
     from featherfx.shot.read import check_file
 
-    return check_file(path, folders) or _tried(path, folders)
+    return check_file(path, folders, scene_readers()) or _tried(path, folders)
 
 
 def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
@@ -78,9 +78,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
     import tomllib
 
     from featherfx.feather.build import build_feather
-    from featherfx.groom.read import read_groom
     from featherfx.shot.motion import root_motion
-    from featherfx.shot.read import read_shot
 
     keys = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     tasks: list[Callable[[], Any]] = []
@@ -88,7 +86,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
         shot = read_shot(path, folders)
         groom, grid = shot.groom, shot.quality
         tasks.append(lambda: root_motion(shot))
-    elif {"feather", "row", "table"} & keys.keys():
+    elif {"feather", "row", "table", "usd"} & keys.keys():
         groom, grid = read_groom(path, folders), read_quality("final", folders)
     else:
         return []

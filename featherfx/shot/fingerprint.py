@@ -56,8 +56,10 @@ def settings_digest(settings: Mapping[str, str]) -> str:
 
 def _members(record: Any) -> Iterator[tuple[str, Any]]:
     for entry in fields(record):
-        if entry.name != "source":
-            yield entry.name, getattr(record, entry.name)
+        value = getattr(record, entry.name)
+        told_by_values = entry.name == "source" and isinstance(value, Path)
+        if not told_by_values and not entry.name.startswith("_"):
+            yield entry.name, value
 
 
 def _text(value: Any) -> str:
@@ -86,6 +88,8 @@ def _plain(value: Any, seen: dict[int, Any]) -> Any:
         return value.item()
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
+    if hasattr(value, "origin"):  # a mesh or wind of a scene
+        return _plain(value.origin, seen)
     raise TypeError(f"a {type(value).__name__} has no fingerprint")
 
 

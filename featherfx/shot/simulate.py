@@ -15,7 +15,7 @@ from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import make_model
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.loads import frame_loads, root_path
-from featherfx.shot.motion import RootMotion, root_motion
+from featherfx.shot.motion import Roots, root_motion
 from featherfx.shot.types import Frame, Grip, Shot
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
@@ -112,7 +112,7 @@ class Simulation:
             group.state, group.start = state, start
         return begin.index + 1
 
-    def _make_groups(self, motion: RootMotion) -> list[_Group]:
+    def _make_groups(self, motion: Roots) -> list[_Group]:
         """Batches of feathers whose barbs have the same taper, at rest on their roots."""
         placements = self.shot.groom.feathers
         tapers: dict[float, list[int]] = {}
@@ -120,7 +120,7 @@ class Simulation:
             tapers.setdefault(placement.kind.vane_material.barb_taper, []).append(index)
         return [self._group(np.array(members), motion) for members in tapers.values()]
 
-    def _group(self, members: NDArray[np.int64], motion: RootMotion) -> _Group:
+    def _group(self, members: NDArray[np.int64], motion: Roots) -> _Group:
         shot, quality = self.shot, self.shot.quality
         placements = [shot.groom.feathers[i] for i in members]
         feathers = [self.feathers[i] for i in members]
@@ -148,14 +148,17 @@ class Simulation:
         """s since the first frame."""
         return index / (self.shot.frames_per_second * self._subframes)
 
-    def _advance(self, group: _Group, motion: RootMotion, index: int) -> None:
+    def _advance(self, group: _Group, motion: Roots, index: int) -> None:
         """Bring a group to the sample with this index, 0 at the first frame."""
         shot = self.shot
         duration, time = self._time(1), self._time(index)
         first = index == 0
         start = 0.0 if first else self._time(index - 1)
         points = list(group.start)
-        loads = frame_loads(shot, group.grips, group.feathers, points, start, time)
+        roots = None
+        if shot.wind_source is not None:
+            roots = motion.frames(0.5 * (start + time))[0][group.members]
+        loads = frame_loads(shot, group.grips, group.feathers, points, start, time, roots)
         if first:
             if shot.settle:
                 group.state, status, _ = group.solver.equilibrium(group.state, loads)

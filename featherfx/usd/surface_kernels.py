@@ -81,21 +81,12 @@ def extents(points, starts, padding, out):
 
 
 @kernel
-def changed(points, rates, reference, starts, seconds, rounding, out):
-    """Set out[n] where a run of points differs from the reference, or moves while it looks equal.
-
-    A rate counts if within so many seconds it carries a point farther than its rounding, a share
-    of its greatest coordinate.
-    """
+def changed(points, rates, reference, starts, slow, out):
+    """Set out[n] where a run of points differs from the reference or is faster than slow[n]."""
     for n in range(starts.shape[0] - 1):
         for v in range(starts[n], starts[n + 1]):
+            for c in range(3):
+                if points[v, c] != reference[v, c] or abs(rates[v, c]) > slow[n]:
+                    out[n] = True
             if out[n]:
                 break
-            size = speed = 0.0
-            for c in range(3):
-                if points[v, c] != reference[v, c]:
-                    out[n] = True
-                size = max(size, abs(points[v, c]))
-                speed = max(speed, abs(rates[v, c]))
-            if speed * seconds > rounding * size:
-                out[n] = True

@@ -161,14 +161,15 @@ class SurfaceSet:
     ) -> NDArray[np.bool_]:
         """(N,) whether a feather, as written, differs from a reference pose, or is on its way.
 
-        seconds: to the next sample; a velocity that moves nothing by a rounding step until then
-        does not count.
+        seconds: to the next sample. A velocity that until then carries no point farther than its
+        rounding, at the feather's greatest coordinate, does not count.
         """
+        slow = _ROUNDING * np.abs(frame.extent).max(axis=(1, 2)) / seconds
         result = np.zeros(len(self._entries), dtype=np.bool_)
         for name, starts in (("", self._point_starts), ("rachis_", self._rachis_starts)):
             points, rates = (getattr(frame, name + what) for what in ("points", "velocities"))
             before = getattr(reference, f"{name}points")
-            surface_kernels.changed(points, rates, before, starts, seconds, _ROUNDING, result)
+            surface_kernels.changed(points, rates, before, starts, slow, result)
         return result
 
     def not_finite(self, frame: SurfaceFrame) -> NDArray[np.bool_]:
