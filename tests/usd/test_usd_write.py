@@ -73,7 +73,10 @@ def test_another_process_reads_every_frame_and_subframes(caches, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_stage_metadata_in_every_layer(caches, kind):
     stage = Usd.Stage.Open(str(caches[kind]))
-    layers = [layer for layer in stage.GetUsedLayers() if not layer.anonymous]
+    layers = {layer for layer in stage.GetUsedLayers() if not layer.anonymous}
+    layers |= {
+        Sdf.Layer.FindOrOpen(str(f)) for f in caches[kind].parent.glob(f"{kind}.clips/*/*.usdc")
+    }
     # clips: root, payload, manifest and three chunks
     assert len(layers) == {"payload": 3, "clips": 6}.get(kind, 1)
     for layer in layers:
