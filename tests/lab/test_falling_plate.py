@@ -38,8 +38,9 @@ def plate():
         loss_factor=0.2,
     )
     shaft = RachisMaterial(5e11, 1.5e11, 1.0, 1.0, 1.0, 1.0, 0.2)
+    width = WIDTH / LENGTH
     side = VaneShape(
-        ((0.0, 0.0), (0.0, WIDTH), (1.0, WIDTH), (1.0, 0.0)), (BarbGuide(0.5, 90.0, 0.0, 0.0),)
+        ((0.0, 0.0), (0.0, width), (1.0, width), (1.0, 0.0)), (BarbGuide(0.5, 90.0, 0.0, 0.0),)
     )
     straight = RachisShape(1e-3, 1e-3, 1.0, 0.0, 0.0, 0.0)
     return FeatherKind("plate", LENGTH, 0.0, 5e-4, straight, side, side, vane, shaft)

@@ -68,9 +68,11 @@ def test_release_gives_the_trajectory():
     assert found["tip"][0] == [0.3, 0.0, 0.0]
     assert np.shape(found["tip"]) == (21, 3)
     assert found["steps"] >= 20
-    # held straight against its rest curvature: 1/2 EI K^2 L
-    assert found["energy"][0] == pytest.approx(0.5 * 2e-3 * 0.3, rel=1e-3)
-    assert found["energy"] == pytest.approx([found["energy"][0]] * 21, rel=0.02)
+    # held straight against its rest curvature: 1/2 EI K^2 L; let go, it may lose what rings fast
+    energy = np.array(found["energy"])
+    assert energy[0] == pytest.approx(0.5 * 2e-3 * 0.3, rel=1e-3)
+    assert energy.max() < 1.001 * energy[0]
+    assert energy.min() > 0.9 * energy[0]
 
 
 def test_shaken_feather_gives_all_figures():

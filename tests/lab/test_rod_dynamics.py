@@ -130,6 +130,7 @@ def energies(radius, steps_per_period, periods):
     solver = fixed(model, radius)
     # the first step of a state is implicit Euler's; a tiny one costs no energy
     start = run(solver, start, no_loads(1), 1e-4 * period, 1)[-1]
+    start.proposal[:] = 0.0
     states = run(solver, start, no_loads(1), period / steps_per_period, count)
     return np.array([total_energy(model, no_loads(1), state) for state in states])
 
