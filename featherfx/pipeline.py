@@ -14,11 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from featherfx import __version__
+from featherfx.api import read_groom, read_quality, read_shot, scene_readers
 from featherfx.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from featherfx.feather.types import Feather
     from featherfx.groom.types import Groom
+    from featherfx.shot.skin_motion import BoundSkin
     from featherfx.shot.types import Quality, Shot
     from featherfx.usd.types import FeatherEntry
 
@@ -73,7 +75,7 @@ def bake(
     total = last - first + 1
     notify(0, total)
     simulation = simulate(shot, jobs=jobs, frames=(first, last))
-    entries = _entries(shot.groom, simulation.feathers, static=False)
+    entries = _entries(shot.groom, simulation.feathers, static=False, skin=shot.skin)
     metadata = _metadata(shot.groom, shot.quality) | {"shot": shot.name}
     rate = shot.frames_per_second
     with CacheWriter(path, entries, (first, last), rate, metadata=metadata, **stage) as writer:
@@ -108,7 +110,6 @@ def export_groom(
     quality: name of the preset that gives rows and columns. Raises InputError with every problem.
     """
     from featherfx.feather.build import build_feather
-    from featherfx.groom.read import read_groom
     from featherfx.usd.output import check_output
 
     folders = tuple(preset_folders)
@@ -151,17 +152,7 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
 
     from featherfx.shot.read import check_file
 
-    return check_file(path, folders) or _tried(path, folders)
-
-
-def read_quality(name: str, preset_folders: Folders = ()) -> Quality:
-    """A quality preset by its name. Raises InputError."""
-    from featherfx.groom.library import plain
-    from featherfx.groom.presets import load_preset
-    from featherfx.shot.types import Quality
-
-    _, tree = load_preset(f"quality/{name}", preset_folders)
-    return Quality(name=name, **plain(tree))
+    return check_file(path, folders, scene_readers()) or _tried(path, folders)
 
 
 def _prepared(
@@ -174,7 +165,6 @@ def _prepared(
     stage: StageOptions,
 ) -> tuple[Shot, Path]:
     """The shot to bake and the path to write, after all that can be known to be wrong."""
-    from featherfx.shot.read import read_shot
     from featherfx.usd.output import check_output
 
     overwrite, layout = stage.get("overwrite", False), stage.get("layout", "flat")
@@ -217,9 +207,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
     import tomllib
 
     from featherfx.feather.build import build_feather
-    from featherfx.groom.read import read_groom
     from featherfx.shot.motion import root_motion
-    from featherfx.shot.read import read_shot
 
     keys = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     tasks: list[Callable[[], Any]] = []
@@ -227,7 +215,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
         shot = read_shot(path, folders)
         groom, grid = shot.groom, shot.quality
         tasks.append(lambda: root_motion(shot))
-    elif {"feather", "row", "table"} & keys.keys():
+    elif {"feather", "row", "table", "usd"} & keys.keys():
         groom, grid = read_groom(path, folders), read_quality("final", folders)
     else:
         return []
@@ -240,7 +228,9 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
     return []
 
 
-def _entries(groom: Groom, feathers: Sequence[Feather], static: bool) -> list[FeatherEntry]:
+def _entries(
+    groom: Groom, feathers: Sequence[Feather], static: bool, skin: BoundSkin | None = None
+) -> list[FeatherEntry]:
     from featherfx.shot.placement import place
     from featherfx.usd.types import FeatherEntry
 
@@ -252,8 +242,9 @@ def _entries(groom: Groom, feathers: Sequence[Feather], static: bool) -> list[Fe
             feather=feather,
             rest_points=place(feather.points, placement.position, placement.rotation),
             static=static,
+            root=None if skin is None else skin.roots[index],
         )
-        for placement, feather in zip(groom.feathers, feathers, strict=True)
+        for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
     ]
 
 

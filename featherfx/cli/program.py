@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import errno
+import warnings
 from typing import Any
 
 import click
 
-from featherfx.errors import InputError, SimulationError
+from featherfx.errors import InputError, InputWarning, SimulationError
 
 _VERBOSE = "featherfx.verbose"
 
@@ -15,6 +16,10 @@ _VERBOSE = "featherfx.verbose"
 def _remember_verbose(context: click.Context, _: click.Parameter, value: bool) -> None:
     if value:
         context.find_root().meta[_VERBOSE] = True
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    click.echo(f"featherfx: warning: {message}", err=True)
 
 
 def _verbose_option() -> click.Option:
@@ -55,7 +60,10 @@ class Program(Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.simplefilter("always", InputWarning)
+                warnings.showwarning = _show_warning
+                return super().invoke(ctx)
         except (InputError, SimulationError) as error:
             self._fail(ctx, str(error), error)
         except KeyboardInterrupt as error:

@@ -14,7 +14,7 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import make_model
 from featherfx.shot.loads import frame_loads, root_path
-from featherfx.shot.motion import RootMotion, root_motion
+from featherfx.shot.motion import Roots, root_motion
 from featherfx.shot.types import Frame, Grip, Shot
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
@@ -83,7 +83,7 @@ class Simulation:
             for group in groups:
                 group.solver.__exit__()
 
-    def _groups(self, motion: RootMotion) -> list[_Group]:
+    def _groups(self, motion: Roots) -> list[_Group]:
         """Batches of feathers whose barbs have the same taper, at rest on their roots."""
         placements = self.shot.groom.feathers
         tapers: dict[float, list[int]] = {}
@@ -91,7 +91,7 @@ class Simulation:
             tapers.setdefault(placement.kind.vane_material.barb_taper, []).append(index)
         return [self._group(np.array(members), motion) for members in tapers.values()]
 
-    def _group(self, members: NDArray[np.int64], motion: RootMotion) -> _Group:
+    def _group(self, members: NDArray[np.int64], motion: Roots) -> _Group:
         shot, quality = self.shot, self.shot.quality
         placements = [shot.groom.feathers[i] for i in members]
         feathers = [self.feathers[i] for i in members]
@@ -115,14 +115,17 @@ class Simulation:
             start=state.points.copy(),
         )
 
-    def _advance(self, group: _Group, motion: RootMotion, number: int, time: float) -> None:
+    def _advance(self, group: _Group, motion: Roots, number: int, time: float) -> None:
         """Bring a group to the frame with this number, at this time."""
         shot = self.shot
         duration = 1.0 / shot.frames_per_second
         first = number == shot.first_frame
         start = 0.0 if first else time - duration
         points = list(group.start)
-        loads = frame_loads(shot, group.grips, group.feathers, points, start, time)
+        roots = None
+        if shot.wind_source is not None:
+            roots = motion.frames(0.5 * (start + time))[0][group.members]
+        loads = frame_loads(shot, group.grips, group.feathers, points, start, time, roots)
         if first:
             if shot.settle:
                 group.state, status, _ = group.solver.equilibrium(group.state, loads)

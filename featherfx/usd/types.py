@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError
 from featherfx.feather.types import Feather
+from featherfx.shot.skin_motion import SkinRoot
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,7 @@ class FeatherEntry:
     id: unique name, kept as the primvar featherId and made a prim name. kind, region: labels.
     feather: rest geometry. rest_points: (n, P, 3) m, material points at rest, world frame
         (layout in featherfx/feather/types.py).
+    root: where the feather sits on a skin, written as primvars.
     static: promise that the feather never leaves rest_points; its frames are not looked at.
     """
 
@@ -33,3 +35,4 @@ class FeatherEntry:
     feather: Feather
     rest_points: Array
     static: bool = False
+    root: SkinRoot | None = None
