@@ -155,13 +155,10 @@ def damped(model: Model, loss_factor: float) -> Model:
 
 def total_energy(model: Model, loads: Loads, state: State) -> float:
     """Kinetic, elastic and potential energy (J) of a batch of one under dead loads and gravity."""
+    from featherfx.lab.pose import posed
     from featherfx.solver.energy_kernels import elastic_energy
-    from featherfx.solver.newton_kernels import linearise
-    from featherfx.solver.work import make_work
 
-    work = make_work(model)
-    linearise(model, loads, 0, 0.0, state.turn[0], state.centre[0], state.coefficient[0], work)
-    strains = work.now.strains
+    strains = posed(model, loads, state).now.strains
     elastic = elastic_energy(model, 0, strains, strains, 0.0)
     kinetic = 0.5 * np.einsum("np,npk,npk", model.mass[0], state.velocity[0], state.velocity[0])
     places = np.delete(state.points[0], (1, 2), axis=1)
@@ -174,11 +171,11 @@ def total_energy(model: Model, loads: Loads, state: State) -> float:
 
 
 def _residual(model: Model, loads: Loads, state: State, length: float) -> float:
-    from featherfx.solver.newton_kernels import linearise
-    from featherfx.solver.work import make_work
+    from featherfx.lab.pose import STATIC, posed
+    from featherfx.solver.assembly_kernels import assemble
 
-    work = make_work(model)
-    linearise(model, loads, 0, 0.0, state.turn[0], state.centre[0], state.coefficient[0], work)
+    work = posed(model, loads, state)
+    assemble(model, loads, 0, 0.0, STATIC, False, work)
     unbalanced = np.abs(work.system.right.reshape(model.rows, -1))
     return float(max(unbalanced[:, :3].max(), unbalanced[:, 3:].max() / length))
 
