@@ -95,7 +95,7 @@ def test_shaken_feather_gives_all_figures():
     # the root at 0.3 periods, past its smooth start
     assert found["points"][0][0] == pytest.approx([0.0, 0.0, 0.02 * np.sin(0.6 * np.pi)])
     assert found["barb_strain_max"] < 1e-12
-    assert 0.0 < found["seconds_solve"] < 10.0 * found["seconds"]
+    assert 0.0 < found["seconds_solve"] + found["seconds_assembly"] < 10.0 * found["seconds"]
     assert 1.0 <= found["iterations_per_step"] < 12.0
 
 
