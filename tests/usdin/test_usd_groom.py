@@ -93,6 +93,16 @@ def test_cubic_curves_run_through_their_ends(tmp_path, basis):
     np.testing.assert_allclose(points[-1, 0], control[-1], atol=6e-3)
 
 
+def test_curves_that_are_no_arcs_warn(tmp_path):
+    stage = new_stage(tmp_path / "bird.usda")
+    x = np.linspace(0, 0.2, 21)
+    wave = np.column_stack([x, 0 * x, 0.03 * np.sin(2 * np.pi * x / 0.2)])
+    add_curves(stage, "/c", [arc(), wave], ids=["good", "wave"])
+    stage.Save()
+    with pytest.warns(featherfx.errors.InputWarning, match=r"off by more than 2% .*: 'wave' \d"):
+        featherfx.read_groom(tmp_path / "bird.usda")
+
+
 def test_shape_of_the_kind_and_overrides_win(tmp_path):
     stage = new_stage(tmp_path / "bird.usda")
     add_curves(stage, "/c", [arc()], ids=["a"])
