@@ -1,7 +1,8 @@
 """featherfx: from feather grooms to simulated, time-sampled USD geometry.
 
-`featherfx.bake` and `featherfx.export_groom` do what the commands of the same kind do; they are
-loaded when first asked for, so that `import featherfx` stays light.
+`featherfx.bake`, `check` and `export_groom` do what the commands of the same kind do;
+`read_groom`, `read_shot`, `build` and `simulate` are the steps between. All are loaded when first
+asked for, so that `import featherfx` stays light. docs/usd_in.md and docs/dcc.md show them at work.
 """
 
 from __future__ import annotations
@@ -9,14 +10,31 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from featherfx.pipeline import bake, export_groom
+    from featherfx.api import build, read_groom, read_quality, read_shot, simulate
+    from featherfx.pipeline import bake, check, export_groom
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "bake", "export_groom"]
+_API = ("build", "read_groom", "read_quality", "read_shot", "simulate")
+_PIPELINE = ("bake", "check", "export_groom")
+__all__ = [
+    "__version__",
+    "bake",
+    "build",
+    "check",
+    "export_groom",
+    "read_groom",
+    "read_quality",
+    "read_shot",
+    "simulate",
+]
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("bake", "export_groom"):
+    if name in _API:
+        from featherfx import api
+
+        return getattr(api, name)
+    if name in _PIPELINE:
         from featherfx import pipeline
 
         return getattr(pipeline, name)

@@ -36,3 +36,7 @@ class SimulationError(Exception):
     def __init__(self, feather: str, time: float, reason: str) -> None:
         self.feather, self.time, self.reason = feather, time, reason
         super().__init__(f"feather {feather} at t = {time:.6g} s: {reason}")
+
+
+class InputWarning(UserWarning):
+    """An input may not be what its author meant; the work goes on."""

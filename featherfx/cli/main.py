@@ -7,6 +7,7 @@ import click
 from featherfx import __version__
 from featherfx.cli.bake import bake, groom
 from featherfx.cli.check import check
+from featherfx.cli.lab import lab
 from featherfx.cli.presets import presets
 from featherfx.cli.preview import preview
 from featherfx.cli.program import Program
@@ -21,5 +22,5 @@ def main() -> None:
     """
 
 
-for command in (bake, groom, check, presets, preview):
+for command in (bake, groom, check, presets, preview, lab):
     main.add_command(command)

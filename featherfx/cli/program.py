@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import errno
+import warnings
 from typing import Any
 
 import click
 
-from featherfx.errors import InputError, SimulationError
+from featherfx.errors import InputError, InputWarning, SimulationError
 
 _VERBOSE = "featherfx.verbose"
 
@@ -15,6 +16,10 @@ _VERBOSE = "featherfx.verbose"
 def _remember_verbose(context: click.Context, _: click.Parameter, value: bool) -> None:
     if value:
         context.find_root().meta[_VERBOSE] = True
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    click.echo(f"featherfx: warning: {message}", err=True)
 
 
 def _verbose_option() -> click.Option:
@@ -27,12 +32,8 @@ def _verbose_option() -> click.Option:
     )
 
 
-class Command(click.Command):
-    """A command that takes --verbose."""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **options)
-        self.params.append(_verbose_option())
+class _WithExamples(click.Command):
+    """A command or group whose epilog holds examples."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         # Examples are lines of their own; click would wrap them into one paragraph.
@@ -42,7 +43,15 @@ class Command(click.Command):
                     formatter.write(f"{'':{formatter.current_indent}}{line.strip()}\n")
 
 
-class Group(click.Group):
+class Command(_WithExamples):
+    """A command that takes --verbose."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.params.append(_verbose_option())
+
+
+class Group(_WithExamples, click.Group):
     """A group of such commands."""
 
     command_class = Command
@@ -55,11 +64,14 @@ class Program(Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.simplefilter("always", InputWarning)
+                warnings.showwarning = _show_warning
+                return super().invoke(ctx)
         except (InputError, SimulationError) as error:
             self._fail(ctx, str(error), error)
         except KeyboardInterrupt as error:
-            self._fail(ctx, "interrupted: nothing was written", error)
+            self._fail(ctx, str(error) or "interrupted: nothing was written", error)
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader of our output has gone; click knows
                 raise

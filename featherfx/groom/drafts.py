@@ -19,9 +19,22 @@ from featherfx.groom.frames import (
 )
 from featherfx.groom.kind_store import KindChoice, KindStore
 from featherfx.groom.library import sourced
+from featherfx.groom.rachis_curve import FittedCurve
 from featherfx.groom.schema import Place
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DrawnShape:
+    """A shaft that was drawn. choice: the kind before overrides, which win over the drawing.
+
+    bent: whether camber and sweep follow the drawing too, not its length alone.
+    """
+
+    fit: FittedCurve
+    choice: KindChoice
+    bent: bool
 
 
 @dataclass(frozen=True)
@@ -29,7 +42,8 @@ class Draft:
     """One feather on its way into a groom.
 
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
-    scale, width: factors. place: where it was written, for problems.
+    scale, width: factors. place: where it was written, for problems. shape: of a drawn feather.
+    skin, skin_uv: as in Placement.
     """
 
     id: str
@@ -43,6 +57,9 @@ class Draft:
     width: float
     roll: float
     place: Place
+    shape: DrawnShape | None = None
+    skin: str = ""
+    skin_uv: tuple[float, float] | None = None
 
 
 def other_side(name: str) -> str | None:

@@ -18,6 +18,20 @@ from featherfx.groom.schema import (
 
 MOST_FEATHERS = 1_000_000
 
+# what a primvar is called where [[usd]] does not say otherwise
+DEFAULT_NAMES = {
+    "id": "featherId",
+    "kind": "featherKind",
+    "region": "region",
+    "up": "up",
+    "frame": "frame",
+    "scale": "lengthScale",
+    "skin": "skinPrim",
+    "skin_uv": "skinUV",
+    "left_barbs": "P_barbl",
+    "right_barbs": "P_barbr",
+}
+
 _LABEL = Text(empty=True)
 _POSITION = vector(-1e4, 1e4, "m")
 _FACTOR = Number(0.01, 100)
@@ -146,6 +160,44 @@ TABLE = {
     "mirror": _MIRROR,
 }
 
+_NAME = Key(Text(), "Primvar that holds it.", None)
+
+USD_NAMES = {name: _NAME for name in DEFAULT_NAMES}
+
+USD = {
+    "file": Key(Text(), "USD file beside the groom: curves, condensed feathers, instancers."),
+    "prims": Key(
+        Array(Text(), 0, 10_000),
+        "Paths of the prims to read, with all below them; empty: the whole stage.",
+        (),
+    ),
+    "kind": Key(Text(), "Feather preset, where no primvar names one.", None),
+    "shape": Key(
+        Text(("curve", "kind")),
+        "Whether camber and sweep follow the drawn curve or stay the kind's. The length is always "
+        "the curve's.",
+        "curve",
+    ),
+    "up": Key(Direction(), "Dorsal side in the groom's frame, where no primvar gives it.", None),
+    "time": Key(
+        Number(-1e9, 1e9),
+        "Time code to read at; default: the default values, or the first samples where there are "
+        "none.",
+        None,
+    ),
+    "names": Key(
+        Partial(Table(USD_NAMES, "table")),
+        "Primvars by what they hold; default: " + ", ".join(DEFAULT_NAMES.values()) + ".",
+        {},
+    ),
+    "scale": _SCALE,
+    "width": _WIDTH,
+    "roll": _ROLL,
+    "region": _REGION,
+    "joint": _JOINT,
+    "side": _SIDE,
+}
+
 VARIATION = {
     "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed; each feather draws by seed and id.", 1),
     "length": Key(Number(0, 0.3), "Standard deviation of length and diameters, relative.", 0.0),
@@ -167,6 +219,11 @@ GROOM = {
     "table": Key(
         Either(((is_list, _TABLES), (is_table, Table(TABLE, "table")))),
         "Feathers from files, one table or several.",
+        (),
+    ),
+    "usd": Key(
+        Either(((is_list, Array(Table(USD, "table"), 0, 1000)), (is_table, Table(USD, "table")))),
+        "Feathers drawn in USD scenes, one table or several.",
         (),
     ),
     "overrides": Key(

@@ -83,11 +83,13 @@ class KindStore:
         finished = None if tree is None else library.finish("feather", tree, at)
         return None if finished is None else kind_of(name, finished, at)
 
-    def adjusted(self, kind: FeatherKind, scale: float, width: float, camber: float) -> FeatherKind:
-        """The kind scaled, widened and cambered; one object for equal requests."""
-        if (scale, width, camber) == (1.0, 1.0, 0.0):
+    def adjusted(
+        self, kind: FeatherKind, scale: float, width: float, camber: float, sweep: float = 0.0
+    ) -> FeatherKind:
+        """The kind scaled, widened and bent; one object for equal requests."""
+        if (scale, width, camber, sweep) == (1.0, 1.0, 0.0, 0.0):
             return kind
-        key = (id(kind), scale, width, camber)
+        key = (id(kind), scale, width, camber, sweep)
         if key not in self._adjusted:
-            self._adjusted[key] = adjusted(kind, scale, width, camber)
+            self._adjusted[key] = adjusted(kind, scale, width, camber, sweep)
         return self._adjusted[key]

@@ -105,13 +105,16 @@ def _outline_faults(vane: VaneShape) -> list[tuple[str, str]]:
     return faults
 
 
-def adjusted(kind: FeatherKind, scale: float, width: float, camber: float) -> FeatherKind:
-    """The kind, `scale` times as large, `width` times as wide, with `camber` degrees added."""
+def adjusted(
+    kind: FeatherKind, scale: float, width: float, camber: float, sweep: float = 0.0
+) -> FeatherKind:
+    """The kind `scale` times as large, `width` times as wide, camber and sweep (deg) added."""
     rachis = replace(
         kind.rachis,
         diameter_base=kind.rachis.diameter_base * scale,
         diameter_tip=kind.rachis.diameter_tip * scale,
         camber=kind.rachis.camber + camber,
+        sweep=kind.rachis.sweep + sweep,
     )
     return replace(
         kind,

@@ -14,9 +14,18 @@ import numpy as np
 from featherfx.errors import Problem
 from featherfx.groom import drafts as draft_rules
 from featherfx.groom.drafts import Draft, other_side
+from featherfx.groom.drawn import SceneReader, drawn_changes, drawn_drafts
 from featherfx.groom.file_kind import file_kind
 from featherfx.groom.frames import about_x, mirrored_points
-from featherfx.groom.groom_keys import FEATHER_ENTRY, GROOM_FILE, JOINT, ROW, TABLE, VARIATION
+from featherfx.groom.groom_keys import (
+    FEATHER_ENTRY,
+    GROOM_FILE,
+    JOINT,
+    ROW,
+    TABLE,
+    USD,
+    VARIATION,
+)
 from featherfx.groom.kind_store import KindStore
 from featherfx.groom.library import Library, sourced
 from featherfx.groom.presets import check_preset
@@ -26,17 +35,23 @@ from featherfx.groom.toml_file import load_toml
 from featherfx.groom.types import Groom, Joint, Placement
 from featherfx.groom.variation import draws
 
+SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 _SIDES = {"left": 1, "right": -1, "middle": 0}
 
 
-def read_groom(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> Groom:
-    """The groom that a TOML file describes.
+def read_groom(
+    path: str | Path,
+    preset_folders: Iterable[str | Path] = (),
+    read_scene: SceneReader | None = None,
+) -> Groom:
+    """The groom that a TOML file, or a scene that read_scene reads, describes.
 
     preset_folders: searched before the user's and the shipped presets. Raises InputError with all
-    problems of the file, its tables and the presets that it names.
+    problems of the file, its tables and scenes and the presets that it names.
     """
     problems = Problems()
-    groom = collect_groom(Path(path), Library(preset_folders, problems), problems)
+    library = Library(preset_folders, problems)
+    groom = collect_groom(Path(path), library, problems, read_scene)
     problems.raise_any()
     assert groom is not None
     return groom
@@ -60,19 +75,45 @@ def check_file(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> l
     return problems.listed()
 
 
-def collect_groom(path: Path, library: Library, problems: Problems) -> Groom | None:
-    """The groom of a file; None, or an incomplete groom, after adding problems."""
-    raw = load_toml(path, problems)
+def collect_groom(
+    path: Path,
+    library: Library,
+    problems: Problems,
+    read_scene: SceneReader | None = None,
+    above: tuple[dict[str, Any], Place] | None = None,
+) -> Groom | None:
+    """The groom of a file; None, or an incomplete groom, after adding problems.
+
+    above: the tables of a shot, and its place, whose [overrides] come after the groom's.
+    """
+    if path.suffix.lower() in SCENE_SUFFIXES:
+        raw: dict[str, Any] | None = {"name": path.stem, "usd": [{"file": path.name}]}
+    else:
+        raw = load_toml(path, problems)
     if raw is None:
         return None
+    return groom_of(raw, path, library, problems, read_scene, above)
+
+
+def groom_of(
+    raw: dict[str, Any],
+    path: Path,
+    library: Library,
+    problems: Problems,
+    read_scene: SceneReader | None = None,
+    above: tuple[dict[str, Any], Place] | None = None,
+) -> Groom | None:
+    """The groom of tables as they stand in a file at path; see collect_groom."""
     place = Place(str(path), "", problems)
     GROOM_FILE.check(raw, place, False)
     joints = _joints(raw, place)
     store = KindStore(library)
-    drafts = list(_drafts(raw, path, place, store))
+    drafts = list(_drafts(raw, path, place, store, read_scene))
     if not drafts and not len(problems):
-        place.fail("there are no feathers; expects a [[feather]], [[row]] or [[table]]")
+        place.fail("there are no feathers; expects a [[feather]], [[row]], [[table]] or [[usd]]")
     drafts = _overridden(raw, drafts, place, store)
+    if above is not None:
+        drafts = _overridden(above[0], drafts, above[1], store)
     _check_ids(drafts)
     _check_joints(drafts, joints)
     name = raw.get("name")
@@ -93,13 +134,21 @@ def _entries(raw: dict[str, Any], name: str, table: Table, place: Place) -> Iter
             yield at, checked
 
 
-def _drafts(raw: dict[str, Any], path: Path, place: Place, store: KindStore) -> Iterator[Draft]:
+def _drafts(
+    raw: dict[str, Any],
+    path: Path,
+    place: Place,
+    store: KindStore,
+    read_scene: SceneReader | None,
+) -> Iterator[Draft]:
     for at, entry in _entries(raw, "feather", Table(FEATHER_ENTRY), place):
         yield from draft_rules.single(entry, at, store)
     for at, entry in _entries(raw, "row", Table(ROW), place):
         yield from draft_rules.row(entry, at, store)
     for at, entry in _entries(raw, "table", Table(TABLE), place):
         yield from read_table(entry, path.parent, at)
+    for at, entry in _entries(raw, "usd", Table(USD), place):
+        yield from drawn_drafts(entry, path.parent, at, store, read_scene)
 
 
 def _joints(raw: dict[str, Any], place: Place) -> tuple[Joint, ...]:
@@ -220,16 +269,22 @@ def _placements(
         kind = store.kind(draft.choice)
         if kind is None:
             continue
-        scale, width = draft.scale * (1.0 + change[0]), draft.width * (1.0 + change[1])
+        drawn = drawn_changes(draft, kind, store)
+        if drawn is None:
+            continue
+        scale = draft.scale * drawn[0] * (1.0 + change[0])
+        width = draft.width * (1.0 + change[1])
         placements.append(
             Placement(
                 id=draft.id,
-                kind=store.adjusted(kind, scale, width, change[2]),
+                kind=store.adjusted(kind, scale, width, drawn[1] + change[2], drawn[2]),
                 region=draft.region,
                 position=draft.position,
                 rotation=rotation,
                 joint=draft.joint,
                 mirrored=draft.left,
+                skin=draft.skin,
+                skin_uv=draft.skin_uv,
             )
         )
     return tuple(placements)

@@ -160,6 +160,8 @@ class Placement:
         frame at rest. joint: name of the joint that carries the root ("" : the groom itself).
     mirrored: whether the feather belongs to the left wing: its leading vane lies at -y of its
         frame, and the rest shape is mirrored at y = 0 (sweep, twist); camber stays ventral.
+    skin: path of the mesh that the root sits on ("": the shot's). skin_uv: place on it in texture
+        space, instead of the closest one.
     """
 
     id: str
@@ -169,6 +171,8 @@ class Placement:
     rotation: Array
     joint: str = ""
     mirrored: bool = False
+    skin: str = ""
+    skin_uv: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.mechanics.turns import frames_to_turns, rotation_vectors
-from featherfx.shot.motion import RootMotion
+from featherfx.shot.motion import Roots
 from featherfx.shot.types import Grip, Shot
 from featherfx.shot.wind import wind_field
 from featherfx.solver.step import RootPath
@@ -22,7 +22,7 @@ PATH_SAMPLES = 5
 SHAFT_DRAG = 1.1
 
 
-def root_path(motion: RootMotion, members: NDArray[np.int64], start: float, end: float) -> RootPath:
+def root_path(motion: Roots, members: NDArray[np.int64], start: float, end: float) -> RootPath:
     """Paths of the roots with indices members (F,) from start to end (s)."""
     poses = [motion.frames(time) for time in np.linspace(start, end, PATH_SAMPLES)]
     positions = np.stack([pose[0][members] for pose in poses], axis=1)
@@ -50,11 +50,13 @@ def frame_loads(
     start_points: Sequence[Array],
     start: float,
     end: float,
+    roots: Array | None = None,
 ) -> Loads:
     """Loads of a batch of F feathers from start to end (s since the first frame).
 
     grips: (place in the batch, grip) pairs. start_points: (n, P, 3) world points of every feather
-    at the first frame, from which the grips' displacements count.
+    at the first frame, from which the grips' displacements count. roots: (F, 3) m, where a scene's
+    wind is sampled; the batch gets the mean.
     """
     count = len(feathers)
     most = max((sum(1 for f, _ in grips if f == place) for place in range(count)), default=0)
@@ -70,12 +72,15 @@ def frame_loads(
         for k, time in enumerate((start, end)):
             targets[k, place, g] = rest + grip_share(grip, time) * grip.displacement
         stiffness[place, g] = grip.stiffness
-    wind = shot.wind
+    wind, source = shot.wind, shot.wind_source
     field = wind_field(wind)
+    mean = field.mean
+    if source is not None and roots is not None:
+        mean = mean + source.velocity(roots, 0.5 * (start + end)).mean(axis=0)
     return Loads(
         gravity=np.asarray(shot.gravity, dtype=float),
         air=np.array([wind.air_density, wind.drag_normal, wind.drag_tangential, SHAFT_DRAG]),
-        wind_mean=field.mean,
+        wind_mean=mean,
         wind_wave=field.wave_vectors,
         wind_rate=field.frequencies,
         wind_amplitude=field.amplitudes,

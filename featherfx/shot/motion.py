@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,13 @@ from featherfx.shot.types import Shot
 Array = NDArray[np.float64]
 # Time in s to rotations (J, 3, 3) and displacements (J, 3) of the joints against their parents.
 LocalPoses = Callable[[float], tuple[Array, Array]]
+
+
+class Roots(Protocol):
+    """Whatever moves roots."""
+
+    def frames(self, time: float) -> tuple[Array, Array]:
+        """Root positions (F, 3) m and rotations (F, 3, 3) in the world frame at a time in s."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +56,13 @@ class RootMotion:
         return positions, carriers @ self.rotations
 
 
-def root_motion(shot: Shot) -> RootMotion:
+def root_motion(shot: Shot) -> Roots:
     """The root motion of a shot.
 
     Raises InputError for a flap where the groom has no shoulder on either side.
     """
+    if shot.skin is not None:
+        return shot.skin
     groom = shot.groom
     skeleton = skeleton_of(groom)
     index = {name: number for number, name in enumerate(skeleton.names)}

@@ -13,28 +13,38 @@ from featherfx.groom.file_kind import file_kind
 from featherfx.groom.groom_keys import GROOM_FILE
 from featherfx.groom.library import Library, plain, sourced
 from featherfx.groom.presets import check_preset
-from featherfx.groom.read import collect_groom
+from featherfx.groom.read import collect_groom, groom_of
 from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
 from featherfx.groom.toml_file import load_toml
 from featherfx.groom.types import Groom
-from featherfx.shot.shot_keys import GRIP, SHOT, SHOT_FILE
+from featherfx.shot.read_scenes import read_colliders, read_skin, read_wind
+from featherfx.shot.scenes import SceneReaders
+from featherfx.shot.shot_keys import GRIP, GROOM_USD, SHOT, SHOT_FILE
 from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
 
 
-def read_shot(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> Shot:
+def read_shot(
+    path: str | Path,
+    preset_folders: Iterable[str | Path] = (),
+    readers: SceneReaders | None = None,
+) -> Shot:
     """The shot that a TOML file describes, with its groom.
 
-    preset_folders: searched before the user's and the shipped presets. Raises InputError with all
-    problems of the shot, its groom, tables and presets.
+    preset_folders: searched before the user's and the shipped presets. readers: of USD scenes.
+    Raises InputError with all problems of the shot, its groom, tables, scenes and presets.
     """
     problems = Problems()
-    shot = _collect(Path(path), Library(preset_folders, problems), problems)
+    shot = _collect(Path(path), Library(preset_folders, problems), problems, readers)
     problems.raise_any()
     assert shot is not None
     return shot
 
 
-def check_file(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> list[Problem]:
+def check_file(
+    path: str | Path,
+    preset_folders: Iterable[str | Path] = (),
+    readers: SceneReaders | None = None,
+) -> list[Problem]:
     """What is wrong with a shot, groom or preset file; empty when nothing is."""
     problems = Problems()
     path = Path(path)
@@ -44,9 +54,9 @@ def check_file(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> l
         return problems.listed()
     kind = file_kind(raw, path, {"shot": SHOT_FILE, "groom": GROOM_FILE})
     if kind == "shot":
-        _collect(path, library, problems)
+        _collect(path, library, problems, readers)
     elif kind == "groom":
-        collect_groom(path, library, problems)
+        collect_groom(path, library, problems, readers.feathers if readers else None)
     elif kind:
         check_preset(kind, path, library)
     else:
@@ -54,18 +64,25 @@ def check_file(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> l
     return problems.listed()
 
 
-def _collect(path: Path, library: Library, problems: Problems) -> Shot | None:
+def _collect(
+    path: Path, library: Library, problems: Problems, readers: SceneReaders | None
+) -> Shot | None:
     raw = load_toml(path, problems)
     if raw is None:
         return None
     place = Place(str(path), "", problems)
     checked = SHOT_FILE.check(raw, place, False)
-    groom = _groom(raw, path, library, problems)
+    groom = _groom(raw, place, library, readers)
     settings = {name: _setting(name, raw, library, place) for name in _BUILD}
     grips = _grips(raw, groom, place)
+    colliders = read_colliders(raw, place, readers)
     _check_frames(raw, place)
     _check_keyframes(settings["motion"], groom, place.child("motion"))
-    if len(problems) or groom is None:
+    if checked is INVALID or groom is None:
+        return None
+    skin = read_skin(raw, checked, groom, place, readers)
+    wind_source = read_wind(raw, checked, place, readers)
+    if len(problems):
         return None
     return Shot(
         name=checked["name"],
@@ -74,12 +91,15 @@ def _collect(path: Path, library: Library, problems: Problems) -> Shot | None:
         first_frame=checked["frames"][0],
         last_frame=checked["frames"][1],
         frames_per_second=checked["frames_per_second"],
-        motion=settings["motion"],
+        motion=settings["motion"] if skin is None else Motion("skin", {}),
         wind=settings["wind"],
         quality=settings["quality"],
         gravity=np.array(checked["gravity"]),
         grips=grips,
         settle=checked["settle"],
+        skin=skin,
+        wind_source=wind_source,
+        colliders=colliders,
     )
 
 
@@ -112,12 +132,24 @@ def _check_keyframes(motion: Motion | None, groom: Groom | None, place: Place) -
             at.child("rotation").fail("the quaternion is zero")
 
 
-def _groom(raw: dict[str, Any], path: Path, library: Library, problems: Problems) -> Groom | None:
-    name = raw.get("groom")
-    if not isinstance(name, str) or not name:
-        return None
+def _groom(
+    raw: dict[str, Any], place: Place, library: Library, readers: SceneReaders | None
+) -> Groom | None:
+    given, problems = raw.get("groom"), place.problems
+    read_scene = readers.feathers if readers else None
+    above = (raw, place) if "overrides" in raw else None
+    path = Path(place.source)
     count = len(problems)
-    groom = collect_groom(path.parent / name, library, problems)
+    if isinstance(given, dict):
+        if Table(GROOM_USD).check(given, place.child("groom"), False) is INVALID:
+            return None
+        entry = {name: value for name, value in given.items() if name != "usd"}
+        tables = {"name": Path(given["usd"]).stem, "usd": entry | {"file": given["usd"]}}
+        groom = groom_of(tables, path, library, problems, read_scene, above)
+    elif isinstance(given, str) and given:
+        groom = collect_groom(path.parent / given, library, problems, read_scene, above)
+    else:
+        return None
     return groom if len(problems) == count else None  # half a groom would mislead later checks
 
 

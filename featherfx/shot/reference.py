@@ -39,13 +39,21 @@ an array is replaced as a whole, and a table that names a `base` replaces what i
 `featherfx presets show NAME` prints the merged values and the file that each came from.
 """
 
-_SHOT_PARTS = {"grip": ("[[grip]]", shot_keys.GRIP)}
+_SHOT_PARTS = {
+    "groom": ("[groom] of a shot", shot_keys.GROOM_USD),
+    "skin": ("[skin]", shot_keys.SKIN),
+    "wind_usd": ("[wind_usd]", shot_keys.WIND_USD),
+    "collider": ("[[collider]]", shot_keys.COLLIDER),
+    "grip": ("[[grip]]", shot_keys.GRIP),
+}
 _GROOM_PARTS = {
     "joint": ("[[joint]]", groom_keys.JOINT),
     "feather": ("[[feather]]", groom_keys.FEATHER_ENTRY),
     "row": ("[[row]]", groom_keys.ROW),
     "root": ("first and last of a [[row]]", groom_keys.ROOT),
     "table": ("[[table]]", groom_keys.TABLE),
+    "usd": ("[[usd]]", groom_keys.USD),
+    "names": ("names of [[usd]]", groom_keys.USD_NAMES),
     "variation": ("[variation]", groom_keys.VARIATION),
 }
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from featherfx.groom.preset_keys import Preset, vector
-from featherfx.groom.schema import Array, Flag, Key, Number, Table, Text
+from featherfx.groom.groom_keys import GROOM, USD
+from featherfx.groom.preset_keys import Preset, is_table, is_text, vector
+from featherfx.groom.schema import Array, Either, Flag, Key, Number, Table, Text
 
 GRIP = {
     "feather": Key(Text(), "Id of the feather."),
@@ -19,9 +20,58 @@ GRIP = {
     "stiffness": Key(Number(1e-6, 1e7, "N/m"), "Stiffness of the spring that leads the point."),
 }
 
+_FILE = Key(Text(), "USD file, as seen from the shot file's folder.")
+_START = Key(
+    Number(-1e9, 1e9),
+    "Time code of the stage at the first frame; default: that of the frame's number.",
+    None,
+)
+
+GROOM_USD = {"usd": _FILE} | {name: key for name, key in USD.items() if name != "file"}
+
+SKIN = {
+    "usd": _FILE,
+    "prim": Key(Text(), "Path of the mesh that the roots follow, where a feather names no other."),
+    "rest": Key(
+        Number(-1e9, 1e9),
+        "Time code at which the groom fits the skin; default: the bind pose of a skinned mesh, the "
+        "default values, or the first samples.",
+        None,
+    ),
+    "start": _START,
+    "tolerance": Key(
+        Number(0, 1000, "m"), "Roots that are farther from the skin give a warning.", 0.01
+    ),
+    "beyond": Key(
+        Text(("error", "hold")), "What a shot that is longer than the skin's samples does.", "error"
+    ),
+}
+
+WIND_USD = {
+    "usd": _FILE,
+    "prim": Key(Text(), "Path of points with velocities, or of the prim with the attribute."),
+    "attribute": Key(
+        Text(), "Attribute that holds one vector for the whole space, not a field of points.", None
+    ),
+    "start": _START,
+    "scale": Key(Number(-1e6, 1e6), "Factor of the velocities, in stage units per second.", 1.0),
+}
+
+COLLIDER = {
+    "usd": _FILE,
+    "prims": Key(Array(Text(), 0, 10_000), "Paths, or names with * and ?, of meshes.", ()),
+    "collection": Key(Text(), "Collection, such as /Bird.collection:colliders.", None),
+}
+
 SHOT = {
     "name": Key(Text(), "Name of the shot."),
-    "groom": Key(Text(), "Groom file, as seen from the shot file's folder."),
+    "groom": Key(
+        Either(((is_table, Table(GROOM_USD, "table")), (is_text, Text()))),
+        "Groom file, TOML or USD, as seen from the shot file's folder, or a table that says what "
+        "to read of a USD file.",
+    ),
+    "overrides": GROOM["overrides"],
+    "skin": Key(Table(SKIN, "table"), "Animated skin that moves the roots.", None),
     "frames": Key(
         Array(Number(-1_000_000, 1_000_000, whole=True), 2, 2), "First and last frame, both baked."
     ),
@@ -37,6 +87,8 @@ SHOT = {
     "settle": Key(
         Flag(), "Whether feathers hang in balance at the first frame, instead of at rest.", True
     ),
+    "wind_usd": Key(Table(WIND_USD, "table"), "Wind of a USD scene, added to `wind`.", None),
+    "collider": Key(Array(Table(COLLIDER, "table"), 0, 10_000), "Meshes of USD scenes.", ()),
     "grip": Key(Array(Table(GRIP, "table"), 0, 10_000), "Points led along a path.", ()),
 }
 

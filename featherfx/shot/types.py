@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.types import Groom
+from featherfx.shot.scenes import Surface, TimedWind
+from featherfx.shot.skin_motion import BoundSkin
 
 Array = NDArray[np.float64]
 
@@ -71,7 +73,7 @@ class Grip:
 
 @dataclass(frozen=True)
 class Motion:
-    """kind: "hold", "flap", "shake" or "keys"; values: the merged numbers of that kind."""
+    """kind: "hold", "flap", "shake", "keys" or "skin"; values: the merged numbers of that kind."""
 
     kind: str
     values: dict[str, Any]
@@ -79,7 +81,11 @@ class Motion:
 
 @dataclass(frozen=True)
 class Shot:
-    """All that a bake needs. frames: first and last, inclusive. gravity: (3,) m/s^2."""
+    """All that a bake needs. frames: first and last, inclusive. gravity: (3,) m/s^2.
+
+    skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
+    wind. colliders: meshes; the solver has no contact with them yet.
+    """
 
     name: str
     source: Path
@@ -93,19 +99,23 @@ class Shot:
     gravity: Array
     grips: tuple[Grip, ...] = field(default=())
     settle: bool = True
+    skin: BoundSkin | None = None
+    wind_source: TimedWind | None = None
+    colliders: tuple[Surface, ...] = ()
 
 
 @dataclass(frozen=True)
 class Frame:
     """One frame of every feather, world frame, handed to a sink.
 
-    number: frame number. time: s since the first frame.
-    points, velocities: per feather (n, P, 3), the material points (featherfx/feather/types.py)
-        and their rates per second. moved: per feather, whether anything differs from the rest pose
-        of the first frame.
+    number: frame number; fractional between two frames. time: s since the first frame.
+    points, velocities, accelerations: per feather (n, P, 3), the material points
+        (featherfx/feather/types.py) and their first and second rates per second; accelerations
+        may be empty.
     """
 
-    number: int
+    number: float
     time: float
     points: tuple[Array, ...]
     velocities: tuple[Array, ...]
+    accelerations: tuple[Array, ...] = field(default=())

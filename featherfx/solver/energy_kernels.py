@@ -4,7 +4,7 @@ Every strain s has a stiffness k and, where the material is damped, a reference 
 
     W = sum 1/2 k s^2 + 1/2 k q (s - s_r)^2,      q = retardation time * rate of the integrator
 
-(Kelvin-Voigt; s measured from rest). Inertia, gravity, air, grips and dead loads are in node_kernels.
+(Kelvin-Voigt; s measured from rest). The rest is in node_kernels.
 """
 
 from featherfx.compiled import kernel

@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, no_loads
-from featherfx.solver.state import rest_state
+from featherfx.solver.assembly_kernels import assemble
+from featherfx.solver.newton_kernels import evaluate
+from featherfx.solver.pose_kernels import barb_jacobians, load_pose
+from featherfx.solver.state import State, rest_state
 from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]
@@ -32,11 +35,13 @@ def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
     return stiffness, mass
 
 
-def _band(model: Model, f: int, inertia: float, state, work: Work) -> Array:
-    from featherfx.solver.newton_kernels import linearise
-
-    loads = no_loads(model.feathers)
-    linearise(model, loads, f, inertia, state.turn[f], state.centre[f], state.coefficient[f], work)
+def _band(model: Model, f: int, inertia: float, state: State, work: Work) -> Array:
+    """Stiffness plus inertia (1/s^2) times mass of one feather's pose."""
+    loads, factors, now = no_loads(model.feathers), (inertia, 0.0, 0.0), work.now
+    load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
+    evaluate(model, loads, f, 0.0, factors, now, work.around)
+    barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
+    assemble(model, loads, f, 0.0, factors, False, work)
     return work.system.band.copy()
 
 

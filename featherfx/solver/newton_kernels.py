@@ -10,7 +10,6 @@ from featherfx.solver.energy_kernels import feather_strains, step_energy
 from featherfx.solver.pose_kernels import (
     add_increment,
     barb_jacobians,
-    load_pose,
     material_points,
     rachis_strains,
 )
@@ -69,11 +68,15 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
     move = 0.0
     for iteration in range(1, limit + 1):
         barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
-        assemble(model, loads, f, share, factors, True, work)
-        if not factorise(system.band):
-            assemble(model, loads, f, share, factors, False, work)
-            if not factorise(system.band):
-                return NOT_DEFINITE, iteration, move
+        # all of the geometric stiffness, and only its stabilising part where that is indefinite
+        definite = False
+        for attempt in range(2):
+            assemble(model, loads, f, share, factors, attempt == 0, work)
+            definite = factorise(system.band)
+            if definite:
+                break
+        if not definite:
+            return NOT_DEFINITE, iteration, move
         solve_factored(system.band, system.right)
         scale = 1.0
         for _ in range(HALVINGS):
@@ -93,14 +96,3 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
         if move < tolerance:
             return CONVERGED, iteration, move
     return NOT_CONVERGED, limit, move
-
-
-@kernel
-def linearise(model, loads, f, inertia, turn, centre, coefficient, work):
-    """Hessian of one feather's pose to work.system.band: stiffness plus inertia times mass."""
-    now = work.now
-    load_pose(turn, centre, coefficient, model.length[f], now)
-    factors = (inertia, 0.0, 0.0)
-    evaluate(model, loads, f, 0.0, factors, now, work.around)
-    barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
-    assemble(model, loads, f, 0.0, factors, False, work)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.newton_kernels import CONVERGED, NOT_DEFINITE, NOT_FINITE
-from featherfx.solver.settle_kernels import settle
+from featherfx.solver.settle import settle
 from featherfx.solver.state import State
 from featherfx.solver.step_kernels import (
     COUNTERS,
@@ -37,8 +37,6 @@ REASONS = {
     NOT_DEFINITE: "the linear system is not positive definite",
 }
 NEWTON_ITERATIONS = 40
-SETTLE_ITERATIONS = 200
-SETTLE_STEPS = 80
 
 
 @dataclass(frozen=True)
@@ -174,8 +172,6 @@ class Solver:
                 share,
                 new,
                 self.settings.newton,
-                SETTLE_ITERATIONS,
-                SETTLE_STEPS,
                 self._work(),
             )
 

@@ -11,13 +11,15 @@ from featherfx.solver.integrator_kernels import (
     integrator_coefficients,
     step_error,
 )
-from featherfx.solver.newton_kernels import CONVERGED, NOT_CONVERGED, minimise
+from featherfx.solver.newton_kernels import CONVERGED, minimise
 from featherfx.solver.pose_kernels import chain, load_pose, material_points, turn_by
 from featherfx.solver.root_kernels import root_at
 
 # columns of a feather's counters
 STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, ERROR, MOVE, STATUS = 0, 1, 2, 3, 4, 5, 6, 7
 COUNTERS = 8
+# how a step is tried, in this order
+GO_ON, FOLLOW, BACKWARD = 0, 1, 2
 # a regular step may be cut this far when Newton fails
 SMALLEST_SHARE = 256.0
 
@@ -176,59 +178,50 @@ def _accept(f, h, radius, state, now, around):
 
 
 @kernel
-def _solve_step(model, loads, f, share, h, path, base, state, settings, work, counters):
-    """Try a step from the predicted pose, then from the rigidly moved one, then by implicit Euler.
-
-    Returns (status, spectral radius that worked); the solution is work.now.
-    """
-    status, radius = NOT_CONVERGED, settings[0]
-    if state.step[f] <= 0.0:
-        # no acceleration is known yet: one Euler step keeps the second order, a wrong one does not
-        radius = EULER
-    for option in range(3):
-        if option == 0 and state.step[f] <= 0.0:
-            continue
-        if option == 2:
-            radius = EULER
-            counters[FALLBACKS] += 1
-        factors = _predict(model, loads, f, share, h, radius, option == 1, path, base, state, work)
-        status, iterations, move = minimise(
-            model, loads, f, share, factors, settings[1], int(settings[2]), work
-        )
-        counters[ITERATIONS] += iterations
-        if status == CONVERGED:
-            counters[MOVE] = max(counters[MOVE], move)
-            break
-        counters[FAILED] += 1
-    return status, radius
-
-
-@kernel
 def advance(model, loads, f, duration, path, base, state, settings, work, counters):
     """Bring feather f of the state through one frame of the given duration (s), in place.
 
     path (K, 6), base (4,): root_kernels. settings: (spectral radius, Newton tolerance m, most
     iterations, error tolerance per step m, shortest regular step s). counters: (COUNTERS,), added
     to. Returns the Newton status; if it is not CONVERGED the state is that of the last good step.
+
+    A step is tried from the predicted pose, then from the rigidly moved one, then by implicit
+    Euler, and then cut in half.
     """
     shortest = min(settings[4], duration)
     h = state.proposal[f]
     if h <= 0.0 or h > duration:
         h = duration
-    done = 0.0
+    done, option = 0.0, GO_ON
     while done < duration * (1.0 - 1e-9):
         left = duration - done
         step = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
         share = 1.0 if step == left else (done + step) / duration
-        status, radius = _solve_step(
-            model, loads, f, share, step, path, base, state, settings, work, counters
+        radius = settings[0]
+        if state.step[f] <= 0.0:
+            # no acceleration is known yet: one Euler step keeps the second order, a wrong one
+            # does not; and there are no rates to go on with
+            radius, option = EULER, max(option, FOLLOW)
+        if option == BACKWARD:
+            radius = EULER
+            counters[FALLBACKS] += 1
+        factors = _predict(
+            model, loads, f, share, step, radius, option == FOLLOW, path, base, state, work
         )
+        status, iterations, move = minimise(
+            model, loads, f, share, factors, settings[1], int(settings[2]), work
+        )
+        counters[ITERATIONS] += iterations
         if status != CONVERGED:
-            h = 0.5 * step
-            if h < shortest / SMALLEST_SHARE:
-                counters[STATUS] = status
-                return status
+            counters[FAILED] += 1
+            option += 1
+            if option > BACKWARD:
+                h, option = 0.5 * step, GO_ON
+                if h < shortest / SMALLEST_SHARE:
+                    counters[STATUS] = status
+                    return status
             continue
+        option = GO_ON
         error = step_error(
             radius,
             step,
@@ -246,6 +239,7 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         done += step
         counters[STEPS] += 1
         counters[ERROR] = max(counters[ERROR], error)
+        counters[MOVE] = max(counters[MOVE], move)
         h = max(shortest, step * min(2.0, max(0.5, change)))
     state.proposal[f] = h
     return CONVERGED

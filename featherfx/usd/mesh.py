@@ -25,6 +25,7 @@ def define_mesh(stage: Any, path: Any, entry: FeatherEntry, rest: Any, materials
     mesh.CreateDoubleSidedAttr(True)
     prim = mesh.GetPrim()
     primvars.author_labels(prim, entry)
+    primvars.author_root(prim, entry.root)
     primvars.author_rest(prim, rest)
     primvars.author_surface(prim, entry)
     primvars.author_colour(prim, material.COLOURS["vane"])

@@ -6,6 +6,7 @@ from typing import Any
 
 from pxr import Sdf, UsdGeom
 
+from featherfx.shot.skin_motion import SkinRoot
 from featherfx.usd import arrays
 from featherfx.usd.types import FeatherEntry
 
@@ -18,6 +19,21 @@ def author_labels(prim: Any, entry: FeatherEntry) -> None:
     values = {"featherId": entry.id, "featherKind": entry.kind, "region": entry.region}
     for name, value in values.items():
         _author(prim, name, Sdf.ValueTypeNames.StringArray, "constant", arrays.strings(value))
+
+
+def author_root(prim: Any, root: SkinRoot | None) -> None:
+    """skinPrim, skinFace, skinPoints and skinBarycentric: where the feather sits on its skin.
+
+    The skin point is the sum of the three skin points by their barycentric coordinates.
+    """
+    if root is None:
+        return
+    types = Sdf.ValueTypeNames
+    _author(prim, "skinPrim", types.StringArray, "constant", arrays.strings(root.path))
+    _author(prim, "skinFace", types.IntArray, "constant", arrays.ints([root.face]))
+    _author(prim, "skinPoints", types.IntArray, "constant", arrays.ints(root.points))
+    weights = arrays.floats(root.barycentric)
+    _author(prim, "skinBarycentric", types.FloatArray, "constant", weights)
 
 
 def author_rest(prim: Any, points: Any) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError
 from featherfx.feather.types import Feather
+from featherfx.shot.skin_motion import SkinRoot
 
 Array = NDArray[np.float64]
 
@@ -24,7 +25,9 @@ class FeatherEntry:
     id: unique name, kept as the primvar featherId and made a prim name. kind, region: labels.
     feather: rest geometry. rest_points: (n, P, 3) m, material points at rest, world frame
         (layout in featherfx/feather/types.py).
+    root: where the feather sits on a skin, written as primvars.
     static: promise that the feather never leaves rest_points; its frames are not looked at.
+    name: of the prim; empty: made from the id.
     """
 
     id: str
@@ -33,3 +36,5 @@ class FeatherEntry:
     feather: Feather
     rest_points: Array
     static: bool = False
+    root: SkinRoot | None = None
+    name: str = ""

@@ -1,0 +1,109 @@
+"""Grooms, shots and frames as Python objects, for programs that host featherfx.
+
+No function here writes a file or keeps state between calls. USD files are read by whatever `pxr`
+the process has, and only where a file is a USD file or names one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from featherfx.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from featherfx.feather.types import Feather
+    from featherfx.groom.types import Groom
+    from featherfx.shot.scenes import SceneReaders
+    from featherfx.shot.simulate import Simulation
+    from featherfx.shot.types import Quality, Shot
+
+Folders = Iterable[str | Path]
+
+
+def read_groom(path: str | Path, preset_folders: Folders = ()) -> Groom:
+    """The groom of a TOML or USD file: which feathers, where, metres and z up.
+
+    preset_folders: searched before the user's and the shipped presets. Raises InputError with all
+    problems of the file, of the tables and scenes that it names, and of the presets.
+    """
+    from featherfx.groom import read
+
+    return read.read_groom(path, preset_folders, scene_readers().feathers)
+
+
+def read_shot(path: str | Path, preset_folders: Folders = ()) -> Shot:
+    """The shot of a TOML file with its groom, its roots bound to the skin where it has one.
+
+    Raises InputError with all problems of shot, groom, scenes and presets; InputWarning for roots
+    that are far from the skin.
+    """
+    from featherfx.shot import read
+
+    return read.read_shot(path, preset_folders, scene_readers())
+
+
+def read_quality(name: str, preset_folders: Folders = ()) -> Quality:
+    """A quality preset by its name. Raises InputError."""
+    from featherfx.groom.library import plain
+    from featherfx.groom.presets import load_preset
+    from featherfx.shot.types import Quality
+
+    _, tree = load_preset(f"quality/{name}", preset_folders)
+    return Quality(name=name, **plain(tree))
+
+
+def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]:
+    """Rest geometry of every feather of a groom, in its order, each in its own frame.
+
+    quality: gives rows and columns; a name is one of the presets on the default search path.
+    Raises InputError with the problems of all feathers that cannot be built.
+    """
+    from featherfx.feather.build import build_feather
+
+    grid = read_quality(quality) if isinstance(quality, str) else quality
+    feathers, problems = [], dict[Problem, None]()
+    for each in groom.feathers:
+        try:
+            feathers.append(build_feather(each.kind, grid.rows, grid.columns, each.mirrored))
+        except InputError as error:
+            problems |= dict.fromkeys(error.problems)
+    if problems:
+        raise InputError(*problems)
+    return tuple(feathers)
+
+
+def simulate(
+    shot: Shot | str | Path, jobs: int = 1, frames: tuple[int, int] | None = None
+) -> Simulation:
+    """Simulate a shot, or a shot file; iterate over the result for its frames.
+
+    jobs: threads. frames: first and last of those wanted; those before are computed all the same.
+    Raises InputError here and, while iterating, SimulationError.
+    """
+    from featherfx.shot import simulate as loop
+
+    return loop.simulate(read_shot(shot) if isinstance(shot, str | Path) else shot, jobs, frames)
+
+
+def scene_readers() -> SceneReaders:
+    """Readers of USD for read_shot, which import USD when they are first called."""
+    from featherfx.shot.scenes import SceneReaders
+
+    def feathers(*arguments: Any) -> Any:
+        from featherfx.usd.read_groom import read_feathers
+
+        return read_feathers(*arguments)
+
+    def meshes(*arguments: Any) -> Any:
+        from featherfx.usd.read_scenes import open_meshes
+
+        return open_meshes(*arguments)
+
+    def wind(*arguments: Any) -> Any:
+        from featherfx.usd.read_scenes import open_wind
+
+        return open_wind(*arguments)
+
+    return SceneReaders(feathers, meshes, wind)

@@ -1,0 +1,209 @@
+"""Roots on a skin: closest points of a triangle mesh, and frames that follow its triangles.
+
+A root keeps its triangle, the barycentric coordinates of the closest point and its offset from
+that point. As the skin deforms, the triangle's tangents and normal against those at rest give a
+deformation gradient; its polar decomposition is the rotation of the root (Higham 1986), so that
+stretch and shear of the skin turn roots no more than they must.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# a triangle whose height is below this share of its longest side has no tangent plane
+_THINNEST = 1e-5
+_ROOTS_AT_ONCE = 500
+
+
+@dataclass(frozen=True)
+class Binding:
+    """F roots on T triangles.
+
+    triangle: (F,) number of the triangle. barycentric: (F, 3) coordinates of the closest point.
+    distance: (F,) m, from root to closest point. offset: (F, 3) m, from the closest point to the
+    root, and inverse: (F, 3, 3), inverse of the triangle's tangents and normal, both at rest.
+    """
+
+    triangle: Indices
+    barycentric: Array
+    distance: Array
+    offset: Array
+    inverse: Array
+
+
+def is_flat(points: Array, triangles: Indices) -> NDArray[np.bool_]:
+    """(T,) whether triangles have no area to speak of. points: (V, 3), triangles: (T, 3)."""
+    corners = points[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sides = corners - np.roll(corners, 1, axis=1)
+    longest = np.einsum("tkc,tkc->tk", sides, sides).max(axis=1, initial=0.0)
+    flat = np.linalg.norm(normal, axis=1) <= _THINNEST * longest
+    return np.asarray(flat | (longest == 0.0))
+
+
+def tangents(corners: Array, mirrored: bool = False) -> Array:
+    """(F, 3, 3) columns: two sides of each triangle and its unit normal. corners: (F, 3, 3).
+
+    mirrored: the skin has been mirrored since rest; the normal then keeps its side of the skin.
+    """
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(first, second)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = normal / np.where(size > 0.0, size, 1.0)
+    return np.stack([first, second, -normal if mirrored else normal], axis=2)
+
+
+def bind(
+    roots: Array,
+    points: Array,
+    triangles: Indices,
+    search: tuple[Array, Array] | None = None,
+) -> Binding:
+    """Bind roots (F, 3) m to the triangles (T, 3), not flat, of a skin with points (V, 3) m.
+
+    search: places (F, 3) and corners (T, 3, 3) to find the closest triangle in, such as texture
+    space with a third coordinate 0; by default the roots among the triangles themselves. The roots
+    stay where they are in either case: the offset holds the rest.
+    """
+    corners = points[triangles]
+    triangle, barycentric = closest(roots, corners) if search is None else closest(*search)
+    own = corners[triangle]
+    offset = roots - np.einsum("fk,fkc->fc", barycentric, own)
+    return Binding(
+        triangle=triangle,
+        barycentric=barycentric,
+        distance=np.linalg.norm(offset, axis=1),
+        offset=offset,
+        inverse=np.asarray(np.linalg.inv(tangents(own)), dtype=np.float64),
+    )
+
+
+def follow(binding: Binding, corners: Array, mirrored: bool = False) -> tuple[Array, Array]:
+    """Root positions (F, 3) m and turns since rest (F, 3, 3) on deformed triangles.
+
+    corners: (F, 3, 3) m, of each root's triangle. mirrored: as in `tangents`. Where the skin has
+    been mirrored there is no rotation that does the same; the turn is the one that takes the
+    skin's first side and its normal with it.
+    """
+    now = tangents(corners, mirrored)
+    turns = _mirrored_turns(binding, now) if mirrored else rotation_part(now @ binding.inverse)
+    surface = np.einsum("fk,fkc->fc", binding.barycentric, corners)
+    return surface + np.einsum("fij,fj->fi", turns, binding.offset), turns
+
+
+def rotation_part(gradient: Array) -> Array:
+    """(F, 3, 3) proper rotations nearest to the gradients (F, 3, 3)."""
+    left, _, right = np.linalg.svd(gradient)
+    sign = np.linalg.det(left @ right)
+    left[:, :, 2] *= sign[:, None]
+    return np.asarray(left @ right)
+
+
+def _mirrored_turns(binding: Binding, now: Array) -> Array:
+    rest = np.asarray(np.linalg.inv(binding.inverse), dtype=np.float64)
+    return _side_frames(now) @ _side_frames(rest).transpose(0, 2, 1)
+
+
+def _side_frames(sides: Array) -> Array:
+    """(F, 3, 3) orthonormal right-handed frames of first side and normal."""
+    x = sides[:, :, 0] / np.linalg.norm(sides[:, :, 0], axis=1, keepdims=True)
+    z = sides[:, :, 2]
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def closest(roots: Array, corners: Array) -> tuple[Indices, Array]:
+    """Closest triangle (F,) and barycentric coordinates (F, 3) of the closest point on it.
+
+    roots: (F, 3), corners: (T, 3, 3), T > 0. Of equally close triangles the first is taken.
+    """
+    search = _Search(corners)
+    triangle = np.zeros(len(roots), dtype=np.int64)
+    barycentric = np.zeros((len(roots), 3))
+    # blocks bound the memory: a root far from the skin has many triangles about equally close
+    for start in range(0, len(roots), _ROOTS_AT_ONCE):
+        block = slice(start, start + _ROOTS_AT_ONCE)
+        triangle[block], barycentric[block] = search.closest(roots[block])
+    return triangle, barycentric
+
+
+class _Search:
+    """Search trees of triangle centres, by classes of size: large ones widen no other search."""
+
+    def __init__(self, corners: Array) -> None:
+        from scipy.spatial import cKDTree
+
+        self._corners, centres = corners, corners.mean(axis=1)
+        radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+        classes = np.floor(np.log2(np.maximum(radii, 1e-300)))
+        self._all = cKDTree(centres)
+        self._classes = []
+        for size in np.unique(classes):
+            members = np.flatnonzero(classes == size)
+            self._classes.append((members, cKDTree(centres[members]), radii[members].max()))
+
+    def closest(self, roots: Array) -> tuple[Indices, Array]:
+        row, candidate = self._candidates(roots)
+        weights = _closest_weights(roots[row], self._corners[candidate])
+        squared = _squared_distance(roots[row], weights, self._corners[candidate])
+        order = np.lexsort((candidate, squared, row))
+        first = order[np.unique(row[order], return_index=True)[1]]
+        return candidate[first], weights[first]
+
+    def _candidates(self, roots: Array) -> tuple[Indices, Indices]:
+        """Pairs (root, triangle); every root's closest triangle is among them.
+
+        A triangle at a distance has its centre within that distance and its radius.
+        """
+        _, near = self._all.query(roots)
+        weights = _closest_weights(roots, self._corners[near])
+        reach = np.sqrt(_squared_distance(roots, weights, self._corners[near]))
+        reach = reach * (1.0 + 1e-9) + 1e-12
+        rows, triangles = [np.arange(len(roots))], [near]
+        for members, tree, radius in self._classes:
+            hits = tree.query_ball_point(roots, reach + radius)
+            rows.append(np.repeat(np.arange(len(roots)), [len(hit) for hit in hits]))
+            flat = [np.array(hit, dtype=np.int64) for hit in hits]
+            triangles.append(members[np.concatenate(flat)])
+        return np.concatenate(rows), np.concatenate(triangles)
+
+
+def _squared_distance(points: Array, weights: Array, corners: Array) -> Array:
+    gap = np.einsum("pk,pkc->pc", weights, corners) - points
+    return _dot(gap, gap)
+
+
+def _closest_weights(points: Array, corners: Array) -> Array:
+    """(P, 3) barycentric coordinates of the closest points of triangles (P, 3, 3) to points."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    away = points - corners[:, 0]
+    aa, ab, bb = _dot(first, first), _dot(first, second), _dot(second, second)
+    pa, pb = _dot(away, first), _dot(away, second)
+    determinant = aa * bb - ab * ab
+    safe = np.where(determinant > 0.0, determinant, 1.0)
+    v, w = (bb * pa - ab * pb) / safe, (aa * pb - ab * pa) / safe
+    inside = np.stack([1.0 - v - w, v, w], axis=1)
+    weights, squared = inside, np.full(len(points), np.inf)
+    is_inside = (determinant > 0.0) & (inside >= 0.0).all(axis=1)
+    for start, end in ((0, 1), (1, 2), (2, 0)):
+        side = corners[:, end] - corners[:, start]
+        length = _dot(side, side)
+        share = _dot(points - corners[:, start], side) / np.where(length > 0.0, length, 1.0)
+        share = np.clip(share, 0.0, 1.0)
+        gap = corners[:, start] + share[:, None] * side - points
+        distance = _dot(gap, gap)
+        on_edge = np.zeros_like(inside)
+        on_edge[:, start], on_edge[:, end] = 1.0 - share, share
+        better = ~is_inside & (distance < squared)
+        weights = np.where(better[:, None], on_edge, weights)
+        squared = np.where(better, distance, squared)
+    return weights
+
+
+def _dot(first: Array, second: Array) -> Array:
+    return np.asarray(np.einsum("pc,pc->p", first, second))

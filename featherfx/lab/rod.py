@@ -1,0 +1,223 @@
+"""Rods for experiments: a rachis without vane, straight or bent to a circle at rest.
+
+    stiffness of an element = l / integral of ds / EI(s)      (its exact compliance)
+    mass of a row           = integral of rho A(s) N_i(s) ds  (N_i linear hat of the row)
+
+with s the arc length, so both are second order in the element length l, and a uniform or tapered
+rod under end loads bends as it should between rows. The section scales linearly by
+c = 1 - taper s / length: bending and torsion by c^4, stretch, shear and mass by c^2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.mechanics.model import Loads, Model, no_loads
+from featherfx.solver.state import State, rest_state
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+# stretch and shear stiffness of rods that are to have none, in units of EI / length^2: a load of
+# EI / length^2 stretches them by one part in a million; more would cost digits of the forces
+RIGID = 1e6
+# radius of gyration of the section as a share of the length, for rotary inertia
+GYRATION = 1e-4
+# mass that gives statics a time scale to settle in: length^4 line mass / EI, s^2
+SETTLING = 1e-2
+# roots of cosh x cos x = -1: the clamped-free beam's first wave number times length
+FIRST_WAVE_NUMBER = 1.8751040687119611
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A rod of circular or other doubly symmetric section, clamped at the origin, leaving along +x.
+
+    length: m. ei: N m^2, bending in the xy plane. ei2: N m^2, bending out of it (in the xz plane
+    of a straight rod); default ei. gj: N m^2, torsion; default ei. ea, ga: N, stretch and shear;
+    default: practically rigid (1e6 ei / length^2). taper: share of its width that the rod loses
+    from clamp to tip, 0 to below 1. rest_curvature: 1/m, constant, in the xy plane, towards +y.
+    line_mass: kg/m at the clamp; default: what gives length^4 line mass / ei = 0.01 s^2.
+    line_weight: N/m at the clamp, along -z, tapering as the mass does. segments: elements.
+    """
+
+    length: float
+    ei: float
+    ei2: float | None = None
+    gj: float | None = None
+    ea: float | None = None
+    ga: float | None = None
+    taper: float = 0.0
+    rest_curvature: float = 0.0
+    line_mass: float | None = None
+    line_weight: float = 0.0
+    segments: int = 40
+
+
+def rod_problems(rod: Rod) -> list[Problem]:
+    """Every value of the rod that is out of its range."""
+    problems = [
+        _problem(name, value, "above 0")
+        for name in ("length", "ei", "ei2", "gj", "ea", "ga", "line_mass")
+        if (value := getattr(rod, name)) is not None and not 0.0 < value < np.inf
+    ]
+    if not 0.0 <= rod.taper < 1.0:
+        problems.append(_problem("taper", rod.taper, "0 to below 1"))
+    if not np.isfinite(rod.line_weight):
+        problems.append(_problem("line_weight", rod.line_weight, "any finite number"))
+    if not 2 <= rod.segments <= 10_000:
+        problems.append(_problem("segments", rod.segments, "2 to 10000"))
+    elif not problems:
+        largest = np.pi * rod.segments / rod.length
+        if not abs(rod.rest_curvature) < largest:
+            allowed = f"below {largest:g} 1/m in size (half a turn per segment)"
+            problems.append(_problem("rest_curvature", rod.rest_curvature, allowed))
+    if not np.isfinite(rod.rest_curvature) and not any(p.key == "rest_curvature" for p in problems):
+        problems.append(_problem("rest_curvature", rod.rest_curvature, "any finite number"))
+    return problems
+
+
+def _problem(name: str, value: float, allowed: str) -> Problem:
+    return Problem("rod", name, f"{value:g}; allowed: {allowed}")
+
+
+def _raise_if_any(problems: list[Problem]) -> None:
+    if problems:
+        raise InputError(*problems)
+
+
+def rod_model(rod: Rod) -> Model:
+    """Constant arrays of a batch of one rod: no columns, no curvature coefficients.
+
+    Raises InputError with every value that is out of its range.
+    """
+    _raise_if_any(rod_problems(rod))
+    rows = rod.segments + 1
+    station = np.linspace(0.0, rod.length, rows)
+    length = np.diff(station)
+    # the chord of an arc is shorter than the arc
+    half = 0.5 * rod.rest_curvature * length
+    rachis_rest = np.zeros((rod.segments, 6))
+    rachis_rest[:, 0] = np.sinc(half / np.pi)
+    rachis_rest[:, 5] = 2.0 * half
+    mass = np.zeros((1, rows, 3))
+    mass[0, :, 0] = line_mass(rod) * row_share(rod)
+    mass[0, :, 1:] = mass[0, :, :1] * (GYRATION * rod.length) ** 2
+    barbs = (1, 2, rows, 0)
+    return Model(
+        held=np.ones(1, dtype=np.bool_),
+        length=length[None],
+        rachis_rest=rachis_rest[None],
+        rachis_stiffness=_stiffness(rod, station)[None],
+        clamp=np.broadcast_to(np.array([1.0, 0.0, 0.0, 0.0]), (1, 2, rows, 4)).copy(),
+        joints=np.zeros((*barbs, 4)),
+        segment=np.zeros((1, 2, rows)),
+        shapes=np.zeros((0, 0)),
+        barb_stiffness=np.zeros(barbs),
+        cell_rest=np.zeros((1, 2, rows - 1, 0, 2, 3)),
+        cell_stiffness=np.zeros((1, 2, rows - 1, 0, 2, 2)),
+        hinge_rest=np.zeros(barbs),
+        hinge_stiffness=np.zeros(barbs),
+        mass=mass,
+        shaft_area=np.zeros((1, rows)),
+        retardation=np.zeros((1, 2)),
+    )
+
+
+def line_mass(rod: Rod) -> float:
+    """Mass per length at the clamp, kg/m."""
+    return SETTLING * rod.ei / rod.length**4 if rod.line_mass is None else rod.line_mass
+
+
+def first_frequency(rod: Rod) -> float:
+    """Angular frequency (rad/s) of a uniform rod's first bending mode in its xy plane."""
+    return FIRST_WAVE_NUMBER**2 * float(np.sqrt(rod.ei / line_mass(rod))) / rod.length**2
+
+
+def _stiffness(rod: Rod, station: Array) -> Array:
+    """(n-1, 6) rachis_stiffness of Model."""
+    rigid = RIGID * rod.ei / rod.length**2
+    ea, ga = rod.ea or rigid, rod.ga or rigid
+    along = np.array([ea, ga, ga])
+    turning = np.array([rod.gj or rod.ei, rod.ei2 or rod.ei, rod.ei])
+    length = np.diff(station)
+    start, end = (
+        1.0 - rod.taper * station[:-1] / rod.length,
+        1.0 - rod.taper * station[1:] / rod.length,
+    )
+    # means of c^-2 and c^-4 over an element, in a form that holds at taper 0
+    second = 1.0 / (start * end)
+    fourth = (start**2 + start * end + end**2) / (3.0 * (start * end) ** 3)
+    stretch = along * (length / second)[:, None]
+    bend = turning / (length * fourth)[:, None]
+    return np.concatenate([stretch, bend], axis=1)
+
+
+def row_share(rod: Rod) -> Array:
+    """(n,) m: integral of the section's area, 1 at the clamp, times each row's linear hat."""
+    station = np.linspace(0.0, rod.length, rod.segments + 1)
+    length = np.diff(station)
+    share = np.zeros(len(station))
+    # two Gauss points integrate the cubic exactly
+    for place in (0.5 - np.sqrt(1.0 / 12.0), 0.5 + np.sqrt(1.0 / 12.0)):
+        area = (1.0 - rod.taper * (station[:-1] + place * length) / rod.length) ** 2
+        share[:-1] += 0.5 * length * area * (1.0 - place)
+        share[1:] += 0.5 * length * area * place
+    return share
+
+
+def straight(model: Model) -> State:
+    """A batch of one rod held straight along +x, whatever its rest shape, clamped at the origin."""
+    rest = model.rachis_rest.copy()
+    rest[:] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    return clamped(model._replace(rachis_rest=rest))
+
+
+def rod_loads(
+    rod: Rod, tip_force: Vector = (0.0, 0.0, 0.0), points: Sequence[tuple[float, Vector]] = ()
+) -> Loads:
+    """The rod's weight, a dead force at its tip and dead forces at other places.
+
+    tip_force: N. points: (arc length from the clamp in m, force in N) pairs; a force between rows
+    is shared linearly. Raises InputError for places off the rod and forces that are not finite.
+    """
+    _raise_if_any(rod_problems(rod) + _load_problems(rod, tip_force, points))
+    force = np.zeros((rod.segments + 1, 3))
+    force[:, 2] = -rod.line_weight * row_share(rod)
+    for place, vector in ((rod.length, tip_force), *points):
+        low = min(int(place / rod.length * rod.segments), rod.segments - 1)
+        share = place / rod.length * rod.segments - low
+        force[low] += (1.0 - share) * np.asarray(vector)
+        force[low + 1] += share * np.asarray(vector)
+    nodes = np.zeros((1, rod.segments + 1, 3, 3))
+    nodes[0, :, 0] = force
+    return no_loads(1)._replace(force=nodes)
+
+
+def _load_problems(
+    rod: Rod, tip_force: Vector, points: Sequence[tuple[float, Vector]]
+) -> list[Problem]:
+    problems = [
+        Problem("rod", name, f"{vector}; allowed: finite numbers")
+        for name, vector in (
+            ("tip_force", tip_force),
+            *((f"points[{k}]", force) for k, (_, force) in enumerate(points)),
+        )
+        if not np.isfinite(vector).all()
+    ]
+    problems += [
+        _problem(f"points[{k}]", place, f"0 to {rod.length:g} m")
+        for k, (place, _) in enumerate(points)
+        if rod.length > 0.0 and not 0.0 <= place <= rod.length
+    ]
+    return problems
+
+
+def clamped(model: Model) -> State:
+    """A batch of one rod in its rest shape, clamped at the origin, leaving along +x."""
+    return rest_state(model, np.zeros((1, 3)), np.eye(3)[None])

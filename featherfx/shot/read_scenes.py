@@ -1,0 +1,126 @@
+"""The parts of a shot that stand in scenes: skin, wind and colliders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from featherfx.groom.schema import INVALID, Place, Table
+from featherfx.groom.types import Groom
+from featherfx.shot.scenes import SceneReaders, Surface, TimedWind
+from featherfx.shot.shot_keys import COLLIDER, SKIN, WIND_USD
+from featherfx.shot.skin_motion import BoundSkin, bind_groom
+
+
+def read_skin(
+    raw: dict[str, Any],
+    checked: dict[str, Any],
+    groom: Groom,
+    place: Place,
+    readers: SceneReaders | None,
+) -> BoundSkin | None:
+    """The bound skin of a shot; None where it has none, or after adding problems.
+
+    raw: the shot as written; checked: its sound keys. Roots bind where no problem was found.
+    """
+    at = place.child("skin")
+    entry = _checked(raw, "skin", Table(SKIN), at, readers)
+    if entry is None or readers is None:
+        return None
+    count = len(place.problems)
+    if "motion" in raw:
+        place.child("motion").fail("stands beside [skin], which moves the roots; leave one out")
+    other = sorted({f.skin for f in groom.feathers if f.skin} - {entry["prim"]})
+    needed = [entry["prim"], *other]
+    path = Path(place.source).parent / entry["usd"]
+    surfaces = readers.meshes(path, needed, None, entry["rest"], at)
+    if surfaces is None:
+        return None
+    start = _start(entry, checked, surfaces[0].time_codes_per_second)
+    if entry["beyond"] == "error":
+        _check_range(surfaces, checked, start, at)
+    for surface in surfaces:
+        own = {surface.path, ""} if surface is surfaces[0] else {surface.path}
+        placed = [f.id for f in groom.feathers if f.skin_uv is not None and f.skin in own]
+        if placed and surface.st is None:
+            at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
+    if len(place.problems) > count:
+        return None
+    return bind_groom(groom, surfaces, start, entry["tolerance"], at)
+
+
+def read_wind(
+    raw: dict[str, Any], checked: dict[str, Any], place: Place, readers: SceneReaders | None
+) -> TimedWind | None:
+    """The wind that a scene adds; None where there is none, or after adding problems."""
+    at = place.child("wind_usd")
+    entry = _checked(raw, "wind_usd", Table(WIND_USD), at, readers)
+    if entry is None or readers is None:
+        return None
+    source = readers.wind(Path(place.source).parent / entry["usd"], entry, at)
+    if source is None:
+        return None
+    start = _start(entry, checked, source.time_codes_per_second)
+    return TimedWind(source, start, entry["scale"])
+
+
+def read_colliders(
+    raw: dict[str, Any], place: Place, readers: SceneReaders | None
+) -> tuple[Surface, ...]:
+    """The collider meshes of a shot; incomplete after adding problems."""
+    entries = raw.get("collider", [])
+    found: list[Surface] = []
+    for number, _ in enumerate(entries if isinstance(entries, list) else []):
+        at = place.child("collider").item(number)
+        entry = Table(COLLIDER).check(entries[number], at, False)
+        if entry is INVALID or not _has_reader(readers, at):
+            continue
+        if not entry["prims"] and entry["collection"] is None:
+            at.fail("names neither prims nor a collection")
+            continue
+        assert readers is not None
+        path = Path(place.source).parent / entry["usd"]
+        meshes = readers.meshes(path, entry["prims"], entry["collection"], None, at)
+        found += meshes or []
+    return tuple(found)
+
+
+def _checked(
+    raw: dict[str, Any], name: str, table: Table, at: Place, readers: SceneReaders | None
+) -> dict[str, Any] | None:
+    if name not in raw:
+        return None
+    entry = table.check(raw[name], at, False)
+    if entry is INVALID or not _has_reader(readers, at):
+        return None
+    checked: dict[str, Any] = entry
+    return checked
+
+
+def _has_reader(readers: SceneReaders | None, at: Place) -> bool:
+    if readers is None:
+        at.fail("is a USD scene, which featherfx.read_shot and the commands read")
+    return readers is not None
+
+
+def _start(entry: dict[str, Any], checked: dict[str, Any], codes_per_second: float) -> float:
+    """Time code at the first frame: as given, or that of the frame's number."""
+    if entry["start"] is not None:
+        return float(entry["start"])
+    return float(checked["frames"][0] * codes_per_second / checked["frames_per_second"])
+
+
+def _check_range(surfaces: list[Surface], checked: dict[str, Any], start: float, at: Place) -> None:
+    """Problems where the shot runs out of the samples of a moving surface."""
+    first, last = checked["frames"]
+    seconds = (last - first) / checked["frames_per_second"]
+    for surface in surfaces:
+        end = start + seconds * surface.time_codes_per_second
+        if surface.sampled is None:
+            continue
+        low, high = surface.sampled
+        if start < low - 1e-6 or end > high + 1e-6:
+            at.fail(
+                f"{surface.path} has samples from {low:g} to {high:g}, the shot needs {start:g} to "
+                f'{end:g}; add the missing frames, or beyond = "hold"'
+            )

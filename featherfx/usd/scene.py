@@ -1,0 +1,157 @@
+"""USD stages that others made, as sources: opened, measured, and their prims found by path."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom, UsdUtils
+
+from featherfx.errors import InputError, InputWarning
+from featherfx.groom.schema import Place
+from featherfx.usd.read import open_stage
+
+Array = NDArray[np.float64]
+
+DEFAULT, EARLIEST = Usd.TimeCode.Default(), Usd.TimeCode.EarliestTime()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An open stage. path: its file. to_world: (3, 3), stage to world (metres, z up), row vectors.
+
+    time_codes_per_second: of the stage.
+    """
+
+    path: Path
+    stage: Any
+    to_world: Array
+
+    @property
+    def time_codes_per_second(self) -> float:
+        return float(self.stage.GetTimeCodesPerSecond())
+
+    @property
+    def meters_per_unit(self) -> float:
+        return float(np.linalg.norm(self.to_world[0]))
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that the stage is made of, clips included; no textures."""
+        layers, _, _ = UsdUtils.ComputeAllDependencies(str(self.path))
+        return tuple(Path(path) for path in sorted(layer.realPath for layer in layers))
+
+    def matrix(self, prim: Any, code: Any) -> Array:
+        """(4, 4) local space of a prim to the world, row vectors, at a time code."""
+        local = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code))
+        return in_world(local, self.to_world)
+
+
+def in_world(local_to_stage: Array, to_world: Array) -> Array:
+    """(..., 4, 4) matrices to the stage's space continued to the world; row vectors."""
+    whole = np.array(local_to_stage, dtype=np.float64)
+    whole[..., :3] = whole[..., :3] @ to_world
+    return whole
+
+
+def transformed(points: Array, matrix: Array) -> Array:
+    """(..., 3) points by a (4, 4) matrix, row vectors."""
+    return np.asarray(points @ matrix[:3, :3] + matrix[3, :3])
+
+
+def open_scene(path: Path, place: Place) -> Scene | None:
+    """Open a stage with its payloads; None after adding a problem at the place that names it."""
+    if path.is_file() and not os.access(path, os.R_OK):
+        place.fail(f"{path}: no permission to read it")
+        return None
+    try:
+        stage = open_stage(path)
+    except InputError as error:
+        for problem in error.problems:
+            place.fail(f"{problem.source}: {problem.message}")
+        return None
+    if not stage.HasAuthoredMetadata(UsdGeom.Tokens.metersPerUnit):
+        warnings.warn(
+            f"{path}: metersPerUnit is not authored, which means centimetres", InputWarning, 2
+        )
+    scale = float(UsdGeom.GetStageMetersPerUnit(stage))
+    if not (np.isfinite(scale) and scale > 0.0):
+        place.fail(f"{path}: metersPerUnit is {scale:g}, expects a number above 0")
+        return None
+    turn = np.eye(3)
+    if str(UsdGeom.GetStageUpAxis(stage)) == "Y":
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    return Scene(path, stage, scale * turn)
+
+
+def find_prim(scene: Scene, path: str, place: Place) -> Any:
+    """The prim at a path, also within an instance; None after adding a problem."""
+    if not Sdf.Path.IsValidPathString(path) or not Sdf.Path(path).IsAbsolutePath():
+        place.fail(f"'{path}' is no absolute prim path such as /Bird/body")
+        return None
+    prim = scene.stage.GetPrimAtPath(path)
+    if not prim:
+        place.fail(_absent(scene, Sdf.Path(path)))
+        return None
+    if not prim.IsActive():
+        place.fail(f"{path} is inactive in {scene.path}")
+    elif not prim.IsDefined():
+        place.fail(f"{path} is only an over in {scene.path}: nothing defines it")
+    elif prim.IsAbstract():
+        place.fail(f"{path} is a class in {scene.path}, which stands for no prim by itself")
+    else:
+        return prim
+    return None
+
+
+def _absent(scene: Scene, path: Any) -> str:
+    parent = path.GetParentPath()
+    while parent and not scene.stage.GetPrimAtPath(parent):
+        parent = parent.GetParentPath()
+    above = scene.stage.GetPrimAtPath(parent) if parent else None
+    if above and not above.IsPseudoRoot() and not above.IsActive():
+        return f"no prim {path} in {scene.path}: {parent} is inactive"
+    if above:
+        names = [child.GetName() for child in above.GetAllChildren()]
+        known = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+        return f"no prim {path} in {scene.path}; below {parent} there is {known or 'nothing'}"
+    return f"no prim {path} in {scene.path}"
+
+
+def prims_below(scene: Scene, prim: Any) -> Iterator[Any]:
+    """A prim and all below it, also within instances, but not below point instancers."""
+    walk = iter(Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
+    for each in walk:
+        if each.IsA(UsdGeom.PointInstancer):
+            walk.PruneChildren()
+        yield each
+
+
+def rest_code(attribute: Any) -> Any:
+    """Default where the attribute has a default value, else its first sample's time."""
+    return EARLIEST if attribute.Get(DEFAULT) is None else DEFAULT
+
+
+def codes_of(attribute: Any) -> list[Any]:
+    """Every time at which an attribute has a value of its own: its default, then its samples."""
+    default = [] if attribute.Get(DEFAULT) is None else [DEFAULT]
+    return default + [Usd.TimeCode(time) for time in attribute.GetTimeSamples()]
+
+
+def transform_code(prim: Any, code: Any) -> Any:
+    """The time to read transforms at: code, but the first samples where an op has no default."""
+    if not code.IsDefault():
+        return code
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.Xformable) and any(
+            op.GetAttr().Get(DEFAULT) is None for op in UsdGeom.Xformable(prim).GetOrderedXformOps()
+        ):
+            return EARLIEST
+        prim = prim.GetParent()
+    return code

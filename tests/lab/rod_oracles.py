@@ -1,0 +1,132 @@
+"""Solutions of rods by other means than the solver: none of it imports featherfx."""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
+from scipy.optimize import brentq, root
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
+
+
+def elastica_tip(load):
+    """(x, deflection) / L of a cantilever under a dead transverse tip force, load = F L^2 / EI.
+
+    Bisshopp and Drucker 1945: with modulus k = sqrt((1 + sin t) / 2), t the tip's slope, and
+    amplitude a with sin a = 1 / (k sqrt 2), sqrt(load) = K(k) - F(a, k), deflection / L =
+    1 - 2 (E(k) - E(a, k)) / sqrt(load), x / L = sqrt(2 sin t / load).
+    """
+
+    def excess(slope):
+        m = 0.5 * (1.0 + np.sin(slope))
+        amplitude = np.arcsin(1.0 / np.sqrt(2.0 * m))
+        return ellipk(m) - ellipkinc(amplitude, m) - np.sqrt(load)
+
+    slope = brentq(excess, 1e-9, 0.5 * np.pi - 1e-9, xtol=1e-14)
+    m = 0.5 * (1.0 + np.sin(slope))
+    amplitude = np.arcsin(1.0 / np.sqrt(2.0 * m))
+    drop = 1.0 - 2.0 * (ellipe(m) - ellipeinc(amplitude, m)) / np.sqrt(load)
+    return np.sqrt(2.0 * np.sin(slope) / load), drop
+
+
+def kirchhoff_tip(length, stiffness, tip_force, weight=0.0, taper=0.0, curvature=0.0):
+    """(3,) tip of an inextensible clamped rod, by shooting from the free end.
+
+    stiffness: (GJ, EI about d2, EI about d3) at the clamp, times c^4; weight: N/m along -z at the
+    clamp, times c^2; c = 1 - taper s / length. curvature: at rest, about d3. Equations: r' = d1,
+    m' = n x d1, n = tip_force + weight beyond s, m.d_i = B_i (k_i - k0_i), d_i' = k x d_i.
+    Unknown: the tip's rotation, found by continuation in the load so that the clamp's is none.
+    """
+    stiffness = np.asarray(stiffness, float)
+
+    def beyond(s):
+        if taper == 0.0:
+            return weight * (length - s)
+        cube = [(1.0 - taper * x / length) ** 3 for x in (s, length)]
+        return weight * length / (3.0 * taper) * (cube[0] - cube[1])
+
+    def back(rotation, share, accuracy):
+        def slope(s, y):
+            frame = y[6:].reshape(3, 3)
+            n = share * (np.asarray(tip_force, float) - [0.0, 0.0, beyond(s)])
+            bend = stiffness * (1.0 - taper * s / length) ** 4
+            turn = frame @ (frame.T @ y[3:6] / bend + [0.0, 0.0, curvature])
+            return np.concatenate(
+                [frame[:, 0], np.cross(n, frame[:, 0]), np.cross(turn, frame.T).T.ravel()]
+            )
+
+        start = np.concatenate([np.zeros(6), rotation.as_matrix().ravel()])
+        span = (length, 0.0)
+        run = solve_ivp(slope, span, start, "DOP853", rtol=accuracy, atol=0.1 * accuracy)
+        return run.y[:, -1]
+
+    tip = Rotation.from_rotvec([0.0, 0.0, curvature * length])
+    load = (np.linalg.norm(tip_force) + weight * length) * length**2 / stiffness.min()
+    shares = np.linspace(0.0, 1.0, 4 + int(4 * np.log2(1 + load)))[1:] ** 2
+    change = np.zeros(3)
+    for share, accuracy in [*((each, 1e-5) for each in shares), (1.0, 1e-10)]:
+
+        def miss(vector, share=share, accuracy=accuracy, tip=tip):
+            end = back(Rotation.from_rotvec(vector) * tip, share, accuracy)
+            # the nearest rotation: integration keeps the frame orthonormal to its accuracy only
+            return Rotation.from_matrix(end[6:].reshape(3, 3)).as_rotvec()
+
+        found = root(miss, change, method="hybr", tol=10.0 * accuracy)
+        assert np.linalg.norm(found.fun) < 1e3 * accuracy
+        change = 0.5 * found.x
+        tip = Rotation.from_rotvec(found.x) * tip
+    return -back(tip, 1.0, 1e-10)[:3]
+
+
+def taper_frequencies(length, ei, mass, taper, count):
+    """(count,) Hz of a clamped rod bending in one plane, by Rayleigh and Ritz.
+
+    Trial functions s^2 times Legendre polynomials; the integrals are exact.
+    """
+    size = 14
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    s, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    shapes, curved = [], []
+    for k in range(size):
+        polynomial = np.polynomial.Legendre.basis(k, domain=[0.0, 1.0]).convert(
+            kind=np.polynomial.Polynomial, domain=[-1, 1], window=[-1, 1]
+        )
+        full = polynomial * np.polynomial.Polynomial([0.0, 0.0, 1.0])
+        shapes.append(full(s))
+        curved.append(full.deriv(2)(s))
+    c = 1.0 - taper * s
+    stiff = np.einsum("as,bs,s->ab", curved, curved, weights * c**4)
+    heavy = np.einsum("as,bs,s->ab", shapes, shapes, weights * c**2)
+    values = eigh(stiff, heavy, eigvals_only=True)[:count]
+    return np.sqrt(values * ei / mass) / length**2 / (2.0 * np.pi)
+
+
+def link_chain(links, length, ei, mass, weight, times):
+    """(T, 2) tip (x, z) of a rod let go from the horizontal, as a chain of rigid links.
+
+    Point masses at the joints and the tip, springs EI / l between links and 2 EI / l at the clamp;
+    unknowns are the links' slopes below the horizontal, integrated by an implicit Runge-Kutta
+    method.
+    """
+    step = length / links
+    lumped = np.full(links, mass * step)
+    lumped[-1] *= 0.5
+    # mass carried by both links a and b: all joints beyond the outer one
+    carried = np.cumsum(lumped[::-1])[::-1]
+    both = carried[np.maximum.outer(np.arange(links), np.arange(links))] * step**2
+    spring = np.full(links, ei / step)
+    spring[0] *= 2.0
+
+    def slope(_, y):
+        angle, rate = y[:links], y[links:]
+        apart = angle[:, None] - angle[None, :]
+        bend = spring * np.diff(angle, prepend=0.0)
+        moment = np.append(bend[1:], 0.0) - bend
+        push = weight / mass * carried * step * np.cos(angle)
+        whirl = (both * np.sin(apart)) @ rate**2
+        return np.concatenate([rate, np.linalg.solve(both * np.cos(apart), moment + push - whirl)])
+
+    run = solve_ivp(
+        slope, (0.0, times[-1]), np.zeros(2 * links), "Radau", times, rtol=1e-6, atol=1e-8
+    )
+    angle = run.y[:links]
+    return np.stack([step * np.cos(angle).sum(0), -step * np.sin(angle).sum(0)], axis=1)

@@ -1,0 +1,151 @@
+"""Constants of a batch: rest strains, masses, areas, stiffnesses of the shipped feathers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind
+
+from featherfx.feather.build import build_feather
+from featherfx.feather.types import RACHIS
+from featherfx.groom.types import BarbGuide, VaneShape
+from featherfx.mechanics.batch import make_model, row_frames
+from featherfx.mechanics.model import no_loads
+from featherfx.mechanics.vane_bending_kernels import hinge_angle
+from featherfx.solver.newton_kernels import evaluate
+from featherfx.solver.pose_kernels import load_pose
+from featherfx.solver.work import make_work
+
+
+def strains_of(model, state):
+    """Strains (S,) of the first feather."""
+    work = make_work(model)
+    load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], work.now)
+    evaluate(model, no_loads(model.feathers), 0, 0.0, (0.0, 0.0, 0.0), work.now, work.around)
+    return work.now.strains
+
+
+def vane_area(feather):
+    """Area of the vanes as the surface draws them."""
+    surface = feather.surface
+    corners = surface.points(feather.points)[surface.triangles[surface.part != RACHIS]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return 0.5 * np.linalg.norm(normal, axis=1).sum()
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("name", FEATHER_PRESETS)
+def test_the_rest_shape_is_the_feather_and_has_no_strain(name, mirrored):
+    feather, model = preset_batch(name, 13, 5, mirrored=mirrored)
+    state = at_origin(model)
+    size = np.ptp(feather.points[:, 0], axis=0).max()
+    assert np.abs(state.points[0] - feather.points).max() < 1e-12 * size
+    assert np.abs(strains_of(model, state)).max() < 1e-10
+
+
+@pytest.mark.parametrize("name", FEATHER_PRESETS)
+def test_rest_strains_are_those_of_the_rest_shape_only(name):
+    """The same feather under another's constants is strained: the zero above is no accident."""
+    _, model = preset_batch(name, 13, 5)
+    bent = model._replace(rachis_rest=model.rachis_rest + np.array([0, 0, 0, 0, 0.1, 0]))
+    assert np.abs(strains_of(model, at_origin(bent))).max() > 0.05
+
+
+@pytest.mark.parametrize("name", FEATHER_PRESETS)
+def test_mass_is_shaft_plus_vane(name):
+    feather, model = preset_batch(name, 21, 6)
+    kind = preset_kind(name)
+    shaft, core = kind.rachis_material, 1.0 - kind.rachis_material.wall
+    density = shaft.cortex_density * (1 - core**2) + shaft.core_density * core**2
+    line = density * np.pi / 4 * feather.width * feather.height
+    station = np.concatenate([[0.0], np.cumsum(model.length[0])])
+    expected = np.trapezoid(line, station)
+    expected += kind.vane_material.surface_density * vane_area(feather)
+    nodes = [0, *range(3, model.mass.shape[2])]
+    assert model.mass[0][:, nodes].sum() == pytest.approx(expected, rel=1e-12)
+    assert (model.mass >= 0.0).all()
+    assert (model.mass[0, :, :3] > 0.0).all()
+
+
+def test_shaft_mass_converges_to_the_integral_of_the_taper():
+    kind = preset_kind("swan_primary")
+    shape, shaft = kind.rachis, kind.rachis_material
+    s = np.linspace(0.0, 1.0, 20001)
+    taper = (1.0 - s) ** shape.taper
+    diameter = shape.diameter_tip + (shape.diameter_base - shape.diameter_tip) * taper
+    core = 1.0 - shaft.wall
+    density = shaft.cortex_density * (1 - core**2) + shaft.core_density * core**2
+    area = np.pi / 4 * diameter**2 * shaft.flattening
+    exact = density * kind.length * np.trapezoid(area, s)
+    bare = replace(kind, vane_material=replace(kind.vane_material, surface_density=0.0))
+    errors = []
+    for rows in (11, 21, 41):
+        model = make_model([build_feather(bare, rows, 2)], [bare], 1)
+        errors.append(abs(np.delete(model.mass[0], [1, 2], axis=1).sum() / exact - 1.0))
+    assert errors[0] < 0.02
+    assert errors[2] < 0.3 * errors[1] < 0.1 * errors[0]
+
+
+@pytest.mark.parametrize("name", FEATHER_PRESETS)
+def test_cells_cover_the_vane(name):
+    feather, model = preset_batch(name, 21, 6)
+    vane = preset_kind(name).vane_material
+    area = model.cell_stiffness[0] / vane.thickness / np.array([vane.across, vane.shear])
+    assert area[..., 0].sum() == pytest.approx(vane_area(feather), rel=1e-12)
+    assert area[..., 1] == pytest.approx(area[..., 0], rel=1e-12)
+    assert ((area[..., 0] > 0.0) == feather.cell).all()
+
+
+def test_equal_feathers_have_equal_constants_and_others_do_not():
+    names = ["swan_primary", "swan_secondary", "swan_primary"]
+    kinds = [
+        replace(preset_kind(n), vane_material=preset_kind(names[0]).vane_material) for n in names
+    ]
+    model = make_model([build_feather(kind, 9, 4) for kind in kinds], kinds, 2)
+    assert model.mass[0].tobytes() == model.mass[2].tobytes()
+    assert model.mass[0].tobytes() != model.mass[1].tobytes()
+    assert model.feathers == 3
+
+
+def test_row_frames_are_rotations():
+    feather, _ = preset_batch("swan_primary", 21, 6)
+    frames = row_frames(feather.points)
+    assert frames @ frames.transpose(0, 2, 1) == pytest.approx(np.tile(np.eye(3), (21, 1, 1)))
+    assert np.linalg.det(frames) == pytest.approx(np.ones(21))
+    assert frames[0] == pytest.approx(np.eye(3), abs=1e-12)
+
+
+def flat_kind(angle):
+    """A flat feather of even width with parallel barbs at an angle (deg) to a straight rachis."""
+    kind = preset_kind("swan_primary")
+    vane = VaneShape(((0.0, 0.15), (1.0, 0.15)), (BarbGuide(0.5, angle, 0.0, 0.0),))
+    rachis = replace(kind.rachis, camber=0.0, sweep=0.0, twist=0.0)
+    return replace(kind, rachis=rachis, leading=vane, trailing=vane)
+
+
+@pytest.mark.parametrize("angle", [90.0, 45.0])
+def test_a_vane_bent_to_a_cylinder_along_its_barbs_has_the_energy_of_a_plate(angle):
+    kind = flat_kind(angle)
+    feather = build_feather(kind, 41, 4)
+    model = make_model([feather], [kind], 1)
+    stiffness, radius = model.hinge_stiffness[0, 0], 0.5
+    assert np.count_nonzero(stiffness) > 50
+    along = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0])
+    across = np.array([along[1], -along[0], 0.0])
+    nodes = np.concatenate([feather.points[:, :1], feather.points[:, 3:7]], axis=1)
+    turn = nodes @ across / radius
+    bent = (nodes @ along)[..., None] * along + radius * np.sin(turn)[..., None] * across
+    bent[..., 2] = radius * (1.0 - np.cos(turn))
+    energy = area = 0.0
+    for i, j in np.argwhere(stiffness > 0.0):
+        corners = bent[i, j], bent[i, j + 1], bent[i + 1, j], bent[i - 1, j + 1]
+        change = hinge_angle(*corners) - model.hinge_rest[0, 0, i, j]
+        energy += 0.5 * stiffness[i, j] * change**2
+        rest = nodes[i, j], nodes[i, j + 1], nodes[i + 1, j], nodes[i - 1, j + 1]
+        edge = rest[1] - rest[0]
+        area += 0.5 * np.linalg.norm(np.cross(edge, rest[2] - rest[0]))
+        area += 0.5 * np.linalg.norm(np.cross(edge, rest[3] - rest[0]))
+    expected = 0.5 * kind.vane_material.bending_across / radius**2 * area
+    assert energy == pytest.approx(expected, rel=2e-3)

@@ -1,0 +1,194 @@
+"""Gradients of every strain and energy kernel against central differences, in random poses.
+
+Each case is also tried with the sign of every single entry turned: the check must see it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from derivatives import derivative_fault, unnoticed_signs
+from trial_batches import barb_slopes, random_turn, turned
+
+from featherfx.mechanics.barb_kernels import barb_points
+from featherfx.mechanics.barb_shapes import curvature_shapes
+from featherfx.mechanics.node_kernels import node_energy, node_forces
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
+from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
+from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
+
+SEEDS = range(5)
+
+
+class Case(NamedTuple):
+    """An energy as a function of an increment (N,), its gradient (N,) at zero, step sizes."""
+
+    value: Callable[[np.ndarray], float]
+    gradient: np.ndarray
+    scale: float | np.ndarray = 1.0
+
+
+def rachis(rng):
+    """Energy of one element; the rows are turned against each other by up to 2.5 rad."""
+    first = random_turn(rng)
+    axis = rng.normal(size=3)
+    second = turned(first, axis / np.linalg.norm(axis) * rng.uniform(0.0, 2.5))
+    points, length = rng.normal(size=(2, 3)), 0.7
+    rest, stiffness = rng.normal(size=6), rng.uniform(0.5, 2.0, 6)
+    halfway, strain = np.zeros((3, 3)), np.zeros(6)
+
+    def strains(x):
+        rachis_strain(
+            turned(first, x[3:6]),
+            turned(second, x[9:12]),
+            points[0] + x[0:3],
+            points[1] + x[6:9],
+            length,
+            halfway,
+            strain,
+        )
+        return strain - rest
+
+    stress = stiffness * strains(np.zeros(12))
+    slopes = np.zeros((6, 12))
+    rachis_gradient(points[0], points[1], length, halfway, strain, slopes)
+    return Case(lambda x: 0.5 * stiffness @ strains(x) ** 2, stress @ slopes, 0.3)
+
+
+def rachis_at_rest_angle(rng):
+    """The same with hardly any turn between the rows, where angle and axis lose their meaning."""
+    turn, points = random_turn(rng), rng.normal(size=(2, 3))
+    halfway, strain, weight = np.zeros((3, 3)), np.zeros(6), rng.normal(size=6)
+
+    def value(x):
+        first, second = turned(turn, x[3:6]), turned(turn, x[9:12])
+        rachis_strain(first, second, points[0] + x[:3], points[1] + x[6:9], 0.7, halfway, strain)
+        return weight @ strain
+
+    value(np.zeros(12))
+    slopes = np.zeros((6, 12))
+    rachis_gradient(points[0], points[1], 0.7, halfway, strain, slopes)
+    return Case(value, weight @ slopes)
+
+
+def membrane(rng):
+    """Energy of one triangle."""
+    nodes, rest = rng.normal(size=(3, 3)), np.array([1.3, 0.4, 0.8])
+    stiffness = rng.uniform(0.5, 2.0, 2)
+
+    def strains(x):
+        moved = nodes + x.reshape(3, 3)
+        return np.array(membrane_strain(moved[0], moved[1], moved[2], rest))
+
+    slopes = np.zeros((2, 3, 3))
+    membrane_gradient(*nodes, rest, slopes)
+    stress = stiffness * strains(np.zeros(9))
+    return Case(lambda x: 0.5 * stiffness @ strains(x) ** 2, stress @ slopes.reshape(2, 9))
+
+
+def hinge(rng):
+    """Energy of one dihedral angle."""
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [0.3, 1, 0], [0.6, -1, 0]])
+    nodes += 0.3 * rng.normal(size=(4, 3))
+    rest = rng.normal()
+    slopes = np.zeros((4, 3))
+    hinge_gradient(*nodes, slopes)
+
+    def value(x):
+        return 0.5 * (hinge_angle(*(nodes + x.reshape(4, 3))) - rest) ** 2
+
+    return Case(value, (hinge_angle(*nodes) - rest) * slopes.ravel(), 0.3)
+
+
+def barb(rng):
+    """Springs from a barb's nodes to random points, by root, row frame and coefficients."""
+    joints = np.stack([[1.0, 0, 0, 0], *(random_turn(rng) for _ in range(4))])
+    turn, clamp, root = random_turn(rng), random_turn(rng), rng.normal(size=3)
+    shapes = curvature_shapes(3, 5, 1.0)
+    coefficients, goal = rng.normal(size=6), rng.normal(size=(5, 3))
+    points = np.zeros((5, 3))
+
+    def offsets(x):
+        barb_points(
+            turned(turn, x[3:6]), root + x[:3], clamp, joints, 0.4, shapes, coefficients + x[6:],
+            points,
+        )  # fmt: skip
+        return points - goal
+
+    force = offsets(np.zeros(12)).copy()
+    slopes = barb_slopes(turn, clamp, joints, 0.4, shapes, coefficients)
+    gradient = np.einsum("akj,jk->a", slopes, force)
+    return Case(lambda x: 0.5 * np.sum(offsets(x) ** 2), gradient)
+
+
+class Nodes:
+    """Inertia, gravity and drag of 2 rows of 2 columns in a random wind."""
+
+    def __init__(self, rng):
+        shape = (2, 7)
+        self.points = rng.normal(size=(*shape, 3))
+        target, past = rng.normal(size=(2, *shape, 3))
+        self.arguments = (
+            *(target, 3.0, past, 2.0, rng.uniform(0.5, 1.5, shape), rng.normal(size=3)),
+            *(np.array([1.2, 1.5, 0.1, 1.1]), rng.normal(size=(*shape, 3))),
+            *(rng.normal(size=(*shape, 3)), rng.uniform(0.5, 2.0, shape), rng.uniform(1, 2, 2)),
+        )
+        self.force, self.stiff = np.zeros((*shape, 3)), np.zeros((*shape, 6))
+        self.size = self.points.size
+
+    def energy(self, x):
+        return node_energy(self.points + x.reshape(self.points.shape), *self.arguments)
+
+    def forces(self, x):
+        moved = self.points + x.reshape(self.points.shape)
+        node_forces(moved, *self.arguments, self.force, self.stiff)
+        return self.force.copy()
+
+
+def nodes(rng):
+    trial = Nodes(rng)
+    return Case(trial.energy, trial.forces(np.zeros(trial.size)).ravel(), 0.3)
+
+
+def node_stiffness(rng):
+    """A random combination of the node forces: its gradient is the Hessian's product."""
+    trial, weight = Nodes(rng), rng.normal(size=(2, 7, 3))
+    trial.forces(np.zeros(trial.size))
+    order = [[0, 3, 4], [3, 1, 5], [4, 5, 2]]
+    gradient = np.einsum("ipkl,ipl->ipk", trial.stiff[..., order], weight)
+    return Case(lambda x: np.sum(weight * trial.forces(x)), gradient.ravel())
+
+
+CASES = [rachis, rachis_at_rest_angle, membrane, hinge, barb, nodes]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("make", CASES)
+def test_gradients_are_derivatives_of_second_order(make, seed):
+    case = make(np.random.default_rng(seed))
+    rng = np.random.default_rng(100 + seed)
+    assert derivative_fault(case.value, case.gradient, rng, case.scale) == ""
+
+
+@pytest.mark.parametrize("make", CASES)
+def test_the_check_sees_one_wrong_sign(make):
+    case = make(np.random.default_rng(7))
+
+    def check(gradient):
+        return derivative_fault(case.value, gradient, np.random.default_rng(8), case.scale)
+
+    assert unnoticed_signs(check, case.gradient) == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_stiffness_of_nodes_is_the_slope_of_their_forces(seed):
+    case = node_stiffness(np.random.default_rng(seed))
+    rng = np.random.default_rng(200 + seed)
+    # drag is quadratic in the velocity: central differences are exact, there is no order to see
+    assert derivative_fault(case.value, case.gradient, rng, 0.1, curved=False) == ""
+    wrong = case.gradient.copy()
+    wrong[0] *= 1.001
+    assert derivative_fault(case.value, wrong, rng, 0.1, curved=False) != ""

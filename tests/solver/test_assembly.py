@@ -1,0 +1,195 @@
+"""Assembled gradient of a step's energy, and what a rigid motion does to strains and forces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from derivatives import derivative_fault, with_a_wrong_sign
+from trial_batches import (
+    FEATHER_PRESETS,
+    assembled,
+    at_origin,
+    preset_batch,
+    random_pose,
+    random_turn,
+    rod,
+    turned,
+)
+
+from featherfx.mechanics.model import no_loads
+from featherfx.mechanics.turns import rotation_vectors, turns_to_frames
+from featherfx.solver.newton_kernels import evaluate
+from featherfx.solver.pose_kernels import add_increment, load_pose
+from featherfx.solver.work import make_work
+
+FACTORS = (500.0, 30.0, 40.0)
+STILL = (0.0, 0.0, 0.0)
+SHARE = 0.5
+
+
+class Trial:
+    """The energy of one feather's step as a function of an increment of its coordinates."""
+
+    def __init__(self, model, state, loads, factors, around=None):
+        self.model, self.loads, self.factors = model, loads, factors
+        self.work = make_work(model)
+        if around is not None:
+            for name, array in around.items():
+                getattr(self.work.around, name)[...] = array
+        now = self.work.now
+        load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], now)
+        self.value = evaluate(model, loads, 0, SHARE, factors, now, self.work.around)
+
+    def energy(self, x):
+        work = self.work
+        add_increment(
+            self.model.length[0], work.now, x, 1.0, work.trial, work.beam.gradient, work.stretch
+        )
+        return evaluate(self.model, self.loads, 0, SHARE, self.factors, work.trial, work.around)
+
+    def assembled(self, signed=False):
+        """Gradient (N,); the Hessian is left in the work's band."""
+        return assembled(self.model, self.loads, SHARE, self.factors, self.work, signed)
+
+
+def loaded(name, seed, **sizes):
+    """A preset's feather, flying free, far from rest, with damping, drag, gravity and grips."""
+    rng = np.random.default_rng(seed)
+    _, model = preset_batch(name, **sizes)
+    model = model._replace(held=np.array([False]), retardation=np.array([[0.01, 0.02]]))
+    state = random_pose(model, rng)
+    size = (model.rows, model.mass.shape[2])
+    last = 3 + model.columns
+    loads = no_loads(1, (1.0, 2.0, -9.8))._replace(
+        air=np.array([1.2, 1.5, 0.1, 1.0]),
+        grip_node=np.array([[[model.rows - 1, 0], [2, last], [-1, 0]]]),
+        grip_start=rng.normal(size=(1, 3, 3)),
+        grip_end=rng.normal(size=(1, 3, 3)),
+        grip_stiffness=np.array([[50.0, 20.0, 1e9]]),
+    )
+    around = {
+        "target": rng.normal(size=(*size, 3)),
+        "past": 0.1 * rng.normal(size=(*size, 3)),
+        "reference": 0.1 * rng.normal(size=make_work(model).around.reference.shape),
+        "wind": rng.normal(size=(*size, 3)),
+        "area": 1e-2 * rng.normal(size=(*size, 3)),
+        "speed": np.abs(rng.normal(size=size)),
+    }
+    return Trial(model, state, loads, FACTORS, around)
+
+
+def scales(model):
+    """Sizes of increments that move the coordinates about as far as each other."""
+    row = np.full(6 + 4 * model.coefficients, 0.1)
+    row[:3] = 0.1 * model.length[0].mean()
+    return 0.3 * np.tile(row, model.rows)
+
+
+@pytest.mark.parametrize("coefficients", [0, 1, 3])
+@pytest.mark.parametrize("name", ["swan_primary", "ornamental_plume"])
+def test_the_assembled_gradient_is_the_derivative_along_the_retraction(name, coefficients):
+    trial = loaded(name, 3, rows=7, columns=3, coefficients=coefficients)
+    gradient = trial.assembled()
+    rng, scale = np.random.default_rng(4), scales(trial.model)
+    assert derivative_fault(trial.energy, gradient, rng, scale, directions=8) == ""
+    for place in np.argsort(-np.abs(gradient * scale))[:: len(gradient) // 12]:
+        wrong = with_a_wrong_sign(gradient, int(place))
+        if abs(gradient[place] * scale[place]) > 1e-6 * np.abs(gradient * scale).max():
+            assert derivative_fault(trial.energy, wrong, np.random.default_rng(4), scale) != ""
+
+
+def test_the_gradient_does_not_depend_on_how_the_hessian_is_made():
+    trial = loaded("swan_primary", 5)
+    first = trial.assembled(signed=False)
+    assert trial.assembled(signed=True).tobytes() == first.tobytes()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_gauss_newton_hessian_is_positive_definite_far_from_rest(seed):
+    trial = loaded("swan_primary", seed, rows=7, columns=3)
+    trial.assembled(signed=False)
+    band = trial.work.system.band
+    size, width = band.shape
+    matrix = np.zeros((size, size))
+    for d in range(width):
+        inside = np.arange(max(size - d, 0))
+        matrix[inside + d, inside] = matrix[inside, inside + d] = band[inside, d]
+    values = np.linalg.eigvalsh(matrix)
+    assert values.min() > -1e-9 * values.max()
+    scale = np.sqrt(np.diag(matrix))
+    assert np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min() > 0.0
+
+
+def moved_rigidly(state, rng):
+    """The same pose at another place and orientation."""
+    vector, shift = rotation_vectors(turns_to_frames(random_turn(rng))), rng.normal(size=3)
+    moved = state.copy()
+    rotation = turns_to_frames(turned(np.array([1.0, 0, 0, 0]), vector))
+    for i in range(state.turn.shape[1]):
+        moved.turn[0, i] = turned(state.turn[0, i], vector)
+    moved.centre[0] = state.centre[0] @ rotation.T + shift
+    return moved, rotation
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", FEATHER_PRESETS)
+def test_a_rigid_motion_changes_no_strain_and_no_energy(name, seed):
+    rng = np.random.default_rng(seed)
+    _, model = preset_batch(name)
+    model = model._replace(held=np.array([False]))
+    state = random_pose(model, rng)
+    moved, _ = moved_rigidly(state, rng)
+    before, after = (Trial(model, each, no_loads(1), STILL) for each in (state, moved))
+    assert np.abs(before.work.now.strains).max() > 0.1
+    assert after.work.now.strains == pytest.approx(before.work.now.strains, abs=1e-10)
+    assert after.value == pytest.approx(before.value, rel=1e-10)
+
+
+@pytest.mark.parametrize("name", FEATHER_PRESETS)
+def test_a_rest_shape_anywhere_has_no_energy_and_no_force(name):
+    rng = np.random.default_rng(11)
+    _, model = preset_batch(name)
+    model = model._replace(held=np.array([False]))
+    moved, _ = moved_rigidly(at_origin(model), rng)
+    trial = Trial(model, moved, no_loads(1), STILL)
+    force = trial.assembled() * scales(model)
+    stiffness = trial.work.system.band[:, 0] * scales(model) ** 2
+    assert np.abs(force).max() < 1e-10 * stiffness.max()
+    assert 0.0 <= trial.value < 1e-18 * stiffness.max()
+
+
+@pytest.mark.parametrize("name", ["swan_primary", "covert"])
+def test_inner_forces_have_no_resultant_and_no_moment(name):
+    """A rigid motion of a strained pose does no work: the gradient is normal to it."""
+    rng = np.random.default_rng(12)
+    _, model = preset_batch(name)
+    model = model._replace(held=np.array([False]))
+    trial = Trial(model, random_pose(model, rng), no_loads(1), STILL)
+    gradient = trial.assembled().reshape(model.rows, -1)
+    force, moment = gradient[:, :3], gradient[:, 3:6]
+    centre = trial.work.now.centre
+    largest = np.abs(force).max()
+    assert largest > 1e-3
+    assert np.abs(force.sum(axis=0)).max() < 1e-9 * largest
+    total = moment.sum(axis=0) + np.cross(centre, force).sum(axis=0)
+    assert np.abs(total).max() < 1e-9 * max(largest, np.abs(moment).max())
+
+
+def test_a_rod_without_barbs_has_the_same_properties():
+    rng = np.random.default_rng(13)
+    model = rod(6, stretching=50.0)._replace(held=np.array([False]))
+    trial = Trial(model, random_pose(model, rng), no_loads(1, (0.0, 0.0, -9.8)), STILL)
+    gradient = trial.assembled()
+    scale = np.full(len(gradient), 0.3)
+    assert derivative_fault(trial.energy, gradient, rng, scale) == ""
+
+
+def test_a_held_root_has_no_equation():
+    trial = loaded("swan_primary", 6)
+    held = trial.model._replace(held=np.array([True]))
+    trial.model = held
+    gradient = trial.assembled()
+    band = trial.work.system.band
+    assert not gradient[:6].any()
+    assert (band[:6, 0] == 1.0).all()
+    assert not band[:6, 1:].any()

@@ -1,0 +1,90 @@
+"""Statics: residual, energy and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, random_pose, rod
+
+from featherfx.mechanics.model import no_loads
+from featherfx.solver.newton_kernels import evaluate
+from featherfx.solver.pose_kernels import load_pose
+from featherfx.solver.step import Settings, Solver
+from featherfx.solver.work import make_work
+
+EARTH = (0.0, 0.0, -9.81)
+STILL = (0.0, 0.0, 0.0)
+SETTINGS = Settings(newton=1e-9)
+
+
+def energy_and_gradient(model, loads, state):
+    """Energy (J) of the first feather and its gradient (N,)."""
+    work = make_work(model)
+    now = work.now
+    load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], now)
+    energy = evaluate(model, loads, 0, 0.0, STILL, now, work.around)
+    return energy, assembled(model, loads, 0.0, STILL, work)
+
+
+@pytest.mark.parametrize("name", FEATHER_PRESETS)
+def test_a_settled_feather_has_no_residual_and_less_energy(name):
+    _, model = preset_batch(name)
+    loads, start = no_loads(1, EARTH), at_origin(model)
+    with Solver(model, SETTINGS) as solver:
+        settled, status, iterations = solver.equilibrium(start, loads)
+    assert status[0] == 0
+    assert iterations[0] > 0
+    before, pull = energy_and_gradient(model, loads, start)
+    after, residual = energy_and_gradient(model, loads, settled)
+    assert after < before
+    assert np.abs(residual).max() < 1e-6 * np.abs(pull).max()
+    assert not settled.velocity.any()
+    assert not settled.acceleration.any()
+
+
+def test_a_settled_feather_stays_where_it_is_and_settles_at_once():
+    _, model = preset_batch("swan_primary")
+    loads = no_loads(1, EARTH)
+    with Solver(model, SETTINGS) as solver:
+        settled, _, first = solver.equilibrium(at_origin(model), loads)
+        again, status, second = solver.equilibrium(settled, loads)
+    assert status[0] == 0
+    assert second[0] < first[0]
+    assert np.abs(again.points - settled.points).max() < 1e-8
+
+
+def test_the_unloaded_equilibrium_of_a_disturbed_feather_is_its_rest_shape():
+    _, model = preset_batch("covert")
+    disturbed = random_pose(model, np.random.default_rng(1), 0.02, 0.05)
+    disturbed.turn[0, 0] = at_origin(model).turn[0, 0]
+    disturbed.centre[0, 0] = 0.0
+    with Solver(model, SETTINGS) as solver:
+        settled, status, _ = solver.equilibrium(disturbed, no_loads(1))
+    assert status[0] == 0
+    assert np.abs(settled.points - at_origin(model).points).max() < 1e-6
+
+
+def test_a_rod_sags_under_a_small_weight_as_a_cantilever():
+    weight = 1e-3
+    model, moves = rod(41, line_mass=1.0), no_loads(1, (0.0, 0.0, -weight))
+    with Solver(model, SETTINGS) as solver:
+        settled, status, _ = solver.equilibrium(at_origin(model), moves)
+    assert status[0] == 0
+    assert -settled.points[0, -1, 0, 2] == pytest.approx(weight / 8.0, rel=2e-3)
+
+
+def test_a_grip_and_the_rod_share_the_load():
+    """A spring at the tip: deflection d = u k / (k + 3 EI / L^3) of its pull u."""
+    model, pull, stiffness = rod(41), 1e-3, 5.0
+    target = np.array([[[1.0, 0.0, pull]]])
+    loads = no_loads(1)._replace(
+        grip_node=np.array([[[40, 0]]]),
+        grip_start=target,
+        grip_end=target,
+        grip_stiffness=np.array([[stiffness]]),
+    )
+    with Solver(model, SETTINGS) as solver:
+        settled, status, _ = solver.equilibrium(at_origin(model), loads)
+    assert status[0] == 0
+    expected = pull * stiffness / (stiffness + 3.0)
+    assert settled.points[0, -1, 0, 2] == pytest.approx(expected, rel=2e-3)
