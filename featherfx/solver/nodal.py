@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, Problem
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.nodal_model import NodalModel
+from featherfx.solver.nodal_settle import nodal_settle, nodal_system
 from featherfx.solver.nodal_state import NodalState, NodalWork, make_nodal_work
-from featherfx.solver.nodal_step_kernels import nodal_advance, nodal_gradient, nodal_settle
-from featherfx.solver.step import SETTLE_STEPS, RootPath, Settings, StepReport
+from featherfx.solver.nodal_step_kernels import nodal_advance
+from featherfx.solver.step import RootPath, Settings, StepReport
 from featherfx.solver.step_kernels import (
     COUNTERS,
     ERROR,
@@ -119,7 +120,6 @@ class NodalSolver:
                 new,
                 self.settings.newton,
                 SETTLE_LIMITS[self.method],
-                SETTLE_STEPS,
                 self._textbook,
                 self._work,
             )
@@ -132,7 +132,7 @@ class NodalSolver:
 
         inertia: 1/s^2, share of the mass that is added to the stiffness.
         """
-        energy = nodal_gradient(self.model, self.nodal, loads, feather, inertia, state, self._work)
+        energy = nodal_system(self.model, self.nodal, loads, feather, inertia, state, self._work)
         size = int(self.nodal.size[feather])
         system = self._work.system
         return NodalSystem(energy, system.band[:size].copy(), -system.right[:size])

@@ -184,16 +184,12 @@ def _raise_multipliers(nodal, f, strains, multiplier):
 def _solve(model, nodal, loads, f, share, factors, textbook, work):
     """Increment of the unknowns to work.system.right; returns whether it could be had."""
     system, before = work.system, work.now.strains if textbook else work.before
-    if not textbook:
-        nodal_assemble(model, nodal, loads, f, share, factors, True, before, work)
+    for attempt in range(1 if textbook else 0, 2):
+        nodal_assemble(model, nodal, loads, f, share, factors, attempt == 0, before, work)
         if factorise(system.band):
             solve_factored(system.band, system.right)
             return True
-    nodal_assemble(model, nodal, loads, f, share, factors, False, before, work)
-    if not factorise(system.band):
-        return False
-    solve_factored(system.band, system.right)
-    return True
+    return False
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""One feather of the nodal kinematics through one frame, and to rest."""
+"""One feather of the nodal kinematics through one frame."""
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.copy_kernels import copy_values
@@ -11,16 +11,17 @@ from featherfx.solver.integrator_kernels import (
     integrator_coefficients,
     step_error,
 )
-from featherfx.solver.newton_kernels import CONVERGED, NOT_CONVERGED
-from featherfx.solver.nodal_assembly_kernels import nodal_assemble
-from featherfx.solver.nodal_newton_kernels import evaluate, gather, nodal_minimise, set_directors
+from featherfx.solver.newton_kernels import CONVERGED
+from featherfx.solver.nodal_newton_kernels import gather, nodal_minimise, set_directors
 from featherfx.solver.pose_kernels import turn_by
 from featherfx.solver.root_kernels import root_at
-from featherfx.solver.settle_kernels import FIRST, GROWTH, LAST, SHORTEST
 from featherfx.solver.step_kernels import (
+    BACKWARD,
     ERROR,
     FAILED,
     FALLBACKS,
+    FOLLOW,
+    GO_ON,
     ITERATIONS,
     MOVE,
     REJECTED,
@@ -29,6 +30,9 @@ from featherfx.solver.step_kernels import (
     STEPS,
     _strain_rate,
 )
+
+# beside the options of step_kernels: start at the last pose
+STAY = -1
 
 
 @kernel
@@ -55,7 +59,7 @@ def _pin(nodal, f, pose, turn, centre):
 
 
 @kernel
-def _load(state, f, work):
+def load_state(state, f, work):
     """The state's pose and multipliers to work.now."""
     copy_values(state.turn[f], work.now.turn)
     copy_values(state.points[f], work.now.points)
@@ -100,10 +104,10 @@ def _follow_root(before, start, turn, centre, pose):
 def _predict(model, nodal, loads, f, share, h, radius, option, path, base, state, work):
     """Set up a step: pose work.now, surroundings; returns the factors of the integrator.
 
-    option: 0 rates go on, 1 rigidly with the root, 2 the last pose.
+    option: GO_ON: the rates go on, STAY: the last pose, else rigidly with the root.
     """
     now, around = work.now, work.around
-    _load(state, f, work)
+    load_state(state, f, work)
     begin_step(
         radius,
         h,
@@ -115,13 +119,13 @@ def _predict(model, nodal, loads, f, share, h, radius, option, path, base, state
         around.past,
     )
     strain_rate = _strain_rate(h, state.step[f], state.strains[f], around.reference)
-    if option == 0:
+    if option == GO_ON:
         _go_on(h, nodal.slot[f], state.spin[f], state.velocity[f], now)
     if model.held[f]:
         # scratch of the elements, which are not in use yet
         turn, centre = work.element.matrix[0], work.element.matrix[1]
         root_at(path, base, share, turn, centre)
-        if option == 1:
+        if option >= FOLLOW:
             _follow_root(state.turn[f, 0], state.points[f, 0, 0], turn, centre, now)
         _pin(nodal, f, now, turn, centre)
     gather(nodal.present[f], now.points)
@@ -160,53 +164,18 @@ def _accept(f, h, radius, state, work):
         spin = state.spin[f, i]
         spin[0], spin[1], spin[2] = x / h, y / h, z / h
     copy_values(state.strains[f, 0], state.strains[f, 1])
-    _keep(f, state, work)
+    keep_state(f, state, work)
     state.step[f] = h
     state.time[f] += h
 
 
 @kernel
-def _keep(f, state, work):
+def keep_state(f, state, work):
     """Pose, strains and multipliers of work to the state."""
     copy_values(work.now.turn, state.turn[f])
     copy_values(work.now.points, state.points[f])
     copy_values(work.now.strains, state.strains[f, 0])
     copy_values(work.multiplier, state.multiplier[f])
-
-
-@kernel
-def _solve_step(
-    model, nodal, loads, f, share, h, path, base, state, settings, textbook, work, counters
-):
-    """Try a step from the predicted pose, then from the rigidly moved one, then by implicit Euler.
-
-    The textbook method starts at the last pose. Returns (status, spectral radius that worked).
-    """
-    status, radius = NOT_CONVERGED, settings[0]
-    if state.step[f] <= 0.0:
-        # no acceleration is known yet; see featherfx/solver/step_kernels.py
-        radius = EULER
-    for attempt in range(3):
-        if attempt == 0 and state.step[f] <= 0.0 and not textbook:
-            continue
-        if textbook and attempt == 1:
-            continue
-        if attempt == 2:
-            radius = EULER
-            counters[FALLBACKS] += 1
-        option = 2 if textbook else min(attempt, 1)
-        factors = _predict(
-            model, nodal, loads, f, share, h, radius, option, path, base, state, work
-        )
-        status, iterations, move = nodal_minimise(
-            model, nodal, loads, f, share, factors, settings[1], int(settings[2]), textbook, work
-        )
-        counters[ITERATIONS] += iterations
-        if status == CONVERGED:
-            counters[MOVE] = max(counters[MOVE], move)
-            break
-        counters[FAILED] += 1
-    return status, radius
 
 
 @kernel
@@ -222,32 +191,36 @@ def nodal_advance(
     h = state.proposal[f]
     if h <= 0.0 or h > duration:
         h = duration
-    done = 0.0
+    done, option = 0.0, GO_ON
     while done < duration * (1.0 - 1e-9):
         left = duration - done
         step = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
         share = 1.0 if step == left else (done + step) / duration
-        status, radius = _solve_step(
-            model,
-            nodal,
-            loads,
-            f,
-            share,
-            step,
-            path,
-            base,
-            state,
-            settings,
-            textbook,
-            work,
-            counters,
+        radius = settings[0]
+        if state.step[f] <= 0.0:
+            # no acceleration is known yet; see featherfx/solver/step_kernels.py
+            radius, option = EULER, max(option, FOLLOW)
+        if option == BACKWARD:
+            radius = EULER
+            counters[FALLBACKS] += 1
+        place = STAY if textbook else option
+        factors = _predict(
+            model, nodal, loads, f, share, step, radius, place, path, base, state, work
         )
+        status, iterations, move = nodal_minimise(
+            model, nodal, loads, f, share, factors, settings[1], int(settings[2]), textbook, work
+        )
+        counters[ITERATIONS] += iterations
         if status != CONVERGED:
-            h = 0.5 * step
-            if h < shortest / SMALLEST_SHARE:
-                counters[STATUS] = status
-                return status
+            counters[FAILED] += 1
+            option = BACKWARD if textbook and option < BACKWARD else option + 1
+            if option > BACKWARD:
+                h, option = 0.5 * step, GO_ON
+                if h < shortest / SMALLEST_SHARE:
+                    counters[STATUS] = status
+                    return status
             continue
+        option = GO_ON
         error = step_error(
             radius,
             step,
@@ -265,66 +238,7 @@ def nodal_advance(
         done += step
         counters[STEPS] += 1
         counters[ERROR] = max(counters[ERROR], error)
+        counters[MOVE] = max(counters[MOVE], move)
         h = max(shortest, step * min(2.0, max(0.5, change)))
     state.proposal[f] = h
     return CONVERGED
-
-
-@kernel
-def nodal_settle(model, nodal, loads, f, share, state, tolerance, limit, most, textbook, work):
-    """Bring feather f of the state to rest, in place, by ever longer implicit Euler steps.
-
-    As settle of featherfx/solver/settle_kernels.py. Returns (status, iterations).
-    """
-    around, now = work.around, work.now
-    around.reference[:] = 0.0
-    state.velocity[f] = 0.0
-    state.acceleration[f] = 0.0
-    state.smoothed[f] = 0.0
-    state.spin[f] = 0.0
-    state.step[f] = 0.0
-    h = FIRST
-    iterations = 0
-    status = CONVERGED
-    for _ in range(most):
-        _load(state, f, work)
-        copy_values(now.points, around.target)
-        copy_values(now.points, around.past)
-        if loads.air[0] > 0.0:
-            blow(
-                now.points, state.time[f], loads, state.velocity[f], model.cell_stiffness[f], around
-            )
-        factors = (1.0 / (h * h), 1.0 / h, 0.0)
-        status, count, _ = nodal_minimise(
-            model, nodal, loads, f, share, factors, tolerance, limit, textbook, work
-        )
-        iterations += count
-        if status != CONVERGED:
-            h *= 0.25
-            if h < SHORTEST:
-                break
-            continue
-        _keep(f, state, work)
-        if h >= LAST:
-            break
-        h *= GROWTH
-    copy_values(state.strains[f, 0], state.strains[f, 1])
-    return status, iterations
-
-
-@kernel
-def nodal_gradient(model, nodal, loads, f, inertia, state, work):
-    """Assemble at feather f's pose of the state: work.system holds Hessian and minus gradient.
-
-    inertia: 1/s^2, times the mass about the pose itself; 0 for the stiffness alone. Geometric
-    stiffness is that of the pose's own stresses. Returns the energy (J).
-    """
-    from_state, around = work.now, work.around
-    _load(state, f, work)
-    copy_values(from_state.points, around.target)
-    copy_values(from_state.points, around.past)
-    around.reference[:] = 0.0
-    factors = (inertia, 0.0, 0.0)
-    energy = evaluate(model, nodal, loads, f, 0.0, factors, from_state, work)
-    nodal_assemble(model, nodal, loads, f, 0.0, factors, True, from_state.strains, work)
-    return energy
