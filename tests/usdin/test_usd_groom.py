@@ -166,8 +166,10 @@ def test_up_follows_frames_and_bends(tmp_path):
         np.testing.assert_allclose(frames[name][:, 2], [0, -1, 0], atol=1e-6)
 
 
-@pytest.mark.parametrize("mirror", [False, True])
-def test_condensed_feathers(tmp_path, mirror):
+@pytest.mark.parametrize(
+    ("mirror", "plain_numbers"), [(False, False), (True, False), (False, True)]
+)
+def test_condensed_feathers(tmp_path, mirror, plain_numbers):
     """A built feather written as a shaft with barbs comes back with the same barb ends."""
     (tmp_path / "source.toml").write_text(
         'name = "s"\n[[feather]]\nid = "f"\nkind = "swan_primary"\nposition = [0.1, 0.2, 0.3]\n'
@@ -182,6 +184,11 @@ def test_condensed_feathers(tmp_path, mirror):
     for name, side in zip(
         ("P_barbl", "P_barbr"), reversed(barbs) if mirror else barbs, strict=True
     ):
+        if plain_numbers:
+            UsdGeom.PrimvarsAPI(prim).CreatePrimvar(
+                name, TYPES.FloatArray, "vertex", 3 * columns
+            ).Set((side * scale).ravel().tolist())
+            continue
         primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(
             name, TYPES.Point3fArray, "vertex", columns
         )
