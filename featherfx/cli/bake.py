@@ -10,6 +10,7 @@ import click
 
 from featherfx.cli.options import (
     FrameRange,
+    Share,
     presets_option,
     quality_option,
     readable_path,
@@ -46,15 +47,49 @@ from featherfx.cli.progress import Progress
 @quality_option("Quality preset instead of the shot's.")
 @presets_option
 @click.option("--report", type=click.Path(path_type=Path), help="JSON file for figures of the run.")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Continue after the frames that an earlier bake of this shot left, killed or not.",
+)
+@click.option(
+    "--feathers",
+    type=Share(),
+    help="Bake the I-th of N shares of the feathers, to OUT.IofN.usdc.",
+)
+@click.option(
+    "--chunk",
+    type=click.IntRange(min=1),
+    default=24,
+    show_default=True,
+    help="Frames that are written, and can be resumed after, at a time.",
+)
+@click.option(
+    "--subframes",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Samples a frame, for motion blur.",
+)
+@click.option("--accelerations", is_flag=True, help="Write accelerations beside velocities.")
+@click.option(
+    "--progress",
+    "style",
+    type=click.Choice(["auto", "json"]),
+    default="auto",
+    show_default=True,
+    help="json: one JSON object a line on stderr.",
+)
 @stage_options
-def bake(shot: Path, jobs: int | None, **options: Any) -> None:
+def bake(shot: Path, jobs: int | None, style: str, **options: Any) -> None:
     """Simulate the feathers of SHOT (a TOML file) and write them to USD.
 
-    The output appears under its name when it is complete, never before.
+    The output appears under its name when it is complete, never before. What a bake that was
+    stopped has finished stays beside it for --resume.
     """
     from featherfx.pipeline import bake as bake_shot
 
-    with Progress("frames") as progress:
+    with Progress("frames", style) as progress:
         result = bake_shot(shot, jobs=jobs or os.cpu_count() or 1, on_frame=progress, **options)
     click.echo(
         f"{result['feathers']} feathers, {result['frames']} frames"

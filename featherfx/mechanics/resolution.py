@@ -39,9 +39,7 @@ def barb_deflection(feather: Feather, kind: FeatherKind, pressure: float) -> flo
     return min(deflection, length)
 
 
-def coefficients_for(
-    feather: Feather, kind: FeatherKind, pressure: float, tolerance: float
-) -> int:
+def coefficients_for(feather: Feather, kind: FeatherKind, pressure: float, tolerance: float) -> int:
     """Fewest coefficients whose error stays below a tolerance (m) under a pressure (Pa)."""
     deflection = barb_deflection(feather, kind, pressure)
     for count, missed in enumerate(MISSED):

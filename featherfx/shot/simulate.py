@@ -13,6 +13,7 @@ from featherfx.errors import SimulationError
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import make_model
+from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.loads import frame_loads, root_path
 from featherfx.shot.motion import Roots, root_motion
 from featherfx.shot.types import Frame, Grip, Shot
@@ -42,13 +43,24 @@ class _Group:
 class Simulation:
     """Iterates over the frames of a shot; `report` is complete after the last one.
 
-    feathers: one per placement, in groom order. report: newton_iterations and substeps per
-    feather and frame (mean, max), worst_residual (m, last Newton move), skipped work by kind.
+    feathers: one per placement, in groom order. Between two frames, `checkpoint` is all that a
+    later simulation of the same shot needs to go on from there. report: newton_iterations and
+    substeps per feather and frame (mean, max), worst_residual (m, last Newton move), skipped work
+    by kind.
     """
 
-    def __init__(self, shot: Shot, jobs: int, frames: tuple[int, int] | None) -> None:
-        self.shot, self._jobs = shot, jobs
+    def __init__(
+        self,
+        shot: Shot,
+        jobs: int,
+        frames: tuple[int, int] | None,
+        subframes: int = 1,
+        start: Checkpoint | None = None,
+    ) -> None:
+        self.shot, self._jobs, self._subframes, self._start = shot, jobs, subframes, start
         self._range = frames or (shot.first_frame, shot.last_frame)
+        self._groups: list[_Group] = []
+        self._index = -1
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
             build_feather(p.kind, quality.rows, quality.columns, p.mirrored)
@@ -69,21 +81,38 @@ class Simulation:
         }
 
     def __iter__(self) -> Iterator[Frame]:
-        shot = self.shot
-        motion = root_motion(shot)
-        groups = self._groups(motion)
+        motion = root_motion(self.shot)
+        self._groups = self._make_groups(motion)
+        wanted, end = ((number - self.shot.first_frame) * self._subframes for number in self._range)
         try:
-            for number in range(shot.first_frame, self._range[1] + 1):
-                time = (number - shot.first_frame) / shot.frames_per_second
-                for group in groups:
-                    self._advance(group, motion, number, time)
-                if number >= self._range[0]:
-                    yield self._frame(groups, number, time)
+            for index in range(self._continue(), end + 1):
+                for group in self._groups:
+                    self._advance(group, motion, index)
+                self._index = index
+                if index >= wanted:
+                    yield self._frame(index)
         finally:
-            for group in groups:
+            for group in self._groups:
                 group.solver.__exit__()
 
-    def _groups(self, motion: Roots) -> list[_Group]:
+    def checkpoint(self) -> Checkpoint:
+        """The simulation after the frame that was yielded last."""
+        return Checkpoint(
+            self._index,
+            tuple(group.state for group in self._groups),
+            tuple(group.start for group in self._groups),
+        )
+
+    def _continue(self) -> int:
+        """Take over the checkpoint, if there is one; return the sample to compute next."""
+        if self._start is None:
+            return 0
+        begin = self._start
+        for group, state, start in zip(self._groups, begin.states, begin.starts, strict=True):
+            group.state, group.start = state, start
+        return begin.index + 1
+
+    def _make_groups(self, motion: Roots) -> list[_Group]:
         """Batches of feathers whose barbs have the same taper, at rest on their roots."""
         placements = self.shot.groom.feathers
         tapers: dict[float, list[int]] = {}
@@ -115,12 +144,16 @@ class Simulation:
             start=state.points.copy(),
         )
 
-    def _advance(self, group: _Group, motion: Roots, number: int, time: float) -> None:
-        """Bring a group to the frame with this number, at this time."""
+    def _time(self, index: int) -> float:
+        """s since the first frame."""
+        return index / (self.shot.frames_per_second * self._subframes)
+
+    def _advance(self, group: _Group, motion: Roots, index: int) -> None:
+        """Bring a group to the sample with this index, 0 at the first frame."""
         shot = self.shot
-        duration = 1.0 / shot.frames_per_second
-        first = number == shot.first_frame
-        start = 0.0 if first else time - duration
+        duration, time = self._time(1), self._time(index)
+        first = index == 0
+        start = 0.0 if first else self._time(index - 1)
         points = list(group.start)
         roots = None
         if shot.wind_source is not None:
@@ -137,26 +170,44 @@ class Simulation:
         self._reports.append(report)
         raise_if_failed(report.status, group.state.time, group.names)
 
-    def _frame(self, groups: list[_Group], number: int, time: float) -> Frame:
-        points: list[Array] = [np.zeros(0)] * len(self.feathers)
-        velocities: list[Array] = [np.zeros(0)] * len(self.feathers)
-        for group in groups:
+    def _frame(self, index: int) -> Frame:
+        time = self._time(index)
+        whole, part = divmod(index, self._subframes)
+        number = self.shot.first_frame + whole
+        empty = [np.zeros(0)] * len(self.feathers)
+        points, velocities, accelerations = list(empty), list(empty), list(empty)
+        for group in self._groups:
             for k, member in enumerate(group.members):
                 points[member] = group.state.points[k]
                 velocities[member] = group.state.velocity[k]
+                accelerations[member] = group.state.acceleration[k]
                 if not np.isfinite(points[member]).all():
                     raise SimulationError(group.names[k], time, "a point is not finite")
-        return Frame(number, time, tuple(points), tuple(velocities))
+        return Frame(
+            number=number + part / self._subframes if part else number,
+            time=time,
+            points=tuple(points),
+            velocities=tuple(velocities),
+            accelerations=tuple(accelerations),
+        )
 
 
-def simulate(shot: Shot, jobs: int = 1, frames: tuple[int, int] | None = None) -> Simulation:
+def simulate(
+    shot: Shot,
+    jobs: int = 1,
+    frames: tuple[int, int] | None = None,
+    subframes: int = 1,
+    start: Checkpoint | None = None,
+) -> Simulation:
     """Simulate a shot.
 
     jobs: threads. frames: first and last of those wanted, inclusive; default: all of the shot's.
-    Those before are simulated, too, because the motion depends on its past. Raises InputError
-    where a feather cannot be built and, while iterating, SimulationError.
+    Those before are simulated, too, because the motion depends on its past. subframes: samples a
+    frame, at evenly spaced times from the first frame to the last. start: where a simulation of
+    the same shot and subframes stood; goes on after it. Raises InputError where a feather cannot
+    be built and, while iterating, SimulationError.
     """
-    return Simulation(shot, jobs, frames)
+    return Simulation(shot, jobs, frames, subframes, start)
 
 
 def _mean_and_max(counts: list[Array]) -> dict[str, float]:

@@ -108,13 +108,14 @@ class Shot:
 class Frame:
     """One frame of every feather, world frame, handed to a sink.
 
-    number: frame number. time: s since the first frame.
-    points, velocities: per feather (n, P, 3), the material points (featherfx/feather/types.py)
-        and their rates per second. moved: per feather, whether anything differs from the rest pose
-        of the first frame.
+    number: frame number; fractional between two frames. time: s since the first frame.
+    points, velocities, accelerations: per feather (n, P, 3), the material points
+        (featherfx/feather/types.py) and their first and second rates per second; accelerations
+        may be empty.
     """
 
-    number: int
+    number: float
     time: float
     points: tuple[Array, ...]
     velocities: tuple[Array, ...]
+    accelerations: tuple[Array, ...] = field(default=())

@@ -7,6 +7,7 @@ again when they are asked for, so that memory does not grow with the number of f
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,6 +57,10 @@ class AnimatedMesh:
     @property
     def time_codes_per_second(self) -> float:
         return self._scene.time_codes_per_second
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        return self.path, self._scene.files
 
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
