@@ -62,9 +62,10 @@ def _same_air(loads: Loads, before: Loads) -> bool:
     return same and not (loads.air[0] > 0.0 and np.any(loads.wind_amplitude))
 
 
-def stop(state: State, sleeping: Flags, duration: float) -> None:
-    """Let sleeping feathers rest for a frame (s): no rates, in place; their time goes on."""
-    for rate in (state.velocity, state.acceleration, state.smoothed, state.spin):
-        rate[sleeping] = 0.0
-    state.coefficient_rate[sleeping] = 0.0
-    state.time[sleeping] += duration
+def asleep(state: State, sleeping: Flags, duration: float) -> State:
+    """The state after a frame (s) in which some feathers slept: no rates, their time goes on."""
+    new = state.copy()
+    for rates in (new.velocity, new.acceleration, new.smoothed, new.spin, new.coefficient_rate):
+        rates[sleeping] = 0.0
+    new.time[sleeping] += duration
+    return new

@@ -140,7 +140,7 @@ def nodal_minimise(model, nodal, loads, f, share, factors, tolerance, limit, tex
         for _ in range(HALVINGS if textbook else 1):
             _move(nodal, f, now, work.system.right, scale, trial)
             new = evaluate(model, nodal, loads, f, share, factors, trial, work)
-            move = largest_move(now.points, trial.points) / scale
+            move = largest_move(now.points, trial.points, model.length[f, 0]) / scale
             slack = 1e-9 * (abs(energy) + abs(new))
             if isfinite(new) and (new <= energy + slack or move < tolerance):
                 break
