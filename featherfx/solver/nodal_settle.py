@@ -11,6 +11,7 @@ from featherfx.solver.nodal_newton_kernels import evaluate, nodal_minimise
 from featherfx.solver.nodal_state import NodalState, NodalWork
 from featherfx.solver.nodal_step_kernels import keep_state, load_state
 from featherfx.solver.settle import FIRST, GROWTH, LAST, SHORTEST, STEPS
+from featherfx.solver.start import INSTANT, START_ITERATIONS
 
 
 def nodal_settle(
@@ -58,6 +59,26 @@ def nodal_settle(
         h *= GROWTH
     state.strains[f, 1] = state.strains[f, 0]
     return int(status), int(iterations)
+
+
+def nodal_start(
+    model: Model,
+    nodal: NodalModel,
+    loads: Loads,
+    f: int,
+    duration: float,
+    state: NodalState,
+    textbook: bool,
+    work: NodalWork,
+) -> None:
+    """First accelerations of feather f, in place: start_acceleration of this kinematics."""
+    h = INSTANT * duration
+    load_state(state, f, work)
+    around, factors = work.around, (1.0 / (h * h), 0.0, 0.0)
+    around.target[:] = state.points[f] + h * state.velocity[f]
+    nodal_minimise(model, nodal, loads, f, 0.0, factors, 0.0, START_ITERATIONS, textbook, work)
+    state.acceleration[f] = (work.now.points - around.target) / (h * h)
+    state.smoothed[f] = state.acceleration[f]
 
 
 def nodal_system(
