@@ -184,5 +184,6 @@ def _slices(counts: Sequence[int]) -> tuple[list[slice], Indices]:
     return [slice(int(a), int(b)) for a, b in pairwise(starts)], starts
 
 
-def _joined(parts: Iterable[Indices]) -> Indices:
-    return np.ascontiguousarray(np.concatenate(list(parts)))
+def _joined(parts: Iterable[Indices]) -> NDArray[np.int32]:
+    """All parts in one array, as the 32-bit numbers that USD has for points, too."""
+    return np.concatenate([part.astype(np.int32) for part in parts])

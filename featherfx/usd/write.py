@@ -37,6 +37,8 @@ from featherfx.usd.surfaces import SurfaceFrame, SurfaceSet
 from featherfx.usd.types import FeatherEntry, OutputError
 
 CHUNK_FRAMES = 24
+# A chunk is held in memory; large ones get fewer frames, but never less than one.
+CHUNK_BYTES = 64_000_000
 
 
 class CacheWriter:
@@ -50,8 +52,8 @@ class CacheWriter:
     None for a rest pose without time. frames_per_second: also the time codes per second.
     meters_per_unit: m, and up_axis: "Y" or "Z": points, velocities and widths are converted.
     layout: "flat", "payload" or "clips" (featherfx/usd/layout.py), or "auto". chunk: frames that
-    are held in memory, then written to a file of their own. subframes: samples a frame.
-    accelerations: whether frames have them and they are written.
+    are held in memory, then written to a file of their own; fewer where they exceed CHUNK_BYTES.
+    subframes: samples a frame. accelerations: whether frames have them and they are written.
     root: name of the root prim, by default the file's. metadata: plain values, kept with the
     layout as custom data of the root layer.
 
@@ -113,7 +115,8 @@ class CacheWriter:
             self._parts = Parts(folder, settings or self._settings_of_stage(chunk), resume)
             step = 1.0 / (frames_per_second * subframes)
             self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
-            self._chunk_size = chunk * subframes
+            most = CHUNK_BYTES // (subframes * self._surfaces.bytes_per_sample)
+            self._chunk_size = max(1, min(chunk, most)) * subframes
         self._next = self.samples_done
 
     def __enter__(self) -> CacheWriter:
