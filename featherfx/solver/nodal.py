@@ -83,9 +83,7 @@ class NodalSolver:
         counters = np.zeros((self.model.feathers, COUNTERS))
         for f in range(self.model.feathers):
             if new.step[f] == 0.0:
-                nodal_start(
-                    self.model, self.nodal, loads, f, duration, new, self._textbook, self._work
-                )
+                nodal_start(self.model, self.nodal, loads, f, duration, new, self._work)
             nodal_advance(
                 self.model,
                 self.nodal,
