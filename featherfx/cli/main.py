@@ -6,6 +6,7 @@ import click
 
 from featherfx import __version__
 from featherfx.cli.bake import bake, groom
+from featherfx.cli.bench import bench
 from featherfx.cli.check import check
 from featherfx.cli.lab import lab
 from featherfx.cli.presets import presets
@@ -22,5 +23,5 @@ def main() -> None:
     """
 
 
-for command in (bake, groom, check, presets, preview, lab):
+for command in (bake, groom, check, presets, preview, lab, bench):
     main.add_command(command)
