@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from featherfx import __version__
-from featherfx.cli.bake import bake, groom
+from featherfx.cli.bake import bake, groom, join
 from featherfx.cli.check import check
 from featherfx.cli.lab import lab
 from featherfx.cli.presets import presets
@@ -22,5 +22,5 @@ def main() -> None:
     """
 
 
-for command in (bake, groom, check, presets, preview, lab):
+for command in (bake, join, groom, check, presets, preview, lab):
     main.add_command(command)

@@ -16,7 +16,7 @@ from featherfx.mechanics.batch import make_model
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.loads import frame_loads, root_path
 from featherfx.shot.motion import Roots, root_motion
-from featherfx.shot.types import Frame, Grip, Shot
+from featherfx.shot.types import Frame, Grip, Shot, sample_number
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step import Settings, Solver, StepReport, raise_if_failed
@@ -172,8 +172,6 @@ class Simulation:
 
     def _frame(self, index: int) -> Frame:
         time = self._time(index)
-        whole, part = divmod(index, self._subframes)
-        number = self.shot.first_frame + whole
         empty = [np.zeros(0)] * len(self.feathers)
         points, velocities, accelerations = list(empty), list(empty), list(empty)
         for group in self._groups:
@@ -184,7 +182,7 @@ class Simulation:
                 if not np.isfinite(points[member]).all():
                     raise SimulationError(group.names[k], time, "a point is not finite")
         return Frame(
-            number=number + part / self._subframes if part else number,
+            number=sample_number(self.shot.first_frame, index, self._subframes),
             time=time,
             points=tuple(points),
             velocities=tuple(velocities),
