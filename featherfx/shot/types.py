@@ -99,6 +99,7 @@ class Shot:
     gravity: Array
     grips: tuple[Grip, ...] = field(default=())
     settle: bool = True
+    sleep: bool = True
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()

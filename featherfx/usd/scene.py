@@ -138,6 +138,12 @@ def rest_code(attribute: Any) -> Any:
     return EARLIEST if attribute.Get(DEFAULT) is None else DEFAULT
 
 
+def codes_of(attribute: Any) -> list[Any]:
+    """Every time at which an attribute has a value of its own: its default, then its samples."""
+    default = [] if attribute.Get(DEFAULT) is None else [DEFAULT]
+    return default + [Usd.TimeCode(time) for time in attribute.GetTimeSamples()]
+
+
 def transform_code(prim: Any, code: Any) -> Any:
     """The time to read transforms at: code, but the first samples where an op has no default."""
     if not code.IsDefault():

@@ -1,0 +1,85 @@
+"""Statics of the nodal kinematics, and the linear system at a pose."""
+
+from __future__ import annotations
+
+from featherfx.mechanics.model import Loads, Model
+from featherfx.mechanics.nodal_model import NodalModel
+from featherfx.mechanics.node_kernels import blow
+from featherfx.solver.newton_kernels import CONVERGED
+from featherfx.solver.nodal_assembly_kernels import nodal_assemble
+from featherfx.solver.nodal_newton_kernels import evaluate, nodal_minimise
+from featherfx.solver.nodal_state import NodalState, NodalWork
+from featherfx.solver.nodal_step_kernels import keep_state, load_state
+from featherfx.solver.settle import FIRST, GROWTH, LAST, SHORTEST, STEPS
+
+
+def nodal_settle(
+    model: Model,
+    nodal: NodalModel,
+    loads: Loads,
+    f: int,
+    share: float,
+    state: NodalState,
+    tolerance: float,
+    limit: int,
+    textbook: bool,
+    work: NodalWork,
+) -> tuple[int, int]:
+    """Bring feather f of the state to rest, in place, by ever longer implicit Euler steps.
+
+    As settle of featherfx/solver/settle.py. limit: Newton iterations of a step at most. Returns
+    (Newton status, iterations).
+    """
+    around, now = work.around, work.now
+    for rate in (state.velocity, state.acceleration, state.smoothed, state.spin, state.step):
+        rate[f] = 0.0
+    around.reference[:] = 0.0
+    h, iterations, status = FIRST, 0, CONVERGED
+    for _ in range(STEPS):
+        load_state(state, f, work)
+        around.target[:] = now.points
+        around.past[:] = now.points
+        if loads.air[0] > 0.0:
+            time, still = state.time[f], state.velocity[f]
+            blow(now.points, time, loads, still, model.cell_stiffness[f], around)
+        factors = (1.0 / (h * h), 1.0 / h, 0.0)
+        status, count, _ = nodal_minimise(
+            model, nodal, loads, f, share, factors, tolerance, limit, textbook, work
+        )
+        iterations += count
+        if status != CONVERGED:
+            h *= 0.25
+            if h < SHORTEST:
+                break
+            continue
+        keep_state(f, state, work)
+        if h >= LAST:
+            break
+        h *= GROWTH
+    state.strains[f, 1] = state.strains[f, 0]
+    return int(status), int(iterations)
+
+
+def nodal_system(
+    model: Model,
+    nodal: NodalModel,
+    loads: Loads,
+    f: int,
+    inertia: float,
+    state: NodalState,
+    work: NodalWork,
+) -> float:
+    """Assemble at feather f's pose of the state: work.system holds Hessian and minus gradient.
+
+    inertia: 1/s^2, times the mass about the pose itself; 0 for the stiffness alone. Geometric
+    stiffness is that of the pose's own stresses. Returns the energy (J).
+    """
+    now, around = work.now, work.around
+    load_state(state, f, work)
+    around.target[:] = now.points
+    around.past[:] = now.points
+    around.reference[:] = 0.0
+    factors = (inertia, 0.0, 0.0)
+    energy = evaluate(model, nodal, loads, f, 0.0, factors, now, work)
+    nodal_assemble(model, nodal, loads, f, 0.0, factors, True, now.strains, work)
+    return float(energy)
