@@ -13,7 +13,7 @@ from featherfx.baking import bake, entries_of, metadata_of
 from featherfx.errors import InputError, Problem
 from featherfx.plan import plan
 
-__all__ = ["bake", "check", "export_groom", "join", "plan"]
+__all__ = ["bake", "check", "export", "export_groom", "join", "plan"]
 
 
 def export_groom(
@@ -50,6 +50,39 @@ def export_groom(
     with CacheWriter(path, entries, None, metadata=metadata_of(groom, grid), **stage):
         pass
     return len(entries)
+
+
+def export(
+    cache: str | Path,
+    output: str | Path,
+    *,
+    condensed: bool = False,
+    frames: tuple[int, int] | None = None,
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write a cache in another form and return the files.
+
+    output: .usd, .usdc or .usda for one plain file of the whole cache, or with condensed for
+    Houdini's condensed feathers; .glb, .obj, .ply or .stl for a file per frame, of which frames
+    gives the first and last. Raises InputError.
+    """
+    from featherfx.usd.output import SUFFIXES
+
+    path = Path(output)
+    if path.suffix not in SUFFIXES:
+        from featherfx.usd.export import mesh_sequence
+
+        chosen = range(frames[0], frames[1] + 1) if frames else None
+        return mesh_sequence(cache, path, chosen, overwrite)
+    if condensed:
+        from featherfx.usd.condensed import export_condensed
+
+        export_condensed(cache, path, overwrite)
+    else:
+        from featherfx.usd.export import flatten
+
+        flatten(cache, path, overwrite)
+    return [path]
 
 
 def join(output: str | Path, shares: int, overwrite: bool = False) -> int:

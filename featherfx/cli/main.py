@@ -7,6 +7,7 @@ import click
 from featherfx import __version__
 from featherfx.cli.bake import bake, groom, join
 from featherfx.cli.check import check
+from featherfx.cli.export import export
 from featherfx.cli.lab import lab
 from featherfx.cli.presets import presets
 from featherfx.cli.preview import preview
@@ -22,5 +23,5 @@ def main() -> None:
     """
 
 
-for command in (bake, join, groom, check, presets, preview, lab):
+for command in (bake, join, export, groom, check, presets, preview, lab):
     main.add_command(command)
