@@ -99,9 +99,9 @@ def prepare(
     shot = replace(shot, quality=chosen) if chosen else shot
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
+    settings = _settings(shot, frames, feathers, options)
     if feathers:
         shot, names = share_of(shot, *feathers), names[feathers[0] - 1 :: feathers[1]]
-    settings = _settings(shot, frames, feathers, options)
     finished = resume and is_finished(path, settings, overwrite)
     return Task(shot, path, frames, settings, names, prim_name(whole.stem), finished)
 

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_readers
-from featherfx.bake_task import StageOptions, all_of
+from featherfx.bake_task import StageOptions, all_of, part_path
 from featherfx.baking import bake, entries_of, metadata_of
 from featherfx.errors import InputError, Problem
+from featherfx.plan import plan
 
-__all__ = ["bake", "check", "export_groom"]
+__all__ = ["bake", "check", "export", "export_groom", "join", "plan"]
 
 
 def export_groom(
@@ -49,6 +50,52 @@ def export_groom(
     with CacheWriter(path, entries, None, metadata=metadata_of(groom, grid), **stage):
         pass
     return len(entries)
+
+
+def export(
+    cache: str | Path,
+    output: str | Path,
+    *,
+    condensed: bool = False,
+    frames: tuple[int, int] | None = None,
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write a cache in another form and return the files.
+
+    output: .usd, .usdc or .usda for one plain file of the whole cache, or with condensed for
+    Houdini's condensed feathers; .glb, .obj, .ply or .stl for a file per frame, of which frames
+    gives the first and last. Raises InputError.
+    """
+    from featherfx.usd.output import SUFFIXES
+
+    path = Path(output)
+    if path.suffix not in SUFFIXES:
+        from featherfx.usd.export import mesh_sequence
+
+        chosen = range(frames[0], frames[1] + 1) if frames else None
+        return mesh_sequence(cache, path, chosen, overwrite)
+    if condensed:
+        from featherfx.usd.condensed import export_condensed
+
+        export_condensed(cache, path, overwrite)
+    else:
+        from featherfx.usd.export import flatten
+
+        flatten(cache, path, overwrite)
+    return [path]
+
+
+def join(output: str | Path, shares: int, overwrite: bool = False) -> int:
+    """Write the root of a cache that was baked in shares of its feathers; return their number.
+
+    output: name of the whole; the shares stand beside it (featherfx.bake_task.part_path). Raises
+    InputError where one is missing or was baked with other settings.
+    """
+    from featherfx.usd.join import join_shares
+
+    path = Path(output)
+    parts = [part_path(path, (k, shares)) for k in range(1, shares + 1)]
+    return join_shares(path, parts, overwrite)
 
 
 def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:

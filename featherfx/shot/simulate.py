@@ -19,7 +19,7 @@ from featherfx.shot.detail import barb_coefficients
 from featherfx.shot.loads import frame_loads, root_path
 from featherfx.shot.motion import Roots, root_motion
 from featherfx.shot.sleep import asleep, at_rest, undisturbed
-from featherfx.shot.types import Frame, Grip, Shot
+from featherfx.shot.types import Frame, Grip, Shot, sample_number
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step import RootPath, Settings, Solver, StepReport, raise_if_failed
@@ -90,7 +90,7 @@ class Simulation:
         self._groups = self._make_groups(motion)
         wanted, end = ((number - self.shot.first_frame) * self._subframes for number in self._range)
         try:
-            for index in range(self._continue(), end + 1):
+            for index in range(self._continue(motion), end + 1):
                 for group in self._groups:
                     self._advance(group, motion, index)
                 self._index = index
@@ -108,13 +108,15 @@ class Simulation:
             tuple(group.start for group in self._groups),
         )
 
-    def _continue(self) -> int:
+    def _continue(self, motion: Roots) -> int:
         """Take over the checkpoint, if there is one; return the sample to compute next."""
         if self._start is None:
             return 0
         begin = self._start
         for group, state, start in zip(self._groups, begin.states, begin.starts, strict=True):
             group.state, group.start = state, start
+            if begin.index:
+                group.loads = self._loads(group, motion, begin.index)
         return begin.index + 1
 
     def _make_groups(self, motion: Roots) -> list[_Group]:
@@ -157,26 +159,29 @@ class Simulation:
         """s since the first frame."""
         return index / (self.shot.frames_per_second * self._subframes)
 
-    def _advance(self, group: _Group, motion: Roots, index: int) -> None:
-        """Bring a group to the sample with this index, 0 at the first frame."""
+    def _loads(self, group: _Group, motion: Roots, index: int) -> Loads:
+        """What acts on a group on the way to the sample with this index."""
         shot = self.shot
-        duration, time = self._time(1), self._time(index)
-        first = index == 0
-        start = 0.0 if first else self._time(index - 1)
+        start, end = self._time(max(index - 1, 0)), self._time(index)
         roots = None
         if shot.wind_source is not None:
-            roots = motion.frames(0.5 * (start + time))[0][group.members]
+            roots = motion.frames(0.5 * (start + end))[0][group.members]
         # grips take hold of the settled feathers, so they do not act while those settle
-        grips = [] if first else group.grips
+        grips = group.grips if index else []
         points = list(group.start)
-        loads = frame_loads(shot, grips, group.feathers, points, start, time, roots)
-        if first:
-            if shot.settle:
+        return frame_loads(shot, grips, group.feathers, points, start, end, roots)
+
+    def _advance(self, group: _Group, motion: Roots, index: int) -> None:
+        """Bring a group to the sample with this index, 0 at the first frame."""
+        loads = self._loads(group, motion, index)
+        if index == 0:
+            if self.shot.settle:
                 group.state, status, _ = group.solver.equilibrium(group.state, loads)
                 raise_if_failed(status, group.state.time, group.names)
                 group.start = group.state.points.copy()
             return
-        path = root_path(motion, group.members, start, time)
+        duration = self._time(1)
+        path = root_path(motion, group.members, self._time(index - 1), self._time(index))
         awake = self._awake(group, path, loads, duration)
         group.state, report = group.solver.step(group.state, loads, path, duration, awake)
         group.loads = loads
@@ -198,8 +203,6 @@ class Simulation:
 
     def _frame(self, index: int) -> Frame:
         time = self._time(index)
-        whole, part = divmod(index, self._subframes)
-        number = self.shot.first_frame + whole
         empty = [np.zeros(0)] * len(self.feathers)
         points, velocities, accelerations = list(empty), list(empty), list(empty)
         for group in self._groups:
@@ -210,7 +213,7 @@ class Simulation:
                 if not np.isfinite(points[member]).all():
                     raise SimulationError(group.names[k], time, "a point is not finite")
         return Frame(
-            number=number + part / self._subframes if part else number,
+            number=sample_number(self.shot.first_frame, index, self._subframes),
             time=time,
             points=tuple(points),
             velocities=tuple(velocities),

@@ -120,3 +120,13 @@ class Frame:
     points: tuple[Array, ...]
     velocities: tuple[Array, ...]
     accelerations: tuple[Array, ...] = field(default=())
+
+
+def sample_number(first: int, index: int, subframes: int) -> float:
+    """Frame number of a sample, 0 at the first frame; the same for the same place in time.
+
+    Whole frames are integers. The fraction is divided by itself, so that the number does not
+    depend on where the counting began.
+    """
+    whole, part = divmod(index, subframes)
+    return first + whole + part / subframes if part else first + whole

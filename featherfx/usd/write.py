@@ -13,7 +13,7 @@ import numpy as np
 from pxr import Usd
 
 from featherfx.errors import Problem, SimulationError
-from featherfx.shot.types import Frame
+from featherfx.shot.types import Frame, sample_number
 from featherfx.usd.assemble import assemble
 from featherfx.usd.chunk import ChunkWriter
 from featherfx.usd.curves import define_rachis
@@ -184,7 +184,7 @@ class CacheWriter:
     def _code(self) -> float:
         """Time code of the next sample."""
         assert self._info.frames is not None
-        return self._info.frames[0] + self._next / self._subframes
+        return sample_number(self._info.frames[0], self._next, self._subframes)
 
     def _settings_of_stage(self, chunk: int) -> dict[str, str]:
         """What tells one cache without settings from another of the same name."""
