@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from featherfx.cli.options import (
     FrameRange,
+    Share,
     presets_option,
     quality_option,
     readable_path,
@@ -17,6 +20,9 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
+
+# Options of a bake that a plan sets itself, or that belong to one worker.
+PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--report")
 
 
 @click.command(
@@ -46,21 +52,111 @@ from featherfx.cli.progress import Progress
 @quality_option("Quality preset instead of the shot's.")
 @presets_option
 @click.option("--report", type=click.Path(path_type=Path), help="JSON file for figures of the run.")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Continue after the frames that an earlier bake of this shot left, killed or not.",
+)
+@click.option(
+    "--feathers",
+    type=Share(),
+    help="Bake the I-th of N shares of the feathers, to OUT.IofN.usdc.",
+)
+@click.option(
+    "--chunk",
+    type=click.IntRange(min=1),
+    default=24,
+    show_default=True,
+    help="Frames that are written, and can be resumed after, at a time.",
+)
+@click.option(
+    "--subframes",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Samples a frame, for motion blur.",
+)
+@click.option("--accelerations", is_flag=True, help="Write accelerations beside velocities.")
+@click.option(
+    "--progress",
+    "style",
+    type=click.Choice(["auto", "json"]),
+    default="auto",
+    show_default=True,
+    help="json: one JSON object a line on stderr.",
+)
+@click.option(
+    "--plan",
+    "shares",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Do not bake: write N work items with their commands, and a job template.",
+)
 @stage_options
-def bake(shot: Path, jobs: int | None, **options: Any) -> None:
+@click.pass_context
+def bake(
+    ctx: click.Context,
+    shot: Path,
+    jobs: int | None,
+    style: str,
+    shares: int | None,
+    **options: Any,
+) -> None:
     """Simulate the feathers of SHOT (a TOML file) and write them to USD.
 
-    The output appears under its name when it is complete, never before.
+    The output appears under its name when it is complete, never before. What a bake that was
+    stopped has finished stays beside it for --resume.
     """
     from featherfx.pipeline import bake as bake_shot
+    from featherfx.pipeline import plan
 
-    with Progress("frames") as progress:
+    if shares:
+        given = _given(ctx, PER_WORKER)
+        for path in plan(shot, options["output"], shares, given, options["preset_folders"]):
+            click.echo(str(path), err=True)
+        return
+    with Progress("frames", style) as progress:
         result = bake_shot(shot, jobs=jobs or os.cpu_count() or 1, on_frame=progress, **options)
     click.echo(
         f"{result['feathers']} feathers, {result['frames']} frames"
         f" in {result['wall_seconds']:.1f} s",
         err=True,
     )
+
+
+def _given(ctx: click.Context, left_out: Collection[str]) -> list[str]:
+    """The options of a command as they were given, as arguments again."""
+    given: list[str] = []
+    for param in ctx.command.params:
+        source = ctx.get_parameter_source(param.name or "")
+        if source is not ParameterSource.COMMANDLINE or param.opts[-1] in left_out:
+            continue
+        if isinstance(param, click.Option):
+            value: Any = ctx.params.get(param.name or "")
+            for each in value if param.multiple else [value]:
+                given += [param.opts[-1]] if param.is_flag else [param.opts[-1], _as_text(each)]
+    return given
+
+
+def _as_text(value: Any) -> str:
+    return f"{value[0]}-{value[1]}" if isinstance(value, tuple) else str(value)
+
+
+@click.command(
+    cls=Command,
+    short_help="Join a cache that was baked in shares of its feathers.",
+    epilog="featherfx join wing.usdc --shares 4",
+)
+@click.argument("output", type=click.Path(path_type=Path))
+@click.option(
+    "--shares", type=click.IntRange(min=1), required=True, help="Number of shares, as N of I/N."
+)
+@click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
+def join(output: Path, shares: int, overwrite: bool) -> None:
+    """Write OUTPUT, a USD file that names the shares beside it (OUTPUT.1ofN.usdc and so on)."""
+    from featherfx.pipeline import join as join_shares
+
+    click.echo(f"{join_shares(output, shares, overwrite)} feathers", err=True)
 
 
 @click.command(

@@ -107,7 +107,14 @@ def _list(context: click.Context, _: click.Parameter, value: bool) -> None:
     context.exit()
 
 
-@click.group(cls=Group)
+@click.group(
+    cls=Group,
+    short_help="Virtual experiments on rods and feathers.",
+    epilog="""
+    featherfx lab --list
+    featherfx lab rod --length 1 --ei 1 --tip-force 0,0,-2 --json
+    """,
+)
 @click.option(
     "--list",
     is_flag=True,

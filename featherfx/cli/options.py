@@ -31,6 +31,22 @@ class FrameRange(click.ParamType):
         return first, last
 
 
+class Share(click.ParamType):
+    """i/n, the i-th of n shares."""
+
+    name = "I/N"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        match = re.fullmatch(r"(\d+)/(\d+)", value.strip())
+        if not match or not 1 <= int(match[1]) <= int(match[2]):
+            self.fail(f"'{value}' is not a share such as 1/4 or 4/4", param, ctx)
+        return int(match[1]), int(match[2])
+
+
 class Size(click.ParamType):
     """WxH in pixels."""
 
@@ -71,10 +87,11 @@ def stage_options(command: Decorated) -> Decorated:
         ),
         click.option(
             "--layout",
-            type=click.Choice(["flat", "payload"]),
-            default="flat",
+            type=click.Choice(["auto", "flat", "payload", "clips"]),
+            default="auto",
             show_default=True,
-            help="One file, or a root that loads topology and animation as a payload.",
+            help="One file; a root that loads topology and animation as a payload; or the same"
+            " with the animation as value clips. auto: flat up to 256 MB of samples, else clips.",
         ),
         click.option("--overwrite", is_flag=True, help="Replace the output if it exists."),
     )

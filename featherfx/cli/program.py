@@ -32,12 +32,8 @@ def _verbose_option() -> click.Option:
     )
 
 
-class Command(click.Command):
-    """A command that takes --verbose."""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **options)
-        self.params.append(_verbose_option())
+class _WithExamples(click.Command):
+    """A command or group whose epilog holds examples."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         # Examples are lines of their own; click would wrap them into one paragraph.
@@ -47,7 +43,15 @@ class Command(click.Command):
                     formatter.write(f"{'':{formatter.current_indent}}{line.strip()}\n")
 
 
-class Group(click.Group):
+class Command(_WithExamples):
+    """A command that takes --verbose."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.params.append(_verbose_option())
+
+
+class Group(_WithExamples, click.Group):
     """A group of such commands."""
 
     command_class = Command
@@ -67,7 +71,7 @@ class Program(Group):
         except (InputError, SimulationError) as error:
             self._fail(ctx, str(error), error)
         except KeyboardInterrupt as error:
-            self._fail(ctx, "interrupted: nothing was written", error)
+            self._fail(ctx, str(error) or "interrupted: nothing was written", error)
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader of our output has gone; click knows
                 raise

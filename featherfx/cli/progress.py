@@ -1,7 +1,8 @@
-"""Progress of long work on stderr: a bar on a terminal, plain lines elsewhere."""
+"""Progress of long work on stderr: a bar on a terminal, plain lines elsewhere, JSON if asked."""
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from types import TracebackType
@@ -13,10 +14,15 @@ _SECONDS_BETWEEN_LINES = 1.0
 
 
 class Progress:
-    """Context manager; call it with the units of work done and their number."""
+    """Context manager; call it with the units of work done and their number.
 
-    def __init__(self, label: str) -> None:
-        self.label = label
+    style: "auto", or "json" for lines {"progress": LABEL, "done": 3, "total": 24, "seconds": 1.5},
+    one for each call: seconds since the start, so that a scheduler sees that work goes on.
+    """
+
+    def __init__(self, label: str, style: str = "auto") -> None:
+        self.label, self.json = label, style == "json"
+        self.begin = time.monotonic()
         self.terminal = sys.stderr.isatty()
         self.bar: Any = None
         self.done = 0
@@ -35,6 +41,11 @@ class Progress:
             self.bar.__exit__(kind, error, trace)
 
     def __call__(self, done: int, total: int) -> None:
+        if self.json:
+            seconds = round(time.monotonic() - self.begin, 3)
+            line = {"progress": self.label, "done": done, "total": total, "seconds": seconds}
+            click.echo(json.dumps(line), err=True)
+            return
         if self.terminal:
             if self.bar is None:
                 bar = click.progressbar(

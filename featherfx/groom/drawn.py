@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.errors import InputWarning
 from featherfx.groom.condensed import BarbCurves, vanes_of
 from featherfx.groom.drafts import Draft, DrawnShape
 from featherfx.groom.frames import frames_from, parallel
@@ -23,6 +25,9 @@ from featherfx.groom.schema import INVALID, Place, Table
 from featherfx.groom.types import FeatherKind
 
 Array = NDArray[np.float64]
+
+_MOST_DEVIATION = 0.02  # share of the length
+_MOST_NAMED = 10
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,27 @@ def drawn_drafts(
         draft = _draft(feather, name, entry, at, store)
         if draft is not None:
             drafts.append(draft)
+    _warn_of_bends(path, drafts)
     return drafts
+
+
+def _warn_of_bends(path: Path, drafts: list[Draft]) -> None:
+    """Warn of drawn curves that an arc follows badly."""
+    far = [
+        (draft.shape.fit.deviation / draft.shape.fit.length, draft.id)
+        for draft in drafts
+        if draft.shape is not None and draft.shape.bent
+    ]
+    far = sorted((each for each in far if each[0] > _MOST_DEVIATION), reverse=True)
+    if far:
+        named = ", ".join(f"'{name}' {share:.1%}" for share, name in far[:_MOST_NAMED])
+        more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
+        warnings.warn(
+            f"{path}: shafts at rest are arcs, these curves are off by more than "
+            f"{_MOST_DEVIATION:.0%} of their length: {named}{more}",
+            InputWarning,
+            stacklevel=2,
+        )
 
 
 def _ids(feathers: list[DrawnFeather]) -> list[str]:

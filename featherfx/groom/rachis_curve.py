@@ -7,6 +7,8 @@ heading angles about two axes that are carried along the curve are fitted by str
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -111,25 +113,38 @@ def fit_curve(points: Array, up: Array) -> FittedCurve:
 
 
 def _headings(tangents: Array, start: Array) -> tuple[Array, Array]:
-    """Angles (k,) rad by which tangents (k, 3) have turned to -z and to -y of a carried frame."""
-    frame, down, back = start, [0.0], [0.0]
-    for before, after in pairwise(tangents):
-        local = frame.T @ after
-        sine = np.hypot(local[1], local[2])
-        turning = np.arctan2(sine, local[0]) / sine if sine > 1e-12 else 1.0
-        down.append(down[-1] - turning * local[2])
-        back.append(back[-1] - turning * local[1])
-        frame = _carried(before, after) @ frame
+    """Angles (k,) rad by which tangents (k, 3) have turned to -z and to -y of a carried frame.
+
+    The frame is carried by the smallest rotation from one tangent to the next, written out for
+    single numbers: thousands of short curves spend their time here.
+    """
+    x, y, z = (tuple(column) for column in start.T.tolist())
+    down, back = [0.0], [0.0]
+    for before, after in pairwise(tangents.tolist()):
+        ahead, left, up = _dot(x, after), _dot(y, after), _dot(z, after)
+        sine = math.hypot(left, up)
+        turning = math.atan2(sine, ahead) / sine if sine > 1e-12 else 1.0
+        down.append(down[-1] - turning * up)
+        back.append(back[-1] - turning * left)
+        share = 1.0 + _dot(before, after)
+        if share > 1e-12:  # else the curve turns back on itself, and y and z stay
+            middle = (before[0] + after[0], before[1] + after[1], before[2] + after[2])
+            y = _less(y, left / share, middle)
+            z = _less(z, up / share, middle)
+        x = tuple(after)
     return np.array(down), np.array(back)
 
 
-def _carried(before: Array, after: Array) -> Array:
-    """(3, 3) the smallest rotation from one unit vector to another."""
-    axis, cosine = np.cross(before, after), float(before @ after)
-    if cosine < -1.0 + 1e-12:
-        return np.eye(3)
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine))
+def _dot(first: Sequence[float], second: Sequence[float]) -> float:
+    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
+
+
+def _less(vector: Sequence[float], factor: float, other: Sequence[float]) -> tuple[float, ...]:
+    return (
+        vector[0] - factor * other[0],
+        vector[1] - factor * other[1],
+        vector[2] - factor * other[2],
+    )
 
 
 def _line(x: Array, y: Array, weights: Array) -> tuple[float, float]:

@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 # stretch and shear stiffness of rods that are to have none, in units of EI / length^2: a load of
-# 100 EI / length^2 stretches them by one part in a million
-RIGID = 1e8
+# EI / length^2 stretches them by one part in a million; more would cost digits of the forces
+RIGID = 1e6
 # radius of gyration of the section as a share of the length, for rotary inertia
 GYRATION = 1e-4
 # mass that gives statics a time scale to settle in: length^4 line mass / EI, s^2
@@ -40,7 +40,7 @@ class Rod:
 
     length: m. ei: N m^2, bending in the xy plane. ei2: N m^2, bending out of it (in the xz plane
     of a straight rod); default ei. gj: N m^2, torsion; default ei. ea, ga: N, stretch and shear;
-    default: practically rigid (1e8 ei / length^2). taper: share of its width that the rod loses
+    default: practically rigid (1e6 ei / length^2). taper: share of its width that the rod loses
     from clamp to tip, 0 to below 1. rest_curvature: 1/m, constant, in the xy plane, towards +y.
     line_mass: kg/m at the clamp; default: what gives length^4 line mass / ei = 0.01 s^2.
     line_weight: N/m at the clamp, along -z, tapering as the mass does. segments: elements.

@@ -1,19 +1,21 @@
 """The two halves of a Newton iteration again and again, to time each without Python's share."""
 
 from featherfx.compiled import kernel
+from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.banded_kernels import factorise, solve_factored
-from featherfx.solver.newton_kernels import linearise
+from featherfx.solver.pose_kernels import barb_jacobians
 
 
 @kernel
-def repeat_iteration(model, loads, f, inertia, turn, centre, coefficient, solve, count, work):
-    """Linearise feather f's pose count times and, if solve, factorise and solve as often.
+def repeat_iteration(model, loads, f, factors, solve, count, work):
+    """Assemble at the pose work.now count times and, if solve, factorise and solve as often.
 
-    Arguments as in linearise. Returns how many matrices were positive definite.
+    Other arguments as in assemble. Returns how many matrices were positive definite.
     """
     good = 0
-    for _ in range(count):
-        linearise(model, loads, f, inertia, turn, centre, coefficient, work)
+    for iteration in range(count):
+        barb_jacobians(model, f, work.now, work.frame, work.spin, work.jacobian)
+        assemble(model, loads, f, 0.0, factors, iteration >= 0, work)
         if solve and factorise(work.system.band):
             solve_factored(work.system.band, work.system.right)
             good += 1

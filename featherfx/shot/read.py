@@ -97,6 +97,7 @@ def _collect(
         gravity=np.array(checked["gravity"]),
         grips=grips,
         settle=checked["settle"],
+        sleep=checked["sleep"],
         skin=skin,
         wind_source=wind_source,
         colliders=colliders,

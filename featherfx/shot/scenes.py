@@ -40,6 +40,10 @@ class Surface(Protocol):
     def time_codes_per_second(self) -> float:
         """Of the scene."""
 
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        """Path in the scene, and every file that the scene is made of."""
+
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
 
@@ -56,6 +60,10 @@ class WindSource(Protocol):
     @property
     def time_codes_per_second(self) -> float:
         """Of the scene."""
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        """Path in the scene, and every file that the scene is made of."""
 
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s at points (N, 3) m, at a time code."""

@@ -84,6 +84,9 @@ SHOT = {
         Preset("quality"), "Resolution: a preset, or a table with or without base.", "preview"
     ),
     "gravity": Key(vector(-1000, 1000, "m/s^2"), "Acceleration of free fall.", (0.0, 0.0, -9.81)),
+    "sleep": Key(
+        Flag(), "Whether feathers at rest are skipped until root, wind or grip wakes them.", True
+    ),
     "settle": Key(
         Flag(), "Whether feathers hang in balance at the first frame, instead of at rest.", True
     ),

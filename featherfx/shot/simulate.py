@@ -13,12 +13,16 @@ from featherfx.errors import SimulationError
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.model import Loads
+from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.detail import barb_coefficients
 from featherfx.shot.loads import frame_loads, root_path
 from featherfx.shot.motion import Roots, root_motion
-from featherfx.shot.types import Frame, Grip, Shot
+from featherfx.shot.sleep import asleep, at_rest, undisturbed
+from featherfx.shot.types import Frame, Grip, Shot, sample_number
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step import Settings, Solver, StepReport, raise_if_failed
+from featherfx.solver.step import RootPath, Settings, Solver, StepReport, raise_if_failed
 
 Array = NDArray[np.float64]
 
@@ -37,24 +41,37 @@ class _Group:
     solver: Solver
     state: State
     start: Array
+    loads: Loads | None = None
 
 
 class Simulation:
     """Iterates over the frames of a shot; `report` is complete after the last one.
 
-    feathers: one per placement, in groom order. report: newton_iterations and substeps per
-    feather and frame (mean, max), worst_residual (m, last Newton move), skipped work by kind.
+    feathers: one per placement, in groom order. Between two frames, `checkpoint` is all that a
+    later simulation of the same shot needs to go on from there. report: newton_iterations and
+    substeps per feather and frame (mean, max), worst_residual (m, last Newton move), skipped work
+    by kind.
     """
 
-    def __init__(self, shot: Shot, jobs: int, frames: tuple[int, int] | None) -> None:
-        self.shot, self._jobs = shot, jobs
+    def __init__(
+        self,
+        shot: Shot,
+        jobs: int,
+        frames: tuple[int, int] | None,
+        subframes: int = 1,
+        start: Checkpoint | None = None,
+    ) -> None:
+        self.shot, self._jobs, self._subframes, self._start = shot, jobs, subframes, start
         self._range = frames or (shot.first_frame, shot.last_frame)
+        self._groups: list[_Group] = []
+        self._index = -1
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
             build_feather(p.kind, quality.rows, quality.columns, p.mirrored)
             for p in shot.groom.feathers
         )
         self._reports: list[StepReport] = []
+        self._slept = 0
 
     @property
     def report(self) -> dict[str, Any]:
@@ -65,38 +82,61 @@ class Simulation:
             "rejected_substeps": int(sum(r.rejected.sum() for r in self._reports)),
             "worst_residual": max((float(r.move.max()) for r in self._reports), default=0.0),
             "worst_step_error": max((float(r.error.max()) for r in self._reports), default=0.0),
-            "skipped": {},
+            "skipped": {"sleeping feather frames": self._slept},
         }
 
     def __iter__(self) -> Iterator[Frame]:
-        shot = self.shot
-        motion = root_motion(shot)
-        groups = self._groups(motion)
+        motion = root_motion(self.shot)
+        self._groups = self._make_groups(motion)
+        wanted, end = ((number - self.shot.first_frame) * self._subframes for number in self._range)
         try:
-            for number in range(shot.first_frame, self._range[1] + 1):
-                time = (number - shot.first_frame) / shot.frames_per_second
-                for group in groups:
-                    self._advance(group, motion, number, time)
-                if number >= self._range[0]:
-                    yield self._frame(groups, number, time)
+            for index in range(self._continue(motion), end + 1):
+                for group in self._groups:
+                    self._advance(group, motion, index)
+                self._index = index
+                if index >= wanted:
+                    yield self._frame(index)
         finally:
-            for group in groups:
+            for group in self._groups:
                 group.solver.__exit__()
 
-    def _groups(self, motion: Roots) -> list[_Group]:
-        """Batches of feathers whose barbs have the same taper, at rest on their roots."""
-        placements = self.shot.groom.feathers
-        tapers: dict[float, list[int]] = {}
-        for index, placement in enumerate(placements):
-            tapers.setdefault(placement.kind.vane_material.barb_taper, []).append(index)
-        return [self._group(np.array(members), motion) for members in tapers.values()]
+    def checkpoint(self) -> Checkpoint:
+        """The simulation after the frame that was yielded last."""
+        return Checkpoint(
+            self._index,
+            tuple(group.state for group in self._groups),
+            tuple(group.start for group in self._groups),
+        )
 
-    def _group(self, members: NDArray[np.int64], motion: Roots) -> _Group:
+    def _continue(self, motion: Roots) -> int:
+        """Take over the checkpoint, if there is one; return the sample to compute next."""
+        if self._start is None:
+            return 0
+        begin = self._start
+        for group, state, start in zip(self._groups, begin.states, begin.starts, strict=True):
+            group.state, group.start = state, start
+            if begin.index:
+                group.loads = self._loads(group, motion, begin.index)
+        return begin.index + 1
+
+    def _make_groups(self, motion: Roots) -> list[_Group]:
+        """Batches of feathers of one barb taper and number of coefficients, on their roots."""
+        counts = barb_coefficients(self.shot, self.feathers, motion)
+        alike: dict[tuple[float, int], list[int]] = {}
+        for index, placement in enumerate(self.shot.groom.feathers):
+            key = (placement.kind.vane_material.barb_taper, counts[index])
+            alike.setdefault(key, []).append(index)
+        return [
+            self._group(np.array(members), coefficients, motion)
+            for (_, coefficients), members in alike.items()
+        ]
+
+    def _group(self, members: NDArray[np.int64], coefficients: int, motion: Roots) -> _Group:
         shot, quality = self.shot, self.shot.quality
         placements = [shot.groom.feathers[i] for i in members]
         feathers = [self.feathers[i] for i in members]
         kinds = [p.kind for p in placements]
-        model = with_damping(make_model(feathers, kinds, quality.coefficients), kinds)
+        model = with_damping(make_model(feathers, kinds, coefficients), kinds)
         positions, rotations = motion.frames(0.0)
         state = rest_state(model, positions[members], rotations[members])
         place = {p.id: k for k, p in enumerate(placements)}
@@ -115,48 +155,88 @@ class Simulation:
             start=state.points.copy(),
         )
 
-    def _advance(self, group: _Group, motion: Roots, number: int, time: float) -> None:
-        """Bring a group to the frame with this number, at this time."""
+    def _time(self, index: int) -> float:
+        """s since the first frame."""
+        return index / (self.shot.frames_per_second * self._subframes)
+
+    def _loads(self, group: _Group, motion: Roots, index: int) -> Loads:
+        """What acts on a group on the way to the sample with this index."""
         shot = self.shot
-        duration = 1.0 / shot.frames_per_second
-        first = number == shot.first_frame
-        start = 0.0 if first else time - duration
-        points = list(group.start)
+        start, end = self._time(max(index - 1, 0)), self._time(index)
         roots = None
         if shot.wind_source is not None:
-            roots = motion.frames(0.5 * (start + time))[0][group.members]
-        loads = frame_loads(shot, group.grips, group.feathers, points, start, time, roots)
-        if first:
-            if shot.settle:
+            roots = motion.frames(0.5 * (start + end))[0][group.members]
+        # grips take hold of the settled feathers, so they do not act while those settle
+        grips = group.grips if index else []
+        points = list(group.start)
+        return frame_loads(shot, grips, group.feathers, points, start, end, roots)
+
+    def _advance(self, group: _Group, motion: Roots, index: int) -> None:
+        """Bring a group to the sample with this index, 0 at the first frame."""
+        loads = self._loads(group, motion, index)
+        if index == 0:
+            if self.shot.settle:
                 group.state, status, _ = group.solver.equilibrium(group.state, loads)
                 raise_if_failed(status, group.state.time, group.names)
                 group.start = group.state.points.copy()
             return
-        path = root_path(motion, group.members, start, time)
-        group.state, report = group.solver.step(group.state, loads, path, duration)
+        duration = self._time(1)
+        path = root_path(motion, group.members, self._time(index - 1), self._time(index))
+        awake = self._awake(group, path, loads, duration)
+        group.state, report = group.solver.step(group.state, loads, path, duration, awake)
+        group.loads = loads
         self._reports.append(report)
         raise_if_failed(report.status, group.state.time, group.names)
 
-    def _frame(self, groups: list[_Group], number: int, time: float) -> Frame:
-        points: list[Array] = [np.zeros(0)] * len(self.feathers)
-        velocities: list[Array] = [np.zeros(0)] * len(self.feathers)
-        for group in groups:
+    def _awake(
+        self, group: _Group, path: RootPath, loads: Loads, duration: float
+    ) -> list[int] | None:
+        """Feathers of a group that have to be stepped; the others sleep through the frame."""
+        if not self.shot.sleep:
+            return None
+        sleeping = undisturbed(group.state, path, loads, group.loads)
+        sleeping &= at_rest(group.state, self.shot.quality.tolerance, duration)
+        if sleeping.any():
+            group.state = asleep(group.state, sleeping, duration)
+            self._slept += int(sleeping.sum())
+        return np.flatnonzero(~sleeping).tolist()
+
+    def _frame(self, index: int) -> Frame:
+        time = self._time(index)
+        empty = [np.zeros(0)] * len(self.feathers)
+        points, velocities, accelerations = list(empty), list(empty), list(empty)
+        for group in self._groups:
             for k, member in enumerate(group.members):
                 points[member] = group.state.points[k]
                 velocities[member] = group.state.velocity[k]
+                accelerations[member] = group.state.acceleration[k]
                 if not np.isfinite(points[member]).all():
                     raise SimulationError(group.names[k], time, "a point is not finite")
-        return Frame(number, time, tuple(points), tuple(velocities))
+        return Frame(
+            number=sample_number(self.shot.first_frame, index, self._subframes),
+            time=time,
+            points=tuple(points),
+            velocities=tuple(velocities),
+            accelerations=tuple(accelerations),
+        )
 
 
-def simulate(shot: Shot, jobs: int = 1, frames: tuple[int, int] | None = None) -> Simulation:
+def simulate(
+    shot: Shot,
+    jobs: int = 1,
+    frames: tuple[int, int] | None = None,
+    subframes: int = 1,
+    start: Checkpoint | None = None,
+) -> Simulation:
     """Simulate a shot.
 
     jobs: threads. frames: first and last of those wanted, inclusive; default: all of the shot's.
-    Those before are simulated, too, because the motion depends on its past. Raises InputError
-    where a feather cannot be built and, while iterating, SimulationError.
+    Those before are simulated, too, because the motion depends on its past. subframes: samples a
+    frame, at evenly spaced times from the first frame to the last. start: where a simulation of
+    the same shot and subframes stood; goes on after it. Raises InputError where a feather cannot
+    be built and, while iterating, SimulationError.
     """
-    return Simulation(shot, jobs, frames)
+    return Simulation(shot, jobs, frames, subframes, start)
 
 
 def _mean_and_max(counts: list[Array]) -> dict[str, float]:

@@ -99,6 +99,7 @@ class Shot:
     gravity: Array
     grips: tuple[Grip, ...] = field(default=())
     settle: bool = True
+    sleep: bool = True
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()
@@ -108,13 +109,24 @@ class Shot:
 class Frame:
     """One frame of every feather, world frame, handed to a sink.
 
-    number: frame number. time: s since the first frame.
-    points, velocities: per feather (n, P, 3), the material points (featherfx/feather/types.py)
-        and their rates per second. moved: per feather, whether anything differs from the rest pose
-        of the first frame.
+    number: frame number; fractional between two frames. time: s since the first frame.
+    points, velocities, accelerations: per feather (n, P, 3), the material points
+        (featherfx/feather/types.py) and their first and second rates per second; accelerations
+        may be empty.
     """
 
-    number: int
+    number: float
     time: float
     points: tuple[Array, ...]
     velocities: tuple[Array, ...]
+    accelerations: tuple[Array, ...] = field(default=())
+
+
+def sample_number(first: int, index: int, subframes: int) -> float:
+    """Frame number of a sample, 0 at the first frame; the same for the same place in time.
+
+    Whole frames are integers. The fraction is divided by itself, so that the number does not
+    depend on where the counting began.
+    """
+    whole, part = divmod(index, subframes)
+    return first + whole + part / subframes if part else first + whole

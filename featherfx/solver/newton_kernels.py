@@ -19,16 +19,19 @@ HALVINGS = 8
 
 
 @kernel
-def largest_move(before, after):
-    """Largest distance between two sets of material points (n, P, 3), directors left out."""
+def largest_move(before, after, arm):
+    """Largest distance between two sets of material points (n, P, 3), m.
+
+    Directors are unit vectors; arm (m) is the lever at which their turn counts.
+    """
     worst = 0.0
     for i in range(before.shape[0]):
         for p in range(before.shape[1]):
-            if p == 1 or p == 2:
-                continue
             square = 0.0
             for k in range(3):
                 square += (after[i, p, k] - before[i, p, k]) ** 2
+            if p == 1 or p == 2:
+                square *= arm * arm
             worst = max(worst, square)
     return sqrt(worst)
 
@@ -86,7 +89,7 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
                 model.length[f], now, system.right, scale, trial, work.beam.gradient, work.stretch
             )
             new = evaluate(model, loads, f, share, factors, trial, work.around)
-            move = largest_move(now.points, trial.points) / scale
+            move = largest_move(now.points, trial.points, model.length[f, 0]) / scale
             slack = 1e-9 * (abs(energy) + abs(new))
             if isfinite(new) and (new <= energy + slack or move < tolerance):
                 break

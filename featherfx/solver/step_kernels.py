@@ -210,9 +210,8 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         share = 1.0 if step == left else (done + step) / duration
         radius = settings[0]
         if state.step[f] <= 0.0:
-            # no acceleration is known yet: one Euler step keeps the second order, a wrong one
-            # does not; and there are no rates to go on with
-            radius, option = EULER, max(option, FOLLOW)
+            # there are no rates to go on with
+            option = max(option, FOLLOW)
         if option == BACKWARD:
             radius = EULER
             counters[FALLBACKS] += 1

@@ -7,6 +7,7 @@ again when they are asked for, so that memory does not grow with the number of f
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ from featherfx.groom.schema import Place
 from featherfx.groom.skin import is_flat
 from featherfx.usd.scene import (
     DEFAULT,
-    EARLIEST,
     Scene,
+    codes_of,
     find_prim,
     rest_code,
     transform_code,
@@ -56,6 +57,10 @@ class AnimatedMesh:
     @property
     def time_codes_per_second(self) -> float:
         return self._scene.time_codes_per_second
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        return self.path, self._scene.files
 
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
@@ -162,38 +167,32 @@ def _faults(mesh: Any) -> Iterator[tuple[str, str]]:
 
 def _changing(attribute: Any) -> tuple[Indices | None, float | None]:
     """The first value of an integer array, and the time code at which another stands."""
-    first = attribute.Get(EARLIEST)
-    if first is None:
-        return None, None
-    known = np.array(first, dtype=np.int64)
-    if attribute.GetNumTimeSamples() > 1:
-        for time in attribute.GetTimeSamples():
-            value = attribute.Get(time)
-            if value is None or not np.array_equal(np.asarray(value), known):
-                return known, time
+    known = None
+    for code in codes_of(attribute):
+        value = attribute.Get(code)
+        if known is None and value is not None:
+            known = np.array(value, dtype=np.int64)
+        elif known is not None and (value is None or not np.array_equal(np.asarray(value), known)):
+            return known, code.GetValue()
     return known, None
 
 
 def _points_faults(attribute: Any) -> tuple[str, int]:
     """What is wrong with the points of any sample (empty: nothing), and their number."""
-    times = [EARLIEST, *map(Usd.TimeCode, attribute.GetTimeSamples())]
-    if attribute.Get(DEFAULT) is not None:
-        times.append(DEFAULT)
     size = -1
-    for code in times:
+    for code in codes_of(attribute):
+        where = "by default" if code.IsDefault() else f"at time code {code.GetValue():g}"
         value = attribute.Get(code)
         if value is None:
-            gap = "has no value" if code.IsEarliestTime() else f"is missing at time code {code}"
-            return gap, 0
+            return f"has no value {where}", 0
         points = np.asarray(value)
-        if size < 0:
-            size = len(points)
-        if len(points) != size:
-            return f"has {len(points)} points at time code {code}, {size} before", 0
+        if size not in (-1, len(points)):
+            return f"has {len(points)} points {where}, {size} before", 0
+        size = len(points)
         # the sum of finite values is finite here, and one pass over them is enough
         if not np.isfinite(points.sum(dtype=np.float64)):
-            return f"holds values that are not finite at time code {code}", 0
-    return "", size
+            return f"holds values that are not finite {where}", 0
+    return ("has no value", 0) if size < 0 else ("", size)
 
 
 def _sampled(prim: Any, skinning: Skinning | None) -> tuple[float, float] | None:

@@ -18,6 +18,11 @@ def vec3f(values: ArrayLike) -> Any:
     return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
 
 
+def vec2d(values: ArrayLike) -> Any:
+    """(N, 2) to Vt.Vec2dArray."""
+    return Vt.Vec2dArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float64))
+
+
 def vec2f(values: ArrayLike) -> Any:
     """(N, 2) to Vt.Vec2fArray."""
     return Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))

@@ -89,7 +89,7 @@ class Values:
         return None
 
     def barbs(self, what: str, points: int) -> Array | None:
-        """(points, m, 3) array attribute per point, flattened as USD needs it; None for none."""
+        """(points, m, 3) array attribute per point, of points or of numbers, flattened; or None."""
         values = self._flattened(what)
         if values is None or len(values) == 0:
             return None
@@ -99,10 +99,11 @@ class Values:
             if len(set(counts.tolist())) > 1:
                 self._fail(what, "has different counts at different points, expects one")
                 return None
-        if points == 0 or len(values) % points:
-            self._fail(what, f"has {len(values)} values for {points} points")
+        numbers = np.asarray(values, dtype=np.float64)
+        if points == 0 or numbers.size % (3 * points) or not np.isfinite(numbers).all():
+            self._fail(what, f"has {len(values)} values for {points} points, or not finite ones")
             return None
-        return np.asarray(values, dtype=np.float64).reshape(points, -1, 3)
+        return numbers.reshape(points, -1, 3)
 
     def _flattened(self, what: str) -> Any:
         """The primvar's values as a sequence, indices resolved; None where it is not authored."""

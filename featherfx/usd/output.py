@@ -10,21 +10,41 @@ from featherfx.errors import Problem
 from featherfx.usd.types import OutputError
 
 SUFFIXES = (".usd", ".usda", ".usdc")
-LAYOUTS = ("flat", "payload")
+LAYOUTS = ("auto", "flat", "payload", "clips")
+# Samples beyond this many bytes go to clips where the layout is left to the writer.
+AUTO_CLIPS_BYTES = 256_000_000
+
+
+def chosen_layout(layout: str, sample_bytes: int) -> str:
+    """The layout itself, or for "auto" the one that suits so many bytes of samples."""
+    if layout != "auto":
+        return layout
+    return "clips" if sample_bytes > AUTO_CLIPS_BYTES else "flat"
 
 
 def output_files(path: Path, layout: str) -> list[Path]:
-    """Every file of an output, in the order in which they are published: the root is last.
+    """Every file that is published at the end, in the order of publication: the root is last.
 
-    "flat": the one file. "payload": animation, topology (the payload), root.
+    "flat": the one file. "payload": animation, topology (the payload), root. "clips": topology
+    and root; the clips stand in clips_folder.
     """
-    if layout == "flat":
-        return [path]
-    return [
-        path.with_name(f"{path.stem}.animation.usdc"),
-        path.with_name(f"{path.stem}.payload.usdc"),
-        path,
-    ]
+    topology = path.with_name(f"{path.stem}.payload.usdc")
+    match layout:
+        case "payload":
+            return [path.with_name(f"{path.stem}.animation.usdc"), topology, path]
+        case "clips":
+            return [topology, path]
+    return [path]
+
+
+def clips_folder(path: Path) -> Path:
+    """Folder of the clips of a cache."""
+    return path.with_name(f"{path.stem}.clips")
+
+
+def parts_folder(path: Path, layout: str) -> Path:
+    """Folder that takes finished chunks while a cache is being written."""
+    return clips_folder(path) if layout == "clips" else path.with_name(f".{path.name}.parts")
 
 
 def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat") -> Path:
@@ -42,9 +62,9 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
         )
     if layout not in LAYOUTS:
         problems.append(Problem(source, "layout", f"'{layout}' is not one of {', '.join(LAYOUTS)}"))
-    for file in output_files(path, layout if layout in LAYOUTS else "flat"):
+    for file in output_files(path, layout):
         problems += _file_problems(file, overwrite)
-    problems += _folder_problems(path)
+    problems += folder_problems(path)
     if problems:
         raise OutputError(*problems)
     return path
@@ -59,7 +79,8 @@ def _file_problems(file: Path, overwrite: bool) -> list[Problem]:
     return []
 
 
-def _folder_problems(path: Path) -> list[Problem]:
+def folder_problems(path: Path) -> list[Problem]:
+    """Why a file cannot be put where path says; empty if it can."""
     folder = path.parent
     if not os.path.isdir(folder):
         exists = os.path.lexists(folder)

@@ -65,8 +65,11 @@ def open_stage(path: str | Path) -> Any:
     except Tf.ErrorException as error:
         reason = "; ".join(str(part.commentary) for part in error.args)
         raise InputError(Problem(str(path), "", f"USD cannot open it: {reason}")) from error
-    # USD keeps layers that are open elsewhere in this process; the file may be newer.
-    stage.Reload()
+    # USD keeps layers that are open elsewhere in this process; the file may be newer. Layers with
+    # edits that are not saved belong to the host, and are read as they stand there.
+    for layer in stage.GetUsedLayers():
+        if not layer.dirty:
+            layer.Reload()
     return stage
 
 

@@ -287,7 +287,7 @@ def _instanced(
         return
     # a template without a curve: its kind at its own size, shaft along x, dorsal along z
     values, k, n = of
-    size = abs(np.linalg.det(matrix[:3, :3])) ** (1.0 / 3.0) / unit
+    size = float(abs(np.linalg.det(matrix[:3, :3]))) ** (1.0 / 3.0) / unit
     uv = values.vector("skin_uv", k, n, 2)
     yield DrawnFeather(
         label=label,

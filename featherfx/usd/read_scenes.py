@@ -94,6 +94,10 @@ class UniformWind:
     def time_codes_per_second(self) -> float:
         return self._scene.time_codes_per_second
 
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        return str(self._prim.GetPath()), self._scene.files
+
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s, the same at all points, at a time code."""
         time = Usd.TimeCode(code)
@@ -113,6 +117,10 @@ class SampledWind:
     @property
     def time_codes_per_second(self) -> float:
         return self._scene.time_codes_per_second
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        return str(self._prim.GetPath()), self._scene.files
 
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s at points (N, 3) m, at a time code."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdUtils
 
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.schema import Place
@@ -40,6 +40,12 @@ class Scene:
     @property
     def meters_per_unit(self) -> float:
         return float(np.linalg.norm(self.to_world[0]))
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that the stage is made of, clips included; no textures."""
+        layers, _, _ = UsdUtils.ComputeAllDependencies(str(self.path))
+        return tuple(Path(path) for path in sorted(layer.realPath for layer in layers))
 
     def matrix(self, prim: Any, code: Any) -> Array:
         """(4, 4) local space of a prim to the world, row vectors, at a time code."""
@@ -130,6 +136,12 @@ def prims_below(scene: Scene, prim: Any) -> Iterator[Any]:
 def rest_code(attribute: Any) -> Any:
     """Default where the attribute has a default value, else its first sample's time."""
     return EARLIEST if attribute.Get(DEFAULT) is None else DEFAULT
+
+
+def codes_of(attribute: Any) -> list[Any]:
+    """Every time at which an attribute has a value of its own: its default, then its samples."""
+    default = [] if attribute.Get(DEFAULT) is None else [DEFAULT]
+    return default + [Usd.TimeCode(time) for time in attribute.GetTimeSamples()]
 
 
 def transform_code(prim: Any, code: Any) -> Any:

@@ -20,8 +20,9 @@ class Skinning:
     def __init__(self, mesh: Any, skeleton: Any, skinning: Any, cache: Any) -> None:
         self._mesh, self._skeleton, self._skinning = mesh, skeleton, skinning
         self._cache = cache  # owns what the queries refer to
-        self.space = skeleton.GetPrim()
         binding = UsdSkel.BindingAPI(mesh.GetPrim())
+        # of the instance; the query of a skeleton in an instance answers for its prototype
+        self.space = binding.GetInheritedSkeleton().GetPrim()
         self._shapes = UsdSkel.BlendShapeQuery(binding) if skinning.HasBlendShapes() else None
         if self._shapes is not None:
             self._shape_points = self._shapes.ComputeBlendShapePointIndices()

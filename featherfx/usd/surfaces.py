@@ -1,24 +1,29 @@
 """What is written of a frame, computed for all feathers of a cache at once.
 
 Points, velocities, normals and barb directions of every feather stand one after the other in
-flat arrays, so that a frame costs a few numpy calls and not a few hundred per feather.
+flat arrays, so that a frame is a few calls of compiled code, which leave the interpreter to the
+simulation meanwhile.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Surface
+from featherfx.usd import surface_kernels
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
+
+_ROUNDING = float(np.finfo(np.float32).eps)
 
 
 @dataclass(frozen=True)
@@ -27,7 +32,8 @@ class SurfaceFrame:
 
     points, normals, velocities: (V, 3) surface points. barb_direction: (T, 3).
     rachis_points, rachis_velocities: (R, 3). extent: (N, 2, 3) and rachis_extent: (N, 2, 3), the
-    latter padded by half the width. Velocities in stage units per second.
+    latter padded by half the width. Velocities in stage units per second. accelerations: (V, 3)
+    and rachis_accelerations: (R, 3), stage units per second squared, None where not asked for.
     """
 
     points: Floats
@@ -38,6 +44,8 @@ class SurfaceFrame:
     rachis_velocities: Floats
     extent: Floats
     rachis_extent: Floats
+    accelerations: Floats | None = None
+    rachis_accelerations: Floats | None = None
 
 
 def barb_edges(surface: Surface, points: Array) -> Indices:
@@ -55,12 +63,6 @@ def barb_edges(surface: Surface, points: Array) -> Indices:
     return np.where((cosine[triangle, edge] < 0)[:, None], pair[:, ::-1], pair)
 
 
-def _normalised(vectors: Array, fallback: Array) -> Array:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    safe = np.where(length > 0, length, 1.0)
-    return np.where(length > 0, vectors / safe, fallback)
-
-
 class SurfaceSet:
     """The constant arrays of all feathers of a cache, and their evaluation.
 
@@ -70,91 +72,118 @@ class SurfaceSet:
     """
 
     def __init__(self, entries: Sequence[FeatherEntry], space: StageSpace) -> None:
-        from scipy.sparse import csr_array
-
         self._entries, self._space = tuple(entries), space
         surfaces = [entry.feather.surface for entry in entries]
         self.point_slices, self._point_starts = _slices([len(s.row) for s in surfaces])
         self.face_slices, _ = _slices([len(s.triangles) for s in surfaces])
         self.rachis_slices, self._rachis_starts = _slices([e.feather.rows for e in entries])
-        offsets = [s.start for s in self.point_slices]
-        self._triangles = np.concatenate(
-            [s.triangles + offset for s, offset in zip(surfaces, offsets, strict=True)]
+        offsets = self._point_starts
+        self._triangles = _joined(s.triangles + o for s, o in zip(surfaces, offsets, strict=False))
+        self._barb_edges = _joined(
+            barb_edges(e.feather.surface, e.feather.surface.points(e.feather.points)) + offset
+            for e, offset in zip(entries, offsets, strict=False)
         )
-        self._barb_edges = np.concatenate(
-            [
-                barb_edges(e.feather.surface, e.feather.surface.points(e.feather.points)) + offset
-                for e, offset in zip(entries, offsets, strict=True)
-            ]
+        sizes = [e.feather.points.shape[:2] for e in entries]
+        _, nodes = _slices([n * size for n, size in sizes])
+        self._terms = _joined(
+            s.row[:, None] * size + s.terms + node
+            for s, (_, size), node in zip(surfaces, sizes, nodes, strict=False)
         )
-        faces, total = len(self._triangles), self.point_slices[-1].stop
-        columns = np.repeat(np.arange(faces), 3)
-        entries_of_ones = (np.ones(3 * faces), (self._triangles.ravel(), columns))
-        self._faces_of_point = csr_array(entries_of_ones, shape=(total, faces))
+        self._weights = np.concatenate([s.weights for s in surfaces])
+        self._shaft_nodes = _joined(
+            np.arange(n) * size + node for (n, size), node in zip(sizes, nodes, strict=False)
+        )
         sections = [np.sqrt(e.feather.width * e.feather.height) for e in entries]
         self.widths = [space.lengths(section) for section in sections]
         # The widest point pads all, as in USD's own computation of the extent of curves.
-        self._half_width = np.array([0.5 * w.max() for w in self.widths], np.float32)[:, None]
+        self._half_width = np.array([0.5 * w.max() for w in self.widths], np.float32)
+        self._scratch = np.zeros((2, len(self._terms), 3))
         points = [np.asarray(e.rest_points) for e in entries]
         self.rest = self.evaluate(points, [np.zeros_like(p) for p in points])
 
-    def evaluate(self, points: Sequence[Array], velocities: Sequence[Array]) -> SurfaceFrame:
-        """A pose from per-feather (n, P, 3) material points and rates; static feathers: at rest."""
-        positions, rates, shafts, shaft_rates = [], [], [], []
-        for entry, given, rate in zip(self._entries, points, velocities, strict=True):
-            pose = entry.rest_points if entry.static else given
-            motion = np.zeros_like(pose) if entry.static else rate
-            positions.append(entry.feather.surface.points(pose))
-            rates.append(entry.feather.surface.points(motion))
-            shafts.append(pose[:, 0])
-            shaft_rates.append(motion[:, 0])
-        return self._frame(*(np.concatenate(a) for a in (positions, rates, shafts, shaft_rates)))
+    @property
+    def bytes_per_sample(self) -> int:
+        """Bytes of one pose of all feathers."""
+        values = (getattr(self.rest, each.name) for each in fields(self.rest))
+        return sum(value.nbytes for value in values if value is not None)
 
-    def _frame(
-        self, points: Array, rates: Array, shafts: Array, shaft_rates: Array
+    def evaluate(
+        self,
+        points: Sequence[Array],
+        velocities: Sequence[Array],
+        accelerations: Sequence[Array] = (),
     ) -> SurfaceFrame:
-        a, b, c = (points[self._triangles[:, k]] for k in range(3))
-        # Area-weighted; a point without faces (calamus) is given the up axis, a unit vector.
-        summed = self._faces_of_point @ np.cross(b - a, c - a)
-        tail, head = self._barb_edges.T
-        turned = self._space.directions
-        moved = self._space.positions
-        written = moved(points).astype(np.float32)
-        shaft = moved(shafts).astype(np.float32)
-        return SurfaceFrame(
-            points=written,
-            normals=turned(_normalised(summed, np.array([0.0, 0.0, 1.0]))).astype(np.float32),
-            velocities=moved(rates).astype(np.float32),
-            barb_direction=turned(
-                _normalised(points[head] - points[tail], np.array([1.0, 0.0, 0.0]))
-            ).astype(np.float32),
-            rachis_points=shaft,
-            rachis_velocities=moved(shaft_rates).astype(np.float32),
-            extent=_extents(written, self._point_starts),
-            rachis_extent=_extents(shaft, self._rachis_starts, self._half_width),
-        )
+        """A pose from per-feather (n, P, 3) material points and rates; static feathers: at rest."""
+        poses, rates = [], []
+        for entry, given, rate in zip(self._entries, points, velocities, strict=True):
+            poses.append(np.reshape(entry.rest_points if entry.static else given, (-1, 3)))
+            rates.append(np.zeros_like(poses[-1]) if entry.static else np.reshape(rate, (-1, 3)))
+        frame = self._frame(np.concatenate(poses), np.concatenate(rates))
+        return self._with_accelerations(frame, accelerations) if len(accelerations) else frame
 
-    def moved(self, frame: SurfaceFrame) -> NDArray[np.bool_]:
-        """(N,) whether a feather, as written, differs from its rest pose or has a velocity."""
-        surface = (frame.points != self.rest.points) | (frame.velocities != 0)
-        shaft = (frame.rachis_points != self.rest.rachis_points) | (frame.rachis_velocities != 0)
-        return np.logical_or.reduceat(
-            surface.any(axis=1), self._point_starts
-        ) | np.logical_or.reduceat(shaft.any(axis=1), self._rachis_starts)
+    def _with_accelerations(self, frame: SurfaceFrame, given: Sequence[Array]) -> SurfaceFrame:
+        rates = np.concatenate([np.reshape(each, (-1, 3)) for each in given])
+        space, surface = self._space, np.empty_like(frame.velocities)
+        quarter, scale = space.up_axis == "Y", 1.0 / space.meters_per_unit
+        surface_kernels.combine(
+            rates, self._terms, self._weights, scale, quarter, self._scratch[0], surface
+        )
+        shaft = space.positions(rates[self._shaft_nodes]).astype(np.float32)
+        return replace(frame, accelerations=surface, rachis_accelerations=shaft)
+
+    def _frame(self, material: Array, rates: Array) -> SurfaceFrame:
+        space, (world, scratch) = self._space, self._scratch
+        quarter, scale = space.up_axis == "Y", 1.0 / space.meters_per_unit
+        count = len(world)
+        shaft = space.positions(material[self._shaft_nodes]).astype(np.float32)
+        frame = SurfaceFrame(
+            points=np.empty((count, 3), np.float32),
+            normals=np.empty((count, 3), np.float32),
+            velocities=np.empty((count, 3), np.float32),
+            barb_direction=np.empty((len(self._barb_edges), 3), np.float32),
+            rachis_points=shaft,
+            rachis_velocities=space.positions(rates[self._shaft_nodes]).astype(np.float32),
+            extent=np.empty((len(self._entries), 2, 3), np.float32),
+            rachis_extent=np.empty((len(self._entries), 2, 3), np.float32),
+        )
+        kernels, weights = surface_kernels, self._weights
+        kernels.combine(rates, self._terms, weights, scale, quarter, world, frame.velocities)
+        kernels.combine(material, self._terms, weights, scale, quarter, world, frame.points)
+        kernels.vertex_normals(world, self._triangles, quarter, scratch, frame.normals)
+        kernels.edge_directions(world, self._barb_edges, quarter, frame.barb_direction)
+        unpadded = np.zeros_like(self._half_width)
+        kernels.extents(frame.points, self._point_starts, unpadded, frame.extent)
+        kernels.extents(shaft, self._rachis_starts, self._half_width, frame.rachis_extent)
+        return frame
+
+    def changed(
+        self, frame: SurfaceFrame, reference: SurfaceFrame, seconds: float
+    ) -> NDArray[np.bool_]:
+        """(N,) whether a feather, as written, differs from a reference pose, or is on its way.
+
+        seconds: to the next sample. A velocity that until then carries no point farther than its
+        rounding, at the feather's greatest coordinate, does not count.
+        """
+        slow = _ROUNDING * np.abs(frame.extent).max(axis=(1, 2)) / seconds
+        result = np.zeros(len(self._entries), dtype=np.bool_)
+        for name, starts in (("", self._point_starts), ("rachis_", self._rachis_starts)):
+            points, rates = (getattr(frame, name + what) for what in ("points", "velocities"))
+            before = getattr(reference, f"{name}points")
+            surface_kernels.changed(points, rates, before, starts, slow, result)
+        return result
 
     def not_finite(self, frame: SurfaceFrame) -> NDArray[np.bool_]:
         """(N,) whether a feather, as written, has a value that is not finite."""
         surface = ~(np.isfinite(frame.points) & np.isfinite(frame.velocities)).all(axis=1)
-        return np.logical_or.reduceat(surface, self._point_starts)
+        return np.logical_or.reduceat(surface, self._point_starts[:-1])
 
 
 def _slices(counts: Sequence[int]) -> tuple[list[slice], Indices]:
-    ends = np.cumsum(counts)
-    starts = ends - np.asarray(counts)
-    return [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)], starts
+    """Slices of runs that follow each other, and (N + 1,) where each starts."""
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    return [slice(int(a), int(b)) for a, b in pairwise(starts)], starts
 
 
-def _extents(points: Floats, starts: Indices, padding: Floats | float = 0.0) -> Floats:
-    """(N, 2, 3) least and greatest corner of each feather."""
-    low = np.minimum.reduceat(points, starts, axis=0) - padding
-    return np.stack([low, np.maximum.reduceat(points, starts, axis=0) + padding], axis=1)
+def _joined(parts: Iterable[Indices]) -> NDArray[np.int32]:
+    """All parts in one array, as the 32-bit numbers that USD has for points, too."""
+    return np.concatenate([part.astype(np.int32) for part in parts])

@@ -27,6 +27,7 @@ class FeatherEntry:
         (layout in featherfx/feather/types.py).
     root: where the feather sits on a skin, written as primvars.
     static: promise that the feather never leaves rest_points; its frames are not looked at.
+    name: of the prim; empty: made from the id.
     """
 
     id: str
@@ -36,3 +37,4 @@ class FeatherEntry:
     rest_points: Array
     static: bool = False
     root: SkinRoot | None = None
+    name: str = ""

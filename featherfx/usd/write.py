@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -12,15 +13,17 @@ import numpy as np
 from pxr import Usd
 
 from featherfx.errors import Problem, SimulationError
-from featherfx.shot.types import Frame
-from featherfx.usd.atomic import publish
+from featherfx.shot.types import Frame, sample_number
+from featherfx.usd.assemble import assemble
+from featherfx.usd.chunk import ChunkWriter
 from featherfx.usd.curves import define_rachis
-from featherfx.usd.layout import finish_layers, new_layers
+from featherfx.usd.layout import new_layers
 from featherfx.usd.material import define_materials
 from featherfx.usd.mesh import define_mesh
 from featherfx.usd.names import prim_name, unique_prim_names
-from featherfx.usd.output import check_output
-from featherfx.usd.samples import SampleWriter
+from featherfx.usd.output import check_output, chosen_layout, parts_folder
+from featherfx.usd.parts import Parts
+from featherfx.usd.samples import AnimatedPrims
 from featherfx.usd.space import UP_AXES, StageSpace
 from featherfx.usd.stage import (
     FEATHERS,
@@ -33,6 +36,10 @@ from featherfx.usd.stage import (
 from featherfx.usd.surfaces import SurfaceFrame, SurfaceSet
 from featherfx.usd.types import FeatherEntry, OutputError
 
+CHUNK_FRAMES = 24
+# A chunk is held in memory; large ones get fewer frames, but never less than one.
+CHUNK_BYTES = 64_000_000
+
 
 class CacheWriter:
     """Writes feathers, and frames of them, to USD; a context manager.
@@ -44,12 +51,20 @@ class CacheWriter:
     path: .usd, .usdc or .usda. feathers: at least one, unique ids. frames: first and last frame,
     None for a rest pose without time. frames_per_second: also the time codes per second.
     meters_per_unit: m, and up_axis: "Y" or "Z": points, velocities and widths are converted.
-    layout: "flat", one file, or "payload", a root file with a payload and an animation beside
-    it. metadata: plain values, kept as custom data of the root layer.
+    layout: "flat", "payload" or "clips" (featherfx/usd/layout.py), or "auto". chunk: frames that
+    are held in memory, then written to a file of their own; fewer where they exceed CHUNK_BYTES.
+    subframes: samples a frame. accelerations: whether frames have them and they are written.
+    root: name of the root prim, by default the file's. metadata: plain values, kept with the
+    layout as custom data of the root layer.
 
-    Nothing is on disk before the block ends. Leaving it normally writes and publishes all files;
-    leaving it by an exception leaves the folder as it was. Raises OutputError (every problem at
-    once) where the arguments are wrong, the output cannot be written or frames are missing.
+    settings: texts of all that the frames depend on. Where given, finished chunks stay on disk
+    when the block is left by an exception, or the process by a kill, and a writer with equal
+    settings and resume continues after them: `samples_done` tells how many samples there are,
+    `state` the file that was written with the last (None: nothing to continue from).
+
+    The cache appears complete when the block ends normally; until then, and after an exception,
+    its files are as before. Raises OutputError (every problem at once) where the arguments are
+    wrong, the output cannot be written or frames are missing.
     """
 
     def __init__(
@@ -63,21 +78,46 @@ class CacheWriter:
         up_axis: str = "Z",
         layout: str = "flat",
         overwrite: bool = False,
+        chunk: int = CHUNK_FRAMES,
+        subframes: int = 1,
+        accelerations: bool = False,
+        root: str = "",
         metadata: Mapping[str, Any] | None = None,
+        settings: Mapping[str, str] | None = None,
+        resume: bool = False,
     ) -> None:
         self._path = check_output(path, overwrite, layout)
-        _check_arguments(self._path, feathers, frames, frames_per_second, meters_per_unit, up_axis)
+        values = {
+            "frames_per_second": frames_per_second,
+            "meters_per_unit": meters_per_unit,
+            "chunk": chunk,
+            "subframes": subframes,
+        }
+        _check_arguments(self._path, feathers, frames, values, up_axis)
         space = StageSpace(meters_per_unit, up_axis)
         self._info = StageInfo(
-            prim_name(self._path.stem), space, frames, frames_per_second, dict(metadata or {})
+            prim_name(root or self._path.stem), space, frames, frames_per_second, {}
         )
-        self._feathers = tuple(feathers)
+        self._feathers, self._subframes = tuple(feathers), subframes
+        self._accelerations = accelerations
         self._surfaces = SurfaceSet(self._feathers, space)
         self._check_finite(self._surfaces.rest, 0.0)
-        self._bounds = self._bounds_of(self._surfaces.rest)
-        self._next = frames[0] if frames else 0
+        self._static = [entry.static for entry in self._feathers]
+        bytes_in_all = self._surfaces.bytes_per_sample * self._samples
+        layout = chosen_layout(layout, bytes_in_all)
+        self._info = replace(self._info, metadata={**(metadata or {}), "layout": layout})
         self._layers = new_layers(self._info, layout)
-        self._samples = self._define_prims()
+        self._prims = self._define_prims()
+        self._resumable = settings is not None
+        self._parts: Parts | None = None
+        if frames is not None:
+            folder = parts_folder(self._path, self._layers.layout)
+            self._parts = Parts(folder, settings or self._settings_of_stage(chunk), resume)
+            step = 1.0 / (frames_per_second * subframes)
+            self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
+            most = CHUNK_BYTES // (subframes * self._surfaces.bytes_per_sample)
+            self._chunk_size = max(1, min(chunk, most)) * subframes
+        self._next = self.samples_done
 
     def __enter__(self) -> CacheWriter:
         return self
@@ -88,34 +128,77 @@ class CacheWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is None:
-            self._finish()
+        complete = False
+        try:
+            if kind is None:
+                self._finish()
+                complete = True
+        finally:
+            if not complete and self._parts:
+                if self._resumable and self._parts.records:
+                    self._parts.close()
+                else:
+                    self._parts.discard()
 
-    def write(self, frame: Frame) -> None:
-        """Add the next frame: numbers count up by one from the first.
+    @property
+    def samples_done(self) -> int:
+        """Samples that are safely on disk, from the first on."""
+        records = self._parts.records if self._parts else []
+        return sum(len(record.codes) for record in records)
 
-        Raises SimulationError if a value is not finite, ValueError for a frame out of turn or of
-        other feathers.
+    @property
+    def state(self) -> Path | None:
+        """File that was saved with the last finished chunk."""
+        if not (self._parts and self._parts.records):
+            return None
+        return self._parts.state(len(self._parts.records) - 1)
+
+    def write(self, frame: Frame, save: Callable[[Path], object] | None = None) -> None:
+        """Add the next sample: numbers count up by one, or one by subframes, from the first.
+
+        save: writes to a path what a resumed bake needs to go on after this frame; called where
+        a chunk ends. Raises SimulationError if a value is not finite, ValueError for a frame out
+        of turn or of other feathers.
         """
         frames = self._info.frames
-        if frames is None or frame.number != self._next or frame.number > frames[1]:
-            raise ValueError(f"frame {frame.number} is out of turn; the cache holds {frames}")
+        if frames is None or self._next == self._samples or frame.number != self._code:
+            raise ValueError(f"frame {frame.number:g} is out of turn; the cache holds {frames}")
         if len(frame.points) != len(self._feathers):
             raise ValueError(f"{len(frame.points)} feathers given, not {len(self._feathers)}")
-        pose = self._surfaces.evaluate(frame.points, frame.velocities)
+        second = frame.accelerations if self._accelerations else ()
+        pose = self._surfaces.evaluate(frame.points, frame.velocities, second)
         self._check_finite(pose, frame.time)
-        self._samples.write(float(frame.number), pose)
-        low, high = self._bounds_of(pose)
-        self._bounds = np.minimum(self._bounds[0], low), np.maximum(self._bounds[1], high)
+        self._chunk.add(float(frame.number), pose)
         self._next += 1
+        if self._chunk.count == self._chunk_size or self._next == self._samples:
+            assert self._parts is not None
+            record = self._chunk.write(self._parts.chunk(len(self._parts.records)))
+            self._parts.commit(record, save)
 
-    def _define_prims(self) -> SampleWriter:
+    @property
+    def _samples(self) -> int:
+        frames = self._info.frames
+        return (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
+
+    @property
+    def _code(self) -> float:
+        """Time code of the next sample."""
+        assert self._info.frames is not None
+        return sample_number(self._info.frames[0], self._next, self._subframes)
+
+    def _settings_of_stage(self, chunk: int) -> dict[str, str]:
+        """What tells one cache without settings from another of the same name."""
+        space, info = self._info.space, self._info
+        values = (space, info.frames, info.frames_per_second, info.metadata, self._subframes, chunk)
+        return {"stage": repr(values)}
+
+    def _define_prims(self) -> AnimatedPrims:
         info, surfaces = self._info, self._surfaces
         stage = Usd.Stage.Open(self._layers.topology)
         define_root(stage, info)
         define_scopes(stage, info)
         materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
-        names = unique_prim_names([entry.id for entry in self._feathers])
+        names = unique_prim_names([entry.name or entry.id for entry in self._feathers])
         shafts = unique_prim_names([f"{name}_rachis" for name in names])
         meshes = [info.root_path.AppendPath(f"{FEATHERS}/{name}") for name in names]
         rachises = [info.root_path.AppendPath(f"{RACHISES}/{name}") for name in shafts]
@@ -124,33 +207,28 @@ class CacheWriter:
             define_mesh(stage, meshes[k], entry, rest, materials)
             shaft = surfaces.rest.rachis_points[surfaces.rachis_slices[k]]
             define_rachis(stage, rachises[k], entry, shaft, surfaces.widths[k], materials)
-        layers = self._layers
-        return SampleWriter(layers.animation, layers.topology, meshes, rachises, surfaces)
+        return AnimatedPrims(meshes, rachises, surfaces, self._accelerations)
 
     def _finish(self) -> None:
         frames = self._info.frames
-        if frames is not None and self._next <= frames[1]:
-            message = f"not written: frames {self._next} to {frames[1]} never came"
+        if frames is not None and self._next < self._samples:
+            message = f"not written: frames {self._code:g} to {frames[1]} never came"
             raise OutputError(Problem(str(self._path), "frames", message))
-        self._samples.finish()
-        publish(finish_layers(self._layers, self._info, self._path, self._bounds))
+        assemble(self._layers, self._info, self._prims, self._static, self._path, self._parts)
+        if self._parts:
+            self._parts.finish(keep_chunks=self._layers.layout == "clips")
 
     def _check_finite(self, frame: SurfaceFrame, time: float) -> None:
         for index in np.flatnonzero(self._surfaces.not_finite(frame)):
             reason = "a position or velocity is not finite, or too large for single precision"
             raise SimulationError(self._feathers[index].id, time, reason)
 
-    @staticmethod
-    def _bounds_of(frame: SurfaceFrame) -> tuple[Any, Any]:
-        return frame.extent[:, 0].min(axis=0), frame.extent[:, 1].max(axis=0)
-
 
 def _check_arguments(
     path: Path,
     feathers: Sequence[FeatherEntry],
     frames: tuple[int, int] | None,
-    frames_per_second: float,
-    meters_per_unit: float,
+    values: Mapping[str, float],
     up_axis: str,
 ) -> None:
     wrong: list[tuple[str, str]] = []
@@ -167,10 +245,7 @@ def _check_arguments(
             wrong.append(("feathers", f"'{entry.id}': rest points {shape}, not {expected}"))
     if frames is not None and frames[0] > frames[1]:
         wrong.append(("frames", f"first frame {frames[0]} is after the last, {frames[1]}"))
-    for key, value in (
-        ("frames_per_second", frames_per_second),
-        ("meters_per_unit", meters_per_unit),
-    ):
+    for key, value in values.items():
         if not (math.isfinite(value) and value > 0):
             wrong.append((key, f"{value} is not a finite number above 0"))
     if up_axis not in UP_AXES:

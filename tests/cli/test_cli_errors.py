@@ -70,7 +70,7 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
         (["bake", "s.toml", "--jobs", "0"], "x>=1"),
         (["bake", "s.toml", "--meters-per-unit", "0"], "x>0"),
         (["bake", "s.toml", "--up-axis", "X"], "is not one of"),
-        (["bake", "s.toml", "--layout", "clips"], "is not one of"),
+        (["bake", "s.toml", "--layout", "clip"], "is not one of"),
         (["bake", "s.toml", "--presets", "no/such/folder"], "does not exist"),
         (["groom", "g.toml"], "Missing option '-o'"),
         (["check"], "Missing argument 'FILE...'"),
@@ -99,7 +99,7 @@ def test_options_reach_the_bake(monkeypatch):
     result = run("bake", "s.toml", "--frames", "-3-12", "--jobs", "2", "--up-axis", "y")
     assert result.exit_code == 0, result.stderr
     assert (seen["shot"], seen["frames"], seen["jobs"]) == ("s.toml", (-3, 12), 2)
-    assert (seen["up_axis"], seen["meters_per_unit"], seen["layout"]) == ("Y", 1.0, "flat")
+    assert (seen["up_axis"], seen["meters_per_unit"], seen["layout"]) == ("Y", 1.0, "auto")
     assert seen["output"] is None
     assert result.stderr == "frames: 0 of 2\nframes: 2 of 2\n3 feathers, 2 frames in 1.2 s\n"
 

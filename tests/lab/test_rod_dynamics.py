@@ -23,21 +23,35 @@ def run(solver, state, loads, step, count):
     for _ in range(count):
         state, report = solver.step(state, loads, path, step)
         raise_if_failed(report.status, state.time, ["rod"])
-        assert report.steps[0] == 1 and report.fallbacks[0] == 0
+        assert (report.steps[0], report.fallbacks[0]) == (1, 0)
         states.append(state)
     return states
 
 
 def fixed(model, radius):
-    return Solver(model, Settings(UNLIMITED, newton=1e-11, radius=radius))
+    newton = 1e-9 * model.length.sum()
+    return Solver(model, Settings(UNLIMITED, newton=newton, radius=radius))
 
 
-def plucked(rod, force):
-    """Model and state of a rod at rest under a tip force that has just gone."""
+def plucked(rod, direction, height):
+    """Model and state of a rod at rest, bent nearly as its first mode by forces just gone.
+
+    Forces follow mass times deflection, inverse iteration, scaled to the tip's height (m).
+    """
     model = rod_model(rod)
-    loads = rod_loads(rod, force)
-    state, status, _ = Solver(model, Settings(newton=1e-12)).equilibrium(clamped(model), loads)
-    assert status[0] == 0
+    solver = Solver(model, Settings(newton=1e-9 * rod.length))
+    loads = rod_loads(rod)
+    shape = np.linspace(0.0, 1.0, rod.segments + 1) ** 2
+    # of a uniform rod under end force: a start for the size
+    scale = 3.0 * height * rod.ei / rod.length**3 / np.sum(model.mass[0, :, 0] * shape)
+    for _ in range(5):
+        force = scale * model.mass[0, :, 0] * shape
+        loads.force[0, :, 0] = force[:, None] * np.asarray(direction)
+        state, status, _ = solver.equilibrium(clamped(model), loads)
+        assert status[0] == 0
+        found = state.centre[0] @ np.asarray(direction)
+        shape = found / found[-1]
+        scale *= height / found[-1]
     return model, state
 
 
@@ -49,7 +63,8 @@ def test_released_rod_against_a_chain_of_links():
     swing = release(ROD, 1.5, 1e-5, samples=30)
     error = np.linalg.norm(swing.tip[:, [0, 2]] - expected, axis=1)
     lowest = expected[:, 1].argmin()
-    assert expected[lowest, 1] < -0.8 and 5 < lowest < 25
+    assert expected[lowest, 1] < -0.8
+    assert 5 < lowest < 25
     assert error.max() < 0.01
     assert swing.energy == pytest.approx(0.0, abs=5e-3 * 5.0)
 
@@ -64,14 +79,23 @@ def test_rows_and_tolerance_of_a_released_rod_converge():
 
 @pytest.mark.parametrize("radius", [0.0, 0.8, 1.0])
 def test_second_order_in_time(radius):
-    """A moderate swing at fixed steps against steps 16 times smaller."""
+    """A root that starts smoothly from rest, at fixed steps against steps 8 times smaller."""
     rod = Rod(1.0, 1.0, line_mass=1.0, segments=10)
-    model, start = plucked(rod, (0.0, 0.3, -0.5))
-    solver = fixed(model, radius)
-    loads = no_loads(1)
+    model = rod_model(rod)
+    solver, start, loads = fixed(model, radius), clamped(model), no_loads(1)
+
+    def root(time):
+        return np.array([0.0, 0.01, 0.02]) * (1.0 - np.cos(2.0 * np.pi * time)) ** 2
 
     def end(count):
-        return run(solver, start, loads, 0.8 / count, count)[-1].centre[0]
+        state = start
+        for k in range(count):
+            path = hold_roots(start)
+            samples = np.zeros((1, 5, 6))
+            samples[0, :, :3] = [root((k + share) / count) for share in np.linspace(0, 1, 5)]
+            state, report = solver.step(state, loads, path._replace(samples=samples), 1.0 / count)
+            assert (report.status[0], report.steps[0], report.fallbacks[0]) == (0, 1, 0)
+        return state.centre[0]
 
     reference = end(2560)
     errors = np.array([np.abs(end(n) - reference).max() for n in (80, 160, 320)])
@@ -83,7 +107,7 @@ def test_second_order_in_time(radius):
 @pytest.mark.parametrize("taper", [0.0, 0.6])
 def test_logarithmic_decrement_is_pi_times_the_loss_factor(loss, taper):
     rod = Rod(0.3, ei=2e-3, line_mass=0.01, taper=taper, segments=20)
-    model, start = plucked(rod, (0.0, 0.0, 1e-4))
+    model, start = plucked(rod, (0.0, 0.0, 1.0), 1e-3)
     model = damped(model, loss)
     period = 2.0 * np.pi / first_frequency(model, 0)
     states = run(fixed(model, 0.8), start, no_loads(1), period / 200.0, 200 * 6)
@@ -93,29 +117,38 @@ def test_logarithmic_decrement_is_pi_times_the_loss_factor(loss, taper):
     # parabola through a peak and its neighbours
     low, top, high = height[peak - 1], height[peak], height[peak + 1]
     top = top + (high - low) ** 2 / (8.0 * (2.0 * top - low - high))
-    # the first peak still has the higher modes of the pluck
-    decrements = -np.diff(np.log(top[1:]))
-    assert len(decrements) >= 3
+    decrements = -np.diff(np.log(top))
+    assert len(decrements) >= 4
     assert decrements == pytest.approx(np.pi * loss, rel=0.05)
 
 
 def energies(radius, steps_per_period, periods):
     rod = Rod(0.3, ei=2e-3, line_mass=0.01, segments=10)
-    model, start = plucked(rod, (0.0, 0.005, 0.01))
+    model, start = plucked(rod, (0.0, 0.6, 0.8), 0.05)
     period = 2.0 * np.pi / first_frequency(model, 0)
     count = steps_per_period * periods
-    states = run(fixed(model, radius), start, no_loads(1), period / steps_per_period, count)
+    solver = fixed(model, radius)
+    # the first step of a state is implicit Euler's; a tiny one costs no energy
+    start = run(solver, start, no_loads(1), 1e-4 * period, 1)[-1]
+    start.proposal[:] = 0.0
+    states = run(solver, start, no_loads(1), period / steps_per_period, count)
     return np.array([total_energy(model, no_loads(1), state) for state in states])
 
 
-def test_energy_drifts_little_in_100_periods_with_the_conservative_setting():
-    energy = energies(1.0, 40, 100)
+def test_energy_drifts_little_in_100_periods_with_little_numerical_damping():
+    """Spectral radius 0.9: what is damped are the stretching modes, not the swing. The undamped
+    radius 1 is no setting for nearly inextensible rods: docs/lab.md."""
+    energy = energies(0.9, 40, 100)
     assert np.abs(energy / energy[0] - 1.0).max() < 0.01
 
 
 def test_energy_never_grows_with_the_damped_setting():
+    """Within a period the sum of velocities and strains at the same step ripples at second order;
+    from period to period, and against the start, nothing is gained."""
     energy = energies(0.0, 40, 30)
-    assert (np.diff(energy) <= 1e-9 * energy[0]).all()
+    assert energy.max() < 1.001 * energy[0]
+    highest = energy[1:].reshape(30, 40).max(axis=1)
+    assert (np.diff(highest) < 0.0).all()
     assert energy[-1] < 0.99 * energy[0]
 
 
@@ -130,7 +163,7 @@ def momenta(model, state):
 def test_free_flight_conserves_linear_and_angular_momentum():
     """A bent rod let go while it flies and spins: it tumbles, straightens and rings."""
     rod = Rod(0.3, ei=2e-3, line_mass=0.01, segments=12)
-    model, start = plucked(rod, (0.0, 0.02, 0.03))
+    model, start = plucked(rod, (0.0, 0.6, 0.8), 0.15)
     model = model._replace(held=np.zeros(1, dtype=np.bool_))
     spin, flight = np.array([2.0, 5.0, -3.0]), np.array([1.0, -2.0, 0.5])
     state = start.copy()
@@ -138,7 +171,7 @@ def test_free_flight_conserves_linear_and_angular_momentum():
     state.velocity[:, :, 0] += flight
     state.spin[:] = spin
     before = momenta(model, state)
-    states = run(fixed(model, 1.0), state, no_loads(1), 5e-4, 800)
+    states = run(fixed(model, 0.9), state, no_loads(1), 5e-4, 800)
     bent = [np.linalg.norm(each.centre[0, -1] - each.centre[0, 0]) for each in states]
     assert np.ptp(bent) > 0.01 * rod.length
     for each in states[::40]:
@@ -150,7 +183,7 @@ def test_free_flight_conserves_linear_and_angular_momentum():
 def test_bent_rod_rings_at_its_first_frequency():
     """Period of a small swing against the modes' own linear answer."""
     rod = Rod(0.3, ei=2e-3, line_mass=0.01, segments=20)
-    model, start = plucked(rod, (0.0, 0.0, 1e-4))
+    model, start = plucked(rod, (0.0, 0.0, 1.0), 1e-3)
     period = 2.0 * np.pi / first_frequency(model, 0)
     states = run(fixed(model, 0.8), start, no_loads(1), period / 200.0, 1200)
     height = np.array([state.centre[0, -1, 2] for state in states])

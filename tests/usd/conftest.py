@@ -18,13 +18,21 @@ def caches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     from featherfx.usd.write import CacheWriter
 
     folder = tmp_path_factory.mktemp("caches")
-    made = {"usda": "flat", "usdc": "flat", "usd": "flat", "payload": "payload"}
+    made = {
+        "usda": "flat", "usdc": "flat", "usd": "flat", "payload": "payload", "clips": "clips",
+    }  # fmt: skip
     paths = {}
     for name, layout in made.items():
-        suffix = "usda" if name == "payload" else name
+        suffix = "usda" if name in ("payload", "clips") else name
         paths[name] = folder / f"{name}.{suffix}"
         with CacheWriter(
-            paths[name], feathers.entries(), (1, 5), 24.0, layout=layout, metadata={"shot": "s"}
+            paths[name],
+            feathers.entries(),
+            (1, 5),
+            24.0,
+            layout=layout,
+            chunk=2,
+            metadata={"shot": "s"},
         ) as writer:
             for number in range(1, 6):
                 writer.write(feathers.frame(number))

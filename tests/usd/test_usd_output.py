@@ -69,7 +69,7 @@ def test_overwriting_replaces_everything(tmp_path):
     assert all(first[name] != second[name] for name in first)
 
 
-@pytest.mark.parametrize("failing", [0, 1, 2])
+@pytest.mark.parametrize("failing", range(6))  # settings, chunk, record; then the three files
 @pytest.mark.parametrize("existing", [True, False])
 def test_a_failed_rename_restores_all_files(tmp_path, monkeypatch, failing, existing):
     if existing:
@@ -131,7 +131,7 @@ def test_an_error_of_export_is_one_message(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(atomic, "_flush", fail)
-    with pytest.raises(OutputError, match=r"out\.usda: not written .No space left on device"):
+    with pytest.raises(OutputError, match=r"0000\.usdc: not written .No space left on device"):
         bake(tmp_path / "out.usda")
     assert contents(tmp_path) == {}
 

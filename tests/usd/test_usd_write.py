@@ -9,15 +9,16 @@ import sys
 import feathers
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom, UsdShade
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
-from featherfx.errors import SimulationError
+from featherfx.errors import InputError, SimulationError
+from featherfx.shot.types import Frame
 from featherfx.usd.names import unique_prim_names
 from featherfx.usd.read import Cache
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write import CacheWriter
 
-KINDS = ("usda", "usdc", "usd", "payload")
+KINDS = ("usda", "usdc", "usd", "payload", "clips")
 DUMP = """
 import json, sys
 import numpy as np
@@ -72,18 +73,26 @@ def test_another_process_reads_every_frame_and_subframes(caches, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_stage_metadata_in_every_layer(caches, kind):
     stage = Usd.Stage.Open(str(caches[kind]))
-    layers = [layer for layer in stage.GetUsedLayers() if not layer.anonymous]
-    assert len(layers) == (3 if kind == "payload" else 1)
+    layers = {layer for layer in stage.GetUsedLayers() if not layer.anonymous}
+    layers |= {
+        Sdf.Layer.FindOrOpen(str(f)) for f in caches[kind].parent.glob(f"{kind}.clips/*/*.usdc")
+    }
+    # clips: root, payload, manifest and three chunks
+    assert len(layers) == {"payload": 3, "clips": 6}.get(kind, 1)
     for layer in layers:
         assert layer.pseudoRoot.GetInfo("metersPerUnit") == 1.0
         assert layer.pseudoRoot.GetInfo("upAxis") == "Z"
-        assert (layer.startTimeCode, layer.endTimeCode) == (1.0, 5.0)
+        whole = layer.realPath.endswith("manifest.usdc") or ".clips" not in layer.realPath
+        codes = [(1.0, 5.0)] if whole else [(1.0, 2.0), (3.0, 4.0), (5.0, 5.0)]
+        assert (layer.startTimeCode, layer.endTimeCode) in codes
         assert layer.timeCodesPerSecond == layer.framesPerSecond == 24.0
         assert layer.defaultPrim == kind
     root = stage.GetDefaultPrim()
     assert Usd.ModelAPI(root).GetKind() == "component"
     assert [p.GetName() for p in stage.GetPseudoRoot().GetChildren()] == [kind]
-    assert stage.GetRootLayer().customLayerData == {"featherfx": {"shot": "s"}}
+    assert stage.GetRootLayer().customLayerData == {
+        "featherfx": {"shot": "s", "layout": kind if kind in ("payload", "clips") else "flat"}
+    }
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -112,6 +121,61 @@ def test_default_value_is_the_rest_pose(caches, kind):
         labels = (entry.id, entry.kind, entry.region)
         found = cache.feathers[index]
         assert (found.id, found.kind, found.region) == labels
+
+
+@pytest.mark.parametrize("kind", ["flat", "payload", "clips"])
+def test_one_other_pose_throughout_needs_no_samples(tmp_path, kind):
+    """Settled feathers: not at rest, yet still. One starts to move in the third chunk only."""
+    path = tmp_path / "settled.usdc"
+    with CacheWriter(path, feathers.entries(), (1, 6), layout=kind, chunk=2) as writer:
+        for number in range(1, 7):
+            points = list(feathers.frame(5).points)
+            velocities = [np.full_like(p, 1e-9) for p in points]
+            points[1] = feathers.placed((0, 0.1, 0), 0.05 * max(0, number - 4))
+            writer.write(Frame(number, 0.0, tuple(points), tuple(velocities)))
+    stage = Usd.Stage.Open(str(path))
+    names = ("primary_1", "primary_1_2")
+    still, late = (UsdGeom.Mesh.Get(stage, f"/settled/feathers/{name}") for name in names)
+    assert not any(a.GetNumTimeSamples() for a in still.GetPrim().GetAttributes())
+    pose = feathers.surface().points(feathers.frame(5).points[0])
+    rest = feathers.surface().points(feathers.entries()[0].rest_points)
+    for code in (Usd.TimeCode.Default(), 1, 3.5, 6):
+        np.testing.assert_allclose(still.GetPointsAttr().Get(code), pose, atol=1e-8)
+    np.testing.assert_allclose(still.GetPrim().GetAttribute("primvars:rest").Get(), rest, atol=1e-8)
+    assert late.GetPointsAttr().GetTimeSamples() == [1, 2, 3, 4, 5, 6]
+    moved = feathers.surface().points(feathers.placed((0, 0.1, 0), 0.05))
+    np.testing.assert_allclose(late.GetPointsAttr().Get(5), moved, atol=1e-8)
+    at_rest = feathers.surface().points(feathers.placed((0, 0.1, 0)))
+    np.testing.assert_allclose(late.GetPointsAttr().Get(3.5), at_rest, atol=1e-8)
+
+
+def test_a_chunk_that_changes_before_the_root_is_written_stops_it(tmp_path):
+    path = tmp_path / "out.usda"
+    writer = CacheWriter(path, feathers.entries(), (1, 4), layout="clips", chunk=2)
+    for number in range(1, 5):
+        writer.write(feathers.frame(number))
+    next(tmp_path.rglob("0001.usdc")).write_bytes(b"PXR-USDC")
+    with pytest.raises(InputError, match=r"0001\.usdc: is not the chunk that was written"), writer:
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_memory_holds_one_chunk_whatever_the_number_of_frames(tmp_path):
+    """Clips: the samples in memory never exceed those of a chunk."""
+    most = 0
+    with CacheWriter(
+        tmp_path / "a.usda", feathers.entries(), (1, 40), layout="clips", chunk=4
+    ) as writer:
+        for number in range(1, 41):
+            writer.write(feathers.frame(number))
+            held = [
+                layer
+                for layer in Sdf.Layer.GetLoadedLayers()
+                if layer.GetAttributeAtPath("/a/feathers/primary_1.points")
+            ]
+            most = max([most, *(len(layer.ListAllTimeSamples()) for layer in held)])
+    assert most == 3  # the fourth completes the chunk, which is written and forgotten
+    assert len(Cache(tmp_path / "a.usda").pose(0, 33.0).points)
 
 
 def test_subsets_cover_the_mesh_and_carry_materials(caches):

@@ -1,0 +1,177 @@
+"""What a bake is about to do: options, inputs, and all that can be wrong with them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict
+
+from featherfx import __version__
+from featherfx.api import read_quality, read_shot
+from featherfx.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from featherfx.shot.types import Shot
+
+
+class StageOptions(TypedDict, total=False):
+    """How a USD stage is written; the defaults are what is simulated.
+
+    meters_per_unit: m, default 1. up_axis: "Y" or "Z", default "Z". layout: "flat", "payload",
+    "clips", or "auto" (default), which takes flat for small caches and clips for large ones.
+    overwrite: whether an output that exists is replaced, default False.
+    """
+
+    meters_per_unit: float
+    up_axis: str
+    layout: str
+    overwrite: bool
+
+
+class SampleOptions(TypedDict, total=False):
+    """Which samples are written, and how.
+
+    chunk: frames that go to a file of their own when they are done, default 24. subframes:
+    samples a frame, default 1; those between two frames stand at fractional time codes.
+    accelerations: whether they are written beside the velocities, default False.
+    """
+
+    chunk: int
+    subframes: int
+    accelerations: bool
+
+
+class BakeOptions(StageOptions, SampleOptions, total=False):
+    """All options of the writer."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A bake that can start: shot (reduced to its part of the feathers), output, frames, settings.
+
+    names: prim name per feather. root: name of the root prim. part: (i, n) of --feathers.
+    """
+
+    shot: Shot
+    path: Path
+    frames: tuple[int, int]
+    settings: dict[str, str]
+    names: Sequence[str]
+    root: str
+    finished: bool
+
+
+def prepare(
+    shot_path: str | Path,
+    output: str | Path | None,
+    frames: tuple[int, int] | None,
+    quality: str | None,
+    folders: Sequence[str | Path],
+    report: str | Path | None,
+    resume: bool,
+    feathers: tuple[int, int] | None,
+    options: BakeOptions,
+) -> Task:
+    """The bake to do, after all that can be known to be wrong."""
+    from featherfx.shot.share import share_of
+    from featherfx.usd.names import prim_name, unique_prim_names
+    from featherfx.usd.output import check_output
+    from featherfx.usd.resume import is_finished
+
+    overwrite, layout = options.get("overwrite", False), options.get("layout", "auto")
+
+    def checked(path: str | Path) -> Path:
+        own = part_path(Path(path), feathers) if feathers else path
+        return check_output(own, overwrite or resume, layout)
+
+    shot, chosen, path, _ = all_of(
+        lambda: wanted_shot(shot_path, frames, folders),
+        lambda: read_quality(quality, folders) if quality else None,
+        lambda: checked(output) if output is not None else None,
+        lambda: _check_report(report),
+    )
+    whole = Path(output) if output is not None else default_output(shot)
+    path = path or checked(whole)
+    shot = replace(shot, quality=chosen) if chosen else shot
+    frames = frames or (shot.first_frame, shot.last_frame)
+    names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
+    settings = _settings(shot, frames, feathers, options)
+    if feathers:
+        shot, names = share_of(shot, *feathers), names[feathers[0] - 1 :: feathers[1]]
+    finished = resume and is_finished(path, settings, overwrite)
+    return Task(shot, path, frames, settings, names, prim_name(whole.stem), finished)
+
+
+def _settings(
+    shot: Shot,
+    frames: tuple[int, int],
+    feathers: tuple[int, int] | None,
+    options: BakeOptions,
+) -> dict[str, str]:
+    """All that the frames depend on, as texts."""
+    from featherfx.shot.fingerprint import program_digest, shot_settings
+
+    plain = {key: value for key, value in options.items() if key != "overwrite"}
+    return {
+        "version": __version__,
+        "program": program_digest(),
+        "frames": f"{frames[0]}-{frames[1]}",
+        "feathers": "{}/{}".format(*feathers) if feathers else "all",
+        **{key: json.dumps(value) for key, value in sorted(plain.items())},
+        **{f"shot.{key}": text for key, text in shot_settings(shot).items()},
+    }
+
+
+def sample_count(frames: tuple[int, int], options: BakeOptions) -> int:
+    """Samples from the first frame to the last."""
+    return (frames[1] - frames[0]) * options.get("subframes", 1) + 1
+
+
+def part_path(path: Path, feathers: tuple[int, int]) -> Path:
+    """File of one share of the feathers of a cache: wing.usdc gives wing.2of4.usdc."""
+    return path.with_name(f"{path.stem}.{feathers[0]}of{feathers[1]}{path.suffix}")
+
+
+def all_of(*tasks: Callable[[], Any]) -> list[Any]:
+    """Results of all tasks; raises one InputError with the problems of all of them."""
+    results: list[Any] = []
+    problems: list[Problem] = []
+    for task in tasks:
+        try:
+            results.append(task())
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(*dict.fromkeys(problems))
+    return results
+
+
+def default_output(shot: Shot) -> Path:
+    """The shot's name with .usdc, in the current folder."""
+    return Path(re.sub(r"[^\w.-]+", "_", shot.name) + ".usdc")
+
+
+def wanted_shot(
+    shot_path: str | Path, frames: tuple[int, int] | None, folders: Sequence[str | Path]
+) -> Shot:
+    """The shot. Raises InputError for it, its groom, and frames that it does not have."""
+    shot = read_shot(shot_path, folders)
+    if frames and not shot.first_frame <= frames[0] <= frames[1] <= shot.last_frame:
+        allowed = f"allowed {shot.first_frame} to {shot.last_frame}"
+        message = f"{frames[0]}-{frames[1]} is out of range, {allowed}"
+        raise InputError(Problem(str(shot_path), "frames", message))
+    return shot
+
+
+def _check_report(report: str | Path | None) -> None:
+    if report is None:
+        return
+    path = Path(report)
+    if path.is_dir():
+        raise InputError(Problem(str(path), "", "is a folder; give the name of a file"))
+    if not os.access(path.absolute().parent, os.W_OK):
+        raise InputError(Problem(str(path.parent), "", "is no folder that can be written to"))

@@ -1,0 +1,175 @@
+"""The bake, from a shot file to a USD cache; featherfx/pipeline.py offers it to the outside."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+from featherfx import __version__
+from featherfx.api import Folders
+from featherfx.bake_task import BakeOptions, Task, prepare, sample_count
+
+if TYPE_CHECKING:
+    from featherfx.feather.types import Feather
+    from featherfx.groom.types import Groom
+    from featherfx.shot.skin_motion import BoundSkin
+    from featherfx.shot.types import Quality
+    from featherfx.usd.types import FeatherEntry
+
+OnFrame = Callable[[int, int], None]
+NOTHING_DONE = {"mean": 0.0, "max": 0.0}
+
+
+def bake(
+    shot_path: str | Path,
+    output: str | Path | None = None,
+    *,
+    frames: tuple[int, int] | None = None,
+    jobs: int = 1,
+    quality: str | None = None,
+    preset_folders: Folders = (),
+    report: str | Path | None = None,
+    on_frame: OnFrame | None = None,
+    resume: bool = False,
+    feathers: tuple[int, int] | None = None,
+    **options: Unpack[BakeOptions],
+) -> dict[str, Any]:
+    """Simulate a shot, write it to USD and return the report.
+
+    output: .usd, .usdc or .usda; None: the shot's name with .usdc, in the current folder. frames:
+    first and last of those to write, inclusive; the frames before them are still simulated. jobs:
+    threads. quality: name of a preset that replaces the shot's. report: JSON file for the report.
+    on_frame: called with the samples done and their number, at first with those taken over.
+    resume: continue after the chunks that an earlier bake of this shot and these options left;
+    a finished cache is left as it is. feathers: (i, n), the i-th of n shares of the feathers, to
+    the file that part_path names; see join_parts.
+
+    The output and the report appear complete or not at all; after a failure or a kill the chunks
+    that were done stay beside the output for resume. Raises InputError with every problem of
+    shot, groom, presets and outputs before any work, SimulationError where a feather cannot be
+    advanced.
+    """
+    begin = time.perf_counter()
+    notify = on_frame or (lambda done, total: None)
+    folders = tuple(preset_folders)
+    task = prepare(shot_path, output, frames, quality, folders, report, resume, feathers, options)
+    samples = sample_count(task.frames, options)
+    if task.finished:
+        notify(samples, samples)
+        figures: dict[str, Any]
+        done, figures = samples, {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}
+        figures |= {"worst_residual": 0.0, "skipped": {}}
+    else:
+        done, figures = _simulate(task, jobs, resume, samples, notify, options)
+    first, last = task.frames
+    result = {
+        "version": __version__,
+        "shot": task.shot.name,
+        "feathers": len(task.names),
+        "frames": last - first + 1,
+        "samples": samples,
+        "samples_taken_over": done,
+        "wall_seconds": time.perf_counter() - begin,
+        "simulated_seconds": (last - task.shot.first_frame) / task.shot.frames_per_second,
+        "peak_memory_bytes": _peak_memory_bytes(),
+        **figures,
+    }
+    if report is not None:
+        from featherfx.shot.whole_file import write_text
+
+        write_text(Path(report), json.dumps(result, indent=2) + "\n")
+    return result
+
+
+def entries_of(
+    groom: Groom, feathers: Sequence[Feather], static: bool, skin: BoundSkin | None = None
+) -> list[FeatherEntry]:
+    """What the writer takes, for every feather of a groom."""
+    from featherfx.shot.placement import place
+    from featherfx.usd.types import FeatherEntry
+
+    return [
+        FeatherEntry(
+            id=placement.id,
+            kind=placement.kind.name,
+            region=placement.region,
+            feather=feather,
+            rest_points=place(feather.points, placement.position, placement.rotation),
+            static=static,
+            root=None if skin is None else skin.roots[index],
+        )
+        for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
+    ]
+
+
+def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
+    """What a cache tells of where it comes from."""
+    return {"featherfx": __version__, "groom": groom.name, "quality": quality.name}
+
+
+def _simulate(
+    task: Task,
+    jobs: int,
+    resume: bool,
+    samples: int,
+    notify: OnFrame,
+    options: BakeOptions,
+) -> tuple[int, dict[str, Any]]:
+    """Run the frame loop beside the writer; returns the samples taken over and the figures."""
+    from featherfx.feather.build import build_feather
+    from featherfx.shot.background import Background
+    from featherfx.shot.checkpoint import Checkpoint
+    from featherfx.shot.simulate import simulate
+    from featherfx.usd.write import CacheWriter
+
+    shot, quality = task.shot, task.shot.quality
+    built = [
+        build_feather(p.kind, quality.rows, quality.columns, p.mirrored)
+        for p in shot.groom.feathers
+    ]
+    entries = entries_of(shot.groom, built, static=False, skin=shot.skin)
+    entries = [replace(entry, name=name) for entry, name in zip(entries, task.names, strict=True)]
+    writer = CacheWriter(
+        task.path,
+        entries,
+        task.frames,
+        shot.frames_per_second,
+        metadata=metadata_of(shot.groom, quality) | {"shot": shot.name, "settings": task.settings},
+        settings=task.settings,
+        resume=resume,
+        root=task.root,
+        **(options | {"overwrite": True}),
+    )
+    with writer:
+        done = taken_over = writer.samples_done
+        notify(done, samples)
+        start = Checkpoint.load(writer.state) if writer.state else None
+        simulation = simulate(shot, jobs, task.frames, options.get("subframes", 1), start)
+        try:
+            with Background(writer.write) as sink:
+                for frame in simulation if done < samples else ():
+                    sink(frame, simulation.checkpoint().save)
+                    done += 1
+                    notify(done, samples)
+        except KeyboardInterrupt as error:
+            kept = writer.samples_done
+            if kept:
+                message = f"interrupted: {kept} of {samples} samples are kept for --resume"
+                raise KeyboardInterrupt(message) from error
+            raise
+    return taken_over, simulation.report
+
+
+def _peak_memory_bytes() -> int | None:
+    """Largest resident memory of this process so far; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024

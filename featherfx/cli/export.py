@@ -1,0 +1,50 @@
+"""`featherfx export`: a cache in other forms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from featherfx.cli.options import FrameRange, readable_path
+from featherfx.cli.program import Command
+
+
+@click.command(
+    cls=Command,
+    short_help="Write a cache in another form.",
+    epilog="""
+    featherfx export wing.usda -o wing_flat.usdc
+    featherfx export wing.usdc -o wing_condensed.usdc --condensed
+    featherfx export wing.usdc -o look.glb --frames 1-24
+    """,
+)
+@click.argument("cache", type=readable_path())
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="One plain USD file (.usd, .usdc, .usda), or a mesh file per frame (.glb, .obj, .ply,"
+    " .stl).",
+)
+@click.option("--condensed", is_flag=True, help="USD: Houdini's condensed feathers.")
+@click.option("--frames", type=FrameRange(), help="Meshes: first and last frame.  [default: all]")
+@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+def export(
+    cache: Path,
+    output: Path,
+    condensed: bool,
+    frames: tuple[int, int] | None,
+    overwrite: bool,
+) -> None:
+    """Write CACHE (a USD file of featherfx) in another form."""
+    from featherfx.pipeline import export as export_cache
+
+    usd = output.suffix in (".usd", ".usda", ".usdc")
+    if condensed and not usd:
+        raise click.UsageError("--condensed goes with a USD file")
+    if frames and usd:
+        raise click.UsageError("--frames goes with mesh files")
+    files = export_cache(cache, output, condensed=condensed, frames=frames, overwrite=overwrite)
+    click.echo(f"{len(files)} file{'s' if len(files) != 1 else ''}", err=True)

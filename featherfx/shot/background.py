@@ -1,0 +1,58 @@
+"""Work that overlaps: one function called in order by a thread of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from queue import Queue
+from threading import Thread
+from types import TracebackType
+from typing import Any, Self
+
+
+class Background:
+    """Calls a function in another thread while the caller goes on; a context manager.
+
+    room: calls that may wait; one more makes the caller wait, so that memory stays bounded. An
+    exception of the function is raised by the caller's next call or at the end of the block, and
+    no later call is made. Where the block itself raises, calls that wait are dropped.
+    """
+
+    def __init__(self, function: Callable[..., object], room: int = 2) -> None:
+        self._function = function
+        self._queue: Queue[tuple[Any, ...] | None] = Queue(room)
+        self._error: BaseException | None = None
+        self._stopped = False
+        self._thread = Thread(target=self._run, name="featherfx writer", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __call__(self, *arguments: Any) -> None:
+        self._raise()
+        self._queue.put(arguments)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stopped = kind is not None
+        self._queue.put(None)
+        self._thread.join()
+        if kind is None:
+            self._raise()
+
+    def _run(self) -> None:
+        # After an error the queue is still emptied, so that no caller waits for room for ever.
+        while (arguments := self._queue.get()) is not None:
+            if self._error is None and not self._stopped:
+                try:
+                    self._function(*arguments)
+                except BaseException as error:
+                    self._error = error
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            raise self._error

@@ -1,0 +1,52 @@
+"""The solver's whole memory between two frames, on disk: what a bake continues from."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.shot.whole_file import write_whole
+from featherfx.solver.state import State
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Where a simulation stands after a sample.
+
+    index: number of the sample, 0 at the first frame, counted in frames times subframes.
+    states: one per group of feathers. starts: per group (F, n, P, 3) m, material points at the
+    first frame, from which grips count.
+    """
+
+    index: int
+    states: tuple[State, ...]
+    starts: tuple[Array, ...]
+
+    def save(self, path: Path) -> None:
+        """Write it to an .npz file, whole or not at all."""
+        arrays = {"index": np.array(self.index), "groups": np.array(len(self.states))}
+        for k, (state, start) in enumerate(zip(self.states, self.starts, strict=True)):
+            arrays |= {f"{k}.{name}": value for name, value in state._asdict().items()}
+            arrays[f"{k}.start"] = start
+        write_whole(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
+
+    @staticmethod
+    def load(path: Path) -> Checkpoint:
+        """Read what save wrote. Raises InputError where the file is not that."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                groups = range(int(file["groups"]))
+                states = tuple(
+                    State(*(file[f"{k}.{name}"] for name in State._fields)) for k in groups
+                )
+                starts = tuple(file[f"{k}.start"] for k in groups)
+                return Checkpoint(int(file["index"]), states, starts)
+        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+            raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error

@@ -1,0 +1,59 @@
+"""A share of a shot's feathers: disjoint work for several workers."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.shot.skin_motion import BoundSkin
+from featherfx.shot.types import Shot
+
+
+def share_of(shot: Shot, index: int, count: int) -> Shot:
+    """The shot with every count-th feather from the index-th on, index from 1 to count.
+
+    Neighbours cost about the same, so shares made in this way are about equal work. Raises
+    InputError where a share would be empty.
+    """
+    most = len(shot.groom.feathers)
+    if not 1 <= index <= count <= most:
+        message = f"{index}/{count} is out of range; allowed 1/1 to {most}/{most}"
+        raise InputError(Problem(str(shot.source), "feathers", message))
+    chosen = np.arange(index - 1, most, count)
+    groom = replace(shot.groom, feathers=shot.groom.feathers[index - 1 :: count])
+    skin = None if shot.skin is None else _skin(shot.skin, chosen)
+    return replace(shot, groom=groom, skin=skin)
+
+
+def _skin(skin: BoundSkin, chosen: NDArray[np.int64]) -> BoundSkin:
+    parts = []
+    for part in skin.parts:
+        kept = np.isin(part.members, chosen)
+        if kept.any():
+            members = np.searchsorted(chosen, part.members[kept])
+            parts.append(
+                replace(
+                    part,
+                    members=members,
+                    binding=_rows(part.binding, kept),
+                    triangles=part.triangles[kept],
+                )
+            )
+    return BoundSkin(
+        ids=tuple(skin.ids[k] for k in chosen),
+        rotations=skin.rotations[chosen],
+        start=skin.start,
+        parts=tuple(parts),
+        roots=tuple(skin.roots[k] for k in chosen),
+    )
+
+
+def _rows(record: Any, kept: NDArray[np.bool_]) -> Any:
+    """A dataclass of arrays with some of their rows."""
+    return replace(
+        record, **{each.name: getattr(record, each.name)[kept] for each in fields(record)}
+    )

@@ -1,0 +1,71 @@
+"""Feathers at rest are skipped until something wakes them.
+
+A feather falls asleep after a frame at whose end nothing in it moves: both its velocity v and its
+acceleration a are so small that v T and a T^2, T the frame's duration, stay below a share of the
+error tolerance (a vibration that is just turning round has v = 0, but not a). It sleeps on while
+what acts on it is what acted when it fell asleep: its root stands still where it stood, gravity
+and steady wind are the same, no gust blows and its grips do not move. Anything else wakes it in
+the same frame, before the step, so that no motion is missed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.mechanics.model import Loads
+from featherfx.solver.state import State
+from featherfx.solver.step import RootPath
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# share of the tolerance that a sleeping feather would move in a frame at most
+REST_SHARE = 1e-3
+
+
+def at_rest(state: State, tolerance: float, duration: float) -> Flags:
+    """(F,) which feathers move by less than the rest share of a tolerance (m) in a frame (s)."""
+    limit = REST_SHARE * tolerance
+    quiet = _largest(state.velocity) * duration < limit
+    return quiet & (_largest(state.acceleration) * duration**2 < limit)
+
+
+def _largest(rates: Array) -> Array:
+    """(F,) largest length of (F, n, P, 3) rates, directors left out."""
+    lengths = np.linalg.norm(np.delete(rates, (1, 2), axis=2), axis=3)
+    return np.asarray(lengths.max(axis=(1, 2)))
+
+
+def undisturbed(state: State, path: RootPath, loads: Loads, before: Loads | None) -> Flags:
+    """(F,) which feathers are loaded as in the frame before, by nothing that changes within it."""
+    count = len(state.turn)
+    if before is None or not _same_air(loads, before):
+        return np.zeros(count, dtype=np.bool_)
+    still = np.ptp(path.samples, axis=1).max(axis=1) == 0.0
+    still &= (path.samples[:, 0, :3] == state.centre[:, 0]).all(axis=1)
+    still &= np.abs(np.einsum("fk,fk->f", path.base, state.turn[:, 0])) > 1.0 - 1e-14
+    if loads.grip_stiffness.shape[1]:
+        still &= (loads.grip_start == loads.grip_end).all(axis=(1, 2))
+        still &= (loads.grip_start == before.grip_end).all(axis=(1, 2))
+    if loads.force.size:
+        still &= (loads.force == before.force).all(axis=(1, 2, 3))
+    return np.asarray(still)
+
+
+def _same_air(loads: Loads, before: Loads) -> bool:
+    """Whether gravity and wind are steady and those of the frame before."""
+    same = all(
+        np.array_equal(getattr(loads, name), getattr(before, name))
+        for name in ("gravity", "air", "wind_mean", "wind_amplitude")
+    )
+    return same and not (loads.air[0] > 0.0 and np.any(loads.wind_amplitude))
+
+
+def asleep(state: State, sleeping: Flags, duration: float) -> State:
+    """The state after a frame (s) in which some feathers slept: no rates, their time goes on."""
+    new = state.copy()
+    for rates in (new.velocity, new.acceleration, new.smoothed, new.spin, new.coefficient_rate):
+        rates[sleeping] = 0.0
+    new.time[sleeping] += duration
+    return new

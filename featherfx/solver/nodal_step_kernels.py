@@ -1,0 +1,244 @@
+"""One feather of the nodal kinematics through one frame."""
+
+from featherfx.compiled import kernel
+from featherfx.mechanics.copy_kernels import copy_values
+from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.rotations_kernels import logarithm, multiply, normalised, rotate
+from featherfx.solver.integrator_kernels import (
+    EULER,
+    begin_step,
+    end_step,
+    integrator_coefficients,
+    step_error,
+)
+from featherfx.solver.newton_kernels import CONVERGED
+from featherfx.solver.nodal_newton_kernels import gather, nodal_minimise, set_directors
+from featherfx.solver.pose_kernels import turn_by
+from featherfx.solver.root_kernels import root_at
+from featherfx.solver.step_kernels import (
+    BACKWARD,
+    ERROR,
+    FAILED,
+    FALLBACKS,
+    FOLLOW,
+    GO_ON,
+    ITERATIONS,
+    MOVE,
+    REJECTED,
+    SMALLEST_SHARE,
+    STATUS,
+    STEPS,
+    _strain_rate,
+)
+
+# beside the options of step_kernels: start at the last pose
+STAY = -1
+
+
+@kernel
+def _pin(nodal, f, pose, turn, centre):
+    """Put what is prescribed where the root says; turn: (4,), centre: (3,) of the root.
+
+    The frame and point of row 0 may be turn and centre themselves.
+    """
+    w, x, y, z = turn[0], turn[1], turn[2], turn[3]
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    slot = nodal.slot[f]
+    for i in range(slot.shape[0]):
+        if slot[i, 1] < 0:
+            t = nodal.rest_turn[f, i]
+            a, b, c, d = multiply(w, x, y, z, t[0], t[1], t[2], t[3])
+            out = pose.turn[i]
+            out[0], out[1], out[2], out[3] = normalised(a, b, c, d)
+        for p in range(slot.shape[1]):
+            if slot[i, p] < 0 and p != 1 and p != 2:
+                r = nodal.rest_points[f, i, p]
+                px, py, pz = rotate(w, x, y, z, r[0], r[1], r[2])
+                q = pose.points[i, p]
+                q[0], q[1], q[2] = cx + px, cy + py, cz + pz
+
+
+@kernel
+def load_state(state, f, work):
+    """The state's pose and multipliers to work.now."""
+    copy_values(state.turn[f], work.now.turn)
+    copy_values(state.points[f], work.now.points)
+    copy_values(state.multiplier[f], work.multiplier)
+    copy_values(state.strains[f, 0], work.before)
+
+
+@kernel
+def _go_on(h, slot, spin, velocity, pose):
+    """Predict the end of a step: the last step's rates go on."""
+    for i in range(slot.shape[0]):
+        if slot[i, 1] >= 0:
+            turn_by(pose.turn[i], spin[i], h, pose.turn[i])
+        for p in range(slot.shape[1]):
+            if slot[i, p] >= 0 and p != 1 and p != 2:
+                for k in range(3):
+                    pose.points[i, p, k] += h * velocity[i, p, k]
+
+
+@kernel
+def _follow_root(before, start, turn, centre, pose):
+    """Predict the end of a step: the feather moves rigidly with its root.
+
+    before (4,), start (3,): root at the step's start; turn, centre: at its end.
+    """
+    w, x, y, z = multiply(
+        turn[0], turn[1], turn[2], turn[3], before[0], -before[1], -before[2], -before[3]
+    )
+    sx, sy, sz = start[0], start[1], start[2]
+    for i in range(pose.turn.shape[0]):
+        t = pose.turn[i]
+        a, b, c, d = multiply(w, x, y, z, t[0], t[1], t[2], t[3])
+        t[0], t[1], t[2], t[3] = normalised(a, b, c, d)
+        for p in range(pose.points.shape[1]):
+            if p != 1 and p != 2:
+                q = pose.points[i, p]
+                px, py, pz = rotate(w, x, y, z, q[0] - sx, q[1] - sy, q[2] - sz)
+                q[0], q[1], q[2] = centre[0] + px, centre[1] + py, centre[2] + pz
+
+
+@kernel
+def _predict(model, nodal, loads, f, share, h, radius, option, path, base, state, work):
+    """Set up a step: pose work.now, surroundings; returns the factors of the integrator.
+
+    option: GO_ON: the rates go on, STAY: the last pose, else rigidly with the root.
+    """
+    now, around = work.now, work.around
+    load_state(state, f, work)
+    begin_step(
+        radius,
+        h,
+        state.points[f],
+        state.velocity[f],
+        state.acceleration[f],
+        state.smoothed[f],
+        around.target,
+        around.past,
+    )
+    strain_rate = _strain_rate(h, state.step[f], state.strains[f], around.reference)
+    if option == GO_ON:
+        _go_on(h, nodal.slot[f], state.spin[f], state.velocity[f], now)
+    if model.held[f]:
+        # scratch of the elements, which are not in use yet
+        turn, centre = work.element.matrix[0], work.element.matrix[1]
+        root_at(path, base, share, turn, centre)
+        if option >= FOLLOW:
+            _follow_root(state.turn[f, 0], state.points[f, 0, 0], turn, centre, now)
+        _pin(nodal, f, now, turn, centre)
+    gather(nodal.present[f], now.points)
+    set_directors(now.turn, now.points)
+    if loads.air[0] > 0.0:
+        blow(
+            now.points,
+            state.time[f] + h,
+            loads,
+            state.velocity[f],
+            model.cell_stiffness[f],
+            around,
+        )
+    factors = integrator_coefficients(radius, h)
+    return factors[0], factors[1], strain_rate
+
+
+@kernel
+def _accept(f, h, radius, state, work):
+    """The solved step becomes the state."""
+    now, around = work.now, work.around
+    end_step(
+        radius,
+        h,
+        now.points,
+        state.velocity[f],
+        state.acceleration[f],
+        state.smoothed[f],
+        around.target,
+        around.past,
+    )
+    for i in range(now.turn.shape[0]):
+        a, b = now.turn[i], state.turn[f, i]
+        w, x, y, z = multiply(a[0], a[1], a[2], a[3], b[0], -b[1], -b[2], -b[3])
+        x, y, z = logarithm(w, x, y, z)
+        spin = state.spin[f, i]
+        spin[0], spin[1], spin[2] = x / h, y / h, z / h
+    copy_values(state.strains[f, 0], state.strains[f, 1])
+    keep_state(f, state, work)
+    state.step[f] = h
+    state.time[f] += h
+
+
+@kernel
+def keep_state(f, state, work):
+    """Pose, strains and multipliers of work to the state."""
+    copy_values(work.now.turn, state.turn[f])
+    copy_values(work.now.points, state.points[f])
+    copy_values(work.now.strains, state.strains[f, 0])
+    copy_values(work.multiplier, state.multiplier[f])
+
+
+@kernel
+def nodal_advance(
+    model, nodal, loads, f, duration, path, base, state, settings, textbook, work, counters
+):
+    """Bring feather f of the state through one frame of the given duration (s), in place.
+
+    As advance of featherfx/solver/step_kernels.py, which explains path, base, settings, counters
+    and the status that is returned.
+    """
+    shortest = min(settings[4], duration)
+    h = state.proposal[f]
+    if h <= 0.0 or h > duration:
+        h = duration
+    done, option = 0.0, GO_ON
+    while done < duration * (1.0 - 1e-9):
+        left = duration - done
+        step = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
+        share = 1.0 if step == left else (done + step) / duration
+        radius = settings[0]
+        if state.step[f] <= 0.0:
+            # there are no rates to go on with
+            option = max(option, FOLLOW)
+        if option == BACKWARD:
+            radius = EULER
+            counters[FALLBACKS] += 1
+        place = STAY if textbook else option
+        factors = _predict(
+            model, nodal, loads, f, share, step, radius, place, path, base, state, work
+        )
+        status, iterations, move = nodal_minimise(
+            model, nodal, loads, f, share, factors, settings[1], int(settings[2]), textbook, work
+        )
+        counters[ITERATIONS] += iterations
+        if status != CONVERGED:
+            counters[FAILED] += 1
+            option = BACKWARD if textbook and option < BACKWARD else option + 1
+            if option > BACKWARD:
+                h, option = 0.5 * step, GO_ON
+                if h < shortest / SMALLEST_SHARE:
+                    counters[STATUS] = status
+                    return status
+            continue
+        option = GO_ON
+        error = step_error(
+            radius,
+            step,
+            work.now.points,
+            state.acceleration[f],
+            state.smoothed[f],
+            work.around.target,
+        )
+        change = 0.9 * (settings[3] / max(error, 1e-30)) ** (1.0 / 3.0)
+        if error > settings[3] and step > 1.001 * shortest:
+            counters[REJECTED] += 1
+            h = max(shortest, step * max(0.2, change))
+            continue
+        _accept(f, step, radius, state, work)
+        done += step
+        counters[STEPS] += 1
+        counters[ERROR] = max(counters[ERROR], error)
+        counters[MOVE] = max(counters[MOVE], move)
+        h = max(shortest, step * min(2.0, max(0.5, change)))
+    state.proposal[f] = h
+    return CONVERGED

@@ -1,0 +1,32 @@
+"""Acceleration of a feather whose steps are yet to begin."""
+
+from __future__ import annotations
+
+from featherfx.mechanics.model import Loads, Model
+from featherfx.solver.newton_kernels import minimise
+from featherfx.solver.pose_kernels import load_pose
+from featherfx.solver.state import State
+from featherfx.solver.work import Work
+
+# the instant over which the first acceleration is taken, as a share of the step, and the Newton
+# iterations that it gets: the second one only corrects for the curved paths of barbs and frames
+INSTANT, START_ITERATIONS = 0.1, 3
+
+
+def start_acceleration(
+    model: Model, loads: Loads, f: int, duration: float, state: State, work: Work
+) -> None:
+    """Set the accelerations of feather f, in place, to those that its pose and velocity give.
+
+    One implicit Euler step over a tenth of the duration (s), a = (x - x0 - h v0) / h^2, which
+    is then taken back. What vibrates faster than that instant is left at rest. With wrong
+    accelerations the time integration would lose its second order at once.
+    """
+    h = INSTANT * duration
+    now, around = work.now, work.around
+    load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
+    around.target[:] = state.points[f] + h * state.velocity[f]
+    factors = (1.0 / (h * h), 0.0, 0.0)
+    minimise(model, loads, f, 0.0, factors, 0.0, START_ITERATIONS, work)
+    state.acceleration[f] = (now.points - around.target) / (h * h)
+    state.smoothed[f] = state.acceleration[f]

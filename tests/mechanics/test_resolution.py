@@ -1,0 +1,53 @@
+"""The share of a barb's deflection that few coefficients miss, measured on the barb kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from featherfx.mechanics.barb_kernels import barb_points
+from featherfx.mechanics.barb_shapes import curvature_shapes
+from featherfx.mechanics.resolution import MISSED
+
+STRAIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+SEGMENTS = 6
+
+
+def barb_end(count: int, taper: float, load: float) -> np.ndarray:
+    """End of a unit barb under a uniform load (over stiffness / length^3), by minimisation."""
+    shapes = curvature_shapes(count, SEGMENTS, taper)
+    joints = np.tile(STRAIGHT, (SEGMENTS, 1))
+    weights = np.full(SEGMENTS, 1.0 / SEGMENTS)
+    weights[-1] *= 0.5
+
+    def nodes(normal: np.ndarray) -> np.ndarray:
+        points = np.zeros((SEGMENTS, 3))
+        both = np.concatenate([normal, np.zeros(count)])
+        barb_points(STRAIGHT, np.zeros(3), STRAIGHT, joints, 1.0 / SEGMENTS, shapes, both, points)
+        return points
+
+    def energy(normal: np.ndarray) -> float:
+        return 0.5 * normal @ normal + load * float(weights @ nodes(normal)[:, 2])
+
+    start = np.zeros(count)
+    found = minimize(energy, start, method="BFGS", options={"gtol": 1e-11}).x if count else start
+    return nodes(found)[-1]
+
+
+@pytest.mark.parametrize("taper", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize("load", [0.1, 1.0, 4.0])
+def test_the_missed_share_is_within_the_table(taper: float, load: float) -> None:
+    reference = barb_end(8, taper, load)
+    deflection = float(np.linalg.norm(reference - [1.0, 0.0, 0.0]))
+    for count, missed in enumerate(MISSED):
+        error = float(np.linalg.norm(barb_end(count, taper, load) - reference))
+        assert error <= 1.1 * missed * deflection
+
+
+def test_the_table_is_not_idle() -> None:
+    """One coefficient on an untapered barb really misses a third of a small deflection."""
+    reference = barb_end(8, 0.0, 0.1)
+    deflection = float(np.linalg.norm(reference - [1.0, 0.0, 0.0]))
+    error = float(np.linalg.norm(barb_end(1, 0.0, 0.1) - reference))
+    assert error > 0.9 * MISSED[1] * deflection

@@ -1,0 +1,152 @@
+"""Work for several machines: shares of the feathers, the plan that lists them, progress lines."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from pxr import Usd, UsdGeom
+
+import featherfx
+from featherfx import pipeline
+from featherfx.cli.main import main
+from featherfx.errors import InputError
+
+SAMPLES = Path(__file__).resolve().parents[2] / "samples"
+WING = SAMPLES / "swan_wing/shot.toml"
+OPTIONS = {"frames": (1, 3), "chunk": 2}
+BAKE = [
+    *(sys.executable, "-m", "featherfx", "bake", str(WING), "--frames", "1-3", "--chunk", "2"),
+    *("--layout", "clips", "-o"),
+]
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(each) for each in arguments])
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "wing.usda"
+    featherfx.bake(WING, path, **OPTIONS)
+    return path
+
+
+def poses(path: Path) -> dict[str, list[np.ndarray]]:
+    """Points at frames and between them, by prim."""
+    stage = Usd.Stage.Open(str(path))
+    found = {}
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.PointBased):
+            points = UsdGeom.PointBased(prim).GetPointsAttr()
+            found[str(prim.GetPath())] = [np.array(points.Get(c)) for c in (1, 2, 2.5, 3)]
+    return found
+
+
+def test_shares_baked_at_once_make_up_the_whole(tmp_path, whole):
+    path = tmp_path / "wing.usda"
+    running = [
+        subprocess.Popen([*BAKE, str(path), "--feathers", f"{k}/2"], stderr=subprocess.DEVNULL)
+        for k in (1, 2)
+    ]
+    assert [process.wait() for process in running] == [0, 0]
+    assert not path.exists()
+    assert pipeline.join(path, 2) == 20
+    found, expected = poses(path), poses(whole)
+    assert found.keys() == expected.keys()
+    for prim, values in expected.items():
+        for one, other in zip(values, found[prim], strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert pipeline.check(path) == []
+    stage, one = Usd.Stage.Open(str(path)), Usd.Stage.Open(str(whole))
+    hints = [s.GetDefaultPrim().GetAttribute("extentsHint").Get() for s in (stage, one)]
+    np.testing.assert_array_equal(*hints)
+    assert Usd.ModelAPI(stage.GetDefaultPrim()).GetKind() == "component"
+
+
+def test_shares_of_other_settings_or_missing_ones_are_not_joined(tmp_path):
+    path = tmp_path / "wing.usda"
+    featherfx.bake(WING, path, feathers=(1, 3), **OPTIONS)
+    featherfx.bake(WING, path, feathers=(2, 3), up_axis="Y", **OPTIONS)
+    with pytest.raises(InputError, match=r"3of3\.usda: is missing"):
+        pipeline.join(path, 3)
+    featherfx.bake(WING, path, feathers=(3, 3), **OPTIONS)
+    with pytest.raises(InputError, match=r'2of3\.usda: up_axis: was "Y", but None'):
+        pipeline.join(path, 3)
+    assert not path.exists()
+
+
+def test_a_share_that_holds_nothing_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"21/21 is out of range; allowed 1/1 to 20/20"):
+        featherfx.bake(WING, tmp_path / "wing.usda", feathers=(21, 21), **OPTIONS)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_items_of_a_plan_do_what_the_bake_does(tmp_path, whole):
+    path = tmp_path / "wing.usda"
+    result = run(
+        "bake",
+        WING,
+        "-o",
+        path,
+        "--frames",
+        "1-3",
+        "--chunk",
+        "2",
+        "--layout",
+        "payload",
+        "--plan",
+        2,
+    )
+    assert result.exit_code == 0, result.stderr
+    items = json.loads((tmp_path / "wing.plan.json").read_text())["items"]
+    assert [item["name"] for item in items] == ["bake_1", "bake_2", "join"]
+    assert items[2]["after"] == ["bake_1", "bake_2"]
+    for item in items:
+        assert item["command"][0] == "featherfx"
+        result = run(*item["command"][1:])
+        assert result.exit_code == 0, result.stderr
+    for prim, values in poses(whole).items():
+        np.testing.assert_array_equal(values, poses(path)[prim])
+
+
+def test_the_template_is_an_open_job_description(tmp_path):
+    """Required keys, names, references and ranges of jobtemplate-2023-09."""
+    path = tmp_path / "wing.usda"
+    pipeline.plan(WING, path, 4, ["--subframes", "2"])
+    template = json.loads((tmp_path / "wing.openjd.json").read_text())
+    assert template.keys() == {"specificationVersion", "name", "parameterDefinitions", "steps"}
+    assert template["specificationVersion"] == "jobtemplate-2023-09"
+    assert 0 < len(template["name"]) <= 128
+    defined = {"Param." + each["name"] for each in template["parameterDefinitions"]}
+    (shares,) = template["parameterDefinitions"]
+    assert shares["minValue"] <= shares["default"] == 4 <= shares["maxValue"] == 20
+    names = [step["name"] for step in template["steps"]]
+    assert len(set(names)) == len(names) == 2
+    for number, step in enumerate(template["steps"]):
+        assert all(each["dependsOn"] in names[:number] for each in step.get("dependencies", []))
+        parameters = step.get("parameterSpace", {}).get("taskParameterDefinitions", [])
+        known = defined | {"Task.Param." + each["name"] for each in parameters}
+        action = step["script"]["actions"]["onRun"]
+        texts = [action["command"], *action["args"], *(each["range"] for each in parameters)]
+        used = [name for text in texts for name in re.findall(r"{{(.*?)}}", text)]
+        assert set(used) <= known
+        assert all(isinstance(text, str) and text for text in texts)
+    assert template["steps"][0]["script"]["actions"]["onRun"]["args"][-2:] == ["--subframes", "2"]
+
+
+def test_progress_lines_are_json(tmp_path):
+    result = run(
+        *("bake", SAMPLES / "feather_pull/shot.toml", "-o", tmp_path / "a.usdc"),
+        *("--frames", "1-2", "--subframes", 2, "--progress", "json"),
+    )
+    assert result.exit_code == 0, result.stderr
+    lines = [json.loads(line) for line in result.stderr.splitlines() if line.startswith("{")]
+    assert [(line["done"], line["total"]) for line in lines] == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert all(line["progress"] == "frames" and line["seconds"] >= 0 for line in lines)

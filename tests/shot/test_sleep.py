@@ -1,0 +1,93 @@
+"""Feathers at rest are skipped, and everything that disturbs them wakes them in the same frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherfx.shot.read import read_shot
+from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.types import Grip, Motion, Shot
+
+SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
+STILL, MOVED = 4, 8
+
+
+def quiet_shot() -> Shot:
+    """One coarse feather that hangs in still air for eight frames."""
+    shot = read_shot(SAMPLE)
+    return replace(
+        shot,
+        first_frame=0,
+        last_frame=MOVED,
+        motion=Motion("hold", {}),
+        quality=replace(shot.quality, rows=9, columns=3, coefficients=1),
+        gravity=np.array([0.0, 0.0, -9.81]),
+        grips=(),
+    )
+
+
+def run(shot: Shot) -> tuple[Simulation, np.ndarray]:
+    simulation = simulate(shot)
+    return simulation, np.stack([frame.points[0] for frame in simulation])
+
+
+def slept(simulation: Simulation) -> int:
+    return int(simulation.report["skipped"]["sleeping feather frames"])
+
+
+def test_a_feather_at_rest_sleeps_and_stays_where_the_full_result_is() -> None:
+    asleep, points = run(quiet_shot())
+    awake, full = run(replace(quiet_shot(), sleep=False))
+    assert slept(asleep) >= MOVED - 2
+    assert slept(awake) == 0
+    assert np.abs(points - full).max() < 1e-3 * quiet_shot().quality.tolerance * MOVED
+
+
+def led(shot: Shot) -> Shot:
+    """A keyframed root that stands still until frame 4 and then moves."""
+    start, end = STILL / shot.frames_per_second, MOVED / shot.frames_per_second
+    still = {"joint": "", "rotation": None}
+    keys = [
+        {"time": start, "position": (0.0, 0.0, 0.0), **still},
+        {"time": end, "position": (0.0, 0.02, 0.0), **still},
+    ]
+    return replace(shot, motion=Motion("keys", {"keyframes": keys}))
+
+
+def pulled(shot: Shot) -> Shot:
+    rate = shot.frames_per_second
+    grip = Grip(
+        feather=shot.groom.feathers[0].id,
+        row=1.0,
+        column=0.0,
+        side="leading",
+        displacement=np.array([0.0, 0.01, 0.0]),
+        start=STILL / rate,
+        end=MOVED / rate,
+        stiffness=500.0,
+    )
+    return replace(shot, grips=(grip,))
+
+
+@pytest.mark.parametrize("disturb", [led, pulled])
+def test_roots_and_grips_wake_it(disturb) -> None:
+    shot = disturb(quiet_shot())
+    asleep, points = run(shot)
+    _, full = run(replace(shot, sleep=False))
+    assert slept(asleep) >= STILL - 2
+    moved = np.abs(full[MOVED] - full[0]).max()
+    assert moved > 5e-3
+    # waking from exact rest and going on from almost-rest differ by what rest may move
+    assert np.abs(points - full).max() < 1e-3 * moved
+
+
+def test_gusts_never_let_it_sleep() -> None:
+    shot = quiet_shot()
+    wind = replace(shot.wind, speed=3.0, gust=0.3, air_density=1.2)
+    windy, points = run(replace(shot, wind=wind))
+    assert slept(windy) == 0
+    assert np.abs(np.diff(points, axis=0)).max() > 0.0

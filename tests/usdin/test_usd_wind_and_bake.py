@@ -1,0 +1,195 @@
+"""Wind and colliders from USD, what a bake writes of the skin, and the figures of the page."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom
+from usdin_scenes import (
+    TYPES,
+    add_matrix,
+    add_mesh,
+    lifted,
+    new_stage,
+    rigid,
+    sheet,
+    vec,
+    write_shot,
+)
+
+import featherfx
+from featherfx.errors import InputError
+
+WIND = '[wind_usd]\nusd = "air.usda"\nprim = "/air"\n'
+
+
+def refused(path):
+    with pytest.raises(InputError) as caught:
+        featherfx.read_shot(path)
+    return str(caught.value)
+
+
+def test_one_vector_for_all(tmp_path):
+    stage = new_stage(tmp_path / "air.usda", 0.01, "Y")
+    air = UsdGeom.Xform.Define(stage, "/air")
+    add_matrix(air, rigid(90, (0, 1, 0), (5, 5, 5)))
+    attribute = air.GetPrim().CreateAttribute("wind", TYPES.Vector3f)
+    attribute.Set((100, 0, 0), 1)
+    attribute.Set((300, 0, 0), 25)
+    air.GetPrim().CreateAttribute("label", TYPES.String).Set("calm")
+    stage.Save()
+    path = write_shot(tmp_path, None, more='attribute = "wind"\n')
+    text = path.read_text().replace('attribute = "wind"\n', "")
+    path.write_text(text + WIND + 'attribute = "wind"\nscale = 2\n')
+    wind = featherfx.read_shot(path).wind_source
+    # turned about y, x goes to -z of the stage, which is y of the world
+    for seconds, speed in ((0.0, 2.0), (0.5, 4.0), (1.0, 6.0)):
+        found = wind.velocity(np.zeros((2, 3)), seconds)
+        np.testing.assert_allclose(found, [[0, speed, 0]] * 2, atol=1e-6)
+    path.write_text(text + WIND + 'attribute = "label"\n')
+    assert "/air.label is no vector of 3 finite numbers" in refused(path)
+    path.write_text(text + WIND + 'attribute = "gust"\n')
+    assert "no attribute 'gust' on /air; attributes of one vector: wind" in refused(path)
+    path.write_text(text + WIND)
+    assert "/air holds no points; give attribute" in refused(path)
+
+
+def test_a_field_of_points(tmp_path):
+    """Between points the nearest count most; at a point its own value holds."""
+    stage = new_stage(tmp_path / "air.usda")
+    air = UsdGeom.Points.Define(stage, "/air")
+    random = np.random.default_rng(3)
+    points, velocities = random.uniform(-1, 1, (200, 3)), random.normal(size=(200, 3))
+    for frame, factor in ((1, 1.0), (25, 3.0)):
+        air.CreatePointsAttr().Set(vec(points), frame)
+        air.CreateVelocitiesAttr().Set(vec(factor * velocities), frame)
+    stage.Save()
+    path = write_shot(tmp_path, None)
+    path.write_text(path.read_text() + WIND)
+    wind = featherfx.read_shot(path).wind_source
+    np.testing.assert_allclose(wind.velocity(points[:9], 0.0), velocities[:9], atol=1e-5)
+    np.testing.assert_allclose(wind.velocity(points[:9], 0.5), 2 * velocities[:9], atol=1e-5)
+    between = wind.velocity(random.uniform(-1, 1, (50, 3)), 0.0)
+    assert (between <= velocities.max(axis=0) + 1e-5).all()
+    assert (between >= velocities.min(axis=0) - 1e-5).all()
+    air.GetVelocitiesAttr().Set(vec(velocities[:5]), 25)
+    stage.Save()
+    assert "/air at time code 25: 200 points and 5 velocities" in refused(path)
+
+
+def test_colliders_by_path_name_and_collection(tmp_path):
+    stage = new_stage(tmp_path / "set.usda")
+    points, counts, quads = sheet()
+    for name in ("ground", "rock_1", "rock_2", "tree"):
+        add_mesh(stage, f"/set/{name}", points, counts, quads)
+    group = Usd.CollectionAPI.Apply(stage.GetPrimAtPath("/set"), "colliders")
+    group.CreateIncludesRel().SetTargets(["/set/tree", "/set/ground"])
+    stage.Save()
+    path = write_shot(tmp_path, None)
+    head = path.read_text() + '[[collider]]\nusd = "set.usda"\n'
+    for keys, names in {
+        'prims = ["/set/ground", "rock_*"]': ["ground", "rock_1", "rock_2"],
+        'collection = "/set.collection:colliders"': ["ground", "tree"],
+    }.items():
+        path.write_text(head + keys + "\n")
+        colliders = featherfx.read_shot(path).colliders
+        assert [each.path for each in colliders] == [f"/set/{name}" for name in names]
+        np.testing.assert_allclose(colliders[0].points(1.0), points, atol=1e-7)
+        assert len(colliders[0].triangles) == 2 * len(counts)
+    for keys, words in {
+        "": "names neither prims nor a collection",
+        'prims = ["cliff"]': "no mesh is called 'cliff'",
+        'collection = "/set.collection:walls"': "no collection 'walls' on /set, there is colliders",
+    }.items():
+        path.write_text(head + keys + "\n")
+        assert words in refused(path)
+
+
+def test_a_bake_follows_the_skin_and_says_where_roots_sit(tmp_path):
+    stage = new_stage(tmp_path / "skin.usda")
+    points, counts, quads = sheet()
+    mesh = add_mesh(stage, "/bird/skin", None, counts, quads)
+    for frame in (1, 2, 3):
+        mesh.CreatePointsAttr().Set(vec(lifted(points, 0.001 * (frame - 1))), frame)
+    stage.Save()
+    shot = write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird/skin"', (1, 3))
+    featherfx.bake(shot, tmp_path / "out.usda")
+    cache = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    meshes = [UsdGeom.Mesh(prim) for prim in cache.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    assert len(meshes) == 5
+    groom = featherfx.read_groom(tmp_path / "groom.toml")
+    for each, placement in zip(meshes, groom.feathers, strict=True):
+        primvars = UsdGeom.PrimvarsAPI(each)
+        value = {
+            n: primvars.GetPrimvar(n).Get()
+            for n in ("skinPrim", "skinFace", "skinPoints", "skinBarycentric")
+        }
+        assert list(value["skinPrim"]) == ["/bird/skin"]
+        assert set(value["skinPoints"]) <= set(quads[value["skinFace"][0]])
+        on_skin = np.array(value["skinBarycentric"]) @ points[list(value["skinPoints"])]
+        np.testing.assert_allclose(on_skin[:2], placement.position[:2], atol=1e-6)
+    shaft = next(p for p in cache.Traverse() if p.IsA(UsdGeom.BasisCurves))
+    roots = [UsdGeom.BasisCurves(shaft).GetPointsAttr().Get(f)[0] for f in (1, 2, 3)]
+    np.testing.assert_allclose(np.diff([root[2] for root in roots]), 0.001, atol=1e-6)
+
+
+# anonymous memory only: pages of the file that USD maps are the system's to take back
+BIG = """
+import sys, time
+import featherfx
+
+def mebibytes(field):
+    lines = open("/proc/self/status").read().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(field)) / 1024
+
+start = time.perf_counter()
+shot = featherfx.read_shot(sys.argv[1])
+read = time.perf_counter() - start
+before = mebibytes("RssAnon")
+for frame in range(240):
+    shot.skin.frames(frame / 24.0)
+print(read, time.perf_counter() - start, before, mebibytes("RssAnon"), mebibytes("VmHWM"))
+"""
+
+
+def big_scene(folder, frames):
+    folder.mkdir()
+    points, counts, quads = sheet(400, 250, 1.0)
+    stage = new_stage(folder / "skin.usdc")
+    mesh = add_mesh(stage, "/bird/skin", None, counts, quads)
+    for frame in range(1, frames + 1):
+        wave = 0.02 * np.sin(20 * points[:, 0] + 0.2 * frame)
+        mesh.CreatePointsAttr().Set(vec(points + np.outer(wave, [0, 0, 1])), frame)
+    stage.Save()
+    random = np.random.default_rng(5)
+    roots = random.uniform(-0.49, 0.49, (5000, 3)) * [1, 1, 0]
+    roots[:, 2] = 0.02 * np.sin(20 * roots[:, 0] + 0.2)
+    np.savez(
+        folder / "roots.npz",
+        id=np.array([f"f{k}" for k in range(5000)]),
+        position=roots,
+        direction=np.tile([1.0, 0, 0.2], (5000, 1)),
+        up=np.tile([0, 0, 1.0], (5000, 1)),
+    )
+    (folder / "g.toml").write_text('name = "g"\n[[table]]\nfile = "roots.npz"\nkind = "covert"\n')
+    skin = 'usd = "skin.usdc"\nprim = "/bird/skin"\nbeyond = "hold"'
+    return write_shot(folder, skin, (1, 240), groom="g.toml")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="measures memory by /proc")
+def test_a_large_skin_is_quick_and_memory_is_flat(tmp_path):
+    figures = []
+    for frames in (24, 240):
+        shot = big_scene(tmp_path / str(frames), frames)
+        command = [sys.executable, "-c", BIG, str(shot)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        figures.append([float(word) for word in done.stdout.split()])
+    print("s to read, s with all frames, MiB then, MiB at the end, MiB with mapped pages", figures)
+    (_, _, _, small, _), (read, whole, before, large, _) = figures
+    assert read < 10
+    assert whole < 20
+    assert large < before + 20
+    assert large < small + 20
