@@ -10,7 +10,7 @@ import click
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 
-TABLES = 6
+TABLES = 7
 STRESS_CASES, QUICK_STRESS_CASES = 10_000, 200
 QUICK_ROWS, MOST_ROWS = 40, 200
 

@@ -15,6 +15,7 @@ from featherfx.lab.bench.shake import (
     Run,
     Shake,
     barb_curvature,
+    nodal,
     swan_primary,
     trajectory_error,
 )
@@ -22,8 +23,13 @@ from featherfx.lab.bench.tables import Row, Table
 
 HERO = Shake(rows=41, columns=10, coefficients=2)
 PRODUCTION = Shake(rows=21, columns=6, coefficients=2)
-# methods that the comparison runs; another kinematics joins here under its name
 METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
+# methods that are compared on one setting; the slow ones would spend hours on the whole front
+COMPARED: dict[str, Method] = {
+    **METHODS,
+    "nodal, improved": nodal("improved"),
+    "nodal, textbook": nodal("textbook"),
+}
 RATIOS = tuple(10.0**k for k in range(2, 9))
 REPEATS = 3
 
@@ -75,6 +81,7 @@ def all_tables(extent: Extent, jobs: int) -> Iterator[Table]:
     for method in METHODS.values():
         method(kind, replace(PRODUCTION, duration=1.0 / 24.0))  # compiles before anything is timed
     yield steps_table(kind, extent)
+    yield methods_table(kind, extent)
     yield stiffness_table(kind, extent)
     yield front_table(kind, extent)
     yield threads_table(kind, extent, jobs)
@@ -116,6 +123,28 @@ def steps_table(kind: FeatherKind, extent: Extent) -> Table:
         " next to each line. Processor time, best of three runs."
     )
     return Table("steps", "Time of a step", note, rows)
+
+
+def methods_table(kind: FeatherKind, extent: Extent) -> Table:
+    """The hero feather by every method: time, and distance from the first one's trajectory."""
+    shake = replace(HERO, duration=extent.duration)
+    rows: list[Row] = []
+    runs: list[Run] = []
+    for name, method in COMPARED.items():
+        method(kind, replace(shake, duration=shake.step))  # compiles before it is timed
+        runs.append(method(kind, shake))
+        rows.append(
+            {
+                "method": name,
+                "unknowns": runs[-1].unknowns,
+                "iterations a step": runs[-1].step_iterations,
+                "ms a step": 1e3 * runs[-1].step_seconds,
+                "times the first": runs[-1].step_seconds / runs[0].step_seconds,
+                "distance from the first": trajectory_error(runs[-1], runs[0], kind.length),
+            }
+        )
+    note = "Hero feather at 1/96 s; distance: largest of any followed point, share of the length."
+    return Table("methods", "Methods", note, rows)
 
 
 def stiff_kind(kind: FeatherKind, ratio: float) -> FeatherKind:
