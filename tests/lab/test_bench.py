@@ -7,11 +7,11 @@ import pytest
 from click.testing import CliRunner
 
 from featherfx.cli.main import main
-from featherfx.lab.bench import experiments, report, shake, tables
+from featherfx.lab.bench import experiments, extent, report, scaling, shake, tables
 from featherfx.lab.bench.factorisation import factorisation_seconds
 
 COARSE = shake.Shake(rows=9, columns=3, coefficients=1, step=1.0 / 48.0, duration=0.25)
-TINY = experiments.Extent(
+TINY = extent.Extent(
     grids=((6, 2),),
     coefficients=(1,),
     steps=(24,),
@@ -78,8 +78,11 @@ def test_front_of_settings():
 
 
 def test_tables_and_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(experiments, "PRODUCTION", replace(COARSE, duration=1.0 / 24.0))
-    monkeypatch.setattr(experiments, "HERO", replace(COARSE, duration=1.0 / 24.0))
+    small = replace(COARSE, duration=1.0 / 24.0)
+    for module, name in ((experiments, "PRODUCTION"), (scaling, "PRODUCTION")):
+        monkeypatch.setattr(module, name, small)
+    monkeypatch.setattr(experiments, "HERO", small)
+    monkeypatch.setattr(experiments, "preset_shake", lambda name: replace(COARSE, duration=0.5))
     made = list(experiments.all_tables(TINY, 2))
     files = report.write(tmp_path / "measured", made, None)
     assert {"benchmark.md", "benchmark.json", "front.csv"} <= {file.name for file in files}

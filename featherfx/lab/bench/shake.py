@@ -40,6 +40,7 @@ class Shake:
     rows, columns, coefficients: of the grid. step: s, of all steps, or 0 where the error control
     chooses them. tolerance: m, of the error control. radius: of the integrator, EULER for implicit
     Euler. newton: m, last move of Newton. duration: s. count: feathers. jobs: threads.
+    max_substeps: of a frame, with error control.
     """
 
     rows: int = 41
@@ -52,6 +53,7 @@ class Shake:
     duration: float = 0.5
     count: int = 1
     jobs: int = 1
+    max_substeps: int = 64
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,8 @@ def nodal(method: Literal["improved", "textbook"]) -> Method:
 
 
 def _settings(shake: Shake) -> Settings:
-    return Settings(shake.tolerance, shake.newton, 1 if shake.step > 0.0 else 64, shake.radius)
+    most = 1 if shake.step > 0.0 else shake.max_substeps
+    return Settings(shake.tolerance, shake.newton, most, shake.radius)
 
 
 def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int) -> Run:
