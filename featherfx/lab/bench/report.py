@@ -7,7 +7,7 @@ import os
 import platform
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from featherfx.lab.bench.tables import (
     work_precision_plot,
 )
 
-LIBRARIES = ("featherfx", "numpy", "scipy", "numba")
+LIBRARIES = ("numpy", "scipy", "numba")
 INTRODUCTION = """\
 This page is what `featherfx bench -o DIR` (and `featherfx bench --stress -o DIR`) writes; no number
 on it is typed in. The swan primary of the presets, 0.35 m long, is shaken by its root in vacuum.
@@ -32,8 +32,8 @@ only the table of threads is wall time. Compare ratios, not milliseconds, betwee
 COST, ERROR = "ms a simulated second", "error"
 
 
-def machine() -> dict[str, Any]:
-    """Date, machine and versions of this run."""
+def machine(program: str) -> dict[str, Any]:
+    """Date, machine and versions of this run. program: version of featherfx."""
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "processor": _processor(),
@@ -41,15 +41,9 @@ def machine() -> dict[str, Any]:
         "system": f"{platform.system()} {platform.machine()}",
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "python": platform.python_version(),
-        **{name: _version(name) for name in LIBRARIES},
+        "featherfx": program,
+        **{name: version(name) for name in LIBRARIES},
     }
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "not installed"
 
 
 def _processor() -> str:
@@ -71,12 +65,15 @@ def front_of(tables: Sequence[Table]) -> Table | None:
     return Table("pareto", "Best settings", note, rows)
 
 
-def page(tables: Sequence[Table], stress: dict[str, Any] | None) -> str:
-    """The run as Markdown. stress: the summary of stress.py, where it was run."""
-    facts = ", ".join(f"{name} {value}" for name, value in machine().items() if name != "date")
+def page(tables: Sequence[Table], stress: dict[str, Any] | None, program: str) -> str:
+    """The run as Markdown. stress: the summary of stress.py, where it was run. program: version."""
+    if stress is not None and not tables:
+        return stress_page(stress)
+    found = machine(program)
+    facts = ", ".join(f"{name} {value}" for name, value in found.items() if name != "date")
     parts = [
         f"# Benchmarks\n\n{INTRODUCTION}",
-        f"Measured on {machine()['date']}. Machine and versions: {facts}.\n",
+        f"Measured on {found['date']}. Machine and versions: {facts}.\n",
     ]
     front = front_of(tables)
     for table in tables:
@@ -133,9 +130,15 @@ def stress_page(stress: dict[str, Any]) -> str:
     )
 
 
-def write(folder: Path, tables: Sequence[Table], stress: dict[str, Any] | None) -> list[Path]:
-    """Write the page, CSV files, JSON and plots to a folder; returns the files."""
-    files: dict[str, bytes] = {"benchmark.md": page(tables, stress).encode()}
+def write(
+    folder: Path, tables: Sequence[Table], stress: dict[str, Any] | None, program: str
+) -> list[Path]:
+    """Write the page, CSV files, JSON and plots to a folder; returns the files.
+
+    They are called stress.md and stress.json where only random cases were run.
+    """
+    stem = "benchmark" if tables else "stress"
+    files: dict[str, bytes] = {f"{stem}.md": page(tables, stress, program).encode()}
     for table in tables:
         files[f"{table.name}.csv"] = as_csv(table).encode()
         if table.name == "front" and can_plot():
@@ -144,11 +147,11 @@ def write(folder: Path, tables: Sequence[Table], stress: dict[str, Any] | None) 
                 name = f"front_{group.replace(' ', '_')}.png"
                 files[name] = work_precision_plot(usable, group, COST, ERROR)
     record = {
-        "machine": machine(),
+        "machine": machine(program),
         "tables": {table.name: list(table.rows) for table in tables},
         "stress": stress,
     }
-    files["benchmark.json"] = (json.dumps(record, indent=1) + "\n").encode()
+    files[f"{stem}.json"] = (json.dumps(record, indent=1) + "\n").encode()
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         temporary = folder / f".{name}.part"
