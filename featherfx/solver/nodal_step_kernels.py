@@ -28,6 +28,7 @@ from featherfx.solver.step_kernels import (
     SMALLEST_SHARE,
     STATUS,
     STEPS,
+    UNKNOWN,
     _strain_rate,
 )
 
@@ -198,8 +199,10 @@ def nodal_advance(
         share = 1.0 if step == left else (done + step) / duration
         radius = settings[0]
         if state.step[f] <= 0.0:
-            # there are no rates to go on with
+            # there are no rates to go on with, and perhaps no acceleration that can be trusted
             option = max(option, FOLLOW)
+            if state.step[f] == UNKNOWN:
+                radius = EULER
         if option == BACKWARD:
             radius = EULER
             counters[FALLBACKS] += 1
