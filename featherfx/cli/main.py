@@ -6,6 +6,7 @@ import click
 
 from featherfx import __version__
 from featherfx.cli.bake import bake, groom, join
+from featherfx.cli.bench import bench
 from featherfx.cli.check import check
 from featherfx.cli.export import export
 from featherfx.cli.lab import lab
@@ -23,5 +24,5 @@ def main() -> None:
     """
 
 
-for command in (bake, join, export, groom, check, presets, preview, lab):
+for command in (bake, join, export, groom, check, presets, preview, lab, bench):
     main.add_command(command)

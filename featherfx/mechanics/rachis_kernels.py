@@ -38,13 +38,14 @@ from featherfx.mechanics.rotations_kernels import (
 def rachis_strain(turn_a, turn_b, point_a, point_b, length, halfway, strain):
     """Strains of one element.
 
+    The quaternions' signs tell turns beyond pi from those the other way about: q and -q are the
+    same frame, but only one of them is where the row came from.
+
     turn_a, turn_b: (4,) row quaternions. point_a, point_b: (3,). Written: halfway (3, 3), the
     frame R, and strain (6,): v then p.
     """
     aw, ax, ay, az = turn_a[0], turn_a[1], turn_a[2], turn_a[3]
     bw, bx, by, bz = turn_b[0], turn_b[1], turn_b[2], turn_b[3]
-    if aw * bw + ax * bx + ay * by + az * bz < 0.0:
-        bw, bx, by, bz = -bw, -bx, -by, -bz
     w, x, y, z = normalised(aw + bw, ax + bx, ay + by, az + bz)
     matrix_into(w, x, y, z, halfway)
     dx = (point_b[0] - point_a[0]) / length

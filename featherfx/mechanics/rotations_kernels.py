@@ -39,9 +39,11 @@ def exponential(x, y, z):
 
 @kernel
 def logarithm(w, x, y, z):
-    """Rotation vector, angle within [0, pi], of a unit quaternion."""
-    if w < 0.0:
-        w, x, y, z = -w, -x, -y, -z
+    """Rotation vector, angle within [0, 2 pi], of a unit quaternion.
+
+    Below pi where w > 0. The opposite quaternion gives the same rotation the other way about, so
+    that an angle that grows beyond pi goes on smoothly.
+    """
     length = sqrt(x * x + y * y + z * z)
     scale = 2.0 if length < 1e-12 else 2.0 * atan2(length, w) / length
     return scale * x, scale * y, scale * z

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, Problem
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.nodal_model import NodalModel
-from featherfx.solver.nodal_settle import nodal_settle, nodal_system
+from featherfx.solver.nodal_settle import nodal_settle, nodal_start, nodal_system
 from featherfx.solver.nodal_state import NodalState, NodalWork, make_nodal_work
 from featherfx.solver.nodal_step_kernels import nodal_advance
 from featherfx.solver.step import RootPath, Settings, StepReport
@@ -82,6 +82,8 @@ class NodalSolver:
         new = state.copy()
         counters = np.zeros((self.model.feathers, COUNTERS))
         for f in range(self.model.feathers):
+            if new.step[f] == 0.0:
+                nodal_start(self.model, self.nodal, loads, f, duration, new, self._work)
             nodal_advance(
                 self.model,
                 self.nodal,

@@ -119,7 +119,7 @@ def _barb(first, slot, now, step, scale, trial):
 
 
 @kernel
-def _move(model, nodal, f, now, step, scale, straight, element, trial):
+def move_by(model, nodal, f, now, step, scale, straight, element, trial):
     """Pose now plus scale times the increment step (N,), to trial.
 
     straight: points move along straight lines. Otherwise, where there is a shaft, shaft and barbs
@@ -210,7 +210,7 @@ def nodal_minimise(model, nodal, loads, f, share, factors, tolerance, limit, tex
             return NOT_DEFINITE, iteration, move
         scale = 1.0
         for _ in range(HALVINGS if textbook else 1):
-            _move(
+            move_by(
                 model,
                 nodal,
                 f,

@@ -1,16 +1,18 @@
-"""Statics of the nodal kinematics, and the linear system at a pose."""
+"""Statics of the nodal kinematics, the system at a pose, and the first acceleration."""
 
 from __future__ import annotations
 
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.nodal_model import NodalModel
 from featherfx.mechanics.node_kernels import blow
+from featherfx.solver.banded_kernels import factorise, solve_factored
 from featherfx.solver.newton_kernels import CONVERGED
 from featherfx.solver.nodal_assembly_kernels import nodal_assemble
-from featherfx.solver.nodal_newton_kernels import evaluate, nodal_minimise
+from featherfx.solver.nodal_newton_kernels import evaluate, move_by, nodal_minimise
 from featherfx.solver.nodal_state import NodalState, NodalWork
 from featherfx.solver.nodal_step_kernels import keep_state, load_state
 from featherfx.solver.settle import FIRST, GROWTH, LAST, SHORTEST, STEPS
+from featherfx.solver.start import INSTANT
 
 
 def nodal_settle(
@@ -83,3 +85,27 @@ def nodal_system(
     energy = evaluate(model, nodal, loads, f, 0.0, factors, now, work)
     nodal_assemble(model, nodal, loads, f, 0.0, factors, True, now.strains, work)
     return float(energy)
+
+
+def nodal_start(
+    model: Model,
+    nodal: NodalModel,
+    loads: Loads,
+    f: int,
+    duration: float,
+    state: NodalState,
+    work: NodalWork,
+) -> None:
+    """Set the accelerations of feather f, in place, to those that its loads give at rest.
+
+    As start_acceleration of featherfx/solver/start.py; duration: s.
+    """
+    square = (INSTANT * duration) ** 2
+    nodal_system(model, nodal, loads, f, 1.0 / square, state, work)
+    system, now, trial = work.system, work.now, work.trial
+    if not factorise(system.band):
+        return
+    solve_factored(system.band, system.right)
+    move_by(model, nodal, f, now, system.right, 1.0, True, work.element, trial)
+    state.acceleration[f] = (trial.points - now.points) / square
+    state.smoothed[f] = state.acceleration[f]

@@ -198,8 +198,8 @@ def nodal_advance(
         share = 1.0 if step == left else (done + step) / duration
         radius = settings[0]
         if state.step[f] <= 0.0:
-            # no acceleration is known yet; see featherfx/solver/step_kernels.py
-            radius, option = EULER, max(option, FOLLOW)
+            # there are no rates to go on with
+            option = max(option, FOLLOW)
         if option == BACKWARD:
             radius = EULER
             counters[FALLBACKS] += 1

@@ -151,8 +151,6 @@ def chain(turn_a, turn_b, stretch, length, point_a, point_b):
     """Next rachis point from the last one, both frames and the stretch between them."""
     aw, ax, ay, az = turn_a[0], turn_a[1], turn_a[2], turn_a[3]
     bw, bx, by, bz = turn_b[0], turn_b[1], turn_b[2], turn_b[3]
-    if aw * bw + ax * bx + ay * by + az * bz < 0.0:
-        bw, bx, by, bz = -bw, -bx, -by, -bz
     w, x, y, z = normalised(aw + bw, ax + bx, ay + by, az + bz)
     x, y, z = rotate(w, x, y, z, stretch[0], stretch[1], stretch[2])
     point_b[0] = point_a[0] + length * x

@@ -6,14 +6,16 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import local
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, Model
+from featherfx.solver.cut import carry_to
 from featherfx.solver.newton_kernels import CONVERGED, NOT_DEFINITE, NOT_FINITE
+from featherfx.solver.root_path import RootPath as RootPath
+from featherfx.solver.root_path import hold_roots as hold_roots
 from featherfx.solver.settle import settle
 from featherfx.solver.start import start_acceleration
 from featherfx.solver.state import State
@@ -57,17 +59,6 @@ class Settings:
     radius: float = 0.0
 
 
-class RootPath(NamedTuple):
-    """Where the roots go during a frame.
-
-    samples: (F, K, 6) position (m) and rotation vector (rad) relative to the first sample, at K
-    evenly spaced shares of the frame. base: (F, 4) quaternion of the first sample.
-    """
-
-    samples: Array
-    base: Array
-
-
 @dataclass(frozen=True)
 class StepReport:
     """What one call did, per feather: (F,) arrays.
@@ -86,13 +77,6 @@ class StepReport:
     error: Array
     move: Array
     status: Array
-
-
-def hold_roots(state: State) -> RootPath:
-    """A path that keeps all roots where they are."""
-    samples = np.zeros((len(state.turn), 2, 6))
-    samples[:, :, :3] = state.centre[:, None, 0]
-    return RootPath(samples, state.turn[:, 0].copy())
 
 
 class Solver:
@@ -125,10 +109,13 @@ class Solver:
     ) -> tuple[State, StepReport]:
         """Advance feathers by a duration in s; the given state is not changed.
 
+        A feather whose path begins elsewhere than its root is carried there first (cut.py).
+
         feathers: indices to advance, all by default. A feather that cannot be solved stays at its
         last good sub-step and has a status in the report: see raise_if_failed.
         """
         new = state.copy()
+        carry_to(self.model, new, path)
         counters = np.zeros((self.model.feathers, COUNTERS))
         settings = self.settings
         shortest = duration / settings.max_substeps

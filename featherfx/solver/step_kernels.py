@@ -21,7 +21,7 @@ COUNTERS = 8
 # how a step is tried, in this order
 GO_ON, FOLLOW, BACKWARD = 0, 1, 2
 # a regular step may be cut this far when Newton fails
-SMALLEST_SHARE = 256.0
+SMALLEST_SHARE = 4096.0
 
 
 @kernel
@@ -36,6 +36,14 @@ def _rebuild_centres(length, pose):
             pose.centre[i],
             pose.centre[i + 1],
         )
+
+
+@kernel
+def _same_sign(near, turn):
+    """Give the quaternion turn (4,) the sign that is nearer to near (4,), in place."""
+    if near[0] * turn[0] + near[1] * turn[1] + near[2] * turn[2] + near[3] * turn[3] < 0.0:
+        for k in range(4):
+            turn[k] = -turn[k]
 
 
 @kernel
@@ -124,8 +132,11 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
     )
     strain_rate = _strain_rate(h, state.step[f], state.strains[f], around.reference)
     if model.held[f]:
+        turn_by(state.turn[f, 0], state.spin[f, 0], h, work.trial.turn[0])
         root_at(path, base, share, now.turn[0], now.centre[0])
+        _same_sign(work.trial.turn[0], now.turn[0])
     if follow and model.held[f]:
+        _same_sign(state.turn[f, 0], now.turn[0])
         _follow_root(state.turn[f, 0], length, now)
     else:
         _go_on(

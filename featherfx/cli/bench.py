@@ -1,0 +1,79 @@
+"""`featherfx bench`: run time against error, and stability, measured on this machine."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from featherfx.cli.program import Command
+from featherfx.cli.progress import Progress
+
+TABLES = 6
+STRESS_CASES, QUICK_STRESS_CASES = 10_000, 200
+QUICK_ROWS, MOST_ROWS = 40, 200
+
+
+@click.command(
+    cls=Command,
+    short_help="Measure run time against error, and stability.",
+    epilog="""
+    featherfx bench --quick
+    featherfx bench -o measured
+    featherfx bench --stress --cases 1000 -o measured
+    """,
+)
+@click.option("--quick", is_flag=True, help="A smaller set of settings, in about a minute.")
+@click.option("--stress", is_flag=True, help="Random absurd cases instead of measurements.")
+@click.option(
+    "--cases",
+    type=click.IntRange(min=1),
+    help=f"Number of random cases.  [default: {STRESS_CASES}, quick: {QUICK_STRESS_CASES}]",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="First one.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Threads.  [default: all cores]")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the page, CSV, JSON and plots; without it the page goes to stdout.",
+)
+def bench(
+    quick: bool,
+    stress: bool,
+    cases: int | None,
+    seed: int,
+    jobs: int | None,
+    output: Path | None,
+) -> None:
+    """Measure the solver on this machine.
+
+    Times only mean something on a machine that does nothing else; ratios within one run hold
+    better. Plots need matplotlib (extra "plots"). Exit code 1 if a stress case breaks a promise.
+    """
+    from featherfx.lab.bench.report import page, write
+
+    jobs = jobs or os.cpu_count() or 1
+    tables, outcome = [], None
+    if stress:
+        from featherfx.lab.bench.stress import run_seeds, summary
+
+        count = cases or (QUICK_STRESS_CASES if quick else STRESS_CASES)
+        most_rows = QUICK_ROWS if quick else MOST_ROWS
+        with Progress("cases") as progress:
+            outcome = summary(run_seeds(range(seed, seed + count), jobs, most_rows, progress))
+    else:
+        from featherfx.lab.bench.experiments import FULL, QUICK, all_tables
+
+        with Progress("tables") as progress:
+            for table in all_tables(QUICK if quick else FULL, jobs):
+                tables.append(table)
+                progress(len(tables), TABLES)
+    if output is None:
+        click.echo(page(tables, outcome))
+    else:
+        for file in write(output, tables, outcome):
+            click.echo(file)
+    if outcome is not None and outcome["violations"]:
+        click.get_current_context().exit(1)

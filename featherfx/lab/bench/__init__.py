@@ -1,0 +1,1 @@
+"""Run time against error, and stability under absurd input: what `featherfx bench` runs."""

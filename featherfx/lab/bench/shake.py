@@ -1,0 +1,195 @@
+"""The test that all methods run: one feather whose root is shaken, in vacuum, without gravity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from time import perf_counter, thread_time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.build import build_feather
+from featherfx.feather.types import Feather
+from featherfx.groom.types import FeatherKind
+from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.model import Model, no_loads
+from featherfx.shot.rotation import smooth_step
+from featherfx.solver.modes import with_damping
+from featherfx.solver.state import rest_state
+from featherfx.solver.step import RootPath, Settings, Solver, raise_if_failed
+
+Array = NDArray[np.float64]
+
+AMPLITUDE, FREQUENCY = 0.05, 3.0
+OUTPUT_RATE = 24.0
+PATH_SAMPLES = 5
+NO_ERROR_CONTROL = 1e30
+# spectral radius that stands for implicit Euler in the solver
+EULER = -1.0
+
+
+@dataclass(frozen=True)
+class Shake:
+    """One feather, or several equal ones, shaken along z by 5 cm at 3 Hz.
+
+    rows, columns, coefficients: of the grid. step: s, of all steps, or 0 where the error control
+    chooses them. tolerance: m, of the error control. radius: of the integrator, EULER for implicit
+    Euler. newton: m, last move of Newton. duration: s. count: feathers. jobs: threads.
+    """
+
+    rows: int = 41
+    columns: int = 10
+    coefficients: int = 2
+    step: float = 1.0 / 96.0
+    tolerance: float = NO_ERROR_CONTROL
+    radius: float = 0.0
+    newton: float = 1e-6
+    duration: float = 0.5
+    count: int = 1
+    jobs: int = 1
+
+
+@dataclass(frozen=True)
+class Run:
+    """Outcome of a shake.
+
+    station: (n,) m. moved: (T, n, 3, 3) m, displacements from rest of the rachis point and the two
+    vane edges at the output times. present: (n, 3) whether the row has that point. seconds: of
+    stepping, processor time where one thread does it (other work on the machine does not count),
+    wall time else. steps, iterations: per feather. unknowns: per feather.
+    """
+
+    station: Array
+    moved: Array
+    present: NDArray[np.bool_]
+    seconds: float
+    steps: int
+    iterations: int
+    unknowns: int
+
+    @property
+    def step_seconds(self) -> float:
+        """Time of a step of all feathers, s."""
+        return self.seconds / self.steps
+
+    @property
+    def step_iterations(self) -> float:
+        return self.iterations / self.steps
+
+
+# A method takes a feather kind through a shake. Others are added to METHODS in experiments.py.
+Method = Callable[[FeatherKind, Shake], Run]
+
+
+@lru_cache
+def swan_primary() -> FeatherKind:
+    """The feather of all measurements: swan moduli, 0.35 m."""
+    from featherfx.lab.feather import feather_kind
+
+    return replace(feather_kind("swan_primary"), length=0.35)
+
+
+def shifted(time: float) -> float:
+    """Place of the root on z at a time in s, m; from rest within a quarter period."""
+    periods = time * FREQUENCY
+    return AMPLITUDE * math.sin(2.0 * math.pi * periods) * smooth_step(4.0 * periods)
+
+
+def root_paths(start: float, end: float, count: int) -> RootPath:
+    """Paths of all roots from start to end (s)."""
+    samples = np.zeros((count, PATH_SAMPLES, 6))
+    samples[:, :, 2] = [shifted(time) for time in np.linspace(start, end, PATH_SAMPLES)]
+    return RootPath(samples, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
+
+
+@lru_cache(maxsize=64)
+def _model(kind: FeatherKind, rows: int, columns: int, coefficients: int) -> Model:
+    feather = build_feather(kind, rows, columns)
+    return with_damping(make_model([feather], [kind], coefficients), [kind])
+
+
+def _repeated(model: Model, count: int) -> Model:
+    """The model of one feather for count equal ones."""
+    many = {
+        name: np.repeat(array, count, axis=0)
+        for name, array in model._asdict().items()
+        if name != "shapes"
+    }
+    return model._replace(**many)
+
+
+def barb_curvature(kind: FeatherKind, shake: Shake) -> Run:
+    """The default solver."""
+    feather = build_feather(kind, shake.rows, shake.columns)
+    one = _model(kind, shake.rows, shake.columns, shake.coefficients)
+    model = _repeated(one, shake.count) if shake.count > 1 else one
+    state = rest_state(model, np.zeros((shake.count, 3)), np.tile(np.eye(3), (shake.count, 1, 1)))
+    rest = _followed(feather, state.points[0])
+    loads = no_loads(shake.count)
+    fixed = shake.step > 0.0
+    settings = Settings(shake.tolerance, shake.newton, 1 if fixed else 64, shake.radius)
+    times = _step_times(shake)
+    clock = perf_counter if shake.jobs > 1 else thread_time
+    moved, seconds, steps, iterations = [], 0.0, 0, 0
+    with Solver(model, settings, shake.jobs) as solver:
+        for before, after in pairwise(times):
+            path = root_paths(before, after, shake.count)
+            begin = clock()
+            state, report = solver.step(state, loads, path, after - before)
+            seconds += clock() - begin
+            raise_if_failed(report.status, state.time, ["shaken feather"] * shake.count)
+            steps += int(report.steps[0])
+            iterations += int(report.iterations[0])
+            if _is_output(after):
+                moved.append(_followed(feather, state.points[0]) - rest)
+    present = np.concatenate([np.ones((1, feather.rows)), feather.barb_length]) > 0.0
+    return Run(
+        feather.station, np.array(moved), present.T, seconds, steps, iterations, one.unknowns
+    )
+
+
+def _step_times(shake: Shake) -> Array:
+    step = shake.step or 1.0 / OUTPUT_RATE
+    times: Array = np.linspace(0.0, shake.duration, max(1, round(shake.duration / step)) + 1)
+    return times
+
+
+def _is_output(time: float) -> bool:
+    return abs(time * OUTPUT_RATE - round(time * OUTPUT_RATE)) < 1e-6
+
+
+def _followed(feather: Feather, points: Array) -> Array:
+    """(n, 3, 3) rachis point and ends of both barbs of every row, from points (n, P, 3)."""
+    m = feather.columns
+    return points[:, [0, 2 + m, 2 + 2 * m]]
+
+
+def trajectory_error(run: Run, reference: Run, length: float) -> float:
+    """Largest distance of any followed point at any output time, as a share of the length.
+
+    Displacements of the reference are interpolated along the rachis, where both have the point.
+    """
+    worst = 0.0
+    for point in range(3):
+        theirs = reference.present[:, point]
+        if not theirs.any():
+            continue
+        known = reference.station[theirs]
+        inside = (run.station >= known[0]) & (run.station <= known[-1])
+        for row in np.flatnonzero(run.present[:, point] & inside):
+            right = _interpolated(known, reference.moved[:, theirs, point], float(run.station[row]))
+            gap = np.linalg.norm(run.moved[:, row, point] - right, axis=-1)
+            worst = max(worst, float(gap.max()))
+    return worst / length
+
+
+def _interpolated(station: Array, values: Array, place: float) -> Array:
+    """(T, 3) values (T, K, 3) at a place between the stations (K,)."""
+    after = min(max(int(np.searchsorted(station, place)), 1), len(station) - 1)
+    share = (place - station[after - 1]) / (station[after] - station[after - 1])
+    result: Array = (1.0 - share) * values[:, after - 1] + share * values[:, after]
+    return result

@@ -1,0 +1,203 @@
+"""Run random cases and judge them: what every simulation must keep to, however absurd."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.lab.bench.stress_cases import Case, draw_case, pose_strains
+from featherfx.mechanics.model import Loads, Model
+from featherfx.solver.energy_kernels import elastic_energy
+from featherfx.solver.newton_kernels import CONVERGED
+from featherfx.solver.state import State
+from featherfx.solver.step import Solver, StepReport
+
+Array = NDArray[np.float64]
+
+# growth of energy that round-off and Newton's tolerance may cause, share of all energy there is
+ENERGY_SLACK = 1e-6
+# distance of a state's points from those that its coordinates give, share of the length
+POSE_SLACK = 1e-9
+WORST = 5
+
+
+@dataclass
+class Outcome:
+    """What became of a case.
+
+    seed, numbers: of the case. status: 0 or why the solver stopped; frame: in which frame.
+    steps, iterations, rejected, failed, fallbacks: sums over the frames (StepReport).
+    energy_gain: largest growth of energy over a frame, share of all there is; None where work is
+    done. violations: what must never happen and did. seconds: wall time.
+    """
+
+    seed: int
+    numbers: dict[str, Any]
+    status: int = 0
+    frame: int = 0
+    steps: int = 0
+    iterations: int = 0
+    rejected: int = 0
+    failed: int = 0
+    fallbacks: int = 0
+    energy_gain: float | None = None
+    violations: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def verdict(self) -> str:
+        """ok (one step a frame), sub-stepped, or stopped with a status."""
+        if self.status != CONVERGED:
+            return "stopped"
+        return "ok" if self.steps == self.frame + 1 and not self.failed else "sub-stepped"
+
+
+def energies(model: Model, state: State, loads: Loads) -> tuple[float, float, float]:
+    """Kinetic, elastic and gravitational energy of feather 0, J."""
+    heavy = model.mass[0].copy()
+    kinetic = 0.5 * float(np.einsum("np,npk->", heavy, state.velocity[0] ** 2))
+    heavy[:, 1:3] = 0.0
+    potential = -float(np.einsum("np,npk,k->", heavy, state.points[0], loads.gravity))
+    strains = pose_strains(model, state)
+    elastic = float(elastic_energy(model, 0, strains, np.zeros_like(strains), 0.0))
+    return kinetic, elastic, potential
+
+
+def run_case(case: Case) -> Outcome:
+    """Simulate a case and judge every frame."""
+    outcome = Outcome(case.seed, case.numbers)
+    start = perf_counter()
+    state = case.state
+    gains = []
+    with Solver(case.model, case.settings) as solver:
+        for frame, path in enumerate(case.paths):
+            before = state.copy()
+            new, report = solver.step(state, case.loads, path, case.duration)
+            outcome.frame = frame
+            _count(outcome, report)
+            outcome.violations += _broken_promises(case, before, state, new, report)
+            if case.still:
+                gains.append(_energy_gain(case, state, new))
+            state = new
+            if outcome.status != CONVERGED:
+                break
+    if gains:
+        outcome.energy_gain = max(gains)
+        if not outcome.energy_gain <= ENERGY_SLACK:
+            outcome.violations.append("energy grew")
+    outcome.seconds = perf_counter() - start
+    return outcome
+
+
+def _count(outcome: Outcome, report: StepReport) -> None:
+    for name in ("steps", "iterations", "rejected", "failed", "fallbacks"):
+        setattr(outcome, name, getattr(outcome, name) + int(getattr(report, name)[0]))
+    outcome.status = int(report.status[0])
+
+
+def _broken_promises(
+    case: Case, before: State, given: State, new: State, report: StepReport
+) -> list[str]:
+    """What the solver promises of any step: see the names of the violations."""
+    broken = []
+    if any(a.tobytes() != b.tobytes() for a, b in zip(before, given, strict=True)):
+        broken.append("the given state was changed")
+    if not all(np.isfinite(array).all() for array in new):
+        broken.append("not finite")
+        return broken
+    advanced = float(new.time[0] - given.time[0])
+    ended = abs(advanced - case.duration) <= 1e-9 * case.duration
+    if ended != (report.status[0] == CONVERGED):
+        broken.append("time and status contradict each other")
+    if report.steps[0] == 0 and new.points.tobytes() != given.points.tobytes():
+        broken.append("no step was accepted, and the pose changed")
+    if _pose_gap(case.model, new) > POSE_SLACK * case.numbers["length"]:
+        broken.append("points do not belong to the coordinates")
+    return broken
+
+
+def _pose_gap(model: Model, state: State) -> float:
+    """Largest distance (m) of the points of feather 0 from those that its coordinates give."""
+    from featherfx.solver.pose_kernels import material_points
+
+    points = np.zeros_like(state.points[0])
+    material_points(model, 0, state.turn[0], state.centre[0], state.coefficient[0], points)
+    return float(np.abs(points - state.points[0]).max())
+
+
+def _energy_gain(case: Case, before: State, after: State) -> float:
+    """Growth of the total energy, as a share of all energy that there was to begin with."""
+    first = energies(case.model, before, case.loads)
+    last = energies(case.model, after, case.loads)
+    # the fall of the feather's mass by its length is the scale of gravity
+    weight = float(case.model.mass[0, :, 0].sum() + case.model.mass[0, :, 3:].sum())
+    scale = weight * case.numbers["gravity"] * case.numbers["length"]
+    return (sum(last) - sum(first)) / (first[0] + first[1] + scale)
+
+
+def run_seeds(
+    seeds: Iterable[int],
+    jobs: int = 1,
+    most_rows: int = 200,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Outcome]:
+    """Outcomes of the cases of the seeds, in their order. progress: called as (done, total)."""
+    listed = list(seeds)
+
+    def one(seed: int) -> Outcome:
+        return run_case(draw_case(seed, most_rows))
+
+    outcomes = []
+    with ThreadPoolExecutor(jobs) as pool:
+        for outcome in pool.map(one, listed):
+            outcomes.append(outcome)
+            if progress is not None:
+                progress(len(outcomes), len(listed))
+    return outcomes
+
+
+def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+    """Counts, and the worst cases: violations first, then stopped ones, then the dearest."""
+    ranked = sorted(
+        outcomes,
+        key=lambda o: (bool(o.violations), o.status != CONVERGED, o.iterations),
+        reverse=True,
+    )
+    gains = [o.energy_gain for o in outcomes if o.energy_gain is not None]
+    return {
+        "cases": len(outcomes),
+        "ok": sum(o.verdict == "ok" for o in outcomes),
+        "sub_stepped": sum(o.verdict == "sub-stepped" for o in outcomes),
+        "stopped": sum(o.verdict == "stopped" for o in outcomes),
+        "violations": sum(bool(o.violations) for o in outcomes),
+        "still_cases": len(gains),
+        "largest_energy_gain": max(gains, default=0.0),
+        "implicit_euler_steps": sum(o.fallbacks for o in outcomes),
+        "steps": sum(o.steps for o in outcomes),
+        "iterations": sum(o.iterations for o in outcomes),
+        "seconds": sum(o.seconds for o in outcomes),
+        "worst": [as_record(o) for o in ranked[:WORST]],
+    }
+
+
+def as_record(outcome: Outcome) -> dict[str, Any]:
+    """An outcome as plain data for JSON."""
+    return {
+        "seed": outcome.seed,
+        "verdict": outcome.verdict,
+        "status": outcome.status,
+        "violations": outcome.violations,
+        "energy_gain": outcome.energy_gain,
+        "iterations": outcome.iterations,
+        "steps": outcome.steps,
+        "failed": outcome.failed,
+        "fallbacks": outcome.fallbacks,
+        "seconds": outcome.seconds,
+        "case": outcome.numbers,
+    }

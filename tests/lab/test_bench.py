@@ -1,0 +1,98 @@
+"""The benchmark: its yardstick, its errors, its tables and its files."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from featherfx.cli.main import main
+from featherfx.lab.bench import experiments, report, shake, tables
+from featherfx.lab.bench.factorisation import factorisation_seconds
+
+COARSE = shake.Shake(rows=9, columns=3, coefficients=1, step=1.0 / 48.0, duration=0.25)
+TINY = experiments.Extent(
+    rows=(6,),
+    coefficients=(1,),
+    steps=(24,),
+    radii=(0.0, shake.EULER),
+    tolerances=(1e-2,),
+    reference=replace(COARSE, rows=17, step=1.0 / 192.0, duration=0.5),
+    batches=(1, 2),
+    duration=1.0 / 24.0,
+)
+
+
+def run(**changes):
+    return shake.barb_curvature(shake.swan_primary(), replace(COARSE, **changes))
+
+
+def test_root_starts_gently_and_reaches_the_amplitude():
+    assert shake.shifted(0.0) == 0.0
+    assert abs(shake.shifted(1e-3)) < 1e-6
+    times = np.linspace(0.0, 1.0, 997)
+    assert max(shake.shifted(t) for t in times) == pytest.approx(0.05, rel=1e-3)
+
+
+def test_error_against_itself_is_nothing_and_grows_with_the_step():
+    fine = run(step=1.0 / 384.0)
+    length = shake.swan_primary().length
+    assert shake.trajectory_error(fine, fine, length) == 0.0
+    errors = [shake.trajectory_error(run(step=step), fine, length) for step in (1 / 48, 1 / 192)]
+    assert errors[0] > 3.0 * errors[1] > 0.0
+
+
+def test_error_sees_a_moved_point():
+    fine = run()
+    moved = fine.moved.copy()
+    moved[1, 4, 0, 2] += 0.01
+    assert shake.trajectory_error(replace(fine, moved=moved), fine, 0.5) == pytest.approx(0.02)
+
+
+def test_equal_feathers_move_equally_on_any_number_of_threads():
+    one, many = run(), run(count=3, jobs=2)
+    np.testing.assert_array_equal(one.moved, many.moved)
+    assert many.steps == one.steps == 12
+    assert one.moved.shape == (6, 9, 3, 3)
+
+
+def test_stiff_kind_changes_only_the_barbs():
+    kind = shake.swan_primary()
+    stiff = experiments.stiff_kind(kind, 1e6)
+    vane = stiff.vane_material
+    assert vane.along / vane.across == pytest.approx(1e6)
+    grown = vane.barb_bending_normal / kind.vane_material.barb_bending_normal
+    assert grown == pytest.approx(1e6 * kind.vane_material.across / kind.vane_material.along)
+    assert stiff.rachis_material == kind.rachis_material
+
+
+def test_factorisation_is_timed():
+    assert 1e-4 < factorisation_seconds() < 1.0
+
+
+def test_front_of_settings():
+    pairs = [(1.0, 5.0), (2.0, 6.0), (3.0, 2.0), (3.0, 1.0), (9.0, 1.0)]
+    rows = [{"cost": cost, "error": error} for cost, error in pairs]
+    assert tables.pareto(rows, "cost", "error") == [rows[0], rows[3]]
+
+
+def test_tables_and_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(experiments, "PRODUCTION", replace(COARSE, duration=1.0 / 24.0))
+    monkeypatch.setattr(experiments, "HERO", replace(COARSE, duration=1.0 / 24.0))
+    made = list(experiments.all_tables(TINY, 2))
+    files = report.write(tmp_path / "measured", made, None)
+    assert {"benchmark.md", "benchmark.json", "front.csv"} <= {file.name for file in files}
+    front = (tmp_path / "measured" / "front.csv").read_text().splitlines()
+    assert len(front) == 1 + 3
+    errors = [row["error"] for table in made if table.name == "front" for row in table.rows]
+    assert all(1e-6 < error < 0.1 for error in errors)
+    text = (tmp_path / "measured" / "benchmark.md").read_text()
+    assert all(table.title in text for table in made)
+    assert report.machine()["date"] in text
+
+
+def test_stress_from_the_command_line(tmp_path):
+    arguments = ["bench", "--stress", "--cases", "2", "--quick", "--seed", "6"]
+    done = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "violations" in (tmp_path / "benchmark.md").read_text()

@@ -1,0 +1,98 @@
+"""Random absurd cases, a fixed small budget of them, and that the judge sees broken promises."""
+
+import numpy as np
+import pytest
+
+from featherfx.lab.bench import stress
+from featherfx.lab.bench.stress_cases import draw_case
+from featherfx.mechanics.model import no_loads
+from featherfx.solver.root_path import hold_roots
+from featherfx.solver.step import Settings, Solver
+
+SEEDS = range(1000, 1040)
+MOST_ROWS = 14
+
+
+@pytest.fixture(scope="module")
+def outcomes():
+    return stress.run_seeds(SEEDS, jobs=2, most_rows=MOST_ROWS)
+
+
+def test_no_promise_is_broken(outcomes):
+    assert [(o.seed, o.violations) for o in outcomes if o.violations] == []
+
+
+def test_most_cases_are_solved(outcomes):
+    assert sum(o.status == 0 for o in outcomes) >= 0.95 * len(outcomes)
+
+
+def test_energy_of_still_cases_was_watched(outcomes):
+    gains = [o.energy_gain for o in outcomes if o.energy_gain is not None]
+    assert len(gains) >= 2
+    assert max(gains) <= stress.ENERGY_SLACK
+
+
+def test_cases_are_drawn_again_from_their_seed():
+    one, two = draw_case(1003, MOST_ROWS), draw_case(1003, MOST_ROWS)
+    assert one.numbers == two.numbers
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(one.state, two.state, strict=True))
+
+
+def test_summary_counts_every_case_once(outcomes):
+    counts = stress.summary(outcomes)
+    assert counts["ok"] + counts["sub_stepped"] + counts["stopped"] == counts["cases"] == 40
+    assert len(counts["worst"]) == stress.WORST
+
+
+def still_case():
+    return next(case for case in map(lambda s: draw_case(s, 8), range(1000, 1100)) if case.still)
+
+
+def test_judge_sees_energy_from_nowhere(monkeypatch):
+    honest = Solver.step
+
+    def pushed(self, state, loads, path, duration):
+        new, report = honest(self, state, loads, path, duration)
+        new.velocity[:, -1] += 100.0
+        return new, report
+
+    monkeypatch.setattr(Solver, "step", pushed)
+    assert "energy grew" in stress.run_case(still_case()).violations
+
+
+def test_judge_sees_a_changed_input_and_wrong_points(monkeypatch):
+    honest = Solver.step
+
+    def careless(self, state, loads, path, duration):
+        new, report = honest(self, state, loads, path, duration)
+        state.velocity[:] += 1.0
+        new.points[:, 1, 0] += 1.0
+        return new, report
+
+    monkeypatch.setattr(Solver, "step", careless)
+    broken = stress.run_case(still_case()).violations
+    assert "the given state was changed" in broken
+    assert "points do not belong to the coordinates" in broken
+
+
+def test_a_feather_that_is_not_finite_does_not_stop_the_other():
+    case = draw_case(1005, 8)
+    both = {
+        name: np.repeat(array, 2, axis=0)
+        for name, array in case.model._asdict().items()
+        if name != "shapes"
+    }
+    model = case.model._replace(**both)
+    state = type(case.state)(*(np.repeat(array, 2, axis=0) for array in case.state))
+    state.velocity[1] = np.nan
+    loads, path = no_loads(2, (0.0, 0.0, -9.81)), hold_roots(state)
+    new, report = Solver(model, Settings()).step(state, loads, path, 1e-3)
+    alone = case.state
+    right, _ = Solver(case.model, Settings()).step(
+        alone, no_loads(1, (0.0, 0.0, -9.81)), hold_roots(alone), 1e-3
+    )
+    assert report.status[1] != 0
+    assert report.status[0] == 0
+    assert new.time[1] == 0.0
+    np.testing.assert_array_equal(new.points[1], state.points[1])
+    np.testing.assert_array_equal(new.points[0], right.points[0])
