@@ -10,7 +10,7 @@ import click
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 
-TABLES = 6
+TABLES = 8
 STRESS_CASES, QUICK_STRESS_CASES = 10_000, 200
 QUICK_ROWS, MOST_ROWS = 40, 200
 
@@ -64,7 +64,8 @@ def bench(
         with Progress("cases") as progress:
             outcome = summary(run_seeds(range(seed, seed + count), jobs, most_rows, progress))
     else:
-        from featherfx.lab.bench.experiments import FULL, QUICK, all_tables
+        from featherfx.lab.bench.experiments import all_tables
+        from featherfx.lab.bench.extent import FULL, QUICK
 
         with Progress("tables") as progress:
             for table in all_tables(QUICK if quick else FULL, jobs):

@@ -80,3 +80,11 @@ def rotate(w, x, y, z, vx, vy, vz):
         vy + w * ty + z * tx - x * tz,
         vz + w * tz + x * ty - y * tx,
     )
+
+
+@kernel
+def same_sign(near, turn):
+    """Give the quaternion turn (4,) the sign that is nearer to near (4,), in place."""
+    if near[0] * turn[0] + near[1] * turn[1] + near[2] * turn[2] + near[3] * turn[3] < 0.0:
+        for k in range(4):
+            turn[k] = -turn[k]

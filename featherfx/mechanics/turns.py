@@ -30,3 +30,14 @@ def rotation_vectors(frames: Array) -> Array:
 
     flat = Rotation.from_matrix(frames.reshape(-1, 3, 3)).as_rotvec()
     return flat.reshape(*frames.shape[:-2], 3)
+
+
+def along_rows(turns: Array) -> Array:
+    """(..., n, 4) quaternions with the signs that are nearest to those of the row before.
+
+    Rows whose signs do not belong together would count as turned by 2 pi against each other
+    (featherfx/mechanics/rachis_kernels.py).
+    """
+    close = np.einsum("...nk,...nk->...n", turns[..., 1:, :], turns[..., :-1, :])
+    sign = np.cumprod(np.where(close < 0.0, -1.0, 1.0), axis=-1)
+    return np.concatenate([turns[..., :1, :], turns[..., 1:, :] * sign[..., None]], axis=-2)

@@ -7,6 +7,8 @@ Every strain s has a stiffness k and, where the material is damped, a reference 
 (Kelvin-Voigt; s measured from rest). The rest is in node_kernels.
 """
 
+from math import ceil
+
 from featherfx.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, node_energy
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
@@ -22,16 +24,16 @@ def node_index(side, column, columns):
 @kernel
 def wrapped(angle):
     """Angle brought to (-pi, pi]."""
-    if angle > 3.141592653589793:
-        return angle - 6.283185307179586
-    if angle < -3.141592653589793:
-        return angle + 6.283185307179586
-    return angle
+    return angle - 6.283185307179586 * ceil(angle / 6.283185307179586 - 0.5)
 
 
 @kernel
-def feather_strains(model, f, coefficient, points, rachis, strains):
-    """All strains of feather f, measured from rest, written to strains (S,)."""
+def feather_strains(model, f, coefficient, points, rachis, reference, strains):
+    """All strains of feather f, measured from rest, written to strains (S,).
+
+    reference: (S,) strains of before; dihedral angles are those within half a turn of them, so
+    that a fold that closes completely and goes on has no jump.
+    """
     rows, columns = coefficient.shape[1], model.joints.shape[3]
     at = 0
     for i in range(rows - 1):
@@ -73,7 +75,9 @@ def feather_strains(model, f, coefficient, points, rachis, strains):
                             points[i, near], points[i, far], points[i + 1, near], points[i - 1, far]
                         )
                         - model.hinge_rest[f, side, i, j]
+                        - reference[at]
                     )
+                    angle += reference[at]
                 strains[at] = angle
                 at += 1
 

@@ -41,7 +41,9 @@ def evaluate(model, loads, f, share, factors, pose, around):
     """Points and strains of a pose from its coordinates, and its energy (J)."""
     material_points(model, f, pose.turn, pose.centre, pose.coefficient, pose.points)
     rachis_strains(model.length[f], pose.turn, pose.centre, pose.halfway, pose.rachis)
-    feather_strains(model, f, pose.coefficient, pose.points, pose.rachis, pose.strains)
+    feather_strains(
+        model, f, pose.coefficient, pose.points, pose.rachis, around.reference, pose.strains
+    )
     return step_energy(model, loads, f, share, factors, pose, around)
 
 

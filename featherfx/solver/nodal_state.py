@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from featherfx.mechanics.batch import row_frames
 from featherfx.mechanics.model import Model
 from featherfx.mechanics.nodal_model import NodalModel
-from featherfx.mechanics.turns import frames_to_turns
+from featherfx.mechanics.turns import along_rows, frames_to_turns
 from featherfx.solver.work import Surroundings, System
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ def nodal_state(model: Model, points: Array) -> NodalState:
     points = np.array(points, dtype=float)
     count, n = points.shape[:2]
     return NodalState(
-        turn=frames_to_turns(row_frames(points)),
+        turn=along_rows(frames_to_turns(row_frames(points))),
         points=points,
         velocity=np.zeros(points.shape),
         acceleration=np.zeros(points.shape),

@@ -3,7 +3,7 @@
 from featherfx.compiled import kernel
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.node_kernels import blow
-from featherfx.mechanics.rotations_kernels import logarithm, multiply, normalised, rotate
+from featherfx.mechanics.rotations_kernels import logarithm, multiply, normalised, rotate, same_sign
 from featherfx.solver.integrator_kernels import (
     EULER,
     begin_step,
@@ -126,6 +126,7 @@ def _predict(model, nodal, loads, f, share, h, radius, option, path, base, state
         # scratch of the elements, which are not in use yet
         turn, centre = work.element.matrix[0], work.element.matrix[1]
         root_at(path, base, share, turn, centre)
+        same_sign(state.turn[f, 0], turn)
         if option >= FOLLOW:
             _follow_root(state.turn[f, 0], state.points[f, 0, 0], turn, centre, now)
         _pin(nodal, f, now, turn, centre)

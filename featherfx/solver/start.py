@@ -43,6 +43,7 @@ def start_acceleration(
     now, around = work.now, work.around
     load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
     around.target[:] = state.points[f] + h * state.velocity[f]
+    around.reference[:] = state.strains[f, 0]
     factors = (1.0 / (h * h), 0.0, 0.0)
     minimise(model, loads, f, 0.0, factors, 0.0, START_ITERATIONS, work)
     begin(f, duration, float(model.length[f].sum()), now.points - around.target, state)

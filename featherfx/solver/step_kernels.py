@@ -3,7 +3,7 @@
 from featherfx.compiled import kernel
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.node_kernels import blow
-from featherfx.mechanics.rotations_kernels import logarithm, multiply, normalised
+from featherfx.mechanics.rotations_kernels import logarithm, multiply, normalised, same_sign
 from featherfx.solver.integrator_kernels import (
     EULER,
     begin_step,
@@ -38,14 +38,6 @@ def _rebuild_centres(length, pose):
             pose.centre[i],
             pose.centre[i + 1],
         )
-
-
-@kernel
-def _same_sign(near, turn):
-    """Give the quaternion turn (4,) the sign that is nearer to near (4,), in place."""
-    if near[0] * turn[0] + near[1] * turn[1] + near[2] * turn[2] + near[3] * turn[3] < 0.0:
-        for k in range(4):
-            turn[k] = -turn[k]
 
 
 @kernel
@@ -136,9 +128,9 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
     if model.held[f]:
         turn_by(state.turn[f, 0], state.spin[f, 0], h, work.trial.turn[0])
         root_at(path, base, share, now.turn[0], now.centre[0])
-        _same_sign(work.trial.turn[0], now.turn[0])
+        same_sign(work.trial.turn[0], now.turn[0])
     if follow and model.held[f]:
-        _same_sign(state.turn[f, 0], now.turn[0])
+        same_sign(state.turn[f, 0], now.turn[0])
         _follow_root(state.turn[f, 0], length, now)
     else:
         _go_on(

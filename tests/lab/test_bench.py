@@ -7,12 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from featherfx.cli.main import main
-from featherfx.lab.bench import experiments, report, shake, tables
+from featherfx.lab.bench import experiments, extent, report, scaling, shake, tables
 from featherfx.lab.bench.factorisation import factorisation_seconds
 
 COARSE = shake.Shake(rows=9, columns=3, coefficients=1, step=1.0 / 48.0, duration=0.25)
-TINY = experiments.Extent(
-    rows=(6,),
+TINY = extent.Extent(
+    grids=((6, 2),),
     coefficients=(1,),
     steps=(24,),
     radii=(0.0, shake.EULER),
@@ -35,11 +35,12 @@ def test_root_starts_gently_and_reaches_the_amplitude():
 
 
 def test_error_against_itself_is_nothing_and_grows_with_the_step():
-    fine = run(step=1.0 / 384.0)
+    fine = run(step=1.0 / 3072.0)
     length = shake.swan_primary().length
     assert shake.trajectory_error(fine, fine, length) == 0.0
-    errors = [shake.trajectory_error(run(step=step), fine, length) for step in (1 / 48, 1 / 192)]
-    assert errors[0] > 3.0 * errors[1] > 0.0
+    steps = (1.0 / 96.0, 1.0 / 384.0)
+    errors = [shake.trajectory_error(run(step=step), fine, length) for step in steps]
+    assert errors[0] > 2.0 * errors[1] > 0.0
 
 
 def test_error_sees_a_moved_point():
@@ -77,13 +78,16 @@ def test_front_of_settings():
 
 
 def test_tables_and_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(experiments, "PRODUCTION", replace(COARSE, duration=1.0 / 24.0))
-    monkeypatch.setattr(experiments, "HERO", replace(COARSE, duration=1.0 / 24.0))
+    small = replace(COARSE, duration=1.0 / 24.0)
+    for module, name in ((experiments, "PRODUCTION"), (scaling, "PRODUCTION")):
+        monkeypatch.setattr(module, name, small)
+    monkeypatch.setattr(experiments, "HERO", small)
+    monkeypatch.setattr(experiments, "preset_shake", lambda name: replace(COARSE, duration=0.5))
     made = list(experiments.all_tables(TINY, 2))
     files = report.write(tmp_path / "measured", made, None)
     assert {"benchmark.md", "benchmark.json", "front.csv"} <= {file.name for file in files}
     front = (tmp_path / "measured" / "front.csv").read_text().splitlines()
-    assert len(front) == 1 + 3
+    assert len(front) == 1 + 4
     errors = [row["error"] for table in made if table.name == "front" for row in table.rows]
     assert all(1e-6 < error < 0.1 for error in errors)
     text = (tmp_path / "measured" / "benchmark.md").read_text()

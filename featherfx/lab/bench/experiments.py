@@ -2,71 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 from featherfx.errors import SimulationError
 from featherfx.groom.types import FeatherKind
+from featherfx.lab.bench.extent import HERO, PRODUCTION, Extent
 from featherfx.lab.bench.factorisation import factorisation_seconds
+from featherfx.lab.bench.scaling import batches_table, fastest, rows_table, threads_table
 from featherfx.lab.bench.shake import (
-    EULER,
     Method,
     Run,
     Shake,
     barb_curvature,
+    nodal,
     swan_primary,
     trajectory_error,
 )
 from featherfx.lab.bench.tables import Row, Table
+from featherfx.shot.simulate import NEWTON_SHARE
 
-HERO = Shake(rows=41, columns=10, coefficients=2)
-PRODUCTION = Shake(rows=21, columns=6, coefficients=2)
-# methods that the comparison runs; another kinematics joins here under its name
 METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
+# methods that are compared on one setting; the slow ones would spend hours on the whole front
+COMPARED: dict[str, Method] = {
+    **METHODS,
+    "nodal, improved": nodal("improved"),
+    "nodal, textbook": nodal("textbook"),
+}
 RATIOS = tuple(10.0**k for k in range(2, 9))
-REPEATS = 3
-
-
-@dataclass(frozen=True)
-class Extent:
-    """How much is measured.
-
-    rows, coefficients, steps (1/s), radii: of the front. tolerances: share of the length, with
-    error control. reference: shake of the reference. batches: feathers at a time. duration: s, of
-    the timed runs.
-    """
-
-    rows: tuple[int, ...]
-    coefficients: tuple[int, ...]
-    steps: tuple[int, ...]
-    radii: tuple[float, ...]
-    tolerances: tuple[float, ...]
-    reference: Shake
-    batches: tuple[int, ...]
-    duration: float
-
-
-QUICK = Extent(
-    rows=(6, 11, 21),
-    coefficients=(1, 2),
-    steps=(24, 96),
-    radii=(0.0, 0.5, EULER),
-    tolerances=(1e-2, 1e-3),
-    reference=Shake(rows=81, columns=6, coefficients=3, step=1.0 / 768.0, radius=0.8),
-    batches=(1, 10, 100),
-    duration=0.25,
-)
-FULL = Extent(
-    rows=(6, 11, 21, 41),
-    coefficients=(0, 1, 2, 3, 4),
-    steps=(24, 48, 96, 192, 384),
-    radii=(0.0, 0.5, 0.8, EULER),
-    tolerances=(1e-2, 3e-3, 1e-3, 3e-4, 1e-4),
-    reference=Shake(rows=161, columns=10, coefficients=4, step=1.0 / 6144.0, radius=0.8),
-    batches=(1, 10, 100, 1000),
-    duration=0.5,
-)
+QUALITIES = ("draft", "preview", "final")
 
 
 def all_tables(extent: Extent, jobs: int) -> Iterator[Table]:
@@ -75,16 +40,14 @@ def all_tables(extent: Extent, jobs: int) -> Iterator[Table]:
     for method in METHODS.values():
         method(kind, replace(PRODUCTION, duration=1.0 / 24.0))  # compiles before anything is timed
     yield steps_table(kind, extent)
+    yield methods_table(kind, extent)
     yield stiffness_table(kind, extent)
-    yield front_table(kind, extent)
+    reference = barb_curvature(kind, extent.reference)
+    yield presets_table(kind, reference)
+    yield front_table(kind, extent, reference)
     yield threads_table(kind, extent, jobs)
     yield batches_table(kind, extent)
     yield rows_table(kind, extent)
-
-
-def fastest(method: Method, kind: FeatherKind, shake: Shake, repeats: int = REPEATS) -> Run:
-    """The fastest of several equal runs: what the machine does when nobody disturbs it."""
-    return min((method(kind, shake) for _ in range(repeats)), key=lambda run: run.seconds)
 
 
 def steps_table(kind: FeatherKind, extent: Extent) -> Table:
@@ -116,6 +79,28 @@ def steps_table(kind: FeatherKind, extent: Extent) -> Table:
         " next to each line. Processor time, best of three runs."
     )
     return Table("steps", "Time of a step", note, rows)
+
+
+def methods_table(kind: FeatherKind, extent: Extent) -> Table:
+    """The hero feather by every method: time, and distance from the first one's trajectory."""
+    shake = replace(HERO, duration=extent.duration)
+    rows: list[Row] = []
+    runs: list[Run] = []
+    for name, method in COMPARED.items():
+        method(kind, replace(shake, duration=shake.step))  # compiles before it is timed
+        runs.append(method(kind, shake))
+        rows.append(
+            {
+                "method": name,
+                "unknowns": runs[-1].unknowns,
+                "iterations a step": runs[-1].step_iterations,
+                "ms a step": 1e3 * runs[-1].step_seconds,
+                "times the first": runs[-1].step_seconds / runs[0].step_seconds,
+                "distance from the first": trajectory_error(runs[-1], runs[0], kind.length),
+            }
+        )
+    note = "Hero feather at 1/96 s; distance: largest of any followed point, share of the length."
+    return Table("methods", "Methods", note, rows)
 
 
 def stiff_kind(kind: FeatherKind, ratio: float) -> FeatherKind:
@@ -155,20 +140,50 @@ def stiffness_table(kind: FeatherKind, extent: Extent) -> Table:
 
 def front_shakes(extent: Extent) -> Iterator[Shake]:
     """Every setting of the front: fixed steps, then error control."""
-    columns = PRODUCTION.columns
     steps = [(1.0 / rate, radius) for rate, radius in product(extent.steps, extent.radii)]
-    for rows, coefficients in product(extent.rows, extent.coefficients):
+    for (rows, columns), coefficients in product(extent.grids, extent.coefficients):
         for step, radius in steps:
             yield Shake(rows, columns, coefficients, step, radius=radius)
-    for rows, share in product(extent.rows, extent.tolerances):
+    control = product(extent.grids, extent.tolerances, (0.0, 0.8))
+    for (rows, columns), share, radius in control:
         tolerance = share * swan_primary().length
         newton = min(1e-6, 1e-3 * tolerance)
-        yield Shake(rows, columns, 2, step=0.0, tolerance=tolerance, newton=newton)
+        yield Shake(rows, columns, 2, 0.0, tolerance, radius, newton)
 
 
-def front_table(kind: FeatherKind, extent: Extent) -> Table:
-    """Wall time against the trajectory's error."""
-    reference = barb_curvature(kind, extent.reference)
+def preset_shake(name: str) -> Shake:
+    """The shake with the settings of a quality preset, as a bake uses them."""
+    from featherfx.groom.library import plain
+    from featherfx.groom.presets import load_preset
+
+    values = plain(load_preset(f"quality/{name}")[1])
+    return Shake(
+        rows=values["rows"],
+        columns=values["columns"],
+        coefficients=values["coefficients"],
+        step=0.0,
+        tolerance=values["tolerance"],
+        newton=NEWTON_SHARE * values["tolerance"],
+        max_substeps=values["max_substeps"],
+    )
+
+
+def presets_table(kind: FeatherKind, reference: Run) -> Table:
+    """Cost and error of the quality presets."""
+    rows = []
+    for name in QUALITIES:
+        row = _front_row(kind, "barb-curvature", barb_curvature, preset_shake(name), reference)
+        names = ("rows", "columns", "coefficients", "tolerance", "error", "ms a simulated second")
+        rows.append({"preset": name, **{key: row[key] for key in names}, "steps": row["steps"]})
+    note = (
+        "The same shake and the same measure of error as below, with the steps that the presets'"
+        " error control chooses; steps are those of half a second."
+    )
+    return Table("presets", "Quality presets", note, rows)
+
+
+def front_table(kind: FeatherKind, extent: Extent, reference: Run) -> Table:
+    """Time against the trajectory's error."""
     rows: list[Row] = []
     for name, method in METHODS.items():
         rows += [_front_row(kind, name, method, shake, reference) for shake in front_shakes(extent)]
@@ -203,68 +218,3 @@ def _front_row(kind: FeatherKind, name: str, method: Method, shake: Shake, refer
         "steps": steps,
         "iterations a step": iterations,
     }
-
-
-def threads_table(kind: FeatherKind, extent: Extent, jobs: int) -> Table:
-    """32 feathers on one thread and on several."""
-    shake = replace(PRODUCTION, count=32, duration=extent.duration)
-    rows: list[Row] = []
-    for threads in sorted({1, 2, jobs}):
-        run = fastest(barb_curvature, kind, replace(shake, jobs=threads))
-        first = rows[0]["ms a frame of 1/96 s"] if rows else 1e3 * run.step_seconds
-        rows.append(
-            {
-                "threads": threads,
-                "ms a frame of 1/96 s": 1e3 * run.step_seconds,
-                "times one thread": first / (1e3 * run.step_seconds),
-            }
-        )
-    return Table("threads", "Threads", "32 production feathers; best of three runs.", rows)
-
-
-def batches_table(kind: FeatherKind, extent: Extent) -> Table:
-    """Time per feather against their number."""
-    rows = _scaling(
-        extent.batches,
-        lambda count: replace(PRODUCTION, count=count, duration=8.0 / 96.0),
-        kind,
-        "feathers",
-    )
-    note = "Production feathers on one thread, eight steps of 1/96 s; time of a step per feather."
-    return Table("batches", "Time per feather", note, rows)
-
-
-def rows_table(kind: FeatherKind, extent: Extent) -> Table:
-    """Cost against the number of rows."""
-    rows = _scaling(
-        (11, 21, 41, 81, 161),
-        lambda count: replace(PRODUCTION, rows=count, duration=8.0 / 96.0),
-        kind,
-        "rows",
-    )
-    note = "Six columns, two coefficients, eight steps of 1/96 s; time of an iteration per row."
-    return Table("rows", "Cost against rows", note, rows)
-
-
-def _scaling(
-    counts: tuple[int, ...],
-    shake: Callable[[int], Shake],
-    kind: FeatherKind,
-    unit: str,
-) -> list[Row]:
-    """Time of a step at several sizes, and per unit of size and iteration."""
-    rows: list[Row] = []
-    for count in counts:
-        run = fastest(barb_curvature, kind, shake(count))
-        each = run.seconds / run.iterations / count if unit == "rows" else run.step_seconds / count
-        base = rows[0]["microseconds each"] if rows else 1e6 * each
-        rows.append(
-            {
-                unit: count,
-                "iterations a step": run.step_iterations,
-                "ms a step": 1e3 * run.step_seconds,
-                "microseconds each": 1e6 * each,
-                "share of the first": 1e6 * each / base,
-            }
-        )
-    return rows

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from time import perf_counter, thread_time
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ class Shake:
     rows, columns, coefficients: of the grid. step: s, of all steps, or 0 where the error control
     chooses them. tolerance: m, of the error control. radius: of the integrator, EULER for implicit
     Euler. newton: m, last move of Newton. duration: s. count: feathers. jobs: threads.
+    max_substeps: of a frame, with error control.
     """
 
     rows: int = 41
@@ -51,6 +53,7 @@ class Shake:
     duration: float = 0.5
     count: int = 1
     jobs: int = 1
+    max_substeps: int = 64
 
 
 @dataclass(frozen=True)
@@ -124,32 +127,55 @@ def _repeated(model: Model, count: int) -> Model:
 
 def barb_curvature(kind: FeatherKind, shake: Shake) -> Run:
     """The default solver."""
-    feather = build_feather(kind, shake.rows, shake.columns)
     one = _model(kind, shake.rows, shake.columns, shake.coefficients)
     model = _repeated(one, shake.count) if shake.count > 1 else one
     state = rest_state(model, np.zeros((shake.count, 3)), np.tile(np.eye(3), (shake.count, 1, 1)))
+    with Solver(model, _settings(shake), shake.jobs) as solver:
+        return _run(kind, shake, solver, state, one.unknowns)
+
+
+def nodal(method: Literal["improved", "textbook"]) -> Method:
+    """The nodal solver, of one feather, by the improved or the textbook Newton method."""
+
+    def run(kind: FeatherKind, shake: Shake) -> Run:
+        from featherfx.mechanics.nodal_model import nodal_model
+        from featherfx.solver.nodal import NodalSolver
+        from featherfx.solver.nodal_state import nodal_rest_state
+
+        feather = build_feather(kind, shake.rows, shake.columns)
+        model = _model(kind, shake.rows, shake.columns, 0)
+        constants = nodal_model(model, [feather], [kind])
+        state = nodal_rest_state(model, constants, np.zeros((1, 3)), np.eye(3)[None])
+        solver = NodalSolver(model, constants, _settings(shake), method)
+        return _run(kind, shake, solver, state, int(constants.slot.max()) + 3)
+
+    return run
+
+
+def _settings(shake: Shake) -> Settings:
+    most = 1 if shake.step > 0.0 else shake.max_substeps
+    return Settings(shake.tolerance, shake.newton, most, shake.radius)
+
+
+def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int) -> Run:
+    """Step any solver through the shake; solver and state have the shape of Solver and State."""
+    feather = build_feather(kind, shake.rows, shake.columns)
     rest = _followed(feather, state.points[0])
     loads = no_loads(shake.count)
-    fixed = shake.step > 0.0
-    settings = Settings(shake.tolerance, shake.newton, 1 if fixed else 64, shake.radius)
-    times = _step_times(shake)
     clock = perf_counter if shake.jobs > 1 else thread_time
     moved, seconds, steps, iterations = [], 0.0, 0, 0
-    with Solver(model, settings, shake.jobs) as solver:
-        for before, after in pairwise(times):
-            path = root_paths(before, after, shake.count)
-            begin = clock()
-            state, report = solver.step(state, loads, path, after - before)
-            seconds += clock() - begin
-            raise_if_failed(report.status, state.time, ["shaken feather"] * shake.count)
-            steps += int(report.steps[0])
-            iterations += int(report.iterations[0])
-            if _is_output(after):
-                moved.append(_followed(feather, state.points[0]) - rest)
+    for before, after in pairwise(_step_times(shake)):
+        path = root_paths(before, after, shake.count)
+        begin = clock()
+        state, report = solver.step(state, loads, path, after - before)
+        seconds += clock() - begin
+        raise_if_failed(report.status, state.time, ["shaken feather"] * shake.count)
+        steps += int(report.steps[0])
+        iterations += int(report.iterations[0])
+        if _is_output(after):
+            moved.append(_followed(feather, state.points[0]) - rest)
     present = np.concatenate([np.ones((1, feather.rows)), feather.barb_length]) > 0.0
-    return Run(
-        feather.station, np.array(moved), present.T, seconds, steps, iterations, one.unknowns
-    )
+    return Run(feather.station, np.array(moved), present.T, seconds, steps, iterations, unknowns)
 
 
 def _step_times(shake: Shake) -> Array:

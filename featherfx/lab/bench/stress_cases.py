@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from featherfx.lab.bench.random_feathers import Drawn, draw_feather, log_uniform
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
-from featherfx.mechanics.turns import frames_to_turns, turns_to_frames
+from featherfx.mechanics.turns import along_rows, frames_to_turns, turns_to_frames
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step import RootPath, Settings, hold_roots
@@ -145,10 +145,7 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
     for row in range(1, model.rows):
         shared = _turn(random, angle) @ shared
         frames[row] = shared @ frames[row]
-    turns = frames_to_turns(frames)
-    sign = np.where(np.einsum("nk,nk->n", turns[1:], turns[:-1]) < 0.0, -1.0, 1.0)
-    turns[1:] *= np.cumprod(sign)[:, None]
-    state.turn[0] = turns
+    state.turn[0] = along_rows(frames_to_turns(frames))
     bend = min(angle, 2.0)
     state.coefficient[0] = random.uniform(-bend, bend, state.coefficient[0].shape)
     turn, centre = state.turn[0], state.centre[0]
@@ -167,7 +164,8 @@ def pose_strains(model: Model, state: State) -> Array:
     rachis, strains = np.zeros((model.rows - 1, 6)), np.zeros(state.strains.shape[2])
     halfway = np.zeros((model.rows - 1, 3, 3))
     rachis_strains(model.length[0], state.turn[0], state.centre[0], halfway, rachis)
-    feather_strains(model, 0, state.coefficient[0], state.points[0], rachis, strains)
+    before = state.strains[0, 0]
+    feather_strains(model, 0, state.coefficient[0], state.points[0], rachis, before, strains)
     return strains
 
 
