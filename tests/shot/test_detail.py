@@ -1,4 +1,4 @@
-"""Coefficients that the solver chooses: few where they suffice, more where the result needs them."""
+"""Coefficients that the solver chooses: few where they suffice, more where they are needed."""
 
 from __future__ import annotations
 
