@@ -21,9 +21,13 @@ Array = NDArray[np.float64]
 
 # the instant over which the first acceleration is taken, as a share of the step, and the Newton
 # iterations that it gets: the second one only corrects for the curved paths of barbs and frames
+<<<<<<< HEAD
 INSTANT, START_ITERATIONS = 0.1, 3
 # how far the first acceleration may carry a point in the first step, as a share of the shaft
 RESOLVED = 0.02
+=======
+INSTANT, START_ITERATIONS = 1.0, 3
+>>>>>>> bench
 
 
 def start_acceleration(
@@ -31,8 +35,10 @@ def start_acceleration(
 ) -> None:
     """Set the accelerations of feather f, in place, to those that its pose and velocity give.
 
-    One implicit Euler step over a tenth of the duration (s), a = (x - x0 - h v0) / h^2, which
-    is then taken back. What vibrates faster than that instant is left at rest. With wrong
+    One implicit Euler step over the duration (s), a = (x - x0 - h v0) / h^2, which is then taken
+    back. What vibrates faster than that is left at rest: with a tenth of the duration, vibrations
+    that the first step does not resolve would double their energy in it (radius 0; with a fifth
+    or more a linear one never gains, with the whole no crumpled feather was seen to). With wrong
     accelerations the time integration would lose its second order at once.
 
     A feather that they would carry far in the first step (it was let go crumpled, say) is not

@@ -82,7 +82,9 @@ def test_tables_and_files(tmp_path, monkeypatch):
     for module, name in ((experiments, "PRODUCTION"), (scaling, "PRODUCTION")):
         monkeypatch.setattr(module, name, small)
     monkeypatch.setattr(experiments, "HERO", small)
-    monkeypatch.setattr(experiments, "preset_shake", lambda name: replace(COARSE, duration=0.5))
+    monkeypatch.setattr(
+        experiments, "preset_shake", lambda kind, name: replace(COARSE, duration=0.5)
+    )
     made = list(experiments.all_tables(TINY, 2))
     files = report.write(tmp_path / "measured", made, None)
     assert {"benchmark.md", "benchmark.json", "front.csv"} <= {file.name for file in files}

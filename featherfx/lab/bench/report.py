@@ -7,11 +7,10 @@ import os
 import platform
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from featherfx import __version__
 from featherfx.lab.bench.tables import (
     Row,
     Table,
@@ -22,7 +21,7 @@ from featherfx.lab.bench.tables import (
     work_precision_plot,
 )
 
-LIBRARIES = ("numpy", "scipy", "numba")
+LIBRARIES = ("featherfx", "numpy", "scipy", "numba")
 COST, ERROR = "ms a simulated second", "error"
 
 
@@ -35,9 +34,15 @@ def machine() -> dict[str, Any]:
         "system": f"{platform.system()} {platform.machine()}",
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "python": platform.python_version(),
-        "featherfx": __version__,
-        **{name: version(name) for name in LIBRARIES},
+        **{name: _version(name) for name in LIBRARIES},
     }
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def _processor() -> str:
