@@ -1,8 +1,9 @@
 """featherfx: from feather grooms to simulated, time-sampled USD geometry.
 
-`featherfx.bake`, `check` and `export_groom` do what the commands of the same kind do;
-`read_groom`, `read_shot`, `build` and `simulate` are the steps between. All are loaded when first
-asked for, so that `import featherfx` stays light. docs/usd_in.md and docs/dcc.md show them at work.
+`featherfx.bake`, `check`, `export`, `export_groom`, `join` and `plan` do what the commands of the
+same kind do; `read_groom`, `read_shot`, `build` and `simulate` are the steps between. All are
+loaded when first asked for, so that `import featherfx` stays light. docs/usd_in.md and docs/dcc.md
+show them at work.
 """
 
 from __future__ import annotations
@@ -11,17 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
-    from featherfx.pipeline import bake, check, export_groom
+    from featherfx.pipeline import bake, check, export, export_groom, join, plan
 
 __version__ = "0.1.0"
 _API = ("build", "read_groom", "read_quality", "read_shot", "simulate")
-_PIPELINE = ("bake", "check", "export_groom")
+_PIPELINE = ("bake", "check", "export", "export_groom", "join", "plan")
 __all__ = [
     "__version__",
     "bake",
     "build",
     "check",
+    "export",
     "export_groom",
+    "join",
+    "plan",
     "read_groom",
     "read_quality",
     "read_shot",

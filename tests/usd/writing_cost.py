@@ -33,7 +33,7 @@ def entries(count: int) -> list[FeatherEntry]:
 
 def frame(number: int, rest: np.ndarray, count: int) -> Frame:
     """All feathers bend, each by itself; every coordinate of every frame is another number."""
-    bend = 0.1 * np.sin(0.1 * number + np.arange(count))
+    bend = 0.1 * np.sin(0.1 * number + 0.7137 * np.arange(count))
     points, velocities = [], []
     for angle in bend:
         bent = rest.copy()
