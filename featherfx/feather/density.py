@@ -6,7 +6,7 @@ the interpolated frame of its row:
     rachis, d2, d3   q(s) = sum_i w_i(s) q_i                + frame(s) c
     barb node        x = r(s) + sum_ij w_i(s) v_j(u) L / L_i (x_ij - r_i) + frame(s) c
 
-s is the arc length of the rachis, u the share of the barb, L the length of barbs at rest. w and v
+s is the arc length of the rachis, u the share of the barb, L how far barbs reach at rest. w and v
 are cubic Hermite weights with slopes of parabolas through three neighbours: once continuously
 differentiable, local, and fixed, unlike monotone ones. frame(s) has the columns r'(s), d2(s) and
 d3(s), all linear in the coarse points, and c is chosen so that the rest shape comes out. So the
@@ -144,13 +144,19 @@ def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any) -> Any:
     if len(grown) == 0:
         return roots
     weights, _ = hermite_weights(coarse.station[grown], fine.station)
-    weights = fine.barb_length[side][:, None] * weights / coarse.barb_length[side][grown]
+    weights = _reach(fine, side)[:, None] * weights / _reach(coarse, side)[grown]
     share = np.linspace(0.0, 1.0, coarse.columns + 1), np.linspace(0.0, 1.0, fine.columns + 1)
     across, _ = hermite_weights(*share)
     root, first = _pick(coarse, 0)[grown], 3 + side * coarse.columns
     offsets = [_pick(coarse, first + j)[grown] - root for j in range(coarse.columns)]
     spread = sparse.kron(across[1:, 1:], sparse.csr_array(weights), format="csr")
     return (roots + spread @ sparse.vstack(offsets)).tocsr()
+
+
+def _reach(feather: Feather, side: int) -> Array:
+    """(n,) m, from roots to ends of barbs at rest: does not depend on the columns."""
+    end = 2 + (side + 1) * feather.columns
+    return np.asarray(np.linalg.norm(feather.points[:, end] - feather.points[:, 0], axis=1))
 
 
 def _pick(feather: Feather, point: int) -> Any:
