@@ -2,7 +2,7 @@
 
     variant   feathers (meshes)   barbs (curves)   rachises (curves)
     vane      drawn               hidden           guide
-    barbs     proxy               render           guide
+    barbs     proxy               render           render
     rachis    hidden              hidden           drawn
 
 Prims and their samples are the same in every variant; only purpose and visibility of the scopes
@@ -25,7 +25,7 @@ _VARIANTS = {
     "barbs": {
         FEATHERS: UsdGeom.Tokens.proxy,
         BARBS: UsdGeom.Tokens.render,
-        RACHISES: UsdGeom.Tokens.guide,
+        RACHISES: UsdGeom.Tokens.render,
     },
     "rachis": {FEATHERS: _HIDDEN, BARBS: _HIDDEN, RACHISES: _DRAWN},
 }

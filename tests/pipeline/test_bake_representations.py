@@ -98,7 +98,7 @@ def test_variants_change_what_is_drawn_and_nothing_else(dense):
     hidden = "hidden"
     wanted = {
         "vane": ("default", hidden, "guide"),
-        "barbs": ("proxy", "render", "guide"),
+        "barbs": ("proxy", "render", "render"),
         "rachis": (hidden, hidden, "default"),
     }
     assert sorted(variants.GetVariantNames()) == sorted(wanted)
