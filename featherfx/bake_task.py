@@ -15,7 +15,7 @@ from featherfx.api import read_quality, read_shot
 from featherfx.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from featherfx.shot.types import Shot
+    from featherfx.shot.types import Quality, Shot
 
 
 class StageOptions(TypedDict, total=False):
@@ -50,6 +50,37 @@ class BakeOptions(StageOptions, SampleOptions, total=False):
 
 
 @dataclass(frozen=True)
+class Drawn:
+    """What is drawn of the simulated feathers.
+
+    rows, columns: of the meshes; None: as simulated. barbs: curves along each vane; None: none.
+    """
+
+    rows: int | None = None
+    columns: int | None = None
+    barbs: int | None = None
+
+    def grid(self, quality: Quality) -> tuple[int, int]:
+        """Rows and columns of the meshes."""
+        return self.rows or quality.rows, self.columns or quality.columns
+
+    def check(self) -> None:
+        """Raise InputError for every number that is too small."""
+        least = {
+            "render_rows": (self.rows, 3),
+            "render_columns": (self.columns, 1),
+            "barbs": (self.barbs, 1),
+        }
+        problems = [
+            Problem("bake", name, f"{value}; allowed: at least {low}")
+            for name, (value, low) in least.items()
+            if value is not None and value < low
+        ]
+        if problems:
+            raise InputError(*problems)
+
+
+@dataclass(frozen=True)
 class Task:
     """A bake that can start: shot (reduced to its part of the feathers), output, frames, settings.
 
@@ -63,6 +94,7 @@ class Task:
     names: Sequence[str]
     root: str
     finished: bool
+    drawn: Drawn
 
 
 def prepare(
@@ -75,6 +107,7 @@ def prepare(
     resume: bool,
     feathers: tuple[int, int] | None,
     options: BakeOptions,
+    drawn: Drawn,
 ) -> Task:
     """The bake to do, after all that can be known to be wrong."""
     from featherfx.shot.share import share_of
@@ -88,22 +121,23 @@ def prepare(
         own = part_path(Path(path), feathers) if feathers else path
         return check_output(own, overwrite or resume, layout)
 
-    shot, chosen, path, _ = all_of(
+    shot, chosen, path, *_ = all_of(
         lambda: wanted_shot(shot_path, frames, folders),
         lambda: read_quality(quality, folders) if quality else None,
         lambda: checked(output) if output is not None else None,
         lambda: _check_report(report),
+        drawn.check,
     )
     whole = Path(output) if output is not None else default_output(shot)
     path = path or checked(whole)
     shot = replace(shot, quality=chosen) if chosen else shot
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
-    settings = _settings(shot, frames, feathers, options)
+    settings = _settings(shot, frames, feathers, options, drawn)
     if feathers:
         shot, names = share_of(shot, *feathers), names[feathers[0] - 1 :: feathers[1]]
     finished = resume and is_finished(path, settings, overwrite)
-    return Task(shot, path, frames, settings, names, prim_name(whole.stem), finished)
+    return Task(shot, path, frames, settings, names, prim_name(whole.stem), finished, drawn)
 
 
 def _settings(
@@ -111,6 +145,7 @@ def _settings(
     frames: tuple[int, int],
     feathers: tuple[int, int] | None,
     options: BakeOptions,
+    drawn: Drawn,
 ) -> dict[str, str]:
     """All that the frames depend on, as texts."""
     from featherfx.shot.fingerprint import program_digest, shot_settings
@@ -122,6 +157,8 @@ def _settings(
         "frames": f"{frames[0]}-{frames[1]}",
         "feathers": "{}/{}".format(*feathers) if feathers else "all",
         **{key: json.dumps(value) for key, value in sorted(plain.items())},
+        "render grid": "{} x {}".format(*drawn.grid(shot.quality)),
+        "barbs": str(drawn.barbs or "none"),
         **{f"shot.{key}": text for key, text in shot_settings(shot).items()},
     }
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from featherfx import __version__
 from featherfx.api import Folders
-from featherfx.bake_task import BakeOptions, Task, prepare, sample_count
+from featherfx.bake_task import BakeOptions, Drawn, Task, prepare, sample_count
 
 if TYPE_CHECKING:
     from featherfx.feather.types import Feather
@@ -37,6 +37,9 @@ def bake(
     on_frame: OnFrame | None = None,
     resume: bool = False,
     feathers: tuple[int, int] | None = None,
+    render_rows: int | None = None,
+    render_columns: int | None = None,
+    barbs: int | None = None,
     **options: Unpack[BakeOptions],
 ) -> dict[str, Any]:
     """Simulate a shot, write it to USD and return the report.
@@ -47,7 +50,8 @@ def bake(
     on_frame: called with the samples done and their number, at first with those taken over.
     resume: continue after the chunks that an earlier bake of this shot and these options left;
     a finished cache is left as it is. feathers: (i, n), the i-th of n shares of the feathers, to
-    the file that part_path names; see join_parts.
+    the file that part_path names; see join_parts. render_rows, render_columns: of the meshes,
+    at least 3 and 1; default: as simulated. barbs: along each vane, written as curves besides.
 
     The output and the report appear complete or not at all; after a failure or a kill the chunks
     that were done stay beside the output for resume. Raises InputError with every problem of
@@ -57,7 +61,10 @@ def bake(
     begin = time.perf_counter()
     notify = on_frame or (lambda done, total: None)
     folders = tuple(preset_folders)
-    task = prepare(shot_path, output, frames, quality, folders, report, resume, feathers, options)
+    drawn = Drawn(render_rows, render_columns, barbs)
+    task = prepare(
+        shot_path, output, frames, quality, folders, report, resume, feathers, options, drawn
+    )
     samples = sample_count(task.frames, options)
     if task.finished:
         notify(samples, samples)
@@ -107,6 +114,32 @@ def entries_of(
     ]
 
 
+def _entries(task: Task) -> list[FeatherEntry]:
+    """What the writer takes of a bake: feathers as they are drawn, and how they follow."""
+    from featherfx.feather.render import barb_curves, render_feather
+
+    shot, count = task.shot, task.drawn.barbs
+    grid = shot.quality.rows, shot.quality.columns
+    drawn = task.drawn.grid(shot.quality)
+    built = [render_feather(p.kind, grid, drawn, p.mirrored) for p in shot.groom.feathers]
+    entries = entries_of(
+        shot.groom, [feather for feather, _ in built], static=False, skin=shot.skin
+    )
+    for index, placement in enumerate(shot.groom.feathers):
+        barbs = None
+        if count:
+            barbs = barb_curves(placement.kind, grid, count, placement.mirrored)
+            points = barbs.points @ placement.rotation.T + placement.position
+            barbs = replace(barbs, points=points)
+        entries[index] = replace(
+            entries[index],
+            name=task.names[index],
+            points_map=built[index][1],
+            barbs=barbs,
+        )
+    return entries
+
+
 def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
     """What a cache tells of where it comes from."""
     return {"featherfx": __version__, "groom": groom.name, "quality": quality.name}
@@ -121,19 +154,13 @@ def _simulate(
     options: BakeOptions,
 ) -> tuple[int, dict[str, Any]]:
     """Run the frame loop beside the writer; returns the samples taken over and the figures."""
-    from featherfx.feather.build import build_feather
     from featherfx.shot.background import Background
     from featherfx.shot.checkpoint import Checkpoint
     from featherfx.shot.simulate import simulate
     from featherfx.usd.write import CacheWriter
 
     shot, quality = task.shot, task.shot.quality
-    built = [
-        build_feather(p.kind, quality.rows, quality.columns, p.mirrored)
-        for p in shot.groom.feathers
-    ]
-    entries = entries_of(shot.groom, built, static=False, skin=shot.skin)
-    entries = [replace(entry, name=name) for entry, name in zip(entries, task.names, strict=True)]
+    entries = _entries(task)
     writer = CacheWriter(
         task.path,
         entries,

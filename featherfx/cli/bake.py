@@ -31,6 +31,7 @@ PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--r
     epilog="""
     featherfx bake samples/swan_wing/shot.toml -o swan_wing.usdc
     featherfx bake shot.toml --frames 1-12 --quality draft --overwrite
+    featherfx bake shot.toml -o wing.usdc --render-rows 120 --render-columns 16 --barbs 400
     featherfx bake shot.toml -o wing.usda --meters-per-unit 0.01 --up-axis Y --report wing.json
     """,
 )
@@ -75,6 +76,22 @@ PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--r
     default=1,
     show_default=True,
     help="Samples a frame, for motion blur.",
+)
+@click.option(
+    "--render-rows",
+    type=click.IntRange(min=3),
+    help="Rachis rows of the meshes.  [default: as simulated]",
+)
+@click.option(
+    "--render-columns",
+    type=click.IntRange(min=1),
+    help="Barb columns a side of the meshes.  [default: as simulated]",
+)
+@click.option(
+    "--barbs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Write N barbs along each vane as curves, too: variant barbs of the root prim.",
 )
 @click.option("--accelerations", is_flag=True, help="Write accelerations beside velocities.")
 @click.option(

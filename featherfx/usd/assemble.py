@@ -43,10 +43,10 @@ def assemble(
         for index in range(len(static)):
             layer = layers.animation if moving[index] else layers.topology
             prims.author_defaults(layer, index, rest)
-    low, high = rest.extent[:, 0].min(axis=0), rest.extent[:, 1].max(axis=0)
+    low, high = rest.corners()
     if parts:
-        low = np.min([low, *(record.low for record in records)], axis=0)
-        high = np.max([high, *(record.high for record in records)], axis=0)
+        low = np.minimum(low, np.min([record.low for record in records], axis=0))
+        high = np.maximum(high, np.max([record.high for record in records], axis=0))
         _still_poses(layers.topology, prims, ~moving & ~np.array(static), parts)
         if layers.layout == "clips":
             clips = _clips(path.stem, info, prims, moving, parts)

@@ -70,8 +70,8 @@ class ChunkWriter:
             for index in np.flatnonzero(run.moving):
                 prims.author_sample(layer, int(index), (code,), frame)
         run.codes.append(code)
-        run.low = np.minimum(run.low, frame.extent[:, 0].min(axis=0))
-        run.high = np.maximum(run.high, frame.extent[:, 1].max(axis=0))
+        low, high = frame.corners()
+        run.low, run.high = np.minimum(run.low, low), np.maximum(run.high, high)
 
     def write(self, path: Path) -> ChunkRecord:
         """Write the chunk, whole and read back, and start the next one."""

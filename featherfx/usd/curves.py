@@ -1,12 +1,14 @@
-"""The shaft's centre line as a curve, for grooming tools and constraints.
+"""Curves of a feather: the shaft's centre line, and barbs to render.
 
-Its purpose is "guide", so that renderers do not draw it inside the shaft's own surface.
+The centre line is for grooming tools and constraints, and the whole feather where only rachises
+are drawn. Purposes are those of the scopes above (featherfx/usd/representations.py).
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from pxr import UsdGeom
 
 from featherfx.usd import arrays, material, primvars
@@ -17,15 +19,34 @@ def define_rachis(
     stage: Any, path: Any, entry: FeatherEntry, rest: Any, widths: Any, materials: Any
 ) -> None:
     """Author the curve's constant part. rest: (n, 3) and widths: (n,) stage units, diameters."""
+    prim = _define(stage, path, [len(rest)], rest, widths)
+    primvars.author_labels(prim, entry)
+    _author_look(prim, "rachis", materials)
+
+
+def define_barbs(
+    stage: Any, path: Any, entry: FeatherEntry, rest: Any, widths: Any, materials: Any
+) -> None:
+    """Author the constant part of a feather's barbs. rest: (B K, 3) and widths: (B K,)."""
+    assert entry.barbs is not None
+    count, points = entry.barbs.widths.shape
+    prim = _define(stage, path, np.full(count, points), rest, widths)
+    primvars.author_labels(prim, entry)
+    primvars.author_side(prim, entry.barbs.side)
+    _author_look(prim, "vane", materials)
+
+
+def _define(stage: Any, path: Any, counts: Any, rest: Any, widths: Any) -> Any:
     curve = UsdGeom.BasisCurves.Define(stage, path)
     curve.CreateTypeAttr(UsdGeom.Tokens.linear)
     curve.CreateWrapAttr(UsdGeom.Tokens.nonperiodic)
-    curve.CreateCurveVertexCountsAttr(arrays.ints([len(rest)]))
+    curve.CreateCurveVertexCountsAttr(arrays.ints(counts))
     curve.CreateWidthsAttr(arrays.floats(widths))
     curve.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
-    curve.CreatePurposeAttr(UsdGeom.Tokens.guide)
-    prim = curve.GetPrim()
-    primvars.author_labels(prim, entry)
-    primvars.author_rest(prim, rest)
-    primvars.author_colour(prim, material.COLOURS["rachis"])
-    material.bind(prim, materials["rachis"])
+    primvars.author_rest(curve.GetPrim(), rest)
+    return curve.GetPrim()
+
+
+def _author_look(prim: Any, name: str, materials: Any) -> None:
+    primvars.author_colour(prim, material.COLOURS[name])
+    material.bind(prim, materials[name])

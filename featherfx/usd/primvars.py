@@ -47,7 +47,12 @@ def author_surface(prim: Any, entry: FeatherEntry) -> None:
     """st per point and side (0 leading, 1 trailing, 2 rachis) per face."""
     surface = entry.feather.surface
     _author(prim, "st", Sdf.ValueTypeNames.TexCoord2fArray, "vertex", arrays.vec2f(surface.st))
-    _author(prim, "side", Sdf.ValueTypeNames.IntArray, "uniform", arrays.ints(surface.part))
+    author_side(prim, surface.part)
+
+
+def author_side(prim: Any, side: Any) -> None:
+    """0 leading, 1 trailing, 2 rachis, per face or curve."""
+    _author(prim, "side", Sdf.ValueTypeNames.IntArray, "uniform", arrays.ints(side))
 
 
 def author_colour(prim: Any, colour: tuple[float, float, float]) -> None:

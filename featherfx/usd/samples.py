@@ -12,6 +12,7 @@ from typing import Any
 from pxr import Sdf
 
 from featherfx.usd import arrays
+from featherfx.usd.barbs import BarbFrame
 from featherfx.usd.primvars import BARB_DIRECTION
 from featherfx.usd.surfaces import SurfaceFrame, SurfaceSet
 
@@ -25,7 +26,7 @@ _TYPES = {
     BARB_DIRECTION: Sdf.ValueTypeNames.Vector3fArray,
     "accelerations": Sdf.ValueTypeNames.Vector3fArray,
 }
-_OF_RACHIS = ("points", "extent", "velocities", "accelerations")
+_OF_CURVES = ("points", "extent", "velocities", "accelerations")
 RATES = ("velocities", "accelerations")
 _INTERPOLATION = {"normals": "vertex", BARB_DIRECTION: "uniform"}
 
@@ -33,14 +34,16 @@ _INTERPOLATION = {"normals": "vertex", BARB_DIRECTION: "uniform"}
 class AnimatedPrims:
     """The prims of a cache that move, and how a pose becomes their values.
 
-    meshes, rachises: prim paths, one of each per feather. accelerations: whether they are
-    written, too. Keys are ("mesh" or "rachis", attribute name).
+    meshes, rachises, barbs: prim paths, one of each per feather, None for a feather whose barbs
+    are not drawn. accelerations: whether they are written, too. Keys are ("mesh", "rachis" or
+    "barbs", attribute name).
     """
 
     def __init__(
         self,
         meshes: Sequence[Any],
         rachises: Sequence[Any],
+        barbs: Sequence[Any],
         surfaces: SurfaceSet,
         accelerations: bool = False,
     ) -> None:
@@ -49,11 +52,12 @@ class AnimatedPrims:
         self.paths: list[dict[Key, Any]] = [
             {("mesh", name): mesh.AppendProperty(name) for name in names}
             | {
-                ("rachis", name): rachis.AppendProperty(name)
+                (what, name): path.AppendProperty(name)
+                for what, path in (("rachis", rachis), ("barbs", barb))
                 for name in names
-                if name in _OF_RACHIS
+                if path is not None and name in _OF_CURVES
             }
-            for mesh, rachis in zip(meshes, rachises, strict=True)
+            for mesh, rachis, barb in zip(meshes, rachises, barbs, strict=True)
         ]
 
     def create(self, layer: Any, index: int, key: Key) -> Any:
@@ -98,10 +102,21 @@ class AnimatedPrims:
         if frame.accelerations is not None and frame.rachis_accelerations is not None:
             yield ("mesh", "accelerations"), vec3f(frame.accelerations[points])
             yield ("rachis", "accelerations"), vec3f(frame.rachis_accelerations[shaft])
+        if ("barbs", "points") in self.paths[index]:
+            yield from self._barb_values(index, frame.barbs)
+
+    def _barb_values(self, index: int, barbs: BarbFrame) -> Iterator[tuple[Key, Any]]:
+        own, vec3f = self.surfaces.barbs.slices[index], arrays.vec3f
+        yield ("barbs", "points"), vec3f(barbs.points[own])
+        yield ("barbs", "extent"), vec3f(barbs.extent[index])
+        yield ("barbs", "velocities"), vec3f(barbs.velocities[own])
+        if barbs.accelerations is not None:
+            yield ("barbs", "accelerations"), vec3f(barbs.accelerations[own])
 
     def digest(self, index: int, frame: SurfaceFrame) -> str:
         """Short name of a feather's pose: equal poses, equal names."""
         points, shaft = self.surfaces.point_slices[index], self.surfaces.rachis_slices[index]
         digest = hashlib.blake2b(frame.points[points].tobytes(), digest_size=8)
         digest.update(frame.rachis_points[shaft].tobytes())
+        digest.update(frame.barbs.points[self.surfaces.barbs.slices[index]].tobytes())
         return digest.hexdigest()

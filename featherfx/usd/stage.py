@@ -10,7 +10,8 @@ from pxr import Kind, Sdf, Usd, UsdGeom
 
 from featherfx.usd.space import StageSpace
 
-FEATHERS, RACHISES, MATERIALS = "feathers", "rachises", "materials"
+FEATHERS, RACHISES, BARBS = "feathers", "rachises", "barbs"
+MATERIALS = "materials"
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def define_root(stage: Any, info: StageInfo, kind: str = Kind.Tokens.component) 
     return root
 
 
-def define_scopes(stage: Any, info: StageInfo) -> None:
+def define_scopes(stage: Any, info: StageInfo, with_barbs: bool) -> None:
     """The groups under the root."""
-    for name in (FEATHERS, RACHISES, MATERIALS):
+    for name in (FEATHERS, RACHISES, *([BARBS] if with_barbs else []), MATERIALS):
         UsdGeom.Scope.Define(stage, info.root_path.AppendChild(name))

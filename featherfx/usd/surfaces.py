@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import Surface
 from featherfx.usd import surface_kernels
+from featherfx.usd.barbs import BarbFrame, BarbSet
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
 
@@ -34,6 +35,7 @@ class SurfaceFrame:
     rachis_points, rachis_velocities: (R, 3). extent: (N, 2, 3) and rachis_extent: (N, 2, 3), the
     latter padded by half the width. Velocities in stage units per second. accelerations: (V, 3)
     and rachis_accelerations: (R, 3), stage units per second squared, None where not asked for.
+    barbs: those drawn as curves.
     """
 
     points: Floats
@@ -44,8 +46,14 @@ class SurfaceFrame:
     rachis_velocities: Floats
     extent: Floats
     rachis_extent: Floats
+    barbs: BarbFrame
     accelerations: Floats | None = None
     rachis_accelerations: Floats | None = None
+
+    def corners(self) -> tuple[Floats, Floats]:
+        """(3,) least and (3,) greatest corner of surfaces and barbs."""
+        drawn = np.concatenate([self.extent, self.barbs.extent[self.barbs.extent.any(axis=(1, 2))]])
+        return drawn[:, 0].min(axis=0), drawn[:, 1].max(axis=0)
 
 
 def barb_edges(surface: Surface, points: Array) -> Indices:
@@ -98,14 +106,16 @@ class SurfaceSet:
         # The widest point pads all, as in USD's own computation of the extent of curves.
         self._half_width = np.array([0.5 * w.max() for w in self.widths], np.float32)
         self._scratch = np.zeros((2, len(self._terms), 3))
-        points = [np.asarray(e.rest_points) for e in entries]
-        self.rest = self.evaluate(points, [np.zeros_like(p) for p in points])
+        self.barbs = BarbSet(entries, space)
+        rest = np.concatenate([np.reshape(e.rest_points, (-1, 3)) for e in entries])
+        self.rest = self._frame(rest, np.zeros_like(rest), self.barbs.rest)
 
     @property
     def bytes_per_sample(self) -> int:
         """Bytes of one pose of all feathers."""
         values = (getattr(self.rest, each.name) for each in fields(self.rest))
-        return sum(value.nbytes for value in values if value is not None)
+        surface = sum(value.nbytes for value in values if isinstance(value, np.ndarray))
+        return surface + self.rest.barbs.bytes
 
     def evaluate(
         self,
@@ -116,13 +126,16 @@ class SurfaceSet:
         """A pose from per-feather (n, P, 3) material points and rates; static feathers: at rest."""
         poses, rates = [], []
         for entry, given, rate in zip(self._entries, points, velocities, strict=True):
-            poses.append(np.reshape(entry.rest_points if entry.static else given, (-1, 3)))
-            rates.append(np.zeros_like(poses[-1]) if entry.static else np.reshape(rate, (-1, 3)))
-        frame = self._frame(np.concatenate(poses), np.concatenate(rates))
+            rest = np.reshape(entry.rest_points, (-1, 3))
+            poses.append(rest if entry.static else _drawn(entry, given))
+            rates.append(np.zeros_like(rest) if entry.static else _drawn(entry, rate))
+        barbs = self.barbs.evaluate(points, velocities, accelerations)
+        frame = self._frame(np.concatenate(poses), np.concatenate(rates), barbs)
         return self._with_accelerations(frame, accelerations) if len(accelerations) else frame
 
     def _with_accelerations(self, frame: SurfaceFrame, given: Sequence[Array]) -> SurfaceFrame:
-        rates = np.concatenate([np.reshape(each, (-1, 3)) for each in given])
+        pairs = zip(self._entries, given, strict=True)
+        rates = np.concatenate([_drawn(entry, each) for entry, each in pairs])
         space, surface = self._space, np.empty_like(frame.velocities)
         quarter, scale = space.up_axis == "Y", 1.0 / space.meters_per_unit
         surface_kernels.combine(
@@ -131,7 +144,7 @@ class SurfaceSet:
         shaft = space.positions(rates[self._shaft_nodes]).astype(np.float32)
         return replace(frame, accelerations=surface, rachis_accelerations=shaft)
 
-    def _frame(self, material: Array, rates: Array) -> SurfaceFrame:
+    def _frame(self, material: Array, rates: Array, barbs: BarbFrame) -> SurfaceFrame:
         space, (world, scratch) = self._space, self._scratch
         quarter, scale = space.up_axis == "Y", 1.0 / space.meters_per_unit
         count = len(world)
@@ -145,6 +158,7 @@ class SurfaceSet:
             rachis_velocities=space.positions(rates[self._shaft_nodes]).astype(np.float32),
             extent=np.empty((len(self._entries), 2, 3), np.float32),
             rachis_extent=np.empty((len(self._entries), 2, 3), np.float32),
+            barbs=barbs,
         )
         kernels, weights = surface_kernels, self._weights
         kernels.combine(rates, self._terms, weights, scale, quarter, world, frame.velocities)
@@ -170,12 +184,20 @@ class SurfaceSet:
             points, rates = (getattr(frame, name + what) for what in ("points", "velocities"))
             before = getattr(reference, f"{name}points")
             surface_kernels.changed(points, rates, before, starts, slow, result)
+        now, before = frame.barbs, reference.barbs.points
+        starts = self.barbs.starts
+        surface_kernels.changed(now.points, now.velocities, before, starts, slow, result)
         return result
 
     def not_finite(self, frame: SurfaceFrame) -> NDArray[np.bool_]:
         """(N,) whether a feather, as written, has a value that is not finite."""
         surface = ~(np.isfinite(frame.points) & np.isfinite(frame.velocities)).all(axis=1)
         return np.logical_or.reduceat(surface, self._point_starts[:-1])
+
+
+def _drawn(entry: FeatherEntry, values: Array) -> Array:
+    """(n P, 3) material points or rates of what is drawn, from those of a frame."""
+    return np.reshape(entry.points_map(values) if entry.points_map else values, (-1, 3))
 
 
 def _slices(counts: Sequence[int]) -> tuple[list[slice], Indices]:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError
+from featherfx.feather.density import PointMap
+from featherfx.feather.render import BarbCurves
 from featherfx.feather.types import Feather
 from featherfx.shot.skin_motion import SkinRoot
 
@@ -28,6 +30,9 @@ class FeatherEntry:
     root: where the feather sits on a skin, written as primvars.
     static: promise that the feather never leaves rest_points; its frames are not looked at.
     name: of the prim; empty: made from the id.
+    points_map: from the material points of frames, where these are of another grid, to those of
+        feather.
+    barbs: drawn as curves besides; their points are at rest in the world frame.
     """
 
     id: str
@@ -38,3 +43,5 @@ class FeatherEntry:
     static: bool = False
     root: SkinRoot | None = None
     name: str = ""
+    points_map: PointMap | None = None
+    barbs: BarbCurves | None = None

@@ -16,16 +16,18 @@ from featherfx.errors import Problem, SimulationError
 from featherfx.shot.types import Frame, sample_number
 from featherfx.usd.assemble import assemble
 from featherfx.usd.chunk import ChunkWriter
-from featherfx.usd.curves import define_rachis
+from featherfx.usd.curves import define_barbs, define_rachis
 from featherfx.usd.layout import new_layers
 from featherfx.usd.material import define_materials
 from featherfx.usd.mesh import define_mesh
 from featherfx.usd.names import prim_name, unique_prim_names
 from featherfx.usd.output import check_output, chosen_layout, parts_folder
 from featherfx.usd.parts import Parts
+from featherfx.usd.representations import define_representations
 from featherfx.usd.samples import AnimatedPrims
 from featherfx.usd.space import UP_AXES, StageSpace
 from featherfx.usd.stage import (
+    BARBS,
     FEATHERS,
     MATERIALS,
     RACHISES,
@@ -196,18 +198,28 @@ class CacheWriter:
         info, surfaces = self._info, self._surfaces
         stage = Usd.Stage.Open(self._layers.topology)
         define_root(stage, info)
-        define_scopes(stage, info)
+        drawn = surfaces.barbs.drawn
+        define_scopes(stage, info, bool(drawn.any()))
+        define_representations(stage, info, bool(drawn.any()))
         materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
         names = unique_prim_names([entry.name or entry.id for entry in self._feathers])
-        shafts = unique_prim_names([f"{name}_rachis" for name in names])
-        meshes = [info.root_path.AppendPath(f"{FEATHERS}/{name}") for name in names]
-        rachises = [info.root_path.AppendPath(f"{RACHISES}/{name}") for name in shafts]
+
+        def paths(scope: str, suffix: str = "") -> list[Any]:
+            own = unique_prim_names([name + suffix for name in names])
+            return [info.root_path.AppendPath(f"{scope}/{name}") for name in own]
+
+        meshes, rachises = paths(FEATHERS), paths(RACHISES, "_rachis")
+        named = paths(BARBS, "_barbs")
+        barbs = [path if has else None for path, has in zip(named, drawn, strict=True)]
         for k, entry in enumerate(self._feathers):
             rest = surfaces.rest.points[surfaces.point_slices[k]]
             define_mesh(stage, meshes[k], entry, rest, materials)
             shaft = surfaces.rest.rachis_points[surfaces.rachis_slices[k]]
             define_rachis(stage, rachises[k], entry, shaft, surfaces.widths[k], materials)
-        return AnimatedPrims(meshes, rachises, surfaces, self._accelerations)
+            if barbs[k] is not None:
+                curves = surfaces.rest.barbs.points[surfaces.barbs.slices[k]]
+                define_barbs(stage, barbs[k], entry, curves, surfaces.barbs.widths[k], materials)
+        return AnimatedPrims(meshes, rachises, barbs, surfaces, self._accelerations)
 
     def _finish(self) -> None:
         frames = self._info.frames

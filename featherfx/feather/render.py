@@ -1,0 +1,76 @@
+"""What is drawn of a simulated feather, at densities of its own: a finer surface, single barbs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.build import build_feather
+from featherfx.feather.density import PointMap, density_map
+from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.groom.types import FeatherKind
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# Straight pieces that a barb is drawn with.
+BARB_SEGMENTS = 8
+# A barb's stiffness is floored at 5 % of its root's, and goes with its diameter to the fourth.
+_THINNEST = 0.05**0.25
+
+
+@dataclass(frozen=True)
+class BarbCurves:
+    """Barbs of a feather as B curves of K points, from base to tip, leading vane first.
+
+    points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
+    TRAILING. points_map: from the simulated feather's material points (or rates) to points.
+    """
+
+    points: Array
+    widths: Array
+    side: Indices
+    points_map: PointMap
+
+
+@lru_cache(maxsize=1024)
+def render_feather(
+    kind: FeatherKind, grid: tuple[int, int], render_grid: tuple[int, int], mirrored: bool
+) -> tuple[Feather, PointMap | None]:
+    """The feather to draw for one that is simulated, and the map to its material points.
+
+    grid, render_grid: rows and columns. The map is None where the grids are equal. Raises
+    InputError where a feather cannot be built at the grid.
+    """
+    fine = build_feather(kind, *render_grid, mirrored)
+    if grid == render_grid:
+        return fine, None
+    return fine, density_map(build_feather(kind, *grid, mirrored), fine)
+
+
+@lru_cache(maxsize=1024)
+def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: bool) -> BarbCurves:
+    """Barbs to draw of a feather that is simulated with a grid of rows and columns.
+
+    count: barbs along each vane, at least 1, at equal distances on the rachis; those for which
+    the outline leaves no length are left out. The diameter at the root is the vane's thickness,
+    and falls as the stiffness of a round barb does. Raises InputError as build_feather does.
+    """
+    rows = max(3, round(count / (1.0 - kind.calamus)) + 2)
+    dense = build_feather(kind, rows, BARB_SEGMENTS, mirrored)
+    grown = [np.flatnonzero(dense.barb_length[side] > 0.0) for side in (LEADING, TRAILING)]
+    nodes = np.arange(1, BARB_SEGMENTS + 1)
+    term = [np.concatenate(([0], 2 + side * BARB_SEGMENTS + nodes)) for side in (0, 1)]
+    size = dense.points.shape[1]
+    picked = np.concatenate([row[:, None] * size + term[side] for side, row in enumerate(grown)])
+    share = np.linspace(0.0, 1.0, BARB_SEGMENTS + 1)
+    thinning = np.maximum((1.0 - share) ** (0.25 * kind.vane_material.barb_taper), _THINNEST)
+    return BarbCurves(
+        points=dense.points.reshape(-1, 3)[picked],
+        widths=np.tile(kind.vane_material.thickness * thinning, (len(picked), 1)),
+        side=np.repeat(np.array([LEADING, TRAILING]), [len(row) for row in grown]),
+        points_map=density_map(build_feather(kind, *grid, mirrored), dense).picked(picked),
+    )

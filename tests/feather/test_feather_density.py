@@ -1,0 +1,131 @@
+"""One feather at two densities: what the map between their material points keeps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import featherfx
+from featherfx.feather.build import build_feather
+from featherfx.feather.density import density_map, hermite_weights
+from featherfx.feather.render import barb_curves, render_feather
+from featherfx.shot.placement import place
+
+SAMPLES = Path(__file__).resolve().parents[2] / "samples"
+GRID = (21, 6)
+
+
+def kind_of(sample):
+    return featherfx.read_groom(SAMPLES / sample / "groom.toml").feathers[0].kind
+
+
+@pytest.fixture(scope="module")
+def swan():
+    return kind_of("swan_wing")
+
+
+def bent(feather, amount=0.5):
+    """A feather rolled up and twisted smoothly along x; its rows stay rigid."""
+    points = np.array(feather.points)
+    share = feather.station / feather.station[-1]
+    turns = Rotation.from_rotvec(amount * np.stack([share**2, share**2, 0 * share], axis=-1))
+    offsets = points - points[:, :1]
+    offsets[:, 1:3] = points[:, 1:3]
+    points = np.einsum("nab,npb->npa", turns.as_matrix(), offsets)
+    tangent = (
+        turns.as_matrix() @ np.gradient(feather.points[:, 0], feather.station, axis=0)[..., None]
+    )
+    step = 0.5 * (tangent[1:] + tangent[:-1])[..., 0] * np.diff(feather.station)[:, None]
+    shaft = np.concatenate([[[0, 0, 0]], np.cumsum(step, axis=0)])
+    points[:, 0] = 0
+    points[:, [0, *range(3, points.shape[1])]] += shaft[:, None]
+    return points
+
+
+@pytest.mark.parametrize("sample", ["swan_wing", "breeze"])
+@pytest.mark.parametrize("grid", [(81, 12), (33, 5), (11, 3), GRID])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_rest_and_rigid_motions_are_exact(sample, grid, mirrored):
+    kind = kind_of(sample)
+    coarse = build_feather(kind, *GRID, mirrored)
+    fine = build_feather(kind, *grid, mirrored)
+    mapped = density_map(coarse, fine)
+    np.testing.assert_allclose(mapped(coarse.points), fine.points, atol=1e-14)
+    turn, shift = Rotation.from_rotvec([0.7, -1.9, 1.1]).as_matrix(), np.array([3.0, -2.0, 0.5])
+    moved = mapped(place(coarse.points, shift, turn))
+    np.testing.assert_allclose(moved, place(fine.points, shift, turn), atol=1e-13)
+
+
+def test_one_map_serves_points_and_rates(swan):
+    coarse, fine = build_feather(swan, *GRID), build_feather(swan, 60, 10)
+    mapped = density_map(coarse, fine)
+    random = np.random.default_rng(4)
+    start, rate = random.normal(size=(2, *coarse.points.shape))
+    after = mapped(start + 0.25 * rate)
+    np.testing.assert_allclose(after, mapped(start) + 0.25 * mapped(rate), atol=1e-9)
+
+
+def test_barbs_of_common_rows_go_through_the_simulated_nodes(swan):
+    """Twice the columns on the same rows: every second node is a simulated one, in any pose."""
+    coarse, fine = build_feather(swan, *GRID), build_feather(swan, GRID[0], 2 * GRID[1])
+    pose = coarse.points + 0.01 * np.random.default_rng(8).normal(size=coarse.points.shape)
+    mapped = density_map(coarse, fine)(pose)
+    np.testing.assert_allclose(mapped[:, :3], pose[:, :3], atol=1e-14)
+    for side in (0, 1):
+        grown = coarse.barb_length[side] > 0
+        ours = mapped[grown, 3 + side * 12 : 15 + side * 12][:, 1::2]
+        np.testing.assert_allclose(ours, pose[grown, 3 + side * 6 : 9 + side * 6], atol=1e-13)
+
+
+def test_a_bent_feather_converges_with_the_simulated_rows(swan):
+    """Against the same smooth bending of the fine feather itself, as a share of its length."""
+    errors = []
+    fine = build_feather(swan, 161, 6)
+    wanted = bent(fine)
+    for rows in (11, 21, 41):
+        coarse = build_feather(swan, rows, 6)
+        # rows of the coarse feather stand where the finest puts them
+        station = np.stack([np.interp(coarse.station, fine.station, c) for c in wanted[:, 0].T], -1)
+        pose = bent(coarse)
+        pose[:, [0, *range(3, pose.shape[1])]] += (station - pose[:, 0])[:, None]
+        error = np.linalg.norm(
+            (density_map(coarse, fine)(pose) - wanted)[:, [0, *range(3, 15)]], axis=-1
+        )
+        errors.append(error.max() / swan.length)
+    assert errors[1] < 2e-3
+    assert errors[2] < 0.6 * errors[1] < 0.36 * errors[0]
+
+
+def test_interpolation_is_smooth_and_reproduces_parabolas():
+    knots = np.array([0.0, 0.1, 0.3, 0.35, 0.7, 1.0])
+    places = np.linspace(0.0, 1.0, 57)
+    values, slopes = hermite_weights(knots, places)
+    np.testing.assert_allclose(values @ (3 * knots**2 - knots), 3 * places**2 - places, atol=1e-13)
+    np.testing.assert_allclose(slopes @ (3 * knots**2 - knots), 6 * places - 1, atol=1e-12)
+    data = np.random.default_rng(1).normal(size=6)
+    for knot in knots[1:-1]:
+        left, right = hermite_weights(knots, np.array([knot - 1e-9, knot + 1e-9]))[1] @ data
+        assert abs(left - right) < 1e-5
+
+
+def test_barbs_are_as_many_as_asked_for_and_follow_the_vane(swan):
+    coarse = build_feather(swan, *GRID)
+    barbs = barb_curves(swan, GRID, 300, False)
+    for side in (0, 1):
+        assert abs(np.sum(barbs.side == side) - 300) <= 3
+    np.testing.assert_allclose(barbs.points_map(coarse.points), barbs.points, atol=1e-14)
+    assert barbs.widths.shape == barbs.points.shape[:2]
+    assert np.all(np.diff(barbs.widths, axis=1) <= 0)
+    assert barbs.widths[:, 0] == pytest.approx(swan.vane_material.thickness)
+    lengths = np.linalg.norm(np.diff(barbs.points_map(bent(coarse)), axis=1), axis=2).sum(axis=1)
+    rest = np.linalg.norm(np.diff(barbs.points, axis=1), axis=2).sum(axis=1)
+    assert np.abs(lengths - rest).max() < 2e-3 * rest.max()
+
+
+def test_equal_grids_need_no_map(swan):
+    feather, mapped = render_feather(swan, GRID, GRID, False)
+    assert mapped is None
+    assert feather.rows == GRID[0]

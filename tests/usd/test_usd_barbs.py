@@ -1,0 +1,97 @@
+"""Barbs as curves beside meshes of another grid, in caches where not every feather has them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom
+from scipy.spatial.transform import Rotation
+
+import featherfx
+from featherfx.feather.build import build_feather
+from featherfx.feather.render import barb_curves, render_feather
+from featherfx.shot.placement import place
+from featherfx.shot.types import Frame
+from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write import CacheWriter
+
+SAMPLES = Path(__file__).resolve().parents[2] / "samples"
+GRID, FINE, BARBS = (11, 3), (30, 5), 40
+NAMES = ("bare", "moving", "still", "fixed")
+EVERY = [0.0, 0.3, 0.6]
+
+
+def pose(points: np.ndarray, index: int, angle: float) -> np.ndarray:
+    turn = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+    return place(points, np.array([0.0, 0.2 * index, 0.0]), turn)
+
+
+@pytest.fixture(scope="module", params=["flat", "payload", "clips"])
+def cache(request, tmp_path_factory: pytest.TempPathFactory):
+    """Three frames of four feathers: the first has no barbs, the last two do not move."""
+    kind = featherfx.read_groom(SAMPLES / "feather_pull/groom.toml").feathers[0].kind
+    coarse = build_feather(kind, *GRID)
+    fine, points_map = render_feather(kind, GRID, FINE, False)
+    barbs = barb_curves(kind, GRID, BARBS, False)
+    entries = [
+        FeatherEntry(
+            name, "k", "r", fine, pose(fine.points, k, 0.0), name == "fixed", None, "", points_map,
+            None if name == "bare" else shifted(barbs, k),
+        )
+        for k, name in enumerate(NAMES)
+    ]  # fmt: skip
+    path = tmp_path_factory.mktemp("barbs") / "cache.usda"
+    with CacheWriter(
+        path, entries, (1, 3), 24.0, layout=request.param, chunk=2, up_axis="Y",
+        meters_per_unit=0.01,
+    ) as writer:  # fmt: skip
+        for number, angle in enumerate(EVERY, start=1):
+            given = tuple(
+                pose(coarse.points, k, angle if NAMES[k] in ("bare", "moving") else 0.0)
+                for k in range(len(NAMES))
+            )
+            rates = tuple(np.zeros_like(each) for each in given)
+            writer.write(Frame(number, (number - 1) / 24, given, rates))
+    return path, kind, barbs
+
+
+def shifted(barbs, index):
+    return replace(barbs, points=barbs.points + np.array([0.0, 0.2 * index, 0.0]))
+
+
+def test_turned_feathers_keep_their_barbs_in_stage_units(cache):
+    path, _, barbs = cache
+    stage = Usd.Stage.Open(str(path))
+    curves = UsdGeom.BasisCurves.Get(stage, "/cache/barbs/moving_barbs")
+    for number, angle in enumerate(EVERY, start=1):
+        turn = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+        x, y, z = (barbs.points.reshape(-1, 3) @ turn.T + [0.0, 0.2, 0.0]).T
+        wanted = 100.0 * np.stack([x, z, -y], axis=-1)
+        np.testing.assert_allclose(curves.GetPointsAttr().Get(number), wanted, atol=1e-4)
+    assert len(curves.GetWidthsAttr().Get()) == barbs.widths.size
+    np.testing.assert_allclose(curves.GetWidthsAttr().Get(), 100 * barbs.widths.ravel(), rtol=1e-6)
+
+
+def test_only_what_moves_has_samples(cache):
+    stage = Usd.Stage.Open(str(cache[0]))
+    assert not stage.GetPrimAtPath("/cache/barbs/bare_barbs")
+    for name in NAMES[1:]:
+        for prim in (f"barbs/{name}_barbs", f"feathers/{name}", f"rachises/{name}_rachis"):
+            shape = UsdGeom.PointBased.Get(stage, f"/cache/{prim}")
+            count = len(shape.GetPointsAttr().GetTimeSamples())
+            assert count == (3 if name == "moving" else 0), prim
+            assert shape.GetPointsAttr().Get(2) is not None
+    assert not featherfx.check(cache[0])
+
+
+def test_the_extent_of_the_root_covers_the_barbs(cache):
+    stage = Usd.Stage.Open(str(cache[0]))
+    low, high = np.array(stage.GetDefaultPrim().GetAttribute("extentsHint").Get())[:2]
+    for prim in stage.GetPrimAtPath("/cache/barbs").GetChildren():
+        for code in (1, 2, 3):
+            corners = np.array(UsdGeom.BasisCurves(prim).GetExtentAttr().Get(code))
+            assert np.all(corners[0] >= low - 1e-5)
+            assert np.all(corners[1] <= high + 1e-5)
