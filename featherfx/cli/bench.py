@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from featherfx import __version__
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 
@@ -72,9 +73,9 @@ def bench(
                 tables.append(table)
                 progress(len(tables), TABLES)
     if output is None:
-        click.echo(page(tables, outcome))
+        click.echo(page(tables, outcome, __version__))
     else:
-        for file in write(output, tables, outcome):
+        for file in write(output, tables, outcome, __version__):
             click.echo(file)
     if outcome is not None and outcome["violations"]:
         click.get_current_context().exit(1)

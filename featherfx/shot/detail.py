@@ -22,7 +22,8 @@ def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) ->
 
     The quality's number, or, where that is -1, the fewest whose error stays below the quality's
     tolerance under the shot's load: three times gravity and inertia of the roots' acceleration,
-    and the pressure of the wind with its gusts and of the roots' speed through the air.
+    and the pressure of the wind with its gusts and of the roots' speed through the air. At least
+    one, because the vane's shear bends barbs as well, and two where a grip pulls.
     """
     quality = shot.quality
     if quality.coefficients != CHOSEN_BY_SOLVER:
@@ -32,6 +33,7 @@ def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) ->
     wind = shot.wind
     through_air = wind.speed * (1.0 + 2.0 * wind.gust) + speed
     air = 0.5 * wind.air_density * wind.drag_normal * through_air**2
+    gripped = {grip.feather for grip in shot.grips}
     chosen: dict[tuple[int, int], int] = {}
     counts = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
@@ -43,7 +45,8 @@ def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) ->
         key = (id(feather), doublings)
         if key not in chosen:
             chosen[key] = coefficients_for(feather, kind, 2.0**doublings, quality.tolerance)
-        counts.append(chosen[key])
+        least = 2 if placement.id in gripped else 1
+        counts.append(max(chosen[key], least))
     return counts
 
 

@@ -12,7 +12,7 @@ from featherfx.solver.nodal_newton_kernels import evaluate, move_by, nodal_minim
 from featherfx.solver.nodal_state import NodalState, NodalWork
 from featherfx.solver.nodal_step_kernels import keep_state, load_state
 from featherfx.solver.settle import FIRST, GROWTH, LAST, SHORTEST, STEPS
-from featherfx.solver.start import INSTANT, begin
+from featherfx.solver.start import INSTANT
 
 
 def nodal_settle(
@@ -107,4 +107,5 @@ def nodal_start(
         return
     solve_factored(system.band, system.right)
     move_by(model, nodal, f, now, system.right, 1.0, True, work.element, trial)
-    begin(f, duration, float(model.length[f].sum()), trial.points - now.points, state)
+    state.acceleration[f] = (trial.points - now.points) / square
+    state.smoothed[f] = state.acceleration[f]

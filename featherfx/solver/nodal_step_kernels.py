@@ -28,7 +28,6 @@ from featherfx.solver.step_kernels import (
     SMALLEST_SHARE,
     STATUS,
     STEPS,
-    UNKNOWN,
     _strain_rate,
 )
 
@@ -200,10 +199,8 @@ def nodal_advance(
         share = 1.0 if step == left else (done + step) / duration
         radius = settings[0]
         if state.step[f] <= 0.0:
-            # there are no rates to go on with, and perhaps no acceleration that can be trusted
+            # there are no rates to go on with
             option = max(option, FOLLOW)
-            if state.step[f] == UNKNOWN:
-                radius = EULER
         if option == BACKWARD:
             radius = EULER
             counters[FALLBACKS] += 1

@@ -20,8 +20,6 @@ STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, ERROR, MOVE, STATUS = 0, 1, 2, 3
 COUNTERS = 8
 # how a step is tried, in this order
 GO_ON, FOLLOW, BACKWARD = 0, 1, 2
-# lengths of a step that was never taken: with no acceleration to begin with, or with one
-UNKNOWN, KNOWN = 0.0, -1.0
 # a regular step may be cut this far when Newton fails
 SMALLEST_SHARE = 4096.0
 
@@ -204,10 +202,8 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         share = 1.0 if step == left else (done + step) / duration
         radius = settings[0]
         if state.step[f] <= 0.0:
-            # there are no rates to go on with, and perhaps no acceleration that can be trusted
+            # there are no rates to go on with
             option = max(option, FOLLOW)
-            if state.step[f] == UNKNOWN:
-                radius = EULER
         if option == BACKWARD:
             radius = EULER
             counters[FALLBACKS] += 1

@@ -82,9 +82,11 @@ def test_tables_and_files(tmp_path, monkeypatch):
     for module, name in ((experiments, "PRODUCTION"), (scaling, "PRODUCTION")):
         monkeypatch.setattr(module, name, small)
     monkeypatch.setattr(experiments, "HERO", small)
-    monkeypatch.setattr(experiments, "preset_shake", lambda name: replace(COARSE, duration=0.5))
+    monkeypatch.setattr(
+        experiments, "preset_shake", lambda kind, name: replace(COARSE, duration=0.5)
+    )
     made = list(experiments.all_tables(TINY, 2))
-    files = report.write(tmp_path / "measured", made, None)
+    files = report.write(tmp_path / "measured", made, None, "1.2.3")
     assert {"benchmark.md", "benchmark.json", "front.csv"} <= {file.name for file in files}
     front = (tmp_path / "measured" / "front.csv").read_text().splitlines()
     assert len(front) == 1 + 4
@@ -92,11 +94,11 @@ def test_tables_and_files(tmp_path, monkeypatch):
     assert all(1e-6 < error < 0.1 for error in errors)
     text = (tmp_path / "measured" / "benchmark.md").read_text()
     assert all(table.title in text for table in made)
-    assert report.machine()["date"] in text
+    assert report.machine("1.2.3")["date"] in text
 
 
 def test_stress_from_the_command_line(tmp_path):
     arguments = ["bench", "--stress", "--cases", "2", "--quick", "--seed", "6"]
     done = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path)])
     assert done.exit_code == 0, done.output
-    assert "violations" in (tmp_path / "benchmark.md").read_text()
+    assert "violations" in (tmp_path / "stress.md").read_text()

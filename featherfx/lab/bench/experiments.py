@@ -7,11 +7,13 @@ from dataclasses import replace
 from itertools import product
 
 from featherfx.errors import SimulationError
+from featherfx.feather.build import build_feather
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.bench.extent import HERO, PRODUCTION, Extent
 from featherfx.lab.bench.factorisation import factorisation_seconds
 from featherfx.lab.bench.scaling import batches_table, fastest, rows_table, threads_table
 from featherfx.lab.bench.shake import (
+    ACCELERATION,
     Method,
     Run,
     Shake,
@@ -21,6 +23,8 @@ from featherfx.lab.bench.shake import (
     trajectory_error,
 )
 from featherfx.lab.bench.tables import Row, Table
+from featherfx.mechanics.resolution import coefficients_for
+from featherfx.shot.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.simulate import NEWTON_SHARE
 
 METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
@@ -151,16 +155,21 @@ def front_shakes(extent: Extent) -> Iterator[Shake]:
         yield Shake(rows, columns, 2, 0.0, tolerance, radius, newton)
 
 
-def preset_shake(name: str) -> Shake:
+def preset_shake(kind: FeatherKind, name: str) -> Shake:
     """The shake with the settings of a quality preset, as a bake uses them."""
     from featherfx.groom.library import plain
     from featherfx.groom.presets import load_preset
 
     values = plain(load_preset(f"quality/{name}")[1])
+    coefficients = values["coefficients"]
+    if coefficients == CHOSEN_BY_SOLVER:
+        feather = build_feather(kind, values["rows"], values["columns"])
+        pressure = kind.vane_material.surface_density * ACCELERATION
+        coefficients = coefficients_for(feather, kind, pressure, values["tolerance"])
     return Shake(
         rows=values["rows"],
         columns=values["columns"],
-        coefficients=values["coefficients"],
+        coefficients=coefficients,
         step=0.0,
         tolerance=values["tolerance"],
         newton=NEWTON_SHARE * values["tolerance"],
@@ -170,9 +179,11 @@ def preset_shake(name: str) -> Shake:
 
 def presets_table(kind: FeatherKind, reference: Run) -> Table:
     """Cost and error of the quality presets."""
-    rows = []
+    rows: list[Row] = []
     for name in QUALITIES:
-        row = _front_row(kind, "barb-curvature", barb_curvature, preset_shake(name), reference)
+        row = _front_row(
+            kind, "barb-curvature", barb_curvature, preset_shake(kind, name), reference
+        )
         names = ("rows", "columns", "coefficients", "tolerance", "error", "ms a simulated second")
         rows.append({"preset": name, **{key: row[key] for key in names}, "steps": row["steps"]})
     note = (

@@ -26,6 +26,8 @@ from featherfx.solver.step import RootPath, Settings, Solver, raise_if_failed
 Array = NDArray[np.float64]
 
 AMPLITUDE, FREQUENCY = 0.05, 3.0
+# m/s^2, largest of the root
+ACCELERATION = AMPLITUDE * (2.0 * math.pi * FREQUENCY) ** 2
 OUTPUT_RATE = 24.0
 PATH_SAMPLES = 5
 NO_ERROR_CONTROL = 1e30
