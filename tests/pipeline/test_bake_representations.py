@@ -132,3 +132,29 @@ def test_every_number_out_of_range_is_told(tmp_path):
 def test_a_finished_cache_of_another_density_is_not_taken_over(plain):
     with pytest.raises(InputError, match="render grid"):
         featherfx.bake(PULL, plain, frames=FRAMES, resume=True, render_rows=40)
+
+
+def samples(path):
+    """Point data of every curve and mesh at every frame, by prim."""
+    stage = Usd.Stage.Open(str(path))
+    return {
+        str(prim.GetPath()): [np.array(UsdGeom.PointBased(prim).GetPointsAttr().Get(c)).tobytes()
+                              for c in range(FRAMES[0], FRAMES[1] + 1)]
+        for prim in stage.Traverse() if prim.IsA(UsdGeom.PointBased)
+    }  # fmt: skip
+
+
+def test_a_resumed_bake_gives_the_same_barbs(tmp_path, dense):
+    """Stopped after three of five frames, two of which were safe on disk."""
+
+    def stop(done, total):
+        if done == 3:
+            raise KeyboardInterrupt
+
+    path = tmp_path / "pull.usda"
+    options = {"frames": FRAMES, "layout": "clips", "chunk": 2, **DENSE}
+    with pytest.raises(KeyboardInterrupt):
+        featherfx.bake(PULL, path, on_frame=stop, **options)
+    report = featherfx.bake(PULL, path, resume=True, **options)
+    assert report["samples_taken_over"] == 2
+    assert samples(path) == samples(dense)
