@@ -4,7 +4,7 @@ from featherfx.compiled import kernel
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
 from featherfx.mechanics.vane_plate_kernels import hinge_of, patch_gradient, patch_nodes
-from featherfx.solver.assembly_kernels import _add_grips
+from featherfx.solver.assembly_kernels import add_grips
 from featherfx.solver.energy_kernels import node_index
 from featherfx.solver.nodal_energy_kernels import hinge_index, sections
 from featherfx.solver.nodal_stencil_kernels import (
@@ -153,7 +153,7 @@ def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work)
         work.force,
         work.stiff,
     )
-    _add_grips(
+    add_grips(
         loads.grip_node[f],
         loads.grip_start[f],
         loads.grip_end[f],
