@@ -79,6 +79,24 @@ def test_a_field_of_points(tmp_path):
     assert "/air at time code 25: 200 points and 5 velocities" in refused(path)
 
 
+def test_the_mean_over_the_roots_is_added_to_the_wind_of_the_shot(tmp_path):
+    from featherfx.shot.loads import frame_loads
+
+    stage = new_stage(tmp_path / "air.usda")
+    air = UsdGeom.Points.Define(stage, "/air")
+    air.CreatePointsAttr(vec([[0, 0, 0], [1, 0, 0]]))
+    air.CreateVelocitiesAttr(vec([[0, 0, 1], [0, 0, 3]]))
+    stage.Save()
+    path = write_shot(tmp_path, None, more='[wind]\nbase = "breeze"\ngust = 0\n')
+    path.write_text(path.read_text() + WIND)
+    shot = featherfx.read_shot(path)
+    feathers = featherfx.build(shot.groom, shot.quality)[:2]
+    points = [each.points for each in feathers]
+    roots = np.array([[0, 0, 0], [1.0, 0, 0]])
+    loads = frame_loads(shot, [], feathers, points, 0.0, 1 / 24, roots)
+    np.testing.assert_allclose(loads.wind_mean, [3, 0, 2], atol=1e-6)
+
+
 def test_colliders_by_path_name_and_collection(tmp_path):
     stage = new_stage(tmp_path / "set.usda")
     points, counts, quads = sheet()

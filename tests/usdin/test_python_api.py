@@ -1,0 +1,51 @@
+"""The functions that programs call: lazy, complete, and without state between calls."""
+
+import inspect
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from usdin_scenes import add_curves, arc, new_stage, write_shot
+
+import featherfx
+from featherfx.errors import InputError
+
+
+def test_every_function_is_typed_and_says_what_it_does():
+    for name in featherfx.__all__:
+        function = getattr(featherfx, name)
+        if name == "__version__":
+            continue
+        assert inspect.getdoc(function)
+        signature = inspect.signature(function)
+        assert signature.return_annotation is not inspect.Signature.empty
+        for parameter in signature.parameters.values():
+            assert parameter.annotation is not inspect.Parameter.empty
+
+
+def test_toml_grooms_do_not_load_usd(tmp_path):
+    shot = write_shot(tmp_path, None)
+    code = f"import sys, featherfx; featherfx.read_shot({str(shot)!r}); print('pxr' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_equal_calls_give_equal_results(tmp_path):
+    stage = new_stage(tmp_path / "bird.usda")
+    add_curves(stage, "/c", [arc(), arc(0.1)])
+    stage.Save()
+    first, second = (featherfx.read_groom(tmp_path / "bird.usda") for _ in range(2))
+    assert [f.kind for f in first.feathers] == [f.kind for f in second.feathers]
+    for a, b in zip(featherfx.build(first), featherfx.build(second), strict=True):
+        np.testing.assert_array_equal(a.points, b.points)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["bird.usda"]
+
+
+def test_build_takes_qualities_by_name_and_by_value(tmp_path):
+    groom = featherfx.read_shot(write_shot(tmp_path, None)).groom
+    draft = featherfx.read_quality("draft")
+    assert featherfx.build(groom, draft)[0].rows == draft.rows
+    assert featherfx.build(groom, "draft")[0].rows == draft.rows
+    with pytest.raises(InputError, match="there is no such preset, did you mean 'draft'"):
+        featherfx.build(groom, "drft")
