@@ -11,7 +11,7 @@ from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_re
 from featherfx.bake_task import StageOptions, all_of, part_path
 from featherfx.baking import bake, entries_of, metadata_of
 from featherfx.errors import InputError, Problem
-from featherfx.plan import plan
+from featherfx.work_plan import plan
 
 __all__ = ["bake", "check", "export", "export_groom", "join", "plan"]
 
