@@ -20,6 +20,10 @@ from featherfx.usd.types import OutputError
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
 
 
+# of exported meshes, red, green, blue, opacity of 255
+COLOUR = (230, 220, 200, 255)
+
+
 def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Path:
     """Write a cache of any layout as one file without references, clips or sublayers.
 
@@ -109,7 +113,9 @@ def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
             pose.points @ matrix.T, feather.triangles, vertex_normals=normals, process=False
         )
         if feather.st is not None:
-            mesh.visual = trimesh.visual.TextureVisuals(uv=feather.st)
+            # a material of its own, because trimesh's default one needs Pillow
+            material = trimesh.visual.material.PBRMaterial(baseColorFactor=COLOUR)
+            mesh.visual = trimesh.visual.TextureVisuals(uv=feather.st, material=material)
         name = feather.path.rpartition("/")[2]
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     return scene
