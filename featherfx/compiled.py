@@ -1,14 +1,17 @@
 """The one decorator of all compiled kernels, and where their machine code is kept.
 
-Kernels are compiled on first use and cached in a folder whose name holds a hash of every kernel's
-source, because numba on its own only watches the file of the function that it was asked for, not
-those of the functions that it calls. The folder is $FEATHERFX_CACHE, else
-$XDG_CACHE_HOME/featherfx, else ~/.cache/featherfx, else a folder of the system's temporary ones.
+Kernels are compiled on first use and cached in a folder whose name holds a hash of their file and
+of all kernel files that it imports, because numba on its own only watches the file of the function
+that it was asked for, not those of the functions that it calls. The folder is in $FEATHERFX_CACHE,
+else in $XDG_CACHE_HOME/featherfx, else in ~/.cache/featherfx, else in one of the system's temporary
+ones.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
+import inspect
 import os
 import tempfile
 from collections.abc import Callable
@@ -19,16 +22,28 @@ from typing import Any
 import numba
 from numba import njit
 
+ROOT = Path(__file__).resolve().parent
 # No "nnan" or "ninf": the solver's checks for values that are not finite must keep their meaning.
 FAST_MATH = {"contract", "reassoc", "nsz", "arcp"}
 
 
 @cache
-def cache_folder() -> Path:
-    """Folder of the compiled kernels; made if it is not there."""
+def _imported(source: Path) -> frozenset[Path]:
+    """Kernel files that a kernel file imports, itself included."""
+    found = {source}
+    for node in ast.parse(source.read_bytes()).body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").endswith("_kernels"):
+            name = str(node.module).removeprefix("featherfx.").replace(".", "/")
+            found |= _imported(ROOT / f"{name}.py")
+    return frozenset(found)
+
+
+@cache
+def cache_folder(source: Path) -> Path:
+    """Folder of the compiled kernels of a source file; made if it is not there."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(Path(__file__).parent.rglob("*_kernels.py")):
-        digest.update(source.read_bytes())
+    for part in sorted(_imported(source)):
+        digest.update(part.read_bytes())
     name = digest.hexdigest()[:16]
     candidates = [
         os.environ.get("FEATHERFX_CACHE"),
@@ -53,7 +68,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     config: Any = numba.config
     compile_cached: Any = njit
     before = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_folder())
+    config.CACHE_DIR = str(cache_folder(Path(inspect.getfile(function)).resolve()))
     try:
         # kernels allocate nothing, so counting references to arrays would only cost time
         return compile_cached(
