@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from featherfx.cli.lab_report import listing, report
 from featherfx.cli.options import presets_option
 from featherfx.cli.program import Command, Group
 
@@ -102,8 +103,8 @@ json_option = click.option(
 def _list(context: click.Context, _: click.Parameter, value: bool) -> None:
     if not value or context.resilient_parsing:
         return
-    for name, command in sorted(lab.commands.items()):
-        click.echo(f"{name.ljust(8)}  {command.short_help}")
+    for line in listing(lab.commands):
+        click.echo(line)
     context.exit()
 
 
@@ -121,7 +122,7 @@ def _list(context: click.Context, _: click.Parameter, value: bool) -> None:
     is_eager=True,
     expose_value=False,
     callback=_list,
-    help="List the experiments.",
+    help="List the experiments and the studies, with what each reproduces.",
 )
 def lab() -> None:
     """Run virtual experiments on rods and feathers.
@@ -309,6 +310,9 @@ def feather(
         },
         as_json,
     )
+
+
+lab.add_command(report)
 
 
 def _rod(options: dict[str, Any]) -> Rod:

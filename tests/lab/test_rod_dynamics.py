@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rod_oracles import link_chain
+from featherfx.lab.oracles import link_chain
 
 from featherfx.lab.experiments import bend, damped, release, total_energy
 from featherfx.lab.rod import Rod, clamped, rod_loads, rod_model
