@@ -1,0 +1,44 @@
+"""`featherfx lab`: virtual experiments, each family in a file of its own."""
+
+from __future__ import annotations
+
+import click
+
+from featherfx.cli.lab.feathers import feather
+from featherfx.cli.lab.rods import modes, release, rod
+from featherfx.cli.program import Group
+
+
+def _list(context: click.Context, _: click.Parameter, value: bool) -> None:
+    if not value or context.resilient_parsing:
+        return
+    for name, command in sorted(lab.commands.items()):
+        click.echo(f"{name.ljust(8)}  {command.short_help}")
+    context.exit()
+
+
+@click.group(
+    cls=Group,
+    short_help="Virtual experiments on rods and feathers.",
+    epilog="""
+    featherfx lab --list
+    featherfx lab rod --length 1 --ei 1 --tip-force 0,0,-2 --json
+    """,
+)
+@click.option(
+    "--list",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list,
+    help="List the experiments.",
+)
+def lab() -> None:
+    """Run virtual experiments on rods and feathers.
+
+    Rods are clamped at the origin and leave along +x; weight acts along -z.
+    """
+
+
+for experiment in (rod, modes, release, feather):
+    lab.add_command(experiment)
