@@ -11,7 +11,7 @@ from featherfx.mechanics.batch import row_frames
 from featherfx.mechanics.model import Model
 from featherfx.mechanics.nodal_model import NodalModel
 from featherfx.mechanics.turns import along_rows, frames_to_turns
-from featherfx.solver.work import Surroundings, System
+from featherfx.solver.work import Surroundings, System, make_system
 
 Array = NDArray[np.float64]
 
@@ -158,7 +158,7 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
             area=np.zeros(nodes),
             speed=np.zeros((n, size)),
         ),
-        system=System(band=np.zeros((unknowns, nodal.band + 1)), right=np.zeros(unknowns)),
+        system=make_system(unknowns, nodal.band + 1),
         element=Element(
             lines=np.zeros((6, 18)),
             weight=np.zeros(6),
