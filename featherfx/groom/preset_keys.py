@@ -119,6 +119,20 @@ VANE_MATERIAL = {
     ),
     "bending_across": Key(Number(0, 10, "N m"), "Bending modulus of the vane across the barbs."),
     "loss_factor": LOSS,
+    "compression_guard": Key(
+        Number(0, 1e12, "Pa"),
+        "Modulus of a penalty on lost area, so that the vane wrinkles before it closes; 0: none.",
+        0.0,
+    ),
+    "barb_clamp_normal": Key(
+        Number(0, 1e9, "rad/N"),
+        "Compliance of the barbs' roots out of the vane: turn under 1 N m per metre of vane; 0: "
+        "rigid.",
+        0.0,
+    ),
+    "barb_clamp_in_plane": Key(
+        Number(0, 1e9, "rad/N"), "The same for turns of the barbs' roots within the vane.", 0.0
+    ),
 }
 
 RACHIS_MATERIAL = {
