@@ -20,6 +20,31 @@ GRIP = {
     "stiffness": Key(Number(1e-6, 1e7, "N/m"), "Stiffness of the spring that leads the point."),
 }
 
+FORCE = {
+    "feather": Key(Text(), "Id of the feather."),
+    "force": Key(
+        vector(-1e6, 1e6, "N"),
+        "Force in the groom's frame, which the feather does not turn; N/m along a line.",
+    ),
+    "line": Key(
+        Text(("point", "rachis", "barb")),
+        "Where it acts: at a point, along the rachis, or along the barb at `row`.",
+        "point",
+    ),
+    "row": Key(Number(0, 1), "Place along the rachis by arc length: 0 the base, 1 the tip.", 1.0),
+    "column": Key(Number(0, 1), "Place along the barb: 0 the rachis, 1 the barb's end.", 0.0),
+    "side": Key(Text(("leading", "trailing")), "Vane that the barb belongs to.", "leading"),
+    "span": Key(
+        Array(Number(0, 1), 2, 2), "Of a line: first and last share that it covers.", (0.0, 1.0)
+    ),
+    "keys": Key(
+        Array(Array(Number(-1e6, 1e6), 2, 2), 0, 10_000),
+        "[time in s, factor of the force] in ascending time, linear between them and constant "
+        "outside. None: the whole force at all times.",
+        (),
+    ),
+}
+
 _FILE = Key(Text(), "USD file, as seen from the shot file's folder.")
 _START = Key(
     Number(-1e9, 1e9),
@@ -93,6 +118,7 @@ SHOT = {
     "wind_usd": Key(Table(WIND_USD, "table"), "Wind of a USD scene, added to `wind`.", None),
     "collider": Key(Array(Table(COLLIDER, "table"), 0, 10_000), "Meshes of USD scenes.", ()),
     "grip": Key(Array(Table(GRIP, "table"), 0, 10_000), "Points led along a path.", ()),
+    "force": Key(Array(Table(FORCE, "table"), 0, 10_000), "Dead forces on points and lines.", ()),
 }
 
 SHOT_FILE = Table(SHOT, "shot")

@@ -16,10 +16,11 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.detail import barb_coefficients
+from featherfx.shot.forces import force_weights
 from featherfx.shot.loads import frame_loads, root_path
 from featherfx.shot.motion import Roots, root_motion
 from featherfx.shot.sleep import asleep, at_rest, undisturbed
-from featherfx.shot.types import Frame, Grip, Shot, sample_number
+from featherfx.shot.types import Force, Frame, Grip, Shot, sample_number
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step import RootPath, Settings, Solver, StepReport, raise_if_failed
@@ -38,6 +39,7 @@ class _Group:
     feathers: list[Feather]
     names: list[str]
     grips: list[tuple[int, Grip]]
+    forces: list[tuple[int, Force, Array]]
     solver: Solver
     state: State
     start: Array
@@ -150,6 +152,11 @@ class Simulation:
             feathers=feathers,
             names=[p.id for p in placements],
             grips=[(place[g.feather], g) for g in shot.grips if g.feather in place],
+            forces=[
+                (place[each.feather], each, force_weights(each, feathers[place[each.feather]]))
+                for each in shot.forces
+                if each.feather in place
+            ],
             solver=Solver(model, settings, self._jobs),
             state=state,
             start=state.points.copy(),
@@ -169,7 +176,7 @@ class Simulation:
         # grips take hold of the settled feathers, so they do not act while those settle
         grips = group.grips if index else []
         points = list(group.start)
-        return frame_loads(shot, grips, group.feathers, points, start, end, roots)
+        return frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
 
     def _advance(self, group: _Group, motion: Roots, index: int) -> None:
         """Bring a group to the sample with this index, 0 at the first frame."""

@@ -49,15 +49,22 @@ def undisturbed(state: State, path: RootPath, loads: Loads, before: Loads | None
         still &= (loads.grip_start == loads.grip_end).all(axis=(1, 2))
         still &= (loads.grip_start == before.grip_end).all(axis=(1, 2))
     if loads.force.size:
-        still &= (loads.force == before.force).all(axis=(1, 2, 3))
+        still &= (loads.force == _last_force(before)).all(axis=(1, 2, 3))
+        still &= (_last_force(loads) == loads.force).all(axis=(1, 2, 3))
+    still &= (loads.wind_mean == before.wind_mean).all(axis=1)
     return np.asarray(still)
+
+
+def _last_force(loads: Loads) -> Array:
+    """(F, n, P, 3) N, dead forces at the end of a frame."""
+    return loads.force + loads.force_change if loads.force_change.size else loads.force
 
 
 def _same_air(loads: Loads, before: Loads) -> bool:
     """Whether gravity and wind are steady and those of the frame before."""
     same = all(
         np.array_equal(getattr(loads, name), getattr(before, name))
-        for name in ("gravity", "air", "wind_mean", "wind_amplitude")
+        for name in ("gravity", "air", "wind_amplitude")
     )
     return same and not (loads.air[0] > 0.0 and np.any(loads.wind_amplitude))
 

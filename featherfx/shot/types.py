@@ -72,6 +72,27 @@ class Grip:
 
 
 @dataclass(frozen=True)
+class Force:
+    """A dead force: it keeps its direction, however the feather turns.
+
+    feather: id. force: (3,) N in the groom's frame, of a line N/m. line: "point", "rachis" or
+    "barb". row: share 0..1 of the rachis's arc length, and column: share 0..1 of the barb there
+    (0: the rachis), of a point; of a barb the row alone. side: "leading" or "trailing". span:
+    shares of rachis or barb between which a line's force acts. keys: ((s, factor), ...), ascending
+    times, linear between them and constant outside; none: always the whole force.
+    """
+
+    feather: str
+    force: Array
+    line: str
+    row: float
+    column: float
+    side: str
+    span: tuple[float, float]
+    keys: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
 class Motion:
     """kind: "hold", "flap", "shake", "keys" or "skin"; values: the merged numbers of that kind."""
 
@@ -98,6 +119,7 @@ class Shot:
     quality: Quality
     gravity: Array
     grips: tuple[Grip, ...] = field(default=())
+    forces: tuple[Force, ...] = field(default=())
     settle: bool = True
     sleep: bool = True
     skin: BoundSkin | None = None
