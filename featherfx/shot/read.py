@@ -17,7 +17,7 @@ from featherfx.groom.read import collect_groom, groom_of
 from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
 from featherfx.groom.toml_file import load_toml
 from featherfx.groom.types import Groom
-from featherfx.shot.read_loads import read_forces, read_grips
+from featherfx.shot.read_loads import read_details, read_forces, read_grips
 from featherfx.shot.read_scenes import read_colliders, read_skin, read_wind
 from featherfx.shot.scenes import SceneReaders
 from featherfx.shot.shot_keys import GROOM_USD, SHOT, SHOT_FILE
@@ -76,6 +76,7 @@ def _collect(
     groom = _groom(raw, place, library, readers)
     settings = {name: _setting(name, raw, library, place) for name in _BUILD}
     grips, forces = read_grips(raw, groom, place), read_forces(raw, groom, place)
+    details = read_details(raw, groom, place)
     colliders = read_colliders(raw, place, readers)
     _check_frames(raw, place)
     _check_keyframes(settings["motion"], groom, place.child("motion"))
@@ -98,8 +99,10 @@ def _collect(
         gravity=np.array(checked["gravity"]),
         grips=grips,
         forces=forces,
+        details=details,
         settle=checked["settle"],
         sleep=checked["sleep"],
+        coast=checked["coast"],
         skin=skin,
         wind_source=wind_source,
         colliders=colliders,

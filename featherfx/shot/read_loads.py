@@ -1,7 +1,8 @@
-"""Grips and forces of a shot file."""
+"""Grips, forces and levels of detail of a shot file."""
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from itertools import pairwise
 from typing import Any
 
@@ -9,8 +10,8 @@ import numpy as np
 
 from featherfx.groom.schema import INVALID, Place, Table, nearest
 from featherfx.groom.types import Groom
-from featherfx.shot.shot_keys import FORCE, GRIP
-from featherfx.shot.types import Force, Grip
+from featherfx.shot.shot_keys import DETAIL, FORCE, GRIP
+from featherfx.shot.types import Detail, Force, Grip
 
 
 def read_grips(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple[Grip, ...]:
@@ -41,23 +42,44 @@ def read_forces(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple
     return tuple(forces)
 
 
+def read_details(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple[Detail, ...]:
+    """Levels of detail of a shot; problems where a pattern fits no feather."""
+    ids = {feather.id for feather in groom.feathers} if groom is not None else None
+    details = []
+    for checked, at in _tables("detail", DETAIL, raw, place):
+        pattern = checked["feathers"]
+        if ids is not None and not any(fnmatchcase(each, pattern) for each in ids):
+            likely = nearest(pattern, ids)
+            at.child("feathers").fail(f"no feather of the groom fits '{pattern}', {likely}")
+        details.append(Detail(**checked))
+    return tuple(details)
+
+
 def _entries(
     name: str, keys: dict[str, Any], raw: dict[str, Any], groom: Groom | None, place: Place
 ) -> list[tuple[dict[str, Any], Place]]:
     """Checked tables of one name and their places; ids must be the groom's."""
-    entries = raw.get(name, [])
     ids = {feather.id for feather in groom.feathers} if groom is not None else None
-    found = []
-    for index, entry in enumerate(entries if isinstance(entries, list) else []):
-        at = place.child(name).item(index)
-        checked = Table(keys).check(entry, at, False)
-        if checked is INVALID:
-            continue
+    found = _tables(name, keys, raw, place)
+    for checked, at in found:
         if ids is not None and checked["feather"] not in ids:
             at.child("feather").fail(
                 f"no feather '{checked['feather']}' in the groom, {_likely(checked, ids)}"
             )
-        found.append((checked, at))
+    return found
+
+
+def _tables(
+    name: str, keys: dict[str, Any], raw: dict[str, Any], place: Place
+) -> list[tuple[dict[str, Any], Place]]:
+    """Tables of one name that hold what they may, and their places."""
+    entries = raw.get(name, [])
+    found = []
+    for index, entry in enumerate(entries if isinstance(entries, list) else []):
+        at = place.child(name).item(index)
+        checked = Table(keys).check(entry, at, False)
+        if checked is not INVALID:
+            found.append((checked, at))
     return found
 
 

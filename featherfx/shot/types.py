@@ -20,9 +20,12 @@ Array = NDArray[np.float64]
 class Quality:
     """How finely a feather is resolved.
 
-    rows: rachis rows, columns: barb columns a side, coefficients: curvature coefficients per
-    barb and direction (0: rigid barbs; -1: chosen by the solver). tolerance: m, error per frame
-    that the sub-stepping aims at. max_substeps: most sub-steps per frame.
+    rows: rachis rows, columns: barb columns a side, of the meshes and, where nothing else is said,
+    of what is simulated. coefficients: curvature coefficients per barb and direction (0: rigid
+    barbs; -1: chosen by the solver). tolerance: m, error per frame that the sub-stepping aims at.
+    max_substeps: most sub-steps per frame. simulated_rows: 0: as the meshes; -1: chosen by the
+    solver, at most as many. coarse_below, rachis_below, rigid_below: m, feathers shorter than that
+    are simulated with less detail (featherfx/shot/detail.py).
     """
 
     name: str
@@ -31,6 +34,21 @@ class Quality:
     coefficients: int
     tolerance: float
     max_substeps: int
+    simulated_rows: int = 0
+    coarse_below: float = 0.0
+    rachis_below: float = 0.0
+    rigid_below: float = 0.0
+
+
+@dataclass(frozen=True)
+class Detail:
+    """How finely some feathers are simulated, whatever their length.
+
+    feathers: id, * and ? as wild cards. level: "full", "coarse", "rachis" or "rigid".
+    """
+
+    feathers: str
+    level: str
 
 
 @dataclass(frozen=True)
@@ -120,8 +138,10 @@ class Shot:
     gravity: Array
     grips: tuple[Grip, ...] = field(default=())
     forces: tuple[Force, ...] = field(default=())
+    details: tuple[Detail, ...] = field(default=())
     settle: bool = True
     sleep: bool = True
+    coast: bool = True
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()
