@@ -6,6 +6,7 @@ import click
 
 from featherfx.cli.lab.feathers import feather
 from featherfx.cli.lab.rods import modes, release, rod
+from featherfx.cli.lab.strips import strip
 from featherfx.cli.program import Group
 
 
@@ -40,5 +41,5 @@ def lab() -> None:
     """
 
 
-for experiment in (rod, modes, release, feather):
+for experiment in (rod, modes, release, feather, strip):
     lab.add_command(experiment)
