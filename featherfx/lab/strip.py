@@ -70,7 +70,7 @@ class StripTest:
     method: Method = "improved"
     stretch: Stretch = "stiff"
     radius: float = 0.8
-    newton: float = 1e-6
+    newton: float = 1e-5
 
 
 @dataclass(frozen=True)

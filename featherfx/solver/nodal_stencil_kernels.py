@@ -43,10 +43,17 @@ def _add_four(first, nodes, element, band):
             p, q, r, s = weight[0] * d[k], weight[1] * e[k], weight[2] * f[k], weight[3] * g[k]
             into = band[column + y]
             for a in range(nodes):
-                at = slots[a] - column - y
-                for x in range(0 if at >= 0 else (y if slots[a] == column else 3), 3):
-                    c = 3 * a + x
-                    into[at + x] += (p * d[c] + q * e[c]) + (r * f[c] + s * g[c])
+                at, c = slots[a] - column - y, 3 * a
+                if at >= 0:
+                    for x in range(3):
+                        into[at + x] += (p * d[c + x] + q * e[c + x]) + (
+                            r * f[c + x] + s * g[c + x]
+                        )
+                elif slots[a] == column:
+                    for x in range(y, 3):
+                        into[at + x] += (p * d[c + x] + q * e[c + x]) + (
+                            r * f[c + x] + s * g[c + x]
+                        )
 
 
 @kernel

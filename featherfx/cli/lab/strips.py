@@ -73,7 +73,7 @@ from featherfx.cli.program import Command
 @click.option(
     "--newton",
     type=float,
-    default=1e-6,
+    default=1e-5,
     show_default=True,
     help="m, last move of a step's iterations.",
 )
