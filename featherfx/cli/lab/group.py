@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from featherfx.cli.lab.feathers import feather
+from featherfx.cli.lab.report import listing, report
 from featherfx.cli.lab.rods import modes, release, rod
 from featherfx.cli.lab.strips import strip
 from featherfx.cli.program import Group
@@ -13,8 +14,8 @@ from featherfx.cli.program import Group
 def _list(context: click.Context, _: click.Parameter, value: bool) -> None:
     if not value or context.resilient_parsing:
         return
-    for name, command in sorted(lab.commands.items()):
-        click.echo(f"{name.ljust(8)}  {command.short_help}")
+    for line in listing(lab.commands):
+        click.echo(line)
     context.exit()
 
 
@@ -32,7 +33,7 @@ def _list(context: click.Context, _: click.Parameter, value: bool) -> None:
     is_eager=True,
     expose_value=False,
     callback=_list,
-    help="List the experiments.",
+    help="List the experiments and the studies, with what each reproduces.",
 )
 def lab() -> None:
     """Run virtual experiments on rods and feathers.
@@ -41,5 +42,5 @@ def lab() -> None:
     """
 
 
-for experiment in (rod, modes, release, feather, strip):
+for experiment in (rod, modes, release, feather, strip, report):
     lab.add_command(experiment)
