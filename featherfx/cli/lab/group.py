@@ -7,6 +7,7 @@ import click
 from featherfx.cli.lab.feathers import feather
 from featherfx.cli.lab.report import listing, report
 from featherfx.cli.lab.rods import modes, release, rod
+from featherfx.cli.lab.strips import strip
 from featherfx.cli.program import Group
 
 
@@ -41,5 +42,5 @@ def lab() -> None:
     """
 
 
-for experiment in (rod, modes, release, feather, report):
+for experiment in (rod, modes, release, feather, strip, report):
     lab.add_command(experiment)
