@@ -42,7 +42,9 @@ def has_room(candidate, positions, normals, cell, heads, links):
                 while other >= 0:
                     x, y, z = positions[other, 0] - px, positions[other, 1] - py, 0
                     z = positions[other, 2] - pz
-                    facing = normals[other, 0] * nx + normals[other, 1] * ny + normals[other, 2] * nz
+                    facing = (
+                        normals[other, 0] * nx + normals[other, 1] * ny + normals[other, 2] * nz
+                    )
                     if x * x + y * y + z * z < cell * cell and facing > 0:
                         return False
                     other = links[other]

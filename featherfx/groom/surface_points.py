@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -36,6 +37,9 @@ class SkinSource(Protocol):
 
     def subset(self, name: str, place: Place) -> NDArray[np.bool_] | None:
         """(T,) whether triangles are of a named set of faces; None after adding a problem."""
+
+    def image(self, path: Path, place: Place) -> Array | None:
+        """(H, W) grey values 0 to 1 of a picture, top row first; None after adding a problem."""
 
     def curves(self, prims: tuple[str, ...], place: Place) -> list[Array] | None:
         """Polylines (k, 3) m of curves at or below prims; None after adding problems."""
