@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.lab.vane.curves import Curve
-from featherfx.lab.vane.sample import Moduli, isotropic, slope
-from featherfx.lab.vane.traction import Traction, clamped, pull, test_mesh
 from featherfx.lab.vane.elements import membrane
+from featherfx.lab.vane.sample import Moduli, isotropic, slope
 from featherfx.lab.vane.statics import Statics
+from featherfx.lab.vane.traction import Traction, clamped, mesh_of, pull
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ def calibrate(curves: Sequence[Curve], elements: int = FINE) -> Calibration:
             test.correct(_moduli(guess), elements)
         if np.abs(guess - before).max() < CLOSE:
             break
-    residual = np.concatenate([test.stress(_moduli(guess)) for test in tests]) - data
+    residual: Array = np.concatenate([test.stress(_moduli(guess)) for test in tests]) - data
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     low, high = _intervals(guess, inverse, residual)
     singular = np.linalg.svd(jacobian, compute_uv=False)
@@ -155,7 +155,7 @@ class _Test:
         if self._uniform:
             return np.full(KNOTS, moduli.across if sample.angle == 0.0 else moduli.along)
         test = Traction(sample, moduli, 1.0, elements=elements)
-        body = membrane(sample, test_mesh(test, moduli), moduli.as_array())
+        body = membrane(sample, mesh_of(test, moduli), moduli.as_array())
         statics = Statics(body, clamped(sample, body))
         return pull(sample, statics, self._knots).stress / self._knots
 
@@ -167,8 +167,10 @@ def _require_tests(curves: Sequence[Curve]) -> None:
         if curve.sample.regime == "diagonal":
             problems.append(
                 Problem(
-                    "", f"curve {number + 1}", "one barb joins both clamps from corner to corner;"
-                    " such a sample determines no modulus"
+                    "",
+                    f"curve {number + 1}",
+                    "one barb joins both clamps from corner to corner;"
+                    " such a sample determines no modulus",
                 )
             )
         if not np.any(curve.strain):
@@ -203,9 +205,7 @@ def _first_guess(curves: Sequence[Curve]) -> Array:
     return np.log([slope(steep.strain, steep.stress), across, isotropic(across).shear])
 
 
-def _gauss_newton(
-    tests: Sequence[_Test], data: Array, guess: Array
-) -> tuple[Array, Array, int]:
+def _gauss_newton(tests: Sequence[_Test], data: Array, guess: Array) -> tuple[Array, Array, int]:
     for iteration in range(ROUNDS):
         base = np.concatenate([test.stress(_moduli(guess)) for test in tests])
         jacobian = np.empty((len(data), 3))
@@ -213,7 +213,9 @@ def _gauss_newton(
             moved = guess + DIFFERENCE * np.eye(3)[k]
             shifted = np.concatenate([test.stress(_moduli(moved)) for test in tests])
             jacobian[:, k] = (shifted - base) / DIFFERENCE
-        weak = [n for n, share in zip(NAMES, _identified(jacobian), strict=True) if share < IDENTIFIED]
+        weak = [
+            n for n, share in zip(NAMES, _identified(jacobian), strict=True) if share < IDENTIFIED
+        ]
         if weak:
             raise InputError(*(_missing(name) for name in weak))
         step = np.linalg.lstsq(jacobian, data - base, rcond=None)[0]

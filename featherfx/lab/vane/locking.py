@@ -63,7 +63,10 @@ class Locking:
         ]
         keys = ("ratio", "stress", "elements")
         references = [
-            {key: value if value != math.inf else None for key, value in zip(keys, each, strict=True)}
+            {
+                key: value if value != math.inf else None
+                for key, value in zip(keys, each, strict=True)
+            }
             for each in self.references
         ]
         return {"points": rows, "references": references}

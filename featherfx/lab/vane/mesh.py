@@ -12,6 +12,7 @@ L sqrt(E_vw / E_vv), L the length of the barb; rows may be denser there.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ def graded_rows(sample: Sample, count: int, layer: float) -> Array:
     inner = corners[np.concatenate([[True], np.diff(corners) > TINY * span])]
     inner[-1] = corners[-1]
     thick = FINEST * max(layer, THINNEST) * _longest(sample)
-    fine = np.concatenate([_bunched(a, b, 400) for a, b in zip(inner[:-1], inner[1:], strict=True)])
+    fine = np.concatenate([_bunched(a, b, 400) for a, b in pairwise(inner)])
     fine = np.unique(fine)
     middle = 0.5 * (fine[1:] + fine[:-1])
     near = np.min(np.abs(middle[:, None] - inner), axis=1)
@@ -86,7 +87,7 @@ def graded_rows(sample: Sample, count: int, layer: float) -> Array:
     share = density / (density @ np.diff(fine)) + EVEN / span
     total = np.concatenate([[0.0], np.cumsum(share * np.diff(fine))])
     rows = []
-    for a, b in zip(inner[:-1], inner[1:], strict=True):
+    for a, b in pairwise(inner):
         start, end = np.interp([a, b], fine, total)
         strips = max(2, round(count * (end - start) / total[-1]))
         rows.append(np.interp(np.linspace(start, end, strips + 1), total, fine)[:-1])
@@ -104,9 +105,9 @@ def aligned_mesh(sample: Sample, rows: Array, spacing: float) -> Mesh:
     spacing: m between nodes along a barb.
     """
     points: list[Array] = []
-    triangles: list[Array] = []
-    strip: list[Array] = []
-    chains: list[Array] = []
+    triangles: list[Indices] = []
+    strip: list[Indices] = []
+    chains: list[Indices] = []
     before: tuple[Indices, Array] | None = None
     start = 0
     for number, place in enumerate(rows):

@@ -14,8 +14,9 @@ E_B w^3 / 12 per thickness.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,16 @@ from numpy.typing import NDArray
 from featherfx.errors import Problem
 from featherfx.lab.vane.elements import Order, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_mesh, corner_rows
-from featherfx.lab.vane.sample import Moduli, Sample, isotropic, slope, stress
+from featherfx.lab.vane.sample import (
+    Moduli,
+    Sample,
+    isotropic,
+    require,
+    sample_problems,
+    slope,
+    strain_problems,
+    strains,
+)
 from featherfx.lab.vane.statics import Statics
 from featherfx.lab.vane.traction import Pulled, clamped, pull
 
@@ -35,6 +45,8 @@ SLIVER = 0.02
 NODES = 1.5
 # strain to which the slopes of transverse tests were fitted, and the number of points of the fit
 TRANSVERSE_STRAIN, FIT_POINTS = 0.4, 200
+# Pa, slopes of a swan's longitudinal and transverse tests
+SWAN = (3.6e8, 4.8e4)
 
 
 @dataclass(frozen=True)
@@ -94,13 +106,29 @@ def fitted_bands(longitudinal: float, transverse: float, fraction: float, spacin
     return Bands(fraction, spacing, barb, barbule)
 
 
+def swan_bands(
+    fraction: float, spacing: float, barb: float | None = None, barbule: float | None = None
+) -> Bands:
+    """Bands with the given moduli, Pa, or those that have a swan's slopes. Raises InputError."""
+    require(*bands_problems(Bands(fraction, spacing, barb or 1.0, barbule or 1.0)))
+    fitted = fitted_bands(*SWAN, fraction, spacing)
+    return Bands(
+        fraction,
+        spacing,
+        fitted.barb if barb is None else barb,
+        fitted.barbule if barbule is None else barbule,
+    )
+
+
 def series_shear(bands: Bands) -> float:
     """Pa, shear modulus of the two bands in series, without bending of barbs: a lower bound."""
     share = bands.barb_fraction
     return 0.5 / (share / bands.barb + (1.0 - share) / bands.barbule)
 
 
-def band_mesh(sample: Sample, bands: Bands, order: Order = 2, layers: int = 1) -> tuple[Mesh, Array]:
+def band_mesh(
+    sample: Sample, bands: Bands, order: Order = 2, layers: int = 1
+) -> tuple[Mesh, Array]:
     """Mesh and moduli (M, 3), Pa, of a sample with a barb in the middle, or two about it.
 
     order: 2 for six-node triangles, 1 for three-node ones. layers: of elements across each band.
@@ -141,10 +169,56 @@ def pull_bands(
     return pull(sample, Statics(body, clamped(sample, body)), strain)
 
 
-@lru_cache(maxsize=256)
-def band_slope(sample: Sample, bands: Bands, largest: float, steps: int) -> float:
-    """Pa, slope of a traction test of bands up to `largest` in equal steps."""
-    return pull_bands(sample, bands, largest * np.arange(1, steps + 1) / steps).slope
+@dataclass(frozen=True)
+class BandTest:
+    """A traction test of bands up to a largest strain, in equal steps."""
+
+    sample: Sample
+    bands: Bands
+    strain: float
+    steps: int
+
+
+def run_bands(test: BandTest) -> dict[str, Any]:
+    """Plain values by key, SI units: strain, stress, slope, closed_form (stress, at 0 and 90
+    degrees), and size of the problem. Raises InputError."""
+    problems = [*sample_problems(test.sample), *strain_problems(test.strain, test.steps)]
+    require(*problems, *bands_problems(test.bands))
+    begin, sample, closed = time.perf_counter(), test.sample, None
+    strain = strains(test.strain, test.steps)
+    if sample.regime == "diagonal":
+        require(Problem("", "angle", f"{sample.angle:g}: one barb joins both clamps; singular"))
+    if abs(sample.angle) in (0.0, 90.0):
+        sample = whole_periods(sample, test.bands)
+        form = transverse_stress if sample.angle == 0.0 else longitudinal_stress
+        closed = form(test.bands, strain).tolist()
+    pulled = pull_bands(sample, test.bands, strain)
+    return {
+        "strain": strain.tolist(),
+        "stress": pulled.stress.tolist(),
+        "slope": pulled.slope,
+        "closed_form": closed,
+        "barb": test.bands.barb,
+        "barbule": test.bands.barbule,
+        "regime": sample.regime,
+        "elements": len(pulled.statics.membrane.nodes),
+        "unknowns": pulled.statics.unknowns,
+        "iterations": pulled.pose.iterations,
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def mean_band_slope(sample: Sample, bands: Bands, strain: Array, order: Order = 2) -> float:
+    """Pa, slope of a traction test of bands, averaged over their places in the sample.
+
+    How many gaps lie between the last barb of one clamp and the first of the other depends on where
+    the barbs happen to lie; shifts of a quarter and three quarters mirror each other.
+    """
+    slopes = [
+        pull_bands(sample, replace(bands, shift=shift), strain, order=order).slope
+        for shift in (0.0, 0.25, 0.5)
+    ]
+    return 0.25 * slopes[0] + 0.5 * slopes[1] + 0.25 * slopes[2]
 
 
 def effective_moduli(bands: Bands, shear: float) -> Moduli:
@@ -161,11 +235,6 @@ def whole_periods(sample: Sample, bands: Bands) -> Sample:
     if sample.angle == 0.0:
         return replace(sample, height=max(1, round(sample.height / spacing)) * spacing)
     return replace(sample, width=max(1, round(sample.width / spacing)) * spacing)
-
-
-def measured_stress(force: float, strain: float, sample: Sample) -> float:
-    """Pa, from the force (N) at a strain."""
-    return stress(force, sample.height * (np.sqrt(1.0 + 2.0 * strain) - 1.0), sample)
 
 
 def _stretch_of(target: Array) -> Array:

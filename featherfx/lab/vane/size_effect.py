@@ -35,12 +35,15 @@ PUSH = 0.02
 @dataclass(frozen=True)
 class SizeEffect:
     """counts: (k,) N, width over barb spacing. strain: (n,). stress: (k, n), over the barbs'
-    modulus. exponent: of the last stress by 1 / N, fitted."""
+    modulus. constant, quadratic: of the fit constant + quadratic / N^2 to the last stresses; the
+    constant is what the barbules hold. unexplained: 1 - R^2 of that fit."""
 
     counts: tuple[int, ...]
     strain: Array
     stress: Array
-    exponent: float
+    constant: float
+    quadratic: float
+    unexplained: float
 
     def as_json(self) -> dict[str, Any]:
         """Plain values by key."""
@@ -48,19 +51,23 @@ class SizeEffect:
             "counts": list(self.counts),
             "strain": self.strain.tolist(),
             "stress_over_barb_modulus": self.stress.tolist(),
-            "exponent": self.exponent,
+            "constant": self.constant,
+            "quadratic": self.quadratic,
+            "unexplained": self.unexplained,
         }
 
 
 def run_size_effect(counts: Sequence[int] = COUNTS, fraction: float = FRACTION) -> SizeEffect:
-    """Press square samples of N barbs each. Raises InputError for fewer than 4 barbs, or two N."""
+    """Press square samples of N barbs each. Raises InputError for fewer than 4 barbs or 3 N."""
     wrong = [n for n in counts if not 4 <= n <= 60]
     require(*(Problem("", "counts", f"{n} is not allowed, must be 4 to 60") for n in wrong))
-    require(*([Problem("", "counts", "needs two or more")] if len(set(counts)) < 2 else []))
+    require(*([Problem("", "counts", "needs three or more")] if len(set(counts)) < 3 else []))
     strain = STRAIN * np.arange(1, STEPS + 1) / STEPS
     stresses = np.array([_press(n, fraction, strain) for n in counts]) / BARB
-    exponent = -np.polyfit(np.log(counts), np.log(-stresses[:, -1]), 1)[0]
-    return SizeEffect(tuple(counts), strain, stresses, float(exponent))
+    last, inverse = stresses[:, -1], np.array(counts, dtype=float) ** -2
+    quadratic, constant = np.polyfit(inverse, last, 1)
+    left = float(np.var(last - constant - quadratic * inverse) / np.var(last))
+    return SizeEffect(tuple(counts), strain, stresses, float(constant), float(quadratic), left)
 
 
 def _press(count: int, fraction: float, strain: Array) -> Array:

@@ -110,7 +110,7 @@ class TractionResult:
 
 @dataclass(frozen=True)
 class Pulled:
-    """A sample pulled step by step. strain, stress: (n,), Pa. pose: the last. statics: its solver."""
+    """A sample pulled step by step. strain, stress: (n,), Pa. pose: the last. statics: solver."""
 
     strain: Array
     stress: Array
@@ -169,7 +169,7 @@ def pull_test(test: Traction, *, folding: bool = False, accuracy: float = 1e-10)
     moduli = isotropic(test.moduli.across) if test.model == "isotropic" else test.moduli
     body = membrane(
         test.sample,
-        test_mesh(test, moduli),
+        mesh_of(test, moduli),
         moduli.as_array(),
         inextensible=test.model == "inextensible",
     )
@@ -177,7 +177,7 @@ def pull_test(test: Traction, *, folding: bool = False, accuracy: float = 1e-10)
     return pull(test.sample, statics, strains(test.strain, test.steps))
 
 
-def test_mesh(test: Traction, moduli: Moduli) -> Mesh:
+def mesh_of(test: Traction, moduli: Moduli) -> Mesh:
     """Mesh of a test; aligned ones resolve the layers that follow from the moduli."""
     if test.mesh == "unaligned":
         return unaligned_of_size(test.sample, test.elements)
