@@ -51,8 +51,8 @@ class FittedShear:
 
 @dataclass(frozen=True)
 class AngleSlopes:
-    """angles: degrees. bands, membrane: slopes, Pa. fitted: the membrane's moduli, the shear modulus
-    fitted at 45 degrees only."""
+    """angles: degrees. bands, membrane: slopes, Pa. fitted: the membrane's moduli, of which only
+    the shear modulus is fitted, at 45 degrees."""
 
     angles: tuple[float, ...]
     bands: Array

@@ -105,7 +105,7 @@ def calibrate(curves: Sequence[Curve], elements: int = FINE) -> Calibration:
             test.correct(_moduli(guess), elements)
         if np.abs(guess - before).max() < CLOSE:
             break
-    residual: Array = np.concatenate([test.stress(_moduli(guess)) for test in tests]) - data
+    residual: Any = np.concatenate([test.stress(_moduli(guess)) for test in tests]) - data
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     low, high = _intervals(guess, inverse, residual)
     singular = np.linalg.svd(jacobian, compute_uv=False)

@@ -29,8 +29,7 @@ class Pattern:
 
     def sum(self, blocks: Array) -> Array:
         """Values of the pairs, of the elements' blocks (M, 2 K, 2 K)."""
-        summed: Array = np.bincount(self._slot.ravel(), blocks.ravel())
-        return summed
+        return np.bincount(self._slot.ravel(), blocks.ravel()).astype(np.float64)
 
     def matrix(self, values: Array) -> csc_matrix:
         """Of all coordinates."""
