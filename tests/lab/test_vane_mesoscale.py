@@ -64,7 +64,7 @@ def test_table_5_1(fraction, barbule, barb):
 @pytest.mark.verification
 def test_one_layer_of_six_node_triangles_bends_as_a_beam():
     """A bar clamped at both ends, one end pushed sideways: F = E w^3 b d / L^3 (12 E I / L^3),
-    with the shear of a Timoshenko beam, G = E / 2 and factor 5/6: 12 E I / (G k A L^2) = 2.4 w^2/L^2.
+    with the shear of a Timoshenko beam: 12 E I / (G k A L^2) = 2.4 w^2 / L^2, G = E/2, k = 5/6.
     """
     length, width, modulus, push = 10e-3, 0.5e-3, 1e9, 1e-7
     sample = Sample(90.0, width, length)
