@@ -224,7 +224,7 @@ def _change_with_ratio(factor: float) -> float:
         state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
         solver = Solver(model, Settings())
         found, status, _ = solver.equilibrium(state, no_loads(1, (0.0, 0.0, -9.81)))
-        raise_if_failed(status, 0.0, [kind.name])
+        raise_if_failed(status, found.time, [kind.name])
         poses.append(found.points)
     return float(np.abs(poses[1] - poses[0]).max())
 

@@ -106,7 +106,7 @@ def calibrate(curves: Sequence[Curve], elements: int = FINE) -> Calibration:
         if np.abs(guess - before).max() < CLOSE:
             break
     weighted: Array = np.concatenate([test.stress(_moduli(guess)) for test in tests])
-    residual = np.subtract(weighted, data)
+    residual = np.asarray(weighted - data, dtype=np.float64)
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     low, high = _intervals(guess, inverse, residual)
     singular = np.linalg.svd(jacobian, compute_uv=False)
