@@ -57,7 +57,7 @@ def check_file(
     if kind == "shot":
         _collect(path, library, problems, readers)
     elif kind == "groom":
-        collect_groom(path, library, problems, readers.feathers if readers else None)
+        collect_groom(path, library, problems, readers)
     elif kind:
         check_preset(kind, path, library)
     else:
@@ -142,7 +142,6 @@ def _groom(
     raw: dict[str, Any], place: Place, library: Library, readers: SceneReaders | None
 ) -> Groom | None:
     given, problems = raw.get("groom"), place.problems
-    read_scene = readers.feathers if readers else None
     above = (raw, place) if "overrides" in raw else None
     path = Path(place.source)
     count = len(problems)
@@ -151,9 +150,9 @@ def _groom(
             return None
         entry = {name: value for name, value in given.items() if name != "usd"}
         tables = {"name": Path(given["usd"]).stem, "usd": entry | {"file": given["usd"]}}
-        groom = groom_of(tables, path, library, problems, read_scene, above)
+        groom = groom_of(tables, path, library, problems, readers, above)
     elif isinstance(given, str) and given:
-        groom = collect_groom(path.parent / given, library, problems, read_scene, above)
+        groom = collect_groom(path.parent / given, library, problems, readers, above)
     else:
         return None
     return groom if len(problems) == count else None  # half a groom would mislead later checks

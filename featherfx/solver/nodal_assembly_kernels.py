@@ -3,7 +3,7 @@
 from featherfx.compiled import kernel
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
-from featherfx.mechanics.vane_plate_kernels import hinge_of, patch_gradient, patch_nodes
+from featherfx.mechanics.vane_plate_kernels import hinge_of, patch_hinge_gradient, patch_nodes
 from featherfx.solver.assembly_kernels import add_grips
 from featherfx.solver.energy_kernels import node_index
 from featherfx.solver.guard_kernels import add_guard_forces
@@ -107,19 +107,25 @@ def _add_triangle(
             lines[k, a] = 0.0
     found = False
     for edge in range(3):
-        if table[0, edge] == 0.0 and table[1, edge] == 0.0 and table[2, edge] == 0.0:
+        first, second, third = table[0, edge], table[1, edge], table[2, edge]
+        if first == 0.0 and second == 0.0 and third == 0.0:
             continue
         found = True
         kind, owner, row, column = hinge_of(side, i, j, half, edge)
         at = hinge_index(kind, owner, row, column, rows, columns)
         element.slots[3 + edge] = slot[nodes[3 + edge, 0], nodes[3 + edge, 1]]
-        patch_gradient(points, side, j, half, edge, nodes, element.hinge, lines[3])
+        places = patch_hinge_gradient(points, side, j, half, edge, nodes, element.hinge)
         value = angles[at] + damping * (angles[at] - reference[at])
-        for k in range(3):
-            if table[k, edge] != 0.0:
-                stress[k] += table[k, edge] * value
-                for a in range(18):
-                    lines[k, a] += table[k, edge] * lines[3, a]
+        stress[0] += first * value
+        stress[1] += second * value
+        stress[2] += third * value
+        for a in range(4):
+            c = 3 * places[a]
+            for x in range(3):
+                slope = element.hinge[a, x]
+                lines[0, c + x] += first * slope
+                lines[1, c + x] += second * slope
+                lines[2, c + x] += third * slope
     if found:
         for k in range(3):
             if stress[k] != 0.0:

@@ -103,7 +103,7 @@ def nodal_start(
     square = (INSTANT * duration) ** 2
     nodal_system(model, nodal, loads, f, 1.0 / square, state, work)
     system, now, trial = work.system, work.now, work.trial
-    if not factorise(system.band):
+    if not factorise(system.band, system.panel):
         return
     solve_factored(system.band, system.right)
     move_by(model, nodal, f, now, system.right, 1.0, True, work.element, trial)
