@@ -61,7 +61,7 @@ def resolutions(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[
     quality = shot.quality
     coefficients = barb_coefficients(shot, feathers, motion)
     rows = _simulated_rows(shot, feathers, motion)
-    pulled = {each.feather for each in (*shot.grips, *shot.forces)}
+    pulled = _pulled(shot)
     chosen, problems = [], []
     for f, placement in enumerate(shot.groom.feathers):
         level = _level(shot, placement)
@@ -78,6 +78,11 @@ def resolutions(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[
     if problems:
         raise InputError(*problems)
     return chosen
+
+
+def _pulled(shot: Shot) -> set[str]:
+    """Ids of the feathers that a grip or a force acts on."""
+    return {grip.feather for grip in shot.grips} | {force.feather for force in shot.forces}
 
 
 def _level(shot: Shot, placement: Placement) -> str:
@@ -123,7 +128,7 @@ def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) ->
     if quality.coefficients != CHOSEN_BY_SOLVER:
         return [quality.coefficients] * len(feathers)
     loads = _loads(shot, motion)
-    pulled = {each.feather for each in (*shot.grips, *shot.forces)}
+    pulled = _pulled(shot)
     chosen: dict[tuple[int, int], int] = {}
     counts = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
