@@ -23,10 +23,18 @@ QUICK_ROWS, MOST_ROWS = 40, 200
     featherfx bench --quick
     featherfx bench -o measured
     featherfx bench --stress --cases 1000 -o measured
+    featherfx bench --skips samples/swan_wing/shot.toml
     """,
 )
 @click.option("--quick", is_flag=True, help="A smaller set of settings, in about a minute.")
 @click.option("--stress", is_flag=True, help="Random absurd cases instead of measurements.")
+@click.option(
+    "--skips",
+    multiple=True,
+    metavar="SHOT",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="What skipping work saves and costs on a shot; once for each shot.",
+)
 @click.option(
     "--cases",
     type=click.IntRange(min=1),
@@ -43,6 +51,7 @@ QUICK_ROWS, MOST_ROWS = 40, 200
 def bench(
     quick: bool,
     stress: bool,
+    skips: tuple[Path, ...],
     cases: int | None,
     seed: int,
     jobs: int | None,
@@ -57,7 +66,14 @@ def bench(
 
     jobs = jobs or os.cpu_count() or 1
     tables, outcome = [], None
-    if stress:
+    if skips:
+        from featherfx.lab.bench.skips import skips_table
+        from featherfx.shot.read import read_shot
+
+        shots = [read_shot(path) for path in skips]
+        with Progress("skips") as progress:
+            tables.append(skips_table(shots, progress))
+    elif stress:
         from featherfx.lab.bench.stress import run_seeds, summary
 
         count = cases or (QUICK_STRESS_CASES if quick else STRESS_CASES)

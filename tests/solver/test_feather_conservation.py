@@ -27,16 +27,28 @@ def feather(rows: int = 7, columns: int = 2, held: bool = True) -> Model:
 
 
 def plucked(model: Model) -> State:
-    """Bent by ten gravities that are just gone."""
-    with Solver(model, Settings(newton=1e-10)) as solver:
-        state, status, _ = solver.equilibrium(at_origin(model), no_loads(1, (0, 0, -98.1)))
-    assert status[0] == 0
+    """At rest, bent nearly as its first mode with the tip off by 3 % of the length.
+
+    By forces that are just gone and follow mass times deflection: inverse iteration.
+    """
+    start = at_origin(model)
+    length = float(model.length[0].sum())
+    force = np.zeros_like(start.points)
+    force[0, -1, 0, 2] = -0.01
+    with Solver(model, Settings(newton=1e-11)) as solver:
+        for _ in range(5):
+            state, status, _ = solver.equilibrium(start, no_loads(1)._replace(force=force))
+            assert status[0] == 0
+            way = state.points - start.points
+            size = 0.03 * length / np.linalg.norm(way[0, -1, 0])
+            force = model.mass[..., None] * way * np.vdot(force, way)
+            force *= size / np.vdot(model.mass[..., None] * way, way)
     return state
 
 
 def energies(radius: float, periods: int, each: int = 40) -> np.ndarray:
     """Total energy at the end of every period, starting after the first."""
-    model = feather()
+    model = feather(7, 2)
     state = plucked(model)
     step = 2.0 * np.pi / first_frequency(model, 0) / each
     found = []
@@ -51,17 +63,11 @@ def energies(radius: float, periods: int, each: int = 40) -> np.ndarray:
     return np.array(found)
 
 
-@pytest.mark.parametrize(
-    ("periods", "allowed"), [(10, 1e-3), pytest.param(100, 1e-2, marks=pytest.mark.slow)]
-)
-def test_energy_of_an_undamped_feather_drifts_little(periods: int, allowed: float) -> None:
-    """Less than 1 % in 100 periods of its first mode, and a tenth of it in a tenth of them.
-
-    With 80 steps a period; with 40 it loses 1.6 % in 100 periods: higher modes ring, too, and what
-    a step does not resolve is damped at radius 0.9.
-    """
-    energy = energies(0.9, periods + 1, 80)
-    assert abs(energy[-1] / energy[0] - 1.0) < allowed
+def test_energy_of_an_undamped_feather_drifts_little_in_100_periods() -> None:
+    """Ringing in its first mode, 40 steps a period. Let go from under ten gravities it loses 1.6 %:
+    then higher modes ring, too, which such steps do not resolve and radius 0.9 damps."""
+    energy = energies(0.9, 101)
+    assert abs(energy[-1] / energy[0] - 1.0) < 0.01
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5])
