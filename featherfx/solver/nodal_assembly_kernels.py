@@ -6,7 +6,9 @@ from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membran
 from featherfx.mechanics.vane_plate_kernels import hinge_of, patch_hinge_gradient, patch_nodes
 from featherfx.solver.assembly_kernels import add_grips
 from featherfx.solver.energy_kernels import node_index
+from featherfx.solver.guard_kernels import add_guard_forces
 from featherfx.solver.nodal_energy_kernels import hinge_index, sections
+from featherfx.solver.nodal_guard_kernels import add_guard_stencils
 from featherfx.solver.nodal_stencil_kernels import (
     add_element,
     add_points,
@@ -169,7 +171,16 @@ def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work)
         work.force,
         work.stiff,
     )
-    add_dead_forces(loads.force[f], work.force)
+    add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
+    _, _, cells_at, _ = sections(pose.points.shape[0], model.joints.shape[3])
+    add_guard_forces(
+        model.cell_guard[f],
+        model.cell_rest[f],
+        pose.points,
+        pose.strains[cells_at:],
+        element.membrane,
+        work.force,
+    )
     add_points(nodal.slot[f], pose.points, work.force, work.stiff, system)
     if nodal.shaft:
         damping = model.retardation[f, 0] * factors[2]
@@ -183,6 +194,17 @@ def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work)
     add_turns(model, nodal, f, pose, reference, damping, element, system)
     _add_cells(model, nodal, f, pose, before, reference, damping, signed, element, system)
     _add_plate(nodal, f, pose, reference, damping, element, system)
+    if model.cell_guard.shape[1] > 0:
+        add_guard_stencils(
+            model.cell_guard[f],
+            model.cell_rest[f],
+            nodal.slot[f],
+            pose.points,
+            pose.strains[cells_at:],
+            signed,
+            element,
+            system,
+        )
     # feathers of a batch may differ in the number of unknowns
     for a in range(nodal.size[f], system.right.shape[0]):
         system.band[a, 0] = 1.0
