@@ -319,7 +319,13 @@ def _starts(columns: NDArray[np.int64], size: int) -> NDArray[np.int64]:
 
 
 def _scratch() -> tuple[Array, ...]:
-    return (np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((2, 3, 3)), np.zeros(6), np.zeros((3, 2, 2)))
+    return (
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        np.zeros((2, 3, 3)),
+        np.zeros(6),
+        np.zeros((3, 2, 2)),
+    )
 
 
 def _factor(matrix: csc_matrix) -> SuperLU:
