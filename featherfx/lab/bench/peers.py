@@ -215,7 +215,7 @@ def _row(name: str, rate: int, run: PeerRun, reference: Array) -> Row:
         "program": name,
         "steps a second": rate,
         "steps": run.steps,
-        ERROR: float(np.linalg.norm(run.tip - reference, axis=1).max()),
+        ERROR: float(np.linalg.norm(np.subtract(run.tip, reference), axis=1).max()),
         COST: run.cpu_seconds / END,
     }
 
