@@ -148,7 +148,7 @@ def _nodal_body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _Body
     from featherfx.solver.nodal_state import nodal_rest_state
 
     model = _model(test, feather, kind)
-    nodal = nodal_model(model, [feather], [kind])
+    nodal = nodal_model(model, [feather], [kind], section="carried")
     state = nodal_rest_state(model, nodal, np.zeros((1, 3)), np.eye(3)[None])
     solver = NodalSolver(model, nodal, _settings(test))
     return _Body(solver, state, int(nodal.size[0]), partial(nodal_repeat, model, nodal))
