@@ -225,9 +225,12 @@ def peer_page(tables: list[Table], program: str) -> str:
     found = machine(program)
     facts = ", ".join(f"{name} {value}" for name, value in found.items() if name != "date")
     head = f"Measured on {found['date']}. Machine and versions: {facts}.\n"
-    return "\n".join(
-        [f"# Beside other simulators\n\n{INTRODUCTION}", head, *map(as_markdown, tables)]
-    )
+    parts = [f"# Beside other simulators\n\n{INTRODUCTION}", head]
+    for table in tables:
+        parts.append(as_markdown(table))
+        if can_plot():
+            parts.append(f"![Error against processor time]({table.name}.png)\n")
+    return "\n".join(parts)
 
 
 def peer_files(tables: list[Table], program: str) -> dict[str, bytes]:
