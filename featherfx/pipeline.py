@@ -111,7 +111,7 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
     if not path.is_file():
         return [Problem(str(path), "", "is a folder" if path.is_dir() else "file does not exist")]
     if path.suffix in (".usd", ".usda", ".usdc"):
-        from featherfx.usd.check import check_usd
+        from featherfx.usd.check import check_file as check_usd
 
         return check_usd(path)
     if path.suffix != ".toml":

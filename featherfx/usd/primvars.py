@@ -42,6 +42,12 @@ def author_rest(prim: Any, points: Any) -> None:
         _author(prim, name, Sdf.ValueTypeNames.Point3fArray, "vertex", points)
 
 
+def author_up(prim: Any, up: Any) -> None:
+    """up: the dorsal side at the root, at rest, as grooms have it. up: (3,), object space."""
+    value = arrays.vec3f([up])
+    _author(prim, "up", Sdf.ValueTypeNames.Vector3fArray, "constant", value)
+
+
 def author_st(prim: Any, st: Any) -> None:
     """st, a USD array, per point."""
     _author(prim, "st", Sdf.ValueTypeNames.TexCoord2fArray, "vertex", st)

@@ -242,7 +242,8 @@ class CacheWriter:
             self._check_finite([] if pose.finite else [k], 0.0)
             rest = {part: pose.values[part, "points"].value for part in posed[k].parts}
             define_mesh(stage, meshes[k], entry, same, rest[MESH], materials)
-            define_rachis(stage, rachises[k], entry, rest[RACHIS], posed[k].widths, materials)
+            up, widths = info.space.directions(entry.rest_points[0, 2]), posed[k].widths
+            define_rachis(stage, rachises[k], entry, rest[RACHIS], widths, up, materials)
             if barbs[k] is not None:
                 define_barbs(stage, barbs[k], entry, rest[BARB], posed[k].barb_widths, materials)
         return AnimatedPrims(posed, meshes, rachises, barbs, self._accelerations)
