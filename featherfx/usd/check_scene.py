@@ -100,7 +100,7 @@ def _clip_files(path: Path) -> set[str]:
     """Value clips of a stage that are there."""
     stage = Usd.Stage.Open(str(path), Usd.Stage.LoadNone)
     files: set[str] = set()
-    for prim in stage.Traverse():
+    for prim in stage.TraverseAll():
         clips = Usd.ClipsAPI(prim).GetClips() or {}
         for values in clips.values():
             assets = [*values.get("assetPaths", ()), values.get("manifestAssetPath")]
