@@ -8,6 +8,7 @@ from featherfx.cli.lab.feathers import feather
 from featherfx.cli.lab.report import listing, report
 from featherfx.cli.lab.rods import modes, release, rod
 from featherfx.cli.lab.strips import strip
+from featherfx.cli.lab.vane import angles, calibrate, locking, mesoscale, traction
 from featherfx.cli.program import Group
 
 
@@ -43,4 +44,6 @@ def lab() -> None:
 
 
 for experiment in (rod, modes, release, feather, strip, report):
+    lab.add_command(experiment)
+for experiment in (traction, locking, mesoscale, calibrate, angles):
     lab.add_command(experiment)
