@@ -24,12 +24,20 @@ QUICK_ROWS, MOST_ROWS = 40, 200
     featherfx bench -o measured
     featherfx bench --stress --cases 1000 -o measured
     featherfx bench --peers -o measured
+    featherfx bench --skips samples/swan_wing/shot.toml
     """,
 )
 @click.option("--quick", is_flag=True, help="A smaller set of settings, in about a minute.")
 @click.option("--stress", is_flag=True, help="Random absurd cases instead of measurements.")
 @click.option(
     "--peers", is_flag=True, help='Beside MuJoCo (extra "peers"): error against time of a strip.'
+)
+@click.option(
+    "--skips",
+    multiple=True,
+    metavar="SHOT",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="What skipping work saves and costs on a shot; once for each shot.",
 )
 @click.option(
     "--cases",
@@ -48,6 +56,7 @@ def bench(
     quick: bool,
     stress: bool,
     peers: bool,
+    skips: tuple[Path, ...],
     cases: int | None,
     seed: int,
     jobs: int | None,
@@ -58,8 +67,8 @@ def bench(
     Times only mean something on a machine that does nothing else; ratios within one run hold
     better. Plots need matplotlib (extra "plots"). Exit code 1 if a stress case breaks a promise.
     """
-    if stress and peers:
-        raise click.UsageError("--stress and --peers exclude each other")
+    if stress + peers + bool(skips) > 1:
+        raise click.UsageError("--stress, --peers and --skips exclude each other")
     if peers:
         _beside_peers(quick, output)
         return
@@ -68,7 +77,14 @@ def bench(
 
     jobs = jobs or os.cpu_count() or 1
     tables, outcome = [], None
-    if stress:
+    if skips:
+        from featherfx.lab.bench.skips import skips_table
+        from featherfx.shot.read import read_shot
+
+        shots = [read_shot(path) for path in skips]
+        with Progress("skips") as progress:
+            tables.append(skips_table(shots, progress))
+    elif stress:
         from featherfx.lab.bench.stress import run_seeds, summary
 
         count = cases or (QUICK_STRESS_CASES if quick else STRESS_CASES)
