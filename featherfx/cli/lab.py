@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from featherfx.cli.lab_report import listing, report
+from featherfx.cli.lab_ribbon import ribbon
 from featherfx.cli.options import presets_option
 from featherfx.cli.program import Command, Group
 
@@ -148,7 +149,7 @@ def rod(tip_force: tuple[float, float, float], as_json: bool, **options: Any) ->
     from featherfx.lab.experiments import bend
 
     result = bend(_rod(options), tip_force)
-    _show(
+    show(
         {
             "tip": result.tip.tolist(),
             "points": result.points.tolist(),
@@ -177,7 +178,7 @@ def modes(count: int, as_json: bool, **options: Any) -> None:
     """
     from featherfx.lab.experiments import natural_frequencies
 
-    _show({"frequencies_hz": natural_frequencies(_rod(options), count).tolist()}, as_json)
+    show({"frequencies_hz": natural_frequencies(_rod(options), count).tolist()}, as_json)
 
 
 @lab.command(
@@ -234,7 +235,7 @@ def release(
         samples=samples,
         radius=radius,
     )
-    _show(
+    show(
         {
             "time": swing.time.tolist(),
             "tip": swing.tip.tolist(),
@@ -297,7 +298,7 @@ def feather(
     if shake_amplitude is not None and shake_frequency is not None:
         shake = (shake_amplitude, shake_frequency)
     run = run_feather(FeatherTest(shake=shake, **options), preset_folders)
-    _show(
+    show(
         {
             "points": run.points.tolist(),
             "iterations_per_step": run.iterations_per_step,
@@ -313,6 +314,7 @@ def feather(
 
 
 lab.add_command(report)
+lab.add_command(ribbon)
 
 
 def _rod(options: dict[str, Any]) -> Rod:
@@ -321,7 +323,7 @@ def _rod(options: dict[str, Any]) -> Rod:
     return Rod(**{key: value for key, value in options.items() if key in ROD_KEYS})
 
 
-def _show(values: dict[str, Any], as_json: bool) -> None:
+def show(values: dict[str, Any], as_json: bool) -> None:
     """One JSON object, or a table: numbers beside their names, lists in lines below them."""
     if as_json:
         click.echo(json.dumps(values))

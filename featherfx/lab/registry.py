@@ -14,6 +14,24 @@ STUDIES: tuple[Study, ...] = (
         "Bisshopp and Drucker 1945; Mattiasson 1981, table 1",
         later("featherfx.lab.studies.rods:elastica"),
     ),
+    Study(
+        "ribbon_cantilever",
+        "Ribbon and rod clamped level, under their weight",
+        "Charrondiere et al. 2019, figure 7",
+        later("featherfx.lab.studies.ribbons:cantilever"),
+    ),
+    Study(
+        "ribbon_hanging",
+        "A curled ribbon leaves its plane as its length grows",
+        "Charrondiere et al. 2019, section 5.1 and figure 9",
+        later("featherfx.lab.studies.ribbons:hanging"),
+    ),
+    Study(
+        "ribbon_and_rod",
+        "The curled ribbon beside a rod of rectangular section",
+        "Charrondiere et al. 2019, section 5.5 and figure 9",
+        later("featherfx.lab.studies.ribbons:against_rod"),
+    ),
 )
 
 

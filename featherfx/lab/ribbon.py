@@ -6,7 +6,7 @@ Gravity is (0, -9.81, 0) m/s^2. The clamp is at the origin, the strip's width al
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -31,8 +31,8 @@ CLAMPS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 }
 # elements of a rod, and how far gravity is tilted to let it leave its plane
 ROD_SEGMENTS, TILT = 200, 1e-3
-# share of the length by which a planar shape may leave its plane
-PLANAR = 1e-3
+# width over length of the ribbons of the cantilever curve, and how their stations crowd
+NARROW, GRADING = 0.05, 2.5
 
 
 @dataclass(frozen=True)
@@ -89,10 +89,20 @@ def _last(holds: Callable[[float], bool], low: float, high: float, accuracy: flo
     return 0.5 * (low + high)
 
 
-def cantilever_ratio(ribbon: Ribbon) -> float:
-    """Drop over reach of the tip of a ribbon clamped level, under its weight (figure 7)."""
-    tip = hang(ribbon).rest.curve.points[-1]
-    return float(-tip[1] / tip[0])
+def cantilever_ratios(loads: Sequence[float], elements: int = 20) -> Array:
+    """Drop over reach of the tip of ribbons clamped level, under their weight.
+
+    loads: ascending, weight per length times length^3 over D w. Each shape starts from the one
+    before. The stations crowd at the clamp: under a large load the strip bends only there.
+    """
+    frame, start, ratios = clamp_frame("level"), None, []
+    for load in loads:
+        density = load / float(np.linalg.norm(GRAVITY))
+        ribbon = Ribbon(1.0, NARROW, 1.0, density, elements=elements, grading=GRADING)
+        rest = settle_ribbon(ribbon, frame, GRAVITY, start=start)
+        start, tip = rest.unknowns, rest.curve.points[-1]
+        ratios.append(-tip[1] / tip[0])
+    return np.array(ratios)
 
 
 def rod_of(ribbon: Ribbon, thickness: float, segments: int = ROD_SEGMENTS) -> Rod:

@@ -113,9 +113,7 @@ def width_factor(x: Array) -> tuple[Array, Array, Array]:
     powers = small[None] ** (2 * k)
     series = (powers / (2 * k + 1)).sum(0)
     once = (2 * k[1:] * small[None] ** (2 * k[1:] - 1) / (2 * k[1:] + 1)).sum(0)
-    twice = (
-        2 * k[1:] * (2 * k[1:] - 1) * small[None] ** (2 * k[1:] - 2) / (2 * k[1:] + 1)
-    ).sum(0)
+    twice = (2 * k[1:] * (2 * k[1:] - 1) * small[None] ** (2 * k[1:] - 2) / (2 * k[1:] + 1)).sum(0)
     return (
         np.where(near, series, value),
         np.where(near, once, first),

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 ITERATIONS, ESCAPES, HALVINGS = 300, 6, 30
 # a gradient that ends the search, and an eigenvalue that counts as negative, as shares of D w / L
-GRADIENT, NEGATIVE, FLOOR = 1e-9, 1e-6, 1e-7
+GRADIENT, NEGATIVE, FLOOR = 1e-9, 1e-6, 1e-11
 TO_BOUND = 0.9
 # 1, first size of a step off a saddle, in the scaled unknowns
 ESCAPE = 0.05
