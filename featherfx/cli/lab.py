@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from featherfx.cli.lab_full_feather import fullfeather
 from featherfx.cli.lab_report import listing, report
 from featherfx.cli.lab_ribbon import ribbon
 from featherfx.cli.options import presets_option
@@ -315,6 +316,7 @@ def feather(
 
 lab.add_command(report)
 lab.add_command(ribbon)
+lab.add_command(fullfeather)
 
 
 def _rod(options: dict[str, Any]) -> Rod:

@@ -3,7 +3,12 @@
 Scenarios of Jouve 2024, figures 6.5 (the rachis' tip is pulled) and 6.9 (the edge of the vane is
 pulled), parameters of table 6.1: a flat feather of 0.2 m. The rest lies in the xy plane, rachis
 along +x, leading vane towards +y; the pull is along -y, quasi-static, in equal parts. A feather
-that is exactly flat never wrinkles, so a hundredth of gravity along -z tips it off its plane.
+that is exactly flat never wrinkles, so small random forces along z (1e-5 N, fixed seed) push its
+nodes off the plane; what does not buckle is moved by them by less than the amplitude that counts.
+
+The table does not tell the shaft's width: here 4 mm at the base, 1 mm at the tip, and the height is
+five times the width, so that at the base the bending stiffness within the plane is that of the
+table's rectangular band of 12 mm: an ellipse of height h bends as a band of 3 pi / 16 h.
 
 The three materials differ in the vane only:
     barbs       moduli of the swan vane; barb-curvature kinematics, barbs exactly inextensible
@@ -33,7 +38,8 @@ SCENES = ("tip", "side")
 MATERIALS = ("barbs", "cloth", "isotropic")
 # table 6.1, SI units
 LENGTH = 0.2
-RACHIS = RachisMaterial(34e6, 34e6 / 2.98, 1.0, 1.0, 700.0, 0.0, 0.1)
+RACHIS = RachisMaterial(34e6, 34e6 / 2.98, 1.0, 5.0, 700.0, 0.0, 0.1)
+WIDTH_BASE, WIDTH_TIP = 4e-3, 1e-3
 SWAN = VaneMaterial(3.6e8, 4.8e4, 2.78e4, 1.2e-4, 2.6e-2, 2.5e-4, 8.5e-5, 0.0, 1e-7, 0.1)
 # isotropic without Poisson effect: the shear modulus is half of Young's; its hinges take the
 # bending of the vane, and nothing bends within its plane that is not stretched or sheared
@@ -49,11 +55,15 @@ ISOTROPIC = replace(
 CLOTH = replace(ISOTROPIC, along=10.0 * 4.8e4)
 VANES = {"barbs": SWAN, "cloth": CLOTH, "isotropic": ISOTROPIC}
 
-IMPERFECTION = (0.0, 0.0, -0.0981)
+# N, root mean square of the forces that push the nodes off their plane
+IMPERFECTION, SEED = 1e-5, 1
 GRIP_STIFFNESS = 1e3
 # where the vane's edge is pulled, as a share of the rows
 SIDE_ROW = 0.7
 SETTLED = 1e-7
+# a wrinkled edge has at least so many waves, and at least this amplitude (m)
+WAVES, LEAST = 3.0, 5e-4 * LENGTH
+PADDING = 8
 
 
 @dataclass(frozen=True)
@@ -111,15 +121,15 @@ def flat_kind(material: str, preset_folders: tuple[str, ...] = ()) -> FeatherKin
     from featherfx.lab.feather import feather_kind
 
     kind = feather_kind("swan_primary", preset_folders)
-    scale = LENGTH / kind.length
     shape = kind.rachis
     return replace(
         kind,
         length=LENGTH,
         rachis=replace(
             shape,
-            diameter_base=shape.diameter_base * scale,
-            diameter_tip=shape.diameter_tip * scale,
+            diameter_base=WIDTH_BASE,
+            diameter_tip=WIDTH_TIP,
+            taper=1.0,
             camber=0.0,
             sweep=0.0,
             twist=0.0,
@@ -149,12 +159,12 @@ def pull_feather(pull: FullPull, material: str, *, nodal: bool = False) -> Pulle
     kind = flat_kind(material)
     feather = build_feather(kind, pull.rows, pull.columns)
     solver, state = _solver(feather, kind, nodal or material != "barbs")
-    loads = no_loads(1, IMPERFECTION)
     node = _gripped(pull, feather)
-    _compile(solver, state, loads)
+    # kernels are loaded first, so that the measured time is that of the work
+    solver.equilibrium(state, _loads(pull, feather, node, 0.0))
     begin, iterations = time.perf_counter(), 0
     for part in range(1, pull.parts + 1):
-        loads = _grip(pull, feather, node, part / pull.parts)
+        loads = _loads(pull, feather, node, part / pull.parts)
         state, status, count = solver.equilibrium(state, loads)
         raise_if_failed(status, state.time, [material])
         iterations += int(count[0])
@@ -163,7 +173,7 @@ def pull_feather(pull: FullPull, material: str, *, nodal: bool = False) -> Pulle
     apart = loads.grip_end[0, 0] - points[node]
     wavelength, amplitude = wrinkles(feather, points)
     return Pulled(
-        points=np.delete(points, (1, 2), axis=0 if points.ndim == 2 else 1),
+        points=np.delete(points, (1, 2), axis=1),
         rest=np.delete(feather.points, (1, 2), axis=1),
         rachis_deflection=float(np.linalg.norm(points[-1, 0] - feather.points[-1, 0])) / LENGTH,
         barb_strain=barb_strain(feather, points),
@@ -188,25 +198,9 @@ def _solver(feather: Feather, kind: FeatherKind, nodal: bool) -> tuple[Any, Any]
     from featherfx.solver.nodal import NodalSolver
     from featherfx.solver.nodal_state import nodal_rest_state
 
-    bending: Literal["barbs", "hinges"] = (
-        "barbs" if kind.vane_material.along > 1e8 else "hinges"
-    )
+    bending: Literal["barbs", "hinges"] = "barbs" if kind.vane_material.along > 1e8 else "hinges"
     nodes = nodal_model(model, [feather], [kind], bending=bending)
     return NodalSolver(model, nodes, settings), nodal_rest_state(model, nodes, *root)
-
-
-def _compile(solver: Any, state: Any, loads: Loads) -> None:
-    """Load the kernels, so that the measured time is that of the work."""
-    solver.equilibrium(state, _at_rest(loads, state))
-
-
-def _at_rest(loads: Loads, state: Any) -> Loads:
-    return loads._replace(
-        grip_node=np.zeros((1, 1, 2), dtype=np.int64),
-        grip_start=state.points[:, :1, 0].copy(),
-        grip_end=state.points[:, :1, 0].copy(),
-        grip_stiffness=np.full((1, 1), GRIP_STIFFNESS),
-    )
 
 
 def _gripped(pull: FullPull, feather: Feather) -> tuple[int, int]:
@@ -216,13 +210,18 @@ def _gripped(pull: FullPull, feather: Feather) -> tuple[int, int]:
     return round(SIDE_ROW * (feather.rows - 1)), 2 + 2 * feather.columns
 
 
-def _grip(pull: FullPull, feather: Feather, node: tuple[int, int], share: float) -> Loads:
+def _loads(pull: FullPull, feather: Feather, node: tuple[int, int], share: float) -> Loads:
     target = feather.points[node] - np.array([0.0, share * pull.distance * LENGTH, 0.0])
-    return no_loads(1, IMPERFECTION)._replace(
+    force = np.zeros((1, *feather.points.shape))
+    count = 2 * feather.columns
+    random = np.random.default_rng(SEED).normal(size=(feather.rows, count))
+    force[0, :, 3:, 2] = IMPERFECTION * random
+    return no_loads(1)._replace(
         grip_node=np.array([[node]], dtype=np.int64),
         grip_start=target[None, None],
         grip_end=target[None, None],
         grip_stiffness=np.full((1, 1), GRIP_STIFFNESS),
+        force=force,
     )
 
 
@@ -235,36 +234,38 @@ def barb_strain(feather: Feather, points: Array) -> float:
 
 
 def wrinkles(feather: Feather, points: Array) -> tuple[float, float]:
-    """(wavelength, amplitude) in m of the wrinkles along the edges of the vane.
+    """(wavelength, amplitude) in m of the wrinkles along the edges of the vane: see edge_waves.
 
-    The height of an edge above the plane of the rest shape, as a function of the edge's rest arc
-    length, less the best cubic (the vane's bending as a whole); amplitude is its root mean square,
-    and the wavelength that of the highest peak of its Hann-windowed spectrum, where waves of less
-    than four nodes are not seen. NaN where the amplitude is below a thousandth of the length.
+    Of the edge that wrinkles more; the wavelength is NaN where the amplitude is below LEAST.
     """
     best = (float("nan"), 0.0)
     for side in range(2):
         rows = np.flatnonzero(feather.barb_length[side] > 0.0)
         last = 2 + (side + 1) * feather.columns
-        arc = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(feather.points[rows, last], axis=0), axis=1))]
-        )
+        edge = feather.points[rows, last]
+        arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(edge, axis=0), axis=1)))
         found = edge_waves(arc, points[rows, last, 2])
         if found[1] > best[1]:
             best = found
-    return best if best[1] > 1e-3 * LENGTH else (float("nan"), best[1])
+    return best if best[1] > LEAST else (float("nan"), best[1])
 
 
 def edge_waves(arc: Array, height: Array) -> tuple[float, float]:
-    """(wavelength, amplitude) in m of heights (k,) at arc lengths (k,): see wrinkles."""
+    """(wavelength, amplitude) in m of the waves in heights (k,) at arc lengths (k,).
+
+    The heights, less the best cubic, resampled evenly and Hann-windowed; of the spectrum, what has
+    at least WAVES waves along the edge and at least four nodes a wave. The wavelength is that of
+    its highest peak, the amplitude the root mean square of the heights in that band.
+    """
     count = 8 * len(arc)
     even = np.linspace(arc[0], arc[-1], count)
     values = np.interp(even, arc, height)
-    trend = np.polynomial.Polynomial.fit(even, values, 3)
-    rest = values - trend(even)
-    padded = 8 * count
-    spectrum = np.abs(np.fft.rfft(rest * np.hanning(count), padded))
-    frequency = np.fft.rfftfreq(padded, even[1] - even[0])
-    seen = (frequency > 1.5 / (arc[-1] - arc[0])) & (frequency < len(arc) / (4.0 * arc[-1]))
-    peak = int(np.argmax(np.where(seen, spectrum, 0.0)))
-    return 1.0 / float(frequency[peak]), float(np.sqrt(np.mean(rest**2)))
+    rest = values - np.polynomial.Polynomial.fit(even, values, 3)(even)
+    window = np.hanning(count)
+    spectrum = np.abs(np.fft.rfft(rest * window, PADDING * count))
+    frequency = np.fft.rfftfreq(PADDING * count, even[1] - even[0])
+    span = arc[-1] - arc[0]
+    seen = np.where((frequency > WAVES / span) & (frequency < len(arc) / (4.0 * span)), spectrum, 0)
+    # Parseval's sum over the one-sided spectrum, with the window's own mean square taken out
+    power = 2.0 * float(np.sum(seen**2)) / (PADDING * count) / float(np.sum(window**2))
+    return 1.0 / float(frequency[int(np.argmax(seen))]), float(np.sqrt(power))

@@ -32,6 +32,18 @@ STUDIES: tuple[Study, ...] = (
         "Charrondiere et al. 2019, section 5.5 and figure 9",
         later("featherfx.lab.studies.ribbons:against_rod"),
     ),
+    Study(
+        "full_feather_side",
+        "A whole feather, its vane pulled",
+        "Jouve 2024, figure 6.9; Jouve et al. 2024, figure 1",
+        later("featherfx.lab.studies.full_feather:side_pull"),
+    ),
+    Study(
+        "full_feather_tip",
+        "A whole feather, its tip pulled",
+        "Jouve 2024, figure 6.5",
+        later("featherfx.lab.studies.full_feather:tip_pull"),
+    ),
 )
 
 
