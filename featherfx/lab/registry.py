@@ -56,6 +56,36 @@ STUDIES: tuple[Study, ...] = (
         "Jouve 2024, figures 5.11 and 5.12; Jouve et al. 2024, figures 9 and 11",
         later("featherfx.lab.studies.vane:angles"),
     ),
+    Study(
+        "ribbon_cantilever",
+        "Ribbon and rod clamped level, under their weight",
+        "Charrondiere et al. 2019, figure 7",
+        later("featherfx.lab.studies.ribbons:cantilever"),
+    ),
+    Study(
+        "ribbon_hanging",
+        "A curled ribbon leaves its plane as its length grows",
+        "Charrondiere et al. 2019, section 5.1 and figure 9",
+        later("featherfx.lab.studies.ribbons:hanging"),
+    ),
+    Study(
+        "ribbon_and_rod",
+        "The curled ribbon beside a rod of rectangular section",
+        "Charrondiere et al. 2019, section 5.5 and figure 9",
+        later("featherfx.lab.studies.ribbons:against_rod"),
+    ),
+    Study(
+        "full_feather_side",
+        "A whole feather, its vane pulled",
+        "Jouve 2024, figure 6.9; Jouve et al. 2024, figure 1",
+        later("featherfx.lab.studies.full_feather:side_pull"),
+    ),
+    Study(
+        "full_feather_tip",
+        "A whole feather, its tip pulled",
+        "Jouve 2024, figure 6.5",
+        later("featherfx.lab.studies.full_feather:tip_pull"),
+    ),
 )
 
 
