@@ -126,9 +126,11 @@ def assemble(model, loads, f, share, factors, signed, work):
         work.stiff,
     )
     add_dead_forces(loads.force[f], work.force)
-    vane = model.retardation[f, 1] * factors[2]
+    damping = model.retardation[f, 1] * factors[2]
     if model.joints.shape[3] > 0:
-        add_vane_forces(model, f, vane, pose, around.reference, work.block, work.force)
+        add_vane_forces(
+            model, f, damping, signed, pose, around.reference, work.vane, work.force
+        )
     for i in range(rows):
         _add_rachis_nodes(i, pose.points, work.force, work.stiff, row_size, system)
     for i in range(rows - 1):
@@ -147,14 +149,14 @@ def assemble(model, loads, f, share, factors, signed, work):
         add_rows(
             model,
             f,
-            vane,
+            damping,
             signed,
             pose,
             around.reference,
             work.force,
             work.stiff,
             work.jacobian,
-            work.block,
+            work.vane,
             system,
         )
     if model.held[f]:

@@ -1,9 +1,32 @@
-"""Forces of membrane and bending across barbs on the nodes of a vane."""
+"""Forces of membrane and bending across barbs on the nodes of a vane, and their stiffness there.
+
+Stiffness is kept as 3 by 3 blocks between neighbouring nodes of the grid, row by row and side by
+side: the few kinds of pairs below are all that triangles and hinges couple. A triangle is a matter
+of e = x_1 - x_0 along the barb and d = x_2 - x_0 (vane_membrane_kernels, from which p, s and h):
+
+    a = e / s,      c = d / h - t e,      t = p / (s h)
+
+and its second variation, with k_w, k_s the stiffnesses of e_ww and 2 e_vw, f and g their stresses,
+
+    k_w (c.dc)^2 + k_s (a.dc + c.da)^2 + f |dc|^2 + 2 g da.dc
+
+Compression and shear make the last two terms indefinite. Their stabilising part, used where the
+whole is indefinite, is that along the triangle's normal n alone and there the positive eigenvalue
+l of [[0, g], [g, f]]: l (n.(p da + q dc))^2 with its unit eigenvector (p, q).
+"""
+
+from math import sqrt
 
 from featherfx.compiled import kernel
+from featherfx.mechanics.rotations_kernels import cross
 from featherfx.mechanics.vane_bending_kernels import hinge_gradient
-from featherfx.mechanics.vane_membrane_kernels import membrane_gradient
 from featherfx.solver.energy_kernels import node_index
+
+# blocks K(p, q) of row i and column j: p, q =
+# (i, j), (i, j), halved; (i, j), (i, j+1); (i+1, j), (i, j); (i+1, j), (i, j+1);
+# (i+1, j), (i-1, j+1)
+OWN, ALONG, UP, SLANT, SKIP = 0, 1, 2, 3, 4
+PAIRS = 5
 
 
 @kernel
@@ -12,75 +35,181 @@ def damped_stress(stiffness, strain, reference, damping):
 
 
 @kernel
-def cell_nodes(i, half, j, near, far):
-    """(row of the edge, other row, other column, other node) of triangle A or B of a cell."""
-    if half == 0:
-        return i, i + 1, j, near
-    return i + 1, i, j + 1, far
+def _add_stable_part(a, c, across, shear, by_edge, by_reach, turn, dd, de, ee):
+    """Add the stabilising geometric stiffness; a, c: (3,), the factors those of _fill_blocks."""
+    nx, ny, nz = cross(a[0], a[1], a[2], c[0], c[1], c[2])
+    square = nx * nx + ny * ny + nz * nz
+    value = 0.5 * (across + sqrt(across * across + 4.0 * shear * shear))
+    size = (value * value + shear * shear) * square
+    if not size > 0.0:
+        return
+    normal = (nx, ny, nz)
+    on_e, on_d = shear * by_edge - value * turn, value * by_reach
+    for k in range(3):
+        for m in range(3):
+            lift = value * normal[k] * normal[m] / size
+            dd[k, m] += lift * on_d * on_d
+            de[k, m] += lift * on_d * on_e
+            ee[k, m] += lift * on_e * on_e
 
 
 @kernel
-def _cell_forces(i, side, points, rest, stiffness, strains, reference, damping, block, force):
-    """Membrane forces of the cells between rows i and i + 1, added to force (n, P, 3).
+def _fill_blocks(triangle, rest, stiffness, across, shear, signed):
+    """Second derivatives by (d, d), (d, e) and (e, e) of one triangle, to triangle[1:4].
 
-    rest: (m, 2, 3), stiffness: (m, 2, 2) of these cells; strains, reference: (4 m,) theirs.
+    triangle: (4, 3, 3), of which [0, 0] is a and [0, 1] is c. rest: (1/s, p, 1/h). stiffness:
+    (2,), across, shear: stresses f and g.
     """
-    gradient = block.triangle
-    columns = stiffness.shape[0]
-    for j in range(columns):
-        near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+    a, c, v = triangle[0, 0], triangle[0, 1], triangle[0, 2]
+    dd, de, ee = triangle[1], triangle[2], triangle[3]
+    by_edge, by_reach = rest[0], rest[2]
+    turn = rest[2] * rest[1] * rest[0]
+    for k in range(3):
+        v[k] = by_edge * c[k] - turn * a[k]
+    wide, tall = stiffness[0] * by_reach, stiffness[1] * by_reach
+    for k in range(3):
+        for m in range(3):
+            cc = c[k] * c[m]
+            dd[k, m] = by_reach * (wide * cc + tall * a[k] * a[m])
+            de[k, m] = tall * a[k] * v[m] - wide * turn * cc
+            ee[k, m] = stiffness[0] * turn * turn * cc + stiffness[1] * v[k] * v[m]
+    if not signed:
+        _add_stable_part(a, c, across, shear, by_edge, by_reach, turn, dd, de, ee)
+        return
+    for k in range(3):
+        dd[k, k] += across * by_reach * by_reach
+        de[k, k] += by_reach * (shear * by_edge - across * turn)
+        ee[k, k] += turn * (across * turn - 2.0 * shear * by_edge)
+
+
+@kernel
+def _add_blocks(triangle, half, j, own, along, other, up, slant):
+    """Blocks of triangle A or B (half) of column j, added to (3, 3 S) of each kind of pair.
+
+    own, along: of its edge's row. other: OWN of its opposite node's row. up, slant: of the cell.
+    """
+    dd, de, ee = triangle[1], triangle[2], triangle[3]
+    count = own.shape[1] // 3
+    for m in range(3):
+        for k in range(3):
+            at = k * count + j
+            reach, edge, mixed, turned = dd[k, m], ee[k, m], de[k, m], de[m, k]
+            own[m, at] += 0.5 * (reach + edge + mixed + turned)
+            own[m, at + 1] += 0.5 * edge
+            along[m, at] -= edge + mixed
+            if half == 0:
+                other[m, at] += 0.5 * reach
+                up[m, at] -= reach + mixed
+                slant[m, at] += mixed
+            else:
+                other[m, at + 1] += 0.5 * reach
+                up[m, at + 1] += turned
+                slant[m, at] -= reach + turned
+
+
+@kernel
+def _add_cell(i, j, half, side, points, rest, stiffness, stress, signed, vane, force):
+    """Force and stiffness of triangle A or B (half) of cell (i, j).
+
+    rest: (3,). stiffness: (2,), with damping; stress: (2,). vane: scratch and blocks.
+    """
+    columns = (points.shape[1] - 3) // 2
+    near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+    row, other, opposite = (i, i + 1, near) if half == 0 else (i + 1, i, far)
+    triangle, low, high = vane.triangle, vane.blocks[i, side], vane.blocks[i + 1, side]
+    a, c = triangle[0, 0], triangle[0, 1]
+    x0, x1, x2 = points[row, near], points[row, far], points[other, opposite]
+    f0, f1, f2 = force[row, near], force[row, far], force[other, opposite]
+    turn = rest[2] * rest[1] * rest[0]
+    across, shear = stress[0], stress[1]
+    for k in range(3):
+        a[k] = rest[0] * (x1[k] - x0[k])
+        c[k] = rest[2] * (x2[k] - x0[k] - rest[1] * a[k])
+        by_c, by_a = across * c[k] + shear * a[k], shear * c[k]
+        on_d, on_e = rest[2] * by_c, rest[0] * by_a - turn * by_c
+        f0[k] -= on_d + on_e
+        f1[k] += on_e
+        f2[k] += on_d
+    _fill_blocks(triangle, rest, stiffness, across, shear, signed)
+    if half == 0:
+        _add_blocks(triangle, 0, j, low[OWN], low[ALONG], high[OWN], low[UP], low[SLANT])
+    else:
+        _add_blocks(triangle, 1, j, high[OWN], high[ALONG], low[OWN], low[UP], low[SLANT])
+
+
+@kernel
+def _add_strip(i, side, points, rest, stiffness, strains, reference, damping, signed, vane, force):
+    """Cells between rows i and i + 1; rest: (m, 2, 3), stiffness: (m, 2, 2), strains: (4 m,)."""
+    scaled, stress = vane.pair[0], vane.pair[1]
+    for j in range(stiffness.shape[0]):
         for half in range(2):
             if stiffness[j, half, 0] == 0.0:
                 continue
-            row, other, _, opposite = cell_nodes(i, half, j, near, far)
-            at = 4 * j + 2 * half
-            across = damped_stress(stiffness[j, half, 0], strains[at], reference[at], damping)
-            shear = damped_stress(
-                stiffness[j, half, 1], strains[at + 1], reference[at + 1], damping
+            for k in range(2):
+                at = 4 * j + 2 * half + k
+                scaled[k] = stiffness[j, half, k] * (1.0 + damping)
+                stress[k] = damped_stress(
+                    stiffness[j, half, k], strains[at], reference[at], damping
+                )
+            _add_cell(
+                i, j, half, side, points, rest[j, half], scaled, stress, signed, vane, force
             )
-            membrane_gradient(
-                points[row, near],
-                points[row, far],
-                points[other, opposite],
-                rest[j, half],
-                gradient,
-            )
-            for k in range(3):
-                force[row, near, k] += across * gradient[0, 0, k] + shear * gradient[1, 0, k]
-                force[row, far, k] += across * gradient[0, 1, k] + shear * gradient[1, 1, k]
-                force[other, opposite, k] += across * gradient[0, 2, k] + shear * gradient[1, 2, k]
 
 
 @kernel
-def _hinge_forces(i, side, points, stiffness, strains, reference, damping, block, force):
-    """Forces of the hinges on row i's barb, added to force; stiffness to reference: (m,)."""
-    gradient = block.hinge
+def _add_square(weight, left, right, j, blocks):
+    """weight left right^T of two gradients (3,), added to column j of blocks (3, 3 S)."""
+    count = blocks.shape[1] // 3
+    for m in range(3):
+        for k in range(3):
+            blocks[m, k * count + j] += weight * left[k] * right[m]
+
+
+@kernel
+def _add_hinges(i, side, points, stiffness, strains, reference, damping, vane, force):
+    """Hinges on row i's barb; stiffness to reference: (m,)."""
+    g, blocks = vane.hinge, vane.blocks
     columns = stiffness.shape[0]
     for j in range(columns):
         if stiffness[j] == 0.0:
             continue
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
         hinge_gradient(
-            points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], gradient
+            points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], g
         )
         stress = damped_stress(stiffness[j], strains[j], reference[j], damping)
         for k in range(3):
-            force[i, near, k] += stress * gradient[0, k]
-            force[i, far, k] += stress * gradient[1, k]
-            force[i + 1, near, k] += stress * gradient[2, k]
-            force[i - 1, far, k] += stress * gradient[3, k]
+            force[i, near, k] += stress * g[0, k]
+            force[i, far, k] += stress * g[1, k]
+            force[i + 1, near, k] += stress * g[2, k]
+            force[i - 1, far, k] += stress * g[3, k]
+        weight = stiffness[j] * (1.0 + damping)
+        _add_square(0.5 * weight, g[0], g[0], j, blocks[i, side, OWN])
+        _add_square(0.5 * weight, g[1], g[1], j + 1, blocks[i, side, OWN])
+        _add_square(0.5 * weight, g[2], g[2], j, blocks[i + 1, side, OWN])
+        _add_square(0.5 * weight, g[3], g[3], j + 1, blocks[i - 1, side, OWN])
+        _add_square(weight, g[0], g[1], j, blocks[i, side, ALONG])
+        _add_square(weight, g[2], g[0], j, blocks[i, side, UP])
+        _add_square(weight, g[2], g[1], j, blocks[i, side, SLANT])
+        _add_square(weight, g[0], g[3], j, blocks[i - 1, side, SLANT])
+        _add_square(weight, g[1], g[3], j + 1, blocks[i - 1, side, UP])
+        _add_square(weight, g[2], g[3], j, blocks[i, side, SKIP])
 
 
 @kernel
-def add_vane_forces(model, f, damping, pose, reference, block, force):
-    """Membrane and hinge forces of feather f on its nodes, added to force (n, P, 3)."""
+def add_vane_forces(model, f, damping, signed, pose, reference, vane, force):
+    """Membrane and hinges of feather f: forces added to force (n, P, 3), stiffness to vane.blocks.
+
+    signed: whether the geometric stiffness is whole or only its stabilising part.
+    """
     rows, columns = pose.turn.shape[0], model.joints.shape[3]
     cells_at = (rows - 1) * 6 + 2 * rows * pose.coefficient.shape[2]
     hinges_at = cells_at + 2 * (rows - 1) * columns * 4
+    vane.blocks[:] = 0.0
     for side in range(2):
         for i in range(rows - 1):
             at = cells_at + (side * (rows - 1) + i) * columns * 4
-            _cell_forces(
+            _add_strip(
                 i,
                 side,
                 pose.points,
@@ -89,12 +218,13 @@ def add_vane_forces(model, f, damping, pose, reference, block, force):
                 pose.strains[at:],
                 reference[at:],
                 damping,
-                block,
+                signed,
+                vane,
                 force,
             )
         for i in range(1, rows - 1):
             at = hinges_at + (side * rows + i) * columns
-            _hinge_forces(
+            _add_hinges(
                 i,
                 side,
                 pose.points,
@@ -102,6 +232,6 @@ def add_vane_forces(model, f, damping, pose, reference, block, force):
                 pose.strains[at:],
                 reference[at:],
                 damping,
-                block,
+                vane,
                 force,
             )
