@@ -11,7 +11,7 @@ from math import ceil
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, node_energy
-from featherfx.mechanics.vane_bending_kernels import hinge_angle
+from featherfx.mechanics.vane_bending_kernels import hinge_angle, opening, uncrushed
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 
 
@@ -78,6 +78,14 @@ def feather_strains(model, f, coefficient, points, rachis, reference, strains):
                         - reference[at]
                     )
                     angle += reference[at]
+                    angle *= uncrushed(
+                        points[i, near],
+                        points[i, far],
+                        points[i + 1, near],
+                        points[i - 1, far],
+                        opening(rest[side, i, j, 0]),
+                        opening(rest[side, i - 1, j, 1]),
+                    )
                 strains[at] = angle
                 at += 1
 

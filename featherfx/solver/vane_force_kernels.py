@@ -19,7 +19,7 @@ from math import sqrt
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.rotations_kernels import cross
-from featherfx.mechanics.vane_bending_kernels import hinge_gradient
+from featherfx.mechanics.vane_bending_kernels import crush_gradient, hinge_gradient, opening
 from featherfx.solver.energy_kernels import node_index
 
 # blocks K(p, q) of row i and column j: p, q =
@@ -166,8 +166,11 @@ def _add_square(weight, left, right, j, blocks):
 
 
 @kernel
-def _add_hinges(i, side, points, stiffness, strains, reference, damping, vane, force):
-    """Hinges on row i's barb; stiffness to reference: (m,)."""
+def _add_hinges(i, side, points, above, below, stiffness, strains, reference, damping, vane, force):
+    """Hinges on row i's barb; stiffness to reference: (m,).
+
+    above, below: (m, 2, 3) rest values of the cells on either side of the barb.
+    """
     g, blocks = vane.hinge, vane.blocks
     columns = stiffness.shape[0]
     for j in range(columns):
@@ -176,6 +179,16 @@ def _add_hinges(i, side, points, stiffness, strains, reference, damping, vane, f
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
         hinge_gradient(
             points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], g
+        )
+        crush_gradient(
+            points[i, near],
+            points[i, far],
+            points[i + 1, near],
+            points[i - 1, far],
+            opening(above[j, 0]),
+            opening(below[j, 1]),
+            strains[j],
+            g,
         )
         stress = damped_stress(stiffness[j], strains[j], reference[j], damping)
         for k in range(3):
@@ -228,6 +241,8 @@ def add_vane_forces(model, f, damping, signed, pose, reference, vane, force):
                 i,
                 side,
                 pose.points,
+                model.cell_rest[f, side, i],
+                model.cell_rest[f, side, i - 1],
                 model.hinge_stiffness[f, side, i],
                 pose.strains[at:],
                 reference[at:],
