@@ -2,7 +2,8 @@
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
-from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
+from featherfx.mechanics.rachis_variation_kernels import rachis_variation
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.solver.vane_assembly_kernels import add_rows
 from featherfx.solver.vane_force_kernels import add_vane_forces, damped_stress
@@ -55,7 +56,10 @@ def _add_rachis_element(i, pose, length, stiffness, reference, damping, signed, 
             scaled = weight * gradient[k, a]
             for b in range(a + 1):
                 matrix[a, b] += scaled * gradient[k, b]
-    rachis_geometric(start, end, length, halfway, stress, signed, matrix)
+    if signed:
+        rachis_variation(start, end, length, halfway, pose.rachis[i], stress, matrix)
+    else:
+        rachis_tension(start, end, length, halfway, stress, matrix)
     for a in range(12):
         to = at + a if a < 6 else at + row_size + a - 6
         for b in range(a + 1):

@@ -18,6 +18,8 @@ from featherfx.solver.root_kernels import root_at
 # columns of a feather's counters
 STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(9)
 COUNTERS = 9
+# Newton iterations beyond which the next step is not made longer
+HARD = 12
 # how a step is tried, in this order
 GO_ON, FOLLOW, BACKWARD = 0, 1, 2
 # a regular step may be cut this far when Newton fails, by this share each time
@@ -250,6 +252,7 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         counters[ERROR] = max(counters[ERROR], error)
         counters[MOVE] = max(counters[MOVE], move)
         option = BACKWARD if option == BACKWARD and step < 0.999 * shortest else GO_ON
-        h = max(min(shortest, 2.0 * step), step * min(2.0, max(0.5, change)))
+        most = 1.0 if iterations > HARD else 2.0
+        h = max(min(shortest, most * step), step * min(most, max(0.5, change)))
     state.proposal[f] = h
     return CONVERGED
