@@ -13,11 +13,11 @@ bent to a cylinder turns t = h / radius at each, and W per area is D / (2 radius
 Source: Grinspun et al. 2003; the factor is derived for edges of one direction only.
 
 Where a triangle is crushed to a line its normal turns over and the angle jumps by pi, which would
-make the energy jump, too. The strain is therefore t - t0 times w(y) of either triangle,
+make the energy jump, too. t - t0 is therefore multiplied by w(y) of either triangle,
 
     w(y) = y (2 - y),    y = (area / (c area at rest))^2,  1 at most,    c = 0.2
 
-(derived here): it is the angle until a triangle has lost four fifths of its area.
+(derived here): nothing changes until a triangle has lost four fifths of its area.
 """
 
 from math import atan2, sqrt
@@ -120,19 +120,10 @@ def _add_area_slope(start, end, opposite, scale, at, gradient):
 
 
 @kernel
-def crush_gradient(start, end, above, below, open_above, open_below, strain, gradient):
-    """From the gradient of a hinge's angle to that of its strain, in place: gradient (4, 3).
-
-    strain: the hinge's, w (t - t0). Does nothing while neither triangle is crushed.
-    """
+def crush_gradient(start, end, above, below, open_above, open_below, gradient):
+    """Gradient of w of both triangles, multiplied, written to gradient (4, 3)."""
     first, first_slope = _share(_normal_square(start, end, above), open_above)
     second, second_slope = _share(_normal_square(start, end, below), open_below)
-    both = first * second
-    if both == 1.0:
-        return
-    angle = strain / both if both > 0.0 else 0.0
-    for k in range(3):
-        for point in range(4):
-            gradient[point, k] *= both
-    _add_area_slope(start, end, above, angle * first_slope * second, 2, gradient)
-    _add_area_slope(start, end, below, angle * second_slope * first, 3, gradient)
+    gradient[:] = 0.0
+    _add_area_slope(start, end, above, first_slope * second, 2, gradient)
+    _add_area_slope(start, end, below, second_slope * first, 3, gradient)

@@ -18,6 +18,8 @@ from featherfx.solver.root_kernels import root_at
 # columns of a feather's counters
 STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(9)
 COUNTERS = 9
+# error over tolerance beyond which a step that may not be shorter is taken by implicit Euler
+LOST = 30.0
 # Newton iterations beyond which the next step is not made longer
 HARD = 12
 # how a step is tried, in this order
@@ -79,7 +81,7 @@ def _follow_root(before, length, pose):
 def _strain_rate(h, before, strains, reference):
     """Rate of the backward difference of strains (2, S); its reference is written (S,).
 
-    before: s, length of the last step, 0 if there was none.
+    before: s, length of the last step, 0 for the one-step difference.
     """
     if before <= 0.0:
         copy_values(strains[0], reference)
@@ -124,7 +126,9 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
         around.target,
         around.past,
     )
-    strain_rate = _strain_rate(h, state.step[f], state.strains[f], around.reference)
+    # the two-step difference may put energy into strains that relax within a step
+    before = 0.0 if radius == EULER else state.step[f]
+    strain_rate = _strain_rate(h, before, state.strains[f], around.reference)
     if model.held[f]:
         turn_by(state.turn[f, 0], state.spin[f, 0], h, work.trial.turn[0])
         root_at(path, base, share, now.turn[0], now.centre[0])
@@ -193,7 +197,9 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
 
     A step is tried from the predicted pose, then from the rigidly moved one, then by implicit
     Euler, and is then cut. Steps that were cut grow again from their own length, by implicit Euler
-    if that was needed, because where Newton failed it mostly fails again at once.
+    if that was needed, because where Newton failed it mostly fails again at once. Implicit Euler is
+    also taken where the shortest step misses the tolerance by far: the other method may gain energy
+    from motions that it does not resolve.
     """
     shortest = min(settings[4], duration)
     h = state.proposal[f]
@@ -215,7 +221,7 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         if option == BACKWARD:
             radius = EULER
         factors = _predict(
-            model, loads, f, share, step, radius, option == FOLLOW, path, base, state, work
+            model, loads, f, share, step, radius, option != GO_ON, path, base, state, work
         )
         status, iterations, move = minimise(
             model, loads, f, share, factors, settings[1], limit, work
@@ -243,6 +249,10 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         if error > settings[3] and step > 1.001 * shortest:
             counters[REJECTED] += 1
             h, option = max(shortest, step * max(0.2, change)), GO_ON
+            continue
+        if error > LOST * settings[3] and option != BACKWARD:
+            counters[REJECTED] += 1
+            option = BACKWARD
             continue
         _accept(f, step, radius, state, work.now, work.around)
         done += step

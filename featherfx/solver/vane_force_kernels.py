@@ -166,37 +166,50 @@ def _add_square(weight, left, right, j, blocks):
 
 
 @kernel
+def _crush(share, angle, reference, stiffness, damping, hinge):
+    """Gradients of a hinge of which a triangle is crushed.
+
+    hinge: (3, 4, 3); in: gradients of angle and share, out: [0] that of share times angle, whose
+    stiffness is the hinge's, and [2] the force.
+    """
+    lag = angle - reference
+    by_angle = stiffness * share * share * (angle + damping * lag)
+    by_share = stiffness * share * (angle * angle + damping * lag * lag)
+    for point in range(4):
+        for k in range(3):
+            turn, shrink = hinge[0, point, k], hinge[1, point, k]
+            hinge[2, point, k] = by_angle * turn + by_share * shrink
+            hinge[0, point, k] = share * turn + angle * shrink
+
+
+@kernel
 def _add_hinges(i, side, points, above, below, stiffness, strains, reference, damping, vane, force):
     """Hinges on row i's barb; stiffness to reference: (m,).
 
     above, below: (m, 2, 3) rest values of the cells on either side of the barb.
     """
-    g, blocks = vane.hinge, vane.blocks
-    columns = stiffness.shape[0]
+    g, blocks = vane.hinge[0], vane.blocks
+    columns, shares = stiffness.shape[0], 2 * points.shape[0] * stiffness.shape[0]
     for j in range(columns):
         if stiffness[j] == 0.0:
             continue
         near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-        hinge_gradient(
-            points[i, near], points[i, far], points[i + 1, near], points[i - 1, far], g
-        )
-        crush_gradient(
-            points[i, near],
-            points[i, far],
-            points[i + 1, near],
-            points[i - 1, far],
-            opening(above[j, 0]),
-            opening(below[j, 1]),
-            strains[j],
-            g,
-        )
+        x0, x1, x2, x3 = points[i, near], points[i, far], points[i + 1, near], points[i - 1, far]
+        hinge_gradient(x0, x1, x2, x3, g)
         stress = damped_stress(stiffness[j], strains[j], reference[j], damping)
-        for k in range(3):
-            force[i, near, k] += stress * g[0, k]
-            force[i, far, k] += stress * g[1, k]
-            force[i + 1, near, k] += stress * g[2, k]
-            force[i - 1, far, k] += stress * g[3, k]
         weight = stiffness[j] * (1.0 + damping)
+        total, share = g, strains[shares + j]
+        if share < 1.0:
+            total, stress = vane.hinge[2], 1.0
+            crush_gradient(
+                x0, x1, x2, x3, opening(above[j, 0]), opening(below[j, 1]), vane.hinge[1]
+            )
+            _crush(share, strains[j], reference[j], stiffness[j], damping, vane.hinge)
+        for k in range(3):
+            force[i, near, k] += stress * total[0, k]
+            force[i, far, k] += stress * total[1, k]
+            force[i + 1, near, k] += stress * total[2, k]
+            force[i - 1, far, k] += stress * total[3, k]
         _add_square(0.5 * weight, g[0], g[0], j, blocks[i, side, OWN])
         _add_square(0.5 * weight, g[1], g[1], j + 1, blocks[i, side, OWN])
         _add_square(0.5 * weight, g[2], g[2], j, blocks[i + 1, side, OWN])

@@ -60,7 +60,7 @@ class Vane(NamedTuple):
 
     blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane_force_kernels), S at least m + 2 and a
     multiple of four. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
-    (vane_assembly_kernels). tension: (m,) N. triangle: (4, 3, 3), hinge: (4, 3), pair: (2, 2): of
+    (vane_assembly_kernels). tension: (m,) N. triangle: (4, 3, 3), hinge: (3, 4, 3), pair: (2, 2): of
     one stencil.
     """
 
@@ -102,9 +102,9 @@ class Work(NamedTuple):
 
 
 def strain_count(model: Model) -> int:
-    """Length S of a feather's strain vector: rachis, barbs, membrane, hinges."""
+    """Length S of a feather's strain vector: rachis, barbs, membrane, hinges, shares of hinges."""
     n, m, c = model.rows, model.columns, model.coefficients
-    return (n - 1) * 6 + 2 * n * 2 * c + 2 * (n - 1) * m * 4 + 2 * n * m
+    return (n - 1) * 6 + 2 * n * 2 * c + 2 * (n - 1) * m * 4 + 4 * n * m
 
 
 def _make_pose(model: Model) -> Pose:
@@ -144,7 +144,7 @@ def make_work(model: Model) -> Work:
             tiles=np.zeros((wide, 3, 3 * padded + 1)),
             tension=np.zeros(m),
             triangle=np.zeros((4, 3, 3)),
-            hinge=np.zeros((4, 3)),
+            hinge=np.zeros((3, 4, 3)),
             pair=np.zeros((2, 2)),
         ),
         force=np.zeros((n, size, 3)),
