@@ -139,7 +139,7 @@ def bake(
         f" in {result['wall_seconds']:.1f} s",
         err=True,
     )
-    if result["substeps_over_tolerance"]:
+    if result.get("substeps_over_tolerance"):
         click.echo(
             f"warning: {result['substeps_over_tolerance']} sub-steps were accepted above the"
             f" tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"

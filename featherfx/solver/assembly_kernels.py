@@ -129,7 +129,7 @@ def assemble(model, loads, f, share, factors, signed, work):
         work.force,
         work.stiff,
     )
-    add_dead_forces(loads.force[f], work.force)
+    add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
     damping = model.retardation[f, 1] * factors[2]
     if model.joints.shape[3] > 0:
         add_vane_forces(

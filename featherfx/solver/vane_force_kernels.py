@@ -12,7 +12,8 @@ and its second variation, with k_w, k_s the stiffnesses of e_ww and 2 e_vw, f an
 
 Compression and shear make the last two terms indefinite. Their stabilising part, used where the
 whole is indefinite, is that along the triangle's normal n alone and there the positive eigenvalue
-l of [[0, g], [g, f]]: l (n.(p da + q dc))^2 with its unit eigenvector (p, q).
+l of [[0, g], [g, f]]: l (n.(p da + q dc))^2 with its unit eigenvector (p, q). A compression guard
+(vane_guard_kernels) adds to the stresses, and the square of its dJ.
 """
 
 from math import sqrt
@@ -20,6 +21,7 @@ from math import sqrt
 from featherfx.compiled import kernel
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.mechanics.vane_bending_kernels import crush_gradient, hinge_gradient, opening
+from featherfx.mechanics.vane_guard_kernels import guard_slopes
 from featherfx.solver.energy_kernels import node_index
 
 # blocks K(p, q) of row i and column j: p, q =
@@ -27,6 +29,14 @@ from featherfx.solver.energy_kernels import node_index
 # (i+1, j), (i-1, j+1)
 OWN, ALONG, UP, SLANT, SKIP = 0, 1, 2, 3, 4
 PAIRS = 5
+
+
+@kernel
+def cell_nodes(i, half, j, near, far):
+    """(row of the edge, other row, other column, other node) of triangle A or B of a cell."""
+    if half == 0:
+        return i, i + 1, j, near
+    return i + 1, i, j + 1, far
 
 
 @kernel
@@ -54,12 +64,28 @@ def _add_stable_part(a, c, across, shear, by_edge, by_reach, turn, dd, de, ee):
 
 
 @kernel
-def _fill_blocks(triangle, rest, stiffness, across, shear, signed):
+def _add_guard(a, c, v, by_reach, turn, guard, dd, de, ee):
+    """Add d2W/dJ2 dJ dJ^T; guard: (3,), v: derivative of 2 e_vw by e."""
+    curvature, by_across, by_shear = guard[0], guard[1], guard[2]
+    for k in range(3):
+        dk = by_reach * (by_across * c[k] + by_shear * a[k])
+        ek = by_shear * v[k] - by_across * turn * c[k]
+        for m in range(3):
+            dm = by_reach * (by_across * c[m] + by_shear * a[m])
+            em = by_shear * v[m] - by_across * turn * c[m]
+            dd[k, m] += curvature * dk * dm
+            de[k, m] += curvature * dk * em
+            ee[k, m] += curvature * ek * em
+
+
+@kernel
+def _fill_blocks(triangle, rest, terms, signed):
     """Second derivatives by (d, d), (d, e) and (e, e) of one triangle, to triangle[1:4].
 
-    triangle: (4, 3, 3), of which [0, 0] is a and [0, 1] is c. rest: (1/s, p, 1/h). stiffness:
-    (2,), across, shear: stresses f and g.
+    triangle: (4, 3, 3), of which [0, 0] is a and [0, 1] is c. rest: (1/s, p, 1/h). terms: (3, 3)
+    stiffnesses k_w, k_s; stresses f, g; and of the guard d2W/dJ2 and dJ by both strains.
     """
+    stiffness, across, shear = terms[0], terms[1, 0], terms[1, 1]
     a, c, v = triangle[0, 0], triangle[0, 1], triangle[0, 2]
     dd, de, ee = triangle[1], triangle[2], triangle[3]
     by_edge, by_reach = rest[0], rest[2]
@@ -73,6 +99,8 @@ def _fill_blocks(triangle, rest, stiffness, across, shear, signed):
             dd[k, m] = by_reach * (wide * cc + tall * a[k] * a[m])
             de[k, m] = tall * a[k] * v[m] - wide * turn * cc
             ee[k, m] = stiffness[0] * turn * turn * cc + stiffness[1] * v[k] * v[m]
+    if terms[2, 0] > 0.0:
+        _add_guard(a, c, v, by_reach, turn, terms[2], dd, de, ee)
     if not signed:
         _add_stable_part(a, c, across, shear, by_edge, by_reach, turn, dd, de, ee)
         return
@@ -108,20 +136,20 @@ def _add_blocks(triangle, half, j, own, along, other, up, slant):
 
 
 @kernel
-def _add_cell(i, j, half, side, points, rest, stiffness, stress, signed, vane, force):
+def _add_cell(i, j, half, side, points, rest, signed, vane, force):
     """Force and stiffness of triangle A or B (half) of cell (i, j).
 
-    rest: (3,). stiffness: (2,), with damping; stress: (2,). vane: scratch and blocks.
+    rest: (3,). vane: scratch and blocks; its pair holds the terms of _fill_blocks.
     """
     columns = (points.shape[1] - 3) // 2
     near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-    row, other, opposite = (i, i + 1, near) if half == 0 else (i + 1, i, far)
+    row, other, _, opposite = cell_nodes(i, half, j, near, far)
     triangle, low, high = vane.triangle, vane.blocks[i, side], vane.blocks[i + 1, side]
     a, c = triangle[0, 0], triangle[0, 1]
     x0, x1, x2 = points[row, near], points[row, far], points[other, opposite]
     f0, f1, f2 = force[row, near], force[row, far], force[other, opposite]
     turn = rest[2] * rest[1] * rest[0]
-    across, shear = stress[0], stress[1]
+    across, shear = vane.pair[1, 0], vane.pair[1, 1]
     for k in range(3):
         a[k] = rest[0] * (x1[k] - x0[k])
         c[k] = rest[2] * (x2[k] - x0[k] - rest[1] * a[k])
@@ -130,7 +158,7 @@ def _add_cell(i, j, half, side, points, rest, stiffness, stress, signed, vane, f
         f0[k] -= on_d + on_e
         f1[k] += on_e
         f2[k] += on_d
-    _fill_blocks(triangle, rest, stiffness, across, shear, signed)
+    _fill_blocks(triangle, rest, vane.pair, signed)
     if half == 0:
         _add_blocks(triangle, 0, j, low[OWN], low[ALONG], high[OWN], low[UP], low[SLANT])
     else:
@@ -138,22 +166,32 @@ def _add_cell(i, j, half, side, points, rest, stiffness, stress, signed, vane, f
 
 
 @kernel
-def _add_strip(i, side, points, rest, stiffness, strains, reference, damping, signed, vane, force):
-    """Cells between rows i and i + 1; rest: (m, 2, 3), stiffness: (m, 2, 2), strains: (4 m,)."""
-    scaled, stress = vane.pair[0], vane.pair[1]
+def _add_strip(
+    i, side, points, rest, stiffness, guard, strains, reference, damping, signed, vane, force
+):
+    """Cells between rows i and i + 1.
+
+    rest: (m, 2, 3), stiffness: (m, 2, 2), guard: (2, n-1, m, 2) or of size 0, strains: (4 m,).
+    """
+    scaled, stress, extra = vane.pair[0], vane.pair[1], vane.pair[2]
     for j in range(stiffness.shape[0]):
         for half in range(2):
             if stiffness[j, half, 0] == 0.0:
                 continue
+            at = 4 * j + 2 * half
             for k in range(2):
-                at = 4 * j + 2 * half + k
                 scaled[k] = stiffness[j, half, k] * (1.0 + damping)
                 stress[k] = damped_stress(
-                    stiffness[j, half, k], strains[at], reference[at], damping
+                    stiffness[j, half, k], strains[at + k], reference[at + k], damping
                 )
-            _add_cell(
-                i, j, half, side, points, rest[j, half], scaled, stress, signed, vane, force
-            )
+            extra[0] = 0.0
+            if guard.shape[0] > 0:
+                slope, extra[0], extra[1], extra[2] = guard_slopes(
+                    guard[side, i, j, half], strains[at], strains[at + 1]
+                )
+                stress[0] += slope * extra[1]
+                stress[1] += slope * extra[2]
+            _add_cell(i, j, half, side, points, rest[j, half], signed, vane, force)
 
 
 @kernel
@@ -241,6 +279,7 @@ def add_vane_forces(model, f, damping, signed, pose, reference, vane, force):
                 pose.points,
                 model.cell_rest[f, side, i],
                 model.cell_stiffness[f, side, i],
+                model.cell_guard[f],
                 pose.strains[at:],
                 reference[at:],
                 damping,

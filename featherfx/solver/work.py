@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Model
+from featherfx.solver.banded_kernels import panel_shape
 
 Array = NDArray[np.float64]
 
@@ -49,10 +50,20 @@ class Surroundings(NamedTuple):
 
 
 class System(NamedTuple):
-    """Linear system: band (N, 3 (6 + 4 C)), right (N,)."""
+    """Linear system of N unknowns: band (N, B + 1), right (N,), panel: scratch of factorise."""
 
     band: Array
     right: Array
+    panel: Array
+
+
+def make_system(unknowns: int, width: int) -> System:
+    """A system of N unknowns whose band is B + 1 = width wide."""
+    return System(
+        band=np.zeros((unknowns, width)),
+        right=np.zeros(unknowns),
+        panel=np.zeros(panel_shape(width)),
+    )
 
 
 class Vane(NamedTuple):
@@ -60,7 +71,7 @@ class Vane(NamedTuple):
 
     blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane_force_kernels), S at least m + 2 and a
     multiple of four. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
-    (vane_assembly_kernels). tension: (m,) N. triangle: (4, 3, 3), hinge: (3, 4, 3), pair: (2, 2): of
+    (vane_assembly_kernels). tension: (m,) N. triangle: (4, 3, 3), hinge: (3, 4, 3), pair: (3, 3): of
     one stencil.
     """
 
@@ -135,9 +146,7 @@ def make_work(model: Model) -> Work:
             area=np.zeros((n, size, 3)),
             speed=np.zeros((n, size)),
         ),
-        system=System(
-            band=np.zeros((model.unknowns, 3 * (6 + 4 * c))), right=np.zeros(model.unknowns)
-        ),
+        system=make_system(model.unknowns, 3 * (6 + 4 * c)),
         vane=Vane(
             blocks=np.zeros((n, 2, 5, 3, 3 * padded)),
             product=np.zeros((wide, 3 * padded)),
@@ -145,7 +154,7 @@ def make_work(model: Model) -> Work:
             tension=np.zeros(m),
             triangle=np.zeros((4, 3, 3)),
             hinge=np.zeros((3, 4, 3)),
-            pair=np.zeros((2, 2)),
+            pair=np.zeros((3, 3)),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
