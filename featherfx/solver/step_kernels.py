@@ -20,6 +20,8 @@ STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = ra
 COUNTERS = 9
 # error over tolerance beyond which a step that may not be shorter is taken by implicit Euler
 LOST = 30.0
+# and as a share of the feather's length: beyond it even such a step is cut
+COARSE = 0.01
 # Newton iterations beyond which the next step is not made longer
 HARD = 12
 # how a step is tried, in this order
@@ -206,6 +208,9 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
     h = state.proposal[f]
     if h <= 0.0 or h > duration:
         h = duration
+    coarse = 0.0
+    for i in range(model.length.shape[1]):
+        coarse += COARSE * model.length[f, i]
     done, option, spent = 0.0, GO_ON, 0
     while done < duration * (1.0 - 1e-9):
         limit = min(int(settings[2]), int(settings[5]) - spent)
@@ -251,9 +256,14 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
             counters[REJECTED] += 1
             h, option = max(shortest, step * max(0.2, change)), GO_ON
             continue
-        if error > LOST * settings[3] and option != BACKWARD:
+        lost = error > LOST * settings[3]
+        if lost and option != BACKWARD:
             counters[REJECTED] += 1
             option = BACKWARD
+            continue
+        if lost and error > coarse and CUT * step > shortest / SMALLEST_SHARE:
+            counters[REJECTED] += 1
+            h = CUT * step
             continue
         _accept(f, step, radius, state, work.now, work.around)
         done += step
@@ -263,7 +273,7 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         counters[ERROR] = max(counters[ERROR], error)
         counters[MOVE] = max(counters[MOVE], move)
         option = BACKWARD if option == BACKWARD and step < 0.999 * shortest else GO_ON
-        most = 1.0 if iterations > HARD else 2.0
+        most = 1.0 if iterations > HARD or lost else 2.0
         h = max(min(shortest, most * step), step * min(most, max(0.5, change)))
     state.proposal[f] = h
     return CONVERGED
