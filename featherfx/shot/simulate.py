@@ -29,8 +29,8 @@ from featherfx.solver.step import RootPath, Settings, Solver, StepReport, raise_
 
 Array = NDArray[np.float64]
 
-# Newton stops where a step moves nothing by more than this share of the step's tolerance
-NEWTON_SHARE = 1e-3
+# Newton stops at this share of the step's tolerance from the step's solution
+NEWTON_SHARE = 1e-2
 
 
 @dataclass
@@ -169,6 +169,7 @@ class Simulation:
             tolerance=quality.tolerance,
             newton=NEWTON_SHARE * quality.tolerance,
             max_substeps=quality.max_substeps,
+            radius=quality.radius,
         )
         return _Group(
             members=members,

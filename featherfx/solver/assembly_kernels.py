@@ -132,9 +132,7 @@ def assemble(model, loads, f, share, factors, signed, work):
     add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
     damping = model.retardation[f, 1] * factors[2]
     if model.joints.shape[3] > 0:
-        add_vane_forces(
-            model, f, damping, signed, pose, around.reference, work.vane, work.force
-        )
+        add_vane_forces(model, f, damping, signed, pose, around.reference, work.vane, work.force)
     for i in range(rows):
         _add_rachis_nodes(i, pose.points, work.force, work.stiff, row_size, system)
     for i in range(rows - 1):

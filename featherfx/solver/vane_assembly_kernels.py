@@ -212,9 +212,7 @@ def add_rows(model, f, damping, signed, pose, reference, force, stiff, jacobian,
             _add_within_row(barb, product, at, shift, band)
             if i + 1 < rows:
                 _blocks_times(blocks[i, side, UP], blocks[i, side, SLANT], tiles, product)
-                _add_between_rows(
-                    jacobian[i + 1, side], product, at + row_size, at, shift, band
-                )
+                _add_between_rows(jacobian[i + 1, side], product, at + row_size, at, shift, band)
             if i + 2 < rows:
                 _far_times(blocks[i + 1, side, SKIP], tiles, product)
                 _add_between_rows(
