@@ -125,6 +125,13 @@ def bake(
         f" in {result['wall_seconds']:.1f} s",
         err=True,
     )
+    if result.get("substeps_over_tolerance"):
+        click.echo(
+            f"warning: {result['substeps_over_tolerance']} sub-steps were accepted above the"
+            f" tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
+            " raise max_substeps or choose a finer quality",
+            err=True,
+        )
 
 
 def _given(ctx: click.Context, left_out: Collection[str]) -> list[str]:

@@ -29,8 +29,8 @@ from featherfx.solver.step import RootPath, Settings, Solver, StepReport, raise_
 
 Array = NDArray[np.float64]
 
-# Newton stops where a step moves nothing by more than this share of the step's tolerance
-NEWTON_SHARE = 1e-3
+# Newton stops at this share of the step's tolerance from the step's solution
+NEWTON_SHARE = 1e-2
 
 
 @dataclass
@@ -58,8 +58,9 @@ class Simulation:
     feathers: one per placement, in groom order, on the grid of the quality, whatever is simulated;
     resolutions: what is. Between two frames, `checkpoint` is all that a
     later simulation of the same shot needs to go on from there. report: newton_iterations and
-    substeps per feather and frame (mean, max), worst_residual (m, last Newton move), skipped work
-    by kind.
+    substeps per feather and frame (mean, max), rejected_substeps and substeps_over_tolerance
+    (accepted above the quality's tolerance, because none shorter is allowed), worst_residual (m,
+    distance of a step from its solution), worst_step_error (m), skipped work by kind.
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class Simulation:
             "newton_iterations": _mean_and_max([r.iterations for r in self._reports]),
             "substeps": _mean_and_max([r.steps for r in self._reports]),
             "rejected_substeps": int(sum(r.rejected.sum() for r in self._reports)),
+            "substeps_over_tolerance": int(sum(r.forced.sum() for r in self._reports)),
             "worst_residual": max((float(r.move.max()) for r in self._reports), default=0.0),
             "worst_step_error": max((float(r.error.max()) for r in self._reports), default=0.0),
             "skipped": {
@@ -164,6 +166,7 @@ class Simulation:
             tolerance=quality.tolerance,
             newton=NEWTON_SHARE * quality.tolerance,
             max_substeps=quality.max_substeps,
+            radius=quality.radius,
         )
         return _Group(
             members=members,
