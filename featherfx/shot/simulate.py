@@ -13,7 +13,7 @@ from featherfx.errors import SimulationError
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import PointMap, density_map
 from featherfx.feather.types import Feather
-from featherfx.mechanics.batch import has_elastic_clamp, make_model, vane_carried
+from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.detail import Resolution, resolutions
@@ -156,10 +156,7 @@ class Simulation:
         kinds = [p.kind for p in placements]
         grid = resolution.rows, resolution.columns
         feathers = [build_feather(p.kind, *grid, p.mirrored) for p in placements]
-        model = make_model(feathers, kinds, resolution.coefficients)
-        if resolution.level == "rachis":
-            model = vane_carried(model)
-        model = with_damping(model, kinds)
+        model = with_damping(make_model(feathers, kinds, resolution.coefficients), kinds)
         positions, rotations = motion.frames(0.0)
         state = rest_state(model, positions[members], rotations[members])
         place = {p.id: k for k, p in enumerate(placements)}
@@ -211,26 +208,29 @@ class Simulation:
             return
         duration = self._time(1)
         path = root_path(motion, group.members, self._time(index - 1), self._time(index))
-        awake = self._awake(group, path, loads, duration)
+        sleeping = self._sleeping(group, path, loads, duration)
+        awake = np.flatnonzero(~sleeping).tolist()
         group.state, report = group.solver.step(group.state, loads, path, duration, awake)
+        if sleeping.any():
+            group.state = asleep(group.state, sleeping, path, duration)
         group.loads = loads
         self._reports.append(report)
         raise_if_failed(report.status, group.state.time, group.names)
 
-    def _awake(
+    def _sleeping(
         self, group: _Group, path: RootPath, loads: Loads, duration: float
-    ) -> list[int] | None:
-        """Feathers of a group that have to be stepped; the others sleep through the frame."""
+    ) -> NDArray[np.bool_]:
+        """(F,) feathers of a group that sleep or coast through a frame; the others are stepped."""
         if not self.shot.sleep:
-            return None
-        sleeping = undisturbed(group.state, path, loads, group.loads, self.shot.coast)
-        sleeping &= at_rest(group.state, path, self.shot.quality.tolerance, duration)
-        if sleeping.any():
-            moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
-            group.state = asleep(group.state, sleeping, path, duration)
-            self._slept += int((sleeping & ~moving).sum())
-            self._coasted += int((sleeping & moving).sum())
-        return np.flatnonzero(~sleeping).tolist()
+            return np.zeros(len(group.members), dtype=np.bool_)
+        tolerance = self.shot.quality.tolerance
+        coast = tolerance if self.shot.coast else None
+        sleeping = undisturbed(group.state, path, loads, group.loads, coast)
+        sleeping &= at_rest(group.state, path, tolerance, duration)
+        moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
+        self._slept += int((sleeping & ~moving).sum())
+        self._coasted += int((sleeping & moving).sum())
+        return sleeping
 
     def _frame(self, index: int, motion: Roots) -> Frame:
         time, before = self._time(index), self._time(max(index - 1, 0))
