@@ -12,6 +12,7 @@ import click
 from featherfx.cli.lab_full_feather import fullfeather
 from featherfx.cli.lab_report import listing, report
 from featherfx.cli.lab_ribbon import ribbon
+from featherfx.cli.lab_unit_cell import unitcell
 from featherfx.cli.options import presets_option
 from featherfx.cli.program import Command, Group
 
@@ -316,6 +317,7 @@ def feather(
 
 lab.add_command(report)
 lab.add_command(ribbon)
+lab.add_command(unitcell)
 lab.add_command(fullfeather)
 
 

@@ -74,9 +74,8 @@ def tip_pull(folder: Path) -> StudyResult:
     found = {name: pull_feather(FullPull("tip", 0.2), name) for name in MATERIALS}
     rows = _numbers(found)
     note = (
-        "published as a picture, with wrinkles that were tuned by eye against a video. The flat vane"
-        " here shears instead: its barbs turn, the strain across them stays small, and no buckling"
-        " is found up to 0.3 of the length."
+        "published as a picture, with wrinkles, bending tuned by eye against a video. Here the"
+        " flat vane follows in its plane: pushed off it, it falls back, up to a pull of 0.3."
     )
     amplitude = found["barbs"].amplitude
     rows.append(bounded("wrinkle amplitude, barbs", amplitude, at_least=LEAST, unit="m", note=note))
