@@ -282,16 +282,20 @@ def edge_waves(arc: Array, height: Array) -> tuple[float, float]:
 
     The heights, less the best cubic, resampled evenly; of their spectrum, what has at least WAVES
     waves along the edge and at least four nodes a wave. The wavelength is that of its highest peak,
-    the amplitude the root mean square of the heights in that band.
+    the amplitude the root mean square of the heights in that band. (NaN, 0) where there is none.
     """
+    from scipy.interpolate import CubicSpline
+
     count = 8 * len(arc)
     even = np.linspace(arc[0], arc[-1], count)
-    values = np.interp(even, arc, height)
+    values = CubicSpline(arc, height)(even)
     rest = values - np.polynomial.Polynomial.fit(even, values, 3)(even)
     spectrum = np.abs(np.fft.rfft(rest, PADDING * count))
     frequency = np.fft.rfftfreq(PADDING * count, even[1] - even[0])
     span = arc[-1] - arc[0]
     seen = np.where((frequency > WAVES / span) & (frequency < len(arc) / (4.0 * span)), spectrum, 0)
+    if not seen.any():
+        return float("nan"), 0.0
     # Parseval's sum over the one-sided spectrum
     power = 2.0 * float(np.sum(seen**2)) / (PADDING * count * count)
     return 1.0 / float(frequency[int(np.argmax(seen))]), float(np.sqrt(power))
