@@ -237,7 +237,9 @@ def _gripped(pull: FullPull, feather: Feather) -> tuple[int, int]:
 def _loads(
     pull: FullPull, feather: Feather, node: tuple[int, int], share: float, pushed: bool = True
 ) -> Loads:
-    target = feather.points[node] - np.array([0.0, share * pull.distance * LENGTH, 0.0])
+    start, aside = feather.points[node], share * pull.distance * LENGTH
+    # what a cantilever that is bent by aside at its end falls short by: the shaft is not stretched
+    target = start - np.array([0.6 * aside**2 / start[0], aside, 0.0])
     force = np.zeros((1, *feather.points.shape))
     count = 2 * feather.columns
     random = np.random.default_rng(SEED).normal(size=(feather.rows, count))
