@@ -11,7 +11,7 @@ from featherfx import __version__
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 
-TABLES = 8
+TABLES, PEER_TABLES = 8, 2
 STRESS_CASES, QUICK_STRESS_CASES = 10_000, 200
 QUICK_ROWS, MOST_ROWS = 40, 200
 
@@ -23,10 +23,22 @@ QUICK_ROWS, MOST_ROWS = 40, 200
     featherfx bench --quick
     featherfx bench -o measured
     featherfx bench --stress --cases 1000 -o measured
+    featherfx bench --peers -o measured
+    featherfx bench --skips samples/swan_wing/shot.toml
     """,
 )
 @click.option("--quick", is_flag=True, help="A smaller set of settings, in about a minute.")
 @click.option("--stress", is_flag=True, help="Random absurd cases instead of measurements.")
+@click.option(
+    "--peers", is_flag=True, help='Beside MuJoCo (extra "peers"): error against time of a strip.'
+)
+@click.option(
+    "--skips",
+    multiple=True,
+    metavar="SHOT",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="What skipping work saves and costs on a shot; once for each shot.",
+)
 @click.option(
     "--cases",
     type=click.IntRange(min=1),
@@ -43,6 +55,8 @@ QUICK_ROWS, MOST_ROWS = 40, 200
 def bench(
     quick: bool,
     stress: bool,
+    peers: bool,
+    skips: tuple[Path, ...],
     cases: int | None,
     seed: int,
     jobs: int | None,
@@ -53,11 +67,24 @@ def bench(
     Times only mean something on a machine that does nothing else; ratios within one run hold
     better. Plots need matplotlib (extra "plots"). Exit code 1 if a stress case breaks a promise.
     """
+    if stress + peers + bool(skips) > 1:
+        raise click.UsageError("--stress, --peers and --skips exclude each other")
+    if peers:
+        _beside_peers(quick, output)
+        return
+
     from featherfx.lab.bench.report import page, write
 
     jobs = jobs or os.cpu_count() or 1
     tables, outcome = [], None
-    if stress:
+    if skips:
+        from featherfx.lab.bench.skips import skips_table
+        from featherfx.shot.read import read_shot
+
+        shots = [read_shot(path) for path in skips]
+        with Progress("skips") as progress:
+            tables.append(skips_table(shots, progress))
+    elif stress:
         from featherfx.lab.bench.stress import run_seeds, summary
 
         count = cases or (QUICK_STRESS_CASES if quick else STRESS_CASES)
@@ -79,3 +106,19 @@ def bench(
             click.echo(file)
     if outcome is not None and outcome["violations"]:
         click.get_current_context().exit(1)
+
+
+def _beside_peers(quick: bool, output: Path | None) -> None:
+    from featherfx.lab.bench.peers import FULL, QUICK, peer_files, peer_page, peer_tables
+    from featherfx.lab.bench.report import write_files
+
+    tables = []
+    with Progress("tables") as progress:
+        for table in peer_tables(QUICK if quick else FULL):
+            tables.append(table)
+            progress(len(tables), PEER_TABLES)
+    if output is None:
+        click.echo(peer_page(tables, __version__))
+        return
+    for file in write_files(output, peer_files(tables, __version__)):
+        click.echo(file)

@@ -39,6 +39,48 @@ STUDIES: tuple[Study, ...] = (
         later("featherfx.lab.studies.rods:released"),
     ),
     Study(
+        "vane_traction",
+        "Traction of vane samples",
+        "Jouve 2024, chapter 4",
+        later("featherfx.lab.studies.vane:traction"),
+    ),
+    Study(
+        "vane_locking",
+        "Locking of unaligned meshes",
+        "Jouve 2024, figures 4.4 and 4.7; Jouve et al. 2024, figure 5",
+        later("featherfx.lab.studies.vane:locking"),
+    ),
+    Study(
+        "vane_mesoscale",
+        "Barbs and barbules as bands",
+        "Jouve 2024, eq. 5.2 and 5.4, table 5.1",
+        later("featherfx.lab.studies.vane:mesoscale"),
+    ),
+    Study(
+        "vane_size_effect",
+        "Size effect in compression along the barbs",
+        "Jouve 2024, figures A.5 and A.6",
+        later("featherfx.lab.studies.vane:size_effect"),
+    ),
+    Study(
+        "vane_shear_modulus",
+        "Shear modulus of the membrane from tilted tests of bands",
+        "Jouve 2024, tables 5.2 and D.2",
+        later("featherfx.lab.studies.vane:shear_modulus"),
+    ),
+    Study(
+        "vane_calibration",
+        "Moduli recovered from stress-strain curves",
+        "Jouve 2024, chapter 5",
+        later("featherfx.lab.studies.vane:calibration"),
+    ),
+    Study(
+        "vane_angles",
+        "Slopes at all angles, and the shear band",
+        "Jouve 2024, figures 5.11 and 5.12; Jouve et al. 2024, figures 9 and 11",
+        later("featherfx.lab.studies.vane:angles"),
+    ),
+    Study(
         "ribbon_cantilever",
         "Ribbon and rod clamped level, under their weight",
         "Charrondiere et al. 2019, figure 7",

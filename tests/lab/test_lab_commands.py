@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from featherfx.cli.lab import lab
+from featherfx.cli.lab.group import lab
 from featherfx.cli.main import main
 from featherfx.lab.registry import STUDIES
 

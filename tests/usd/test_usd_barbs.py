@@ -75,6 +75,21 @@ def test_turned_feathers_keep_their_barbs_in_stage_units(cache):
     np.testing.assert_allclose(curves.GetWidthsAttr().Get(), 100 * barbs.widths.ravel(), rtol=1e-6)
 
 
+def test_barbs_take_the_texture_of_their_vane(cache):
+    """From the rachis (u = 0.5) to the edge of their side; v grows from barb to barb."""
+    path, _, barbs = cache
+    stage = Usd.Stage.Open(str(path))
+    prim = stage.GetPrimAtPath("/cache/barbs/moving_barbs")
+    st = np.array(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st").Get()).reshape(*barbs.widths.shape, 2)
+    np.testing.assert_allclose(st[:, 0, 0], 0.5)
+    np.testing.assert_allclose(st[:, -1, 0], np.where(barbs.side == 0, 1.0, 0.0))
+    for side in (0, 1):
+        along = st[barbs.side == side, :, 1]
+        assert (np.diff(along[:, 0]) > 0.0).all()
+        assert (along == along[:, :1]).all()
+        assert 0.0 < along.min() < along.max() <= 1.0
+
+
 def test_only_what_moves_has_samples(cache):
     stage = Usd.Stage.Open(str(cache[0]))
     assert not stage.GetPrimAtPath("/cache/barbs/bare_barbs")

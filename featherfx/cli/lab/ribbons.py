@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from featherfx.cli.lab.common import show
 from featherfx.cli.program import Command
 
 
@@ -50,7 +51,6 @@ def ribbon(
     times width over length with curvatures times the length: negative where the shape is not
     stable, which only --planar shows.
     """
-    from featherfx.cli.lab import show
     from featherfx.lab.ribbon import hang
     from featherfx.mechanics.ribbon import Ribbon
 

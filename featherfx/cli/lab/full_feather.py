@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from featherfx.cli.lab.common import show
 from featherfx.cli.program import Command
 
 
@@ -42,7 +43,6 @@ def fullfeather(material: str, nodal: bool, as_json: bool, **options: Any) -> No
     Keys: rachis_deflection (over the length), barb_strain, force, wavelength (null or nan: no
     wrinkles) and amplitude of the wrinkles along the edges, iterations, seconds, points.
     """
-    from featherfx.cli.lab import show
     from featherfx.lab.full_feather import FullPull, pull_feather
 
     found = pull_feather(FullPull(**options), material, nodal=nodal)

@@ -52,7 +52,7 @@ def unitcell(
     contraction along the barbs over the strain across them. `barbule_spacing` is that of the
     cell, for which a barbule spans a whole number of rows.
     """
-    from featherfx.cli.lab import show
+    from featherfx.cli.lab.common import show
     from featherfx.lab.feather import feather_kind
     from featherfx.lab.unit_cell import cell_moduli, cell_of, vane_of, vane_text
 
