@@ -15,6 +15,30 @@ STUDIES: tuple[Study, ...] = (
         later("featherfx.lab.studies.rods:elastica"),
     ),
     Study(
+        "heavy_elastica",
+        "Rod clamped level under its weight",
+        "Kirchhoff's rod, by shooting",
+        later("featherfx.lab.studies.rods:heavy"),
+    ),
+    Study(
+        "bend_45",
+        "45 degree bend",
+        "Bathe and Bolourchi 1979; Simo and Vu-Quoc 1986",
+        later("featherfx.lab.studies.rods:bend_of_45_degrees"),
+    ),
+    Study(
+        "frequencies",
+        "Natural frequencies of a clamped rod",
+        "closed form; Rayleigh and Ritz",
+        later("featherfx.lab.studies.rods:frequencies"),
+    ),
+    Study(
+        "released_rod",
+        "A rod let go",
+        "chain of rigid links",
+        later("featherfx.lab.studies.rods:released"),
+    ),
+    Study(
         "vane_traction",
         "Traction of vane samples",
         "Jouve 2024, chapter 4",
@@ -85,6 +109,18 @@ STUDIES: tuple[Study, ...] = (
         "A whole feather, its tip pulled",
         "Jouve 2024, figure 6.5",
         later("featherfx.lab.studies.full_feather:tip_pull"),
+    ),
+    Study(
+        "fibre_elements",
+        "Bend triplets: cantilever, plane against space, affine bound",
+        "Houghton 2020, chapters 3, 5 and 6",
+        later("featherfx.lab.studies.unit_cell:elements"),
+    ),
+    Study(
+        "unit_cell",
+        "The vane as a lattice of barbs and barbules",
+        "Houghton 2020, applied to the moduli of Jouve 2024, tables 5.1 and 5.2",
+        later("featherfx.lab.studies.unit_cell:lattice"),
     ),
 )
 

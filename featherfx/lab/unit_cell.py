@@ -9,7 +9,7 @@ the barbules pass each other. Barbules are clamped in their barb.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -226,3 +226,10 @@ def vane_of(cell: UnitCell, vane: VaneMaterial) -> VaneMaterial:
         barb_bending_normal=found.bending_along,
         bending_across=found.bending_across,
     )
+
+
+def vane_text(vane: VaneMaterial, source: str) -> str:
+    """A vane material as the text of a preset file. source: the feather whose barbs it has."""
+    lines = [f"# Vane from a cell of barbs and barbules, with the barbs of {source}.", ""]
+    lines += [f"{each.name} = {getattr(vane, each.name):.9g}" for each in fields(vane)]
+    return "\n".join(lines) + "\n"

@@ -7,8 +7,8 @@ segment's turn: (t x du) / l in the plane, (du - t t . du) / l in space. A tripl
 that follow each other on a fibre, r = l1 + l2. Where a fibre is clamped, r is the length of its
 first segment alone, so its root element is half as long as the others: a cantilever of n segments
 then errs by 1 / (2 n^2) of its deflection. In the plane the clamp may be another fibre. Nodes are
-hinges for fibres that cross there. Bend triplets: Houghton 2020, chapter 3. Under a mean strain e of a
-periodic cell, du = e s + difference of periodic displacements, s the segment as a vector.
+hinges for fibres that cross there. Bend triplets: Houghton 2020, chapter 3. Under a mean strain e
+of a periodic cell, du = e s + difference of periodic displacements, s the segment as a vector.
 """
 
 from __future__ import annotations

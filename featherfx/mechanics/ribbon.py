@@ -12,9 +12,9 @@ curvature changes sign; t alone is undetermined there, and weighs nothing.
 Derivation: the only principal curvature is K = c (1 + t^2) on the centreline and K / (1 + v t')
 at distance v along a ruling, whose area element is (1 + v t') dv ds. Integrated over the width, the
 plate's energy against a rest curvature k along the strip gives the above. It diverges where
-rulings meet at an edge, x = 1 or -1. Wunderlich 1962; H = 1 is Sadowsky's energy of 1930, the limit
-of a narrow strip. In the form of Charrondiere et al. 2019, with the constant k^2 that makes the rest
-shape's energy 0.
+rulings meet at an edge, x = 1 or -1. Wunderlich 1962; H = 1 is Sadowsky's energy of 1930, the
+limit of a narrow strip. In the form of Charrondiere et al. 2019, with the constant k^2 that makes
+the rest shape's energy 0.
 """
 
 from __future__ import annotations

@@ -110,7 +110,7 @@ def link_masses(ribbon: Ribbon, links: int = LINKS) -> Array:
 def work_of_loads(
     ribbon: Ribbon, unknowns: Array, frame: Array, force: Array, links: int = LINKS
 ) -> tuple[float, Array, Array]:
-    """Energy (J) of dead forces (N + 1, 3) N at the curve's points, its gradient (U,) and Hessian."""
+    """Energy (J) of dead forces (N + 1, 3) N at the curve's points, gradient, Hessian."""
     curve = centreline(ribbon, unknowns, frame, links)
     energy = -float(np.sum(force * curve.points))
     # sums over the points beyond a joint: those after it
