@@ -107,7 +107,7 @@ def calibrate(curves: Sequence[Curve], elements: int = FINE) -> Calibration:
             break
     weighted: Array = np.concatenate([test.stress(_moduli(guess)) for test in tests])
     residual = np.asarray(weighted - data, dtype=np.float64)
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    inverse = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
     low, high = _intervals(guess, inverse, residual)
     singular = np.linalg.svd(jacobian, compute_uv=False)
     return Calibration(
