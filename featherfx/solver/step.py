@@ -159,6 +159,10 @@ class Solver:
                 self._work(),
                 counters[f],
             )
+            if counters[f, STATUS] != CONVERGED and counters[f, STEPS] == 0:
+                # not even where its path begins
+                for array, given in zip(new, state, strict=True):
+                    array[f] = given[f]
 
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
         columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
