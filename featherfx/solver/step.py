@@ -57,9 +57,10 @@ class Settings:
     tolerance: m, local error of a step that the sub-stepping keeps to. newton: m, distance from a
     step's solution that counts as converged. max_substeps: regular sub-steps of a frame at most (a
     step that Newton cannot solve is cut further). max_iterations: Newton iterations of one feather
-    in one frame; one that needs more stops with a status. radius: spectral radius at infinite frequency, 0 (most
-    damping of what a step does not resolve) to 0.9 (energy is nearly conserved). At 1 nothing
-    damps the constraint of inextensible barbs and shafts, and the steps become unstable.
+    in one frame; one that needs more stops with a status. radius: spectral radius at infinite
+    frequency, 0 (most damping of what a step does not resolve) to 0.9 (energy is nearly conserved).
+    At 1 nothing damps the constraint of inextensible barbs and shafts, and the steps become
+    unstable.
     """
 
     tolerance: float = 1e-4
@@ -158,6 +159,10 @@ class Solver:
                 self._work(),
                 counters[f],
             )
+            if counters[f, STATUS] != CONVERGED and counters[f, STEPS] == 0:
+                # not even where its path begins
+                for array, given in zip(new, state, strict=True):
+                    array[f] = given[f]
 
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
         columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)

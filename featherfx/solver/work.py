@@ -71,8 +71,8 @@ class Vane(NamedTuple):
 
     blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane_force_kernels), S at least m + 2 and a
     multiple of four. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
-    (vane_assembly_kernels). tension: (m,) N. triangle: (4, 3, 3), hinge: (3, 4, 3), pair: (3, 3): of
-    one stencil.
+    (vane_assembly_kernels). tension: (m,) N. triangle: (4, 3, 3), hinge: (3, 4, 3), pair:
+    (3, 3): of one stencil.
     """
 
     blocks: Array

@@ -1,4 +1,4 @@
-"""Second variation of a rachis element against second differences of its strains, and its stable part."""
+"""Second variation of a rachis element, by second differences, and its stable part."""
 
 from __future__ import annotations
 
