@@ -1,6 +1,7 @@
 """Gradient and Hessian of step_energy in generalised coordinates, as a band."""
 
 from featherfx.compiled import kernel
+from featherfx.mechanics.contact_kernels import add_contact_forces
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
 from featherfx.mechanics.rotations_kernels import cross
@@ -126,6 +127,7 @@ def assemble(model, loads, f, share, factors, signed, work):
         work.stiff,
     )
     add_dead_forces(loads.force[f], work.force)
+    add_contact_forces(loads.contacts, f, share, pose.points, work.force, work.stiff)
     vane = model.retardation[f, 1] * factors[2]
     if model.joints.shape[3] > 0:
         add_vane_forces(model, f, vane, pose, around.reference, work.block, work.force)

@@ -10,6 +10,7 @@ Every strain s has a stiffness k and, where the material is damped, a reference 
 from math import ceil
 
 from featherfx.compiled import kernel
+from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.node_kernels import dead_energy, node_energy
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
@@ -158,6 +159,7 @@ def step_energy(model, loads, f, share, factors, pose, around):
             pose.points,
         )
         + dead_energy(pose.points, loads.force[f])
+        + contact_energy(loads.contacts, f, share, pose.points)
         + node_energy(
             pose.points,
             around.target,

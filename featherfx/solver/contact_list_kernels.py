@@ -1,0 +1,345 @@
+"""The contacts of an interval: found, measured, handed to the feathers, and their forces.
+
+A contact presses a node of one vane (the guest) against a point of a triangle of another (the
+host). Its gap is counted along the host's normal n on the side s = 1 or -1 where the guest belongs:
+
+    g = s n.(x - y) - t + a,     y = sum of w_i x_i over the corners
+
+t sum of both half thicknesses; a what an interval that begins too deep is spared of its depth, so
+that a feather that slipped through comes back at a limited speed instead of being shot out.
+"""
+
+from featherfx.compiled import kernel
+from featherfx.mechanics.rotations_kernels import cross
+from featherfx.solver.contact_search_kernels import (
+    barb_point,
+    box_distance,
+    boxes_apart,
+    closest_point,
+    nearest_node,
+    side_normal,
+    strip_point,
+    triangle_corners,
+)
+
+# columns of a contact's numbers: index and value
+PAIR, ROW, COLUMN, GUEST_POINT, GUEST, HOST, SIDE, MIRROR = 0, 1, 2, 3, 4, 5, 6, 7
+INTEGERS = 8
+START_GAP, GAP, THICKNESS, SPARED, GUEST_FORCE, HOST_FORCE, GUEST_STIFFNESS, HOST_STIFFNESS = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    6,
+    7,
+)
+VALUES = 8
+# how far beside a host's edge a node still meets it: thicknesses, and share of the distance
+BESIDE, BESIDE_SHARE = 1.0, 0.1
+
+
+@kernel
+def _triangle_normal(points, corner, mirror):
+    """Unit normal of a contact's triangle in a pose (n, P, 3)."""
+    a = points[corner[0, 0], corner[0, 1]]
+    b = points[corner[1, 0], corner[1, 1]]
+    c = points[corner[2, 0], corner[2, 1]]
+    return side_normal(mirror, a, b, c)
+
+
+@kernel
+def _offset(points, x, corner, weight):
+    """Vector from a contact's place on its host to a guest's node x (3,)."""
+    a = points[corner[0, 0], corner[0, 1]]
+    b = points[corner[1, 0], corner[1, 1]]
+    c = points[corner[2, 0], corner[2, 1]]
+    return (
+        x[0] - weight[0] * a[0] - weight[1] * b[0] - weight[2] * c[0],
+        x[1] - weight[0] * a[1] - weight[1] * b[1] - weight[2] * c[1],
+        x[2] - weight[0] * a[2] - weight[1] * b[2] - weight[2] * c[2],
+    )
+
+
+@kernel
+def _along(points, x, corner, weight, mirror):
+    """Distance of a node along its host's normal, and beside it (m)."""
+    nx, ny, nz = _triangle_normal(points, corner, mirror)
+    dx, dy, dz = _offset(points, x, corner, weight)
+    along = nx * dx + ny * dy + nz * dz
+    sx, sy, sz = cross(nx, ny, nz, dx, dy, dz)
+    return along, (sx * sx + sy * sy + sz * sz) ** 0.5
+
+
+@kernel
+def _closing(start, end, x, y, z, corner, weight, mirror):
+    """By how much a guest at end (x, y, z) has come nearer to its host along the normal, m.
+
+    start, end: host points (n, P, 3); the guest is given relative to its start.
+    """
+    nx, ny, nz = _triangle_normal(start, corner, mirror)
+    moved = 0.0
+    for k in range(3):
+        host = 0.0
+        for q in range(3):
+            row, p = corner[q, 0], corner[q, 1]
+            host += weight[q] * (end[row, p, k] - start[row, p, k])
+        if k == 0:
+            moved += nx * (x - host)
+        elif k == 1:
+            moved += ny * (y - host)
+        else:
+            moved += nz * (z - host)
+    return abs(moved)
+
+
+@kernel
+def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touch, count):
+    """Add the contact of one guest's node with one host, if there is one; returns the count."""
+    margin = limits[0]
+    columns = skin.exists.shape[3]
+    p = strip_point(c, columns)
+    # a side known from the order needs no history, so the pose ahead is searched
+    now = scene.start if order == 0 else scene.ahead
+    x = now[guest, i, p]
+    bounds = scene.bounds[host]
+    if box_distance(x[0], x[1], x[2], bounds) > margin * margin:
+        memory.side[pair, i, c] = 0
+        return count
+    row, column = nearest_node(
+        x[0], x[1], x[2], now[host], skin.present[host], scene.boxes[host], -1, -1
+    )
+    if row < 0 or count >= touch.index.shape[0]:
+        return count + (1 if row >= 0 else 0)
+    place, weight, corner = touch.place, touch.weight[count], touch.corner[count]
+    closest_point(
+        x[0], x[1], x[2], now[host], skin.exists[host], row, column, place, weight
+    )
+    if place[0] < 0:
+        return count
+    ia, na, ib, nb, ic, nc = triangle_corners(place[0], place[1], place[2], place[3])
+    corner[0, 0], corner[0, 1] = ia, barb_point(place[0], na, columns)
+    corner[1, 0], corner[1, 1] = ib, barb_point(place[0], nb, columns)
+    corner[2, 0], corner[2, 1] = ic, barb_point(place[0], nc, columns)
+    along, beside = _along(now[host], x, corner, weight, place[0])
+    half = 0.0
+    for q in range(3):
+        half += weight[q] * skin.half[host, corner[q, 0], corner[q, 1]]
+    thickness = half + skin.half[guest, i, p]
+    if beside > BESIDE * thickness + BESIDE_SHARE * abs(along):
+        memory.side[pair, i, c] = 0
+        return count
+    side, reach = order, margin
+    if order == 0:
+        side = memory.side[pair, i, c]
+        if side == 0:
+            side = 1 if along >= 0.0 else -1
+        begin, end = scene.start[guest, i, p], scene.ahead[guest, i, p]
+        reach += _closing(
+            scene.start[host],
+            scene.ahead[host],
+            end[0] - begin[0],
+            end[1] - begin[1],
+            end[2] - begin[2],
+            corner,
+            weight,
+            place[0],
+        )
+    if side * along - thickness > reach:
+        memory.side[pair, i, c] = 0
+        return count
+    memory.side[pair, i, c] = side
+    begin, _ = _along(scene.start[host], scene.start[guest, i, p], corner, weight, place[0])
+    index, value = touch.index[count], touch.value[count]
+    index[PAIR], index[ROW], index[COLUMN], index[GUEST_POINT] = pair, i, c, p
+    index[GUEST], index[HOST], index[SIDE], index[MIRROR] = guest, host, side, place[0]
+    depth = max(0.0, thickness - side * begin)
+    value[START_GAP] = side * begin - thickness + depth
+    value[THICKNESS] = thickness
+    value[SPARED] = max(0.0, depth - limits[1])
+    value[GUEST_FORCE] = memory.force[pair, i, c, 0]
+    value[HOST_FORCE] = memory.force[pair, i, c, 1]
+    stiff = 0.0
+    for q in range(3):
+        stiff += weight[q] * scene.impedance[host, corner[q, 0], corner[q, 1]]
+    value[GUEST_STIFFNESS] = stiff
+    value[HOST_STIFFNESS] = scene.impedance[guest, i, p]
+    return count + 1
+
+
+@kernel
+def find_contacts(pairs, order, skin, scene, memory, limits, touch):
+    """Contacts of all pairs (N, 2) guest and host, written to touch; returns how many there are.
+
+    order: (N,) side of the host where the guest belongs, 0 for where it is. limits: (2,) m, gap
+    below which a node is followed, and way that a depth may be reduced by. More than touch has
+    room for: only their number is right.
+    """
+    count = 0
+    margin = limits[0]
+    for pair in range(pairs.shape[0]):
+        guest, host = pairs[pair, 0], pairs[pair, 1]
+        if boxes_apart(scene.bounds[guest], scene.bounds[host], margin):
+            continue
+        for i in range(skin.present.shape[1]):
+            if boxes_apart(scene.boxes[guest, i], scene.bounds[host], margin):
+                continue
+            for c in range(skin.present.shape[2]):
+                if skin.present[guest, i, c] != 0:
+                    count = _find_node(
+                        pair,
+                        i,
+                        c,
+                        guest,
+                        host,
+                        order[pair],
+                        skin,
+                        scene,
+                        memory,
+                        limits,
+                        touch,
+                        count,
+                    )
+    return count
+
+
+@kernel
+def measure(touch, count, now):
+    """Gaps and normals of the contacts in a pose now (B, n, P, 3), written to touch."""
+    for k in range(count):
+        index, corner, weight = touch.index[k], touch.corner[k], touch.weight[k]
+        host = now[index[HOST]]
+        nx, ny, nz = _triangle_normal(host, corner, index[MIRROR])
+        x = now[index[GUEST], index[ROW], index[GUEST_POINT]]
+        dx, dy, dz = _offset(host, x, corner, weight)
+        side = index[SIDE]
+        normal, value = touch.normal[k], touch.value[k]
+        normal[0], normal[1], normal[2] = side * nx, side * ny, side * nz
+        along = side * (nx * dx + ny * dy + nz * dz)
+        value[GAP] = along - value[THICKNESS] + value[SPARED]
+
+
+@kernel
+def update_forces(touch, count, mine):
+    """Forces of the contacts after the bodies mine (B,) were solved; gaps are up to date."""
+    for k in range(count):
+        index, value = touch.index[k], touch.value[k]
+        if mine[index[GUEST]] != 0:
+            push = value[HOST_FORCE] - value[GUEST_STIFFNESS] * value[GAP]
+            value[GUEST_FORCE] = max(0.0, push)
+        if mine[index[HOST]] != 0:
+            push = value[GUEST_FORCE] - value[HOST_STIFFNESS] * value[GAP]
+            value[HOST_FORCE] = max(0.0, push)
+
+
+@kernel
+def residuals(touch, count, worst):
+    """Largest distance from contact's complementarity, per body, to worst (B,), m.
+
+    A gap that is closed (g < 0) or held shut from both sides with a force counts by its size.
+    """
+    worst[:] = 0.0
+    depth = 0.0
+    for k in range(count):
+        index, value = touch.index[k], touch.value[k]
+        force = min(value[GUEST_FORCE], value[HOST_FORCE])
+        stiffness = max(value[GUEST_STIFFNESS], value[HOST_STIFFNESS])
+        wrong = abs(min(value[GAP], force / stiffness))
+        mismatch = abs(value[GUEST_FORCE] - value[HOST_FORCE]) / stiffness
+        wrong = max(wrong, mismatch)
+        worst[index[GUEST]] = max(worst[index[GUEST]], wrong)
+        worst[index[HOST]] = max(worst[index[HOST]], wrong)
+        depth = max(depth, value[SPARED] - value[GAP])
+    return depth
+
+
+@kernel
+def remember(touch, count, memory):
+    """Forces of the contacts kept for the next interval; those of all others are gone."""
+    memory.force[:] = 0.0
+    for k in range(count):
+        index, value = touch.index[k], touch.value[k]
+        kept = memory.force[index[PAIR], index[ROW], index[COLUMN]]
+        kept[0], kept[1] = value[GUEST_FORCE], value[HOST_FORCE]
+
+
+@kernel
+def count_contacts(touch, count, mine, per_body):
+    """How many plane contacts each of the bodies mine (B,) gets, to per_body (B,)."""
+    per_body[:] = 0
+    for k in range(count):
+        index = touch.index[k]
+        if mine[index[GUEST]] != 0:
+            per_body[index[GUEST]] += 1
+        if mine[index[HOST]] != 0:
+            per_body[index[HOST]] += 3
+
+
+@kernel
+def _slip_of(touch, k, start, now):
+    """Slip of a contact's guest along its host since the interval's start."""
+    index, corner, weight = touch.index[k], touch.corner[k], touch.weight[k]
+    row, p = index[ROW], index[GUEST_POINT]
+    bx, by, bz = _offset(start[index[HOST]], start[index[GUEST], row, p], corner, weight)
+    ex, ey, ez = _offset(now[index[HOST]], now[index[GUEST], row, p], corner, weight)
+    return ex - bx, ey - by, ez - bz
+
+
+@kernel
+def hand_out(touch, count, mine, at, start, now, friction, smoothing, contacts):
+    """Write the plane contacts of the bodies mine (B,) to contacts, from places at (B,) on.
+
+    start, now: (B, n, P, 3) poses at the interval's start and at the last iterate. friction:
+    coefficient. smoothing: m. at is advanced.
+    """
+    for k in range(count):
+        index, corner, weight = touch.index[k], touch.corner[k], touch.weight[k]
+        normal, value = touch.normal[k], touch.value[k]
+        guest, host = index[GUEST], index[HOST]
+        ux, uy, uz = _slip_of(touch, k, start, now)
+        row, p = index[ROW], index[GUEST_POINT]
+        if mine[guest] != 0:
+            x, begin = now[guest, row, p], start[guest, row, p]
+            to = at[guest]
+            at[guest] += 1
+            _write(
+                contacts, to, row, p, 1.0, normal, x, begin, value, ux, uy, uz,
+                value[HOST_FORCE], value[GUEST_STIFFNESS], 1.0, friction, smoothing,
+            )
+        if mine[host] != 0:
+            for q in range(3):
+                r, m = corner[q, 0], corner[q, 1]
+                x, begin = now[host, r, m], start[host, r, m]
+                to = at[host]
+                at[host] += 1
+                _write(
+                    contacts, to, r, m, -1.0, normal, x, begin, value, -ux, -uy, -uz,
+                    value[GUEST_FORCE], value[HOST_STIFFNESS], weight[q], friction, smoothing,
+                )
+
+
+@kernel
+def _write(
+    contacts, to, row, p, sign, normal, x, begin, value, ux, uy, uz, force, stiffness, weight,
+    friction, smoothing,
+):
+    """One plane contact: at the point x the gap is the contact's gap and the slip its slip."""
+    contacts.node[to, 0], contacts.node[to, 1] = row, p
+    level, first = -value[GAP], -value[START_GAP]
+    for k in range(3):
+        n = sign * normal[k]
+        contacts.normal[to, k] = n
+        level += n * x[k]
+        first += n * begin[k]
+        contacts.target[to, 0, k] = begin[k]
+    contacts.target[to, 1, 0] = x[0] - ux
+    contacts.target[to, 1, 1] = x[1] - uy
+    contacts.target[to, 1, 2] = x[2] - uz
+    contacts.offset[to, 0], contacts.offset[to, 1] = first, level
+    # a corner that hardly carries still needs a stiffness to divide by
+    share = max(weight, 1e-6)
+    contacts.strength[to, 0] = share * stiffness
+    contacts.strength[to, 1] = share * force
+    contacts.strength[to, 2] = share * friction * force
+    contacts.strength[to, 3] = smoothing
