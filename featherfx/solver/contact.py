@@ -106,7 +106,8 @@ class ContactReport:
 
     contacts: closed ones at its end. rounds: over the feathers. solves: feathers solved. residual:
     m, largest gap that should be closed, or misfit of the two forces over the stiffness. depth: m,
-    deepest penetration of a node below the sum of half thicknesses.
+    deepest penetration of a node below the sum of half thicknesses, at the interval's end.
+    start_depth: m, what the interval spared of the depth that it began with.
     """
 
     contacts: int
@@ -114,6 +115,7 @@ class ContactReport:
     solves: int
     residual: float
     depth: float
+    start_depth: float
 
 
 def skin_of(models: Sequence[Model], halves: Sequence[float]) -> Skin:
@@ -191,7 +193,7 @@ class ContactSolver:
         )
         self._boxes = np.zeros((bodies, rows, 6)), np.zeros((bodies, 6))
         self._touch = _room(FIRST_ROOM)
-        self.last: ContactReport | None = None
+        self._count = 0
 
     def interval(
         self,
@@ -229,31 +231,34 @@ class ContactSolver:
             depth = residuals(touch, count, worst)
             if worst.max() < settings.tolerance:
                 break
-        remember(touch, count, self.memory)
+        self._count = count
+        begun = float(touch.value[:count, 3].max(initial=0.0))
         closed = int(np.count_nonzero(touch.value[:count, 4] > 0.0))
         residual = float(worst.max()) if count else 0.0
-        report = ContactReport(closed, rounds, solves, residual, float(depth))
+        report = ContactReport(closed, rounds, solves, residual, float(depth), begun)
         return run.new, run.reports(), report
+
+    def accept(self) -> None:
+        """Keep the forces of the last interval for the next one."""
+        remember(self._touch, self._count, self.memory)
 
     def _find(self, run: _Run, duration: float) -> int:
         """Search for contacts; the room for them grows until they fit."""
-        radius = self.solvers[0].settings.radius
-        inertia = integrator_coefficients(radius, duration)[0]
+        settings = self.settings
+        inertia = integrator_coefficients(self.solvers[0].settings.radius, duration)[0]
         boxes, bounds = self._boxes
-        scene = Scene(
-            run.start, run.now, boxes, bounds, inertia * self._mass + self._elastic
+        scene = Scene(run.start, run.now, boxes, bounds, inertia * self._mass + self._elastic)
+        self._touch, count = list_contacts(
+            self.pairs,
+            self.order,
+            self.skin,
+            scene,
+            self.memory,
+            settings.margin,
+            settings.recovery * duration,
+            self._touch,
         )
-        _refit(scene, self.skin)
-        limits = np.array([self.settings.margin, self.settings.recovery * duration])
-        while True:
-            count = int(
-                find_contacts(
-                    self.pairs, self.order, self.skin, scene, self.memory, limits, self._touch
-                )
-            )
-            if count <= len(self._touch.index):
-                return count
-            self._touch = _room(2 * count)
+        return count
 
     def _colours(self, count: int) -> list[NDArray[np.bool_]]:
         """Bodies in groups that do not touch each other, greedily; all bodies in one of them."""
@@ -373,6 +378,30 @@ def _joined(parts: Sequence[StepReport], count: int) -> StepReport:
             total[name] = np.where(solved, getattr(part, name), total[name])
         total["status"] = np.maximum(total["status"], part.status)
     return replace(StepReport(**total))
+
+
+def list_contacts(
+    pairs: Indices,
+    order: Indices,
+    skin: Skin,
+    scene: Scene,
+    memory: Memory,
+    margin: float,
+    recovery: float,
+    touch: Touch | None = None,
+) -> tuple[Touch, int]:
+    """Contacts of pairs (N, 2), guest and host, and how many; boxes of the scene are refitted.
+
+    order, margin, touch as in ContactSolver. recovery: m, that a depth is reduced by.
+    """
+    touch = touch or _room(FIRST_ROOM)
+    _refit(scene, skin)
+    limits = np.array([margin, recovery])
+    while True:
+        count = int(find_contacts(pairs, order, skin, scene, memory, limits, touch))
+        if count <= len(touch.index):
+            return touch, count
+        touch = _room(2 * count)
 
 
 def _room(count: int) -> Touch:
