@@ -36,8 +36,9 @@ START_GAP, GAP, THICKNESS, SPARED, GUEST_FORCE, HOST_FORCE, GUEST_STIFFNESS, HOS
     7,
 )
 VALUES = 8
-# how far beside a host's edge a node still meets it: thicknesses, and share of the distance
-BESIDE, BESIDE_SHARE = 1.0, 0.1
+# how far beside its closest point, along the host, a node still meets it: thicknesses beyond an
+# edge, and a share of its height above a crease, up to so many thicknesses
+BESIDE, BESIDE_SHARE, CREASE = 1.0, 0.1, 20.0
 
 
 @kernel
@@ -127,7 +128,8 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
     for q in range(3):
         half += weight[q] * skin.half[host, corner[q, 0], corner[q, 1]]
     thickness = half + skin.half[guest, i, p]
-    if beside > BESIDE * thickness + BESIDE_SHARE * abs(along):
+    height = min(abs(along), CREASE * thickness)
+    if beside > BESIDE * thickness + BESIDE_SHARE * height:
         memory.side[pair, i, c] = 0
         return count
     side, reach = order, margin
