@@ -186,12 +186,12 @@ class ShotContact:
     def memory(self) -> dict[str, Any]:
         """What is kept between frames, for checkpoints."""
         memory = self.solver.memory
-        return {"force": memory.force, "side": memory.side, "step": np.array(self._proposal)}
+        return memory._asdict() | {"step": np.array(self._proposal)}
 
     def restore(self, memory: dict[str, Any]) -> None:
         """Take over what `memory` gave."""
-        self.solver.memory.force[:] = memory["force"]
-        self.solver.memory.side[:] = memory["side"]
+        for name, array in self.solver.memory._asdict().items():
+            array[:] = memory[name]
         self._proposal = float(memory["step"])
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.solver.contact import Memory, Scene, Skin, list_contacts
+from featherfx.solver.contact import Scene, Skin, list_contacts, no_memory
 from featherfx.solver.contact_list_kernels import PAIR, SIDE
 
 Array = NDArray[np.float64]
@@ -79,9 +79,7 @@ def _votes(pairs: Indices, rest: Array, skin: Skin, margin: float) -> Array:
         bounds=np.zeros((bodies, 6)),
         impedance=np.ones(rest.shape[:3]),
     )
-    memory = Memory(
-        np.zeros((len(pairs), rows, strip, 2)), np.zeros((len(pairs), rows, strip), dtype=np.int8)
-    )
+    memory = no_memory(len(pairs), skin)
     free = np.zeros(len(pairs), dtype=np.int64)
     touch, count = list_contacts(pairs, free, skin, scene, memory, margin, 0.0)
     votes = np.zeros((len(pairs), 2))

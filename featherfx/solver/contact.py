@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import Contacts, Loads, Model
 from featherfx.solver.contact_list_kernels import (
     INTEGERS,
+    PAIR,
     VALUES,
     count_contacts,
     find_contacts,
@@ -30,6 +31,8 @@ from featherfx.solver.contact_list_kernels import (
     update_forces,
 )
 from featherfx.solver.contact_search_kernels import row_boxes
+from featherfx.solver.contact_wall import Wall
+from featherfx.solver.contact_wall_kernels import find_wall_contacts
 from featherfx.solver.integrator_kernels import integrator_coefficients
 from featherfx.solver.root_path import RootPath
 from featherfx.solver.state import State
@@ -43,6 +46,8 @@ FIRST_ROOM = 1024
 # springs of a round over the estimated stiffness of one node; of 0.5 to 8, 4 took the fewest
 # iterations in a wing beat (5.9, 4.7, 2.9, 2.3 rounds at 0.5, 1, 3, 8; stiffer ones cost Newton)
 FIT = 4.0
+# the same for a wall, which does not yield: stiffer is better until Newton suffers
+WALL_FIT = 4.0
 
 
 @dataclass(frozen=True)
@@ -85,21 +90,38 @@ class Scene(NamedTuple):
 
 class Memory(NamedTuple):
     """What is kept between intervals, for N pairs and the nodes of their guests. force: (N, n,
-    2 m + 1, 2) N, on guest and host. side: (N, n, 2 m + 1) of the host, 0 where there is none."""
+    2 m + 1, 2) N, on guest and host. side: (N, n, 2 m + 1) of the host, 0 where there is none.
+    wall: (B, n, 2 m + 1) N, forces of walls. inside: (B, n, 2 m + 1), nodes grown into one."""
 
     force: Array
     side: Bytes
+    wall: Array
+    inside: Bytes
+
+
+def no_memory(pairs: int, skin: Skin) -> Memory:
+    """Nothing touched yet."""
+    bodies, rows, strip = skin.present.shape
+    return Memory(
+        force=np.zeros((pairs, rows, strip, 2)),
+        side=np.zeros((pairs, rows, strip), dtype=np.int8),
+        wall=np.zeros((bodies, rows, strip)),
+        inside=np.zeros((bodies, rows, strip), dtype=np.int8),
+    )
 
 
 class Touch(NamedTuple):
     """Room for K contacts (contact_list_kernels): index (K, 8), corner (K, 3, 2) row and material
-    point, weight (K, 3), normal (K, 3), value (K, 8); place (4,) is scratch."""
+    point, weight (K, 3), normal (K, 3), value (K, 8), place_start and place_now (K, 3) m, of the
+    host's point; place (4,) is scratch."""
 
     index: Indices
     corner: Indices
     weight: Array
     normal: Array
     value: Array
+    place_start: Array
+    place_now: Array
     place: Indices
 
 
@@ -189,11 +211,8 @@ class ContactSolver:
         self.skin = skin_of(models, halves)
         self._elastic = np.concatenate([elastic_stiffness(model) for model in models])
         self._mass = np.concatenate([model.mass for model in models])
-        bodies, rows, strip = self.skin.present.shape
-        self.memory = Memory(
-            np.zeros((len(self.pairs), rows, strip, 2)),
-            np.zeros((len(self.pairs), rows, strip), dtype=np.int8),
-        )
+        bodies, rows, _ = self.skin.present.shape
+        self.memory = no_memory(len(self.pairs), self.skin)
         self._boxes = np.zeros((bodies, rows, 6)), np.zeros((bodies, 6))
         self._touch = _room(FIRST_ROOM)
         self._count = 0
@@ -204,15 +223,16 @@ class ContactSolver:
         loads: Sequence[Loads],
         paths: Sequence[RootPath],
         duration: float,
+        walls: Sequence[Wall] = (),
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
 
-        A feather that cannot be solved has a status in its batch's report, and then the other
+        walls: bodies whose motion over the duration is given; of several, a node meets each. A feather that cannot be solved has a status in its batch's report, and then the other
         results mean nothing.
         """
         settings = self.settings
         run = _Run(self, states, loads, paths, duration)
-        count = self._find(run, duration)
+        count = self._find(run, duration, walls)
         touch = self._touch
         measure(touch, count, run.now)
         colours = self._colours(count)
@@ -245,7 +265,7 @@ class ContactSolver:
         """Keep the forces of the last interval for the next one."""
         remember(self._touch, self._count, self.memory)
 
-    def _find(self, run: _Run, duration: float) -> int:
+    def _find(self, run: _Run, duration: float, walls: Sequence[Wall]) -> int:
         """Search for contacts; the room for them grows until they fit."""
         settings = self.settings
         inertia = integrator_coefficients(self.solvers[0].settings.radius, duration)[0]
@@ -261,13 +281,15 @@ class ContactSolver:
             settings.margin,
             settings.recovery * duration,
             self._touch,
+            walls,
         )
         return count
 
     def _colours(self, count: int) -> list[NDArray[np.bool_]]:
         """Bodies in groups that do not touch each other, greedily; all bodies in one of them."""
         bodies = int(self.first[-1])
-        pairs = self.pairs[np.unique(self._touch.index[:count, 0])]
+        found = np.unique(self._touch.index[:count, PAIR])
+        pairs = self.pairs[found[found >= 0]]
         near: list[set[int]] = [set() for _ in range(bodies)]
         for guest, host in pairs.tolist():
             near[guest].add(host)
@@ -393,6 +415,7 @@ def list_contacts(
     margin: float,
     recovery: float,
     touch: Touch | None = None,
+    walls: Sequence[Wall] = (),
 ) -> tuple[Touch, int]:
     """Contacts of pairs (N, 2), guest and host, and how many; boxes of the scene are refitted.
 
@@ -400,9 +423,12 @@ def list_contacts(
     """
     touch = touch or _room(FIRST_ROOM)
     _refit(scene, skin)
-    limits = np.array([margin, recovery])
+    limits = np.array([margin, recovery, WALL_FIT])
     while True:
         count = int(find_contacts(pairs, order, skin, scene, memory, limits, touch))
+        for wall in walls:
+            if count <= len(touch.index):
+                count = int(find_wall_contacts(wall, skin, scene, memory, limits, touch, count))
         if count <= len(touch.index):
             return touch, count
         touch = _room(2 * count)
@@ -415,6 +441,8 @@ def _room(count: int) -> Touch:
         weight=np.zeros((count, 3)),
         normal=np.zeros((count, 3)),
         value=np.zeros((count, VALUES)),
+        place_start=np.zeros((count, 3)),
+        place_now=np.zeros((count, 3)),
         place=np.zeros(4, dtype=np.int64),
     )
 

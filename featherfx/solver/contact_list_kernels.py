@@ -51,23 +51,23 @@ def _triangle_normal(points, corner, mirror):
 
 
 @kernel
-def _offset(points, x, corner, weight):
-    """Vector from a contact's place on its host to a guest's node x (3,)."""
+def _host_place(points, corner, weight, place):
+    """Place (3,) of a contact on its host in a pose (n, P, 3)."""
     a = points[corner[0, 0], corner[0, 1]]
     b = points[corner[1, 0], corner[1, 1]]
     c = points[corner[2, 0], corner[2, 1]]
-    return (
-        x[0] - weight[0] * a[0] - weight[1] * b[0] - weight[2] * c[0],
-        x[1] - weight[0] * a[1] - weight[1] * b[1] - weight[2] * c[1],
-        x[2] - weight[0] * a[2] - weight[1] * b[2] - weight[2] * c[2],
-    )
+    for k in range(3):
+        place[k] = weight[0] * a[k] + weight[1] * b[k] + weight[2] * c[k]
 
 
 @kernel
 def _along(points, x, corner, weight, mirror):
     """Distance of a node along its host's normal, and beside it (m)."""
     nx, ny, nz = _triangle_normal(points, corner, mirror)
-    dx, dy, dz = _offset(points, x, corner, weight)
+    dx, dy, dz = x[0], x[1], x[2]
+    for q in range(3):
+        y = points[corner[q, 0], corner[q, 1]]
+        dx, dy, dz = dx - weight[q] * y[0], dy - weight[q] * y[1], dz - weight[q] * y[2]
     along = nx * dx + ny * dy + nz * dz
     sx, sy, sz = cross(nx, ny, nz, dx, dy, dz)
     return along, (sx * sx + sy * sy + sz * sz) ** 0.5
@@ -153,6 +153,7 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
         return count
     memory.side[pair, i, c] = side
     begin, _ = _along(scene.start[host], scene.start[guest, i, p], corner, weight, place[0])
+    _host_place(scene.start[host], corner, weight, touch.place_start[count])
     index, value = touch.index[count], touch.value[count]
     index[PAIR], index[ROW], index[COLUMN], index[GUEST_POINT] = pair, i, c, p
     index[GUEST], index[HOST], index[SIDE], index[MIRROR] = guest, host, side, place[0]
@@ -208,17 +209,22 @@ def find_contacts(pairs, order, skin, scene, memory, limits, touch):
 
 @kernel
 def measure(touch, count, now):
-    """Gaps and normals of the contacts in a pose now (B, n, P, 3), written to touch."""
+    """Gaps, normals and places of the contacts in a pose now (B, n, P, 3), written to touch.
+
+    Those of a wall (HOST is -1) have been there since they were found.
+    """
     for k in range(count):
-        index, corner, weight = touch.index[k], touch.corner[k], touch.weight[k]
-        host = now[index[HOST]]
-        nx, ny, nz = _triangle_normal(host, corner, index[MIRROR])
+        index, normal, value = touch.index[k], touch.normal[k], touch.value[k]
+        y = touch.place_now[k]
+        if index[HOST] >= 0:
+            host, side = now[index[HOST]], index[SIDE]
+            nx, ny, nz = _triangle_normal(host, touch.corner[k], index[MIRROR])
+            normal[0], normal[1], normal[2] = side * nx, side * ny, side * nz
+            _host_place(host, touch.corner[k], touch.weight[k], y)
         x = now[index[GUEST], index[ROW], index[GUEST_POINT]]
-        dx, dy, dz = _offset(host, x, corner, weight)
-        side = index[SIDE]
-        normal, value = touch.normal[k], touch.value[k]
-        normal[0], normal[1], normal[2] = side * nx, side * ny, side * nz
-        along = side * (nx * dx + ny * dy + nz * dz)
+        along = 0.0
+        for a in range(3):
+            along += normal[a] * (x[a] - y[a])
         value[GAP] = along - value[THICKNESS] + value[SPARED]
 
 
@@ -227,10 +233,13 @@ def update_forces(touch, count, mine):
     """Forces of the contacts after the bodies mine (B,) were solved; gaps are up to date."""
     for k in range(count):
         index, value = touch.index[k], touch.value[k]
+        wall = index[HOST] < 0
         if mine[index[GUEST]] != 0:
             push = value[HOST_FORCE] - value[GUEST_STIFFNESS] * value[GAP]
             value[GUEST_FORCE] = max(0.0, push)
-        if mine[index[HOST]] != 0:
+            if wall:
+                value[HOST_FORCE] = value[GUEST_FORCE]
+        if not wall and mine[index[HOST]] != 0:
             push = value[GUEST_FORCE] - value[HOST_STIFFNESS] * value[GAP]
             value[HOST_FORCE] = max(0.0, push)
 
@@ -251,7 +260,8 @@ def residuals(touch, count, worst):
         mismatch = abs(value[GUEST_FORCE] - value[HOST_FORCE]) / stiffness
         wrong = max(wrong, mismatch)
         worst[index[GUEST]] = max(worst[index[GUEST]], wrong)
-        worst[index[HOST]] = max(worst[index[HOST]], wrong)
+        if index[HOST] >= 0:
+            worst[index[HOST]] = max(worst[index[HOST]], wrong)
         depth = max(depth, value[SPARED] - value[GAP])
     return depth
 
@@ -260,8 +270,12 @@ def residuals(touch, count, worst):
 def remember(touch, count, memory):
     """Forces of the contacts kept for the next interval; those of all others are gone."""
     memory.force[:] = 0.0
+    memory.wall[:] = 0.0
     for k in range(count):
         index, value = touch.index[k], touch.value[k]
+        if index[HOST] < 0:
+            memory.wall[index[GUEST], index[ROW], index[COLUMN]] = value[GUEST_FORCE]
+            continue
         kept = memory.force[index[PAIR], index[ROW], index[COLUMN]]
         kept[0], kept[1] = value[GUEST_FORCE], value[HOST_FORCE]
 
@@ -274,18 +288,8 @@ def count_contacts(touch, count, mine, per_body):
         index = touch.index[k]
         if mine[index[GUEST]] != 0:
             per_body[index[GUEST]] += 1
-        if mine[index[HOST]] != 0:
+        if index[HOST] >= 0 and mine[index[HOST]] != 0:
             per_body[index[HOST]] += 3
-
-
-@kernel
-def _slip_of(touch, k, start, now):
-    """Slip of a contact's guest along its host since the interval's start."""
-    index, corner, weight = touch.index[k], touch.corner[k], touch.weight[k]
-    row, p = index[ROW], index[GUEST_POINT]
-    bx, by, bz = _offset(start[index[HOST]], start[index[GUEST], row, p], corner, weight)
-    ex, ey, ez = _offset(now[index[HOST]], now[index[GUEST], row, p], corner, weight)
-    return ex - bx, ey - by, ez - bz
 
 
 @kernel
@@ -299,17 +303,20 @@ def hand_out(touch, count, mine, at, start, now, friction, smoothing, contacts):
         index, corner, weight = touch.index[k], touch.corner[k], touch.weight[k]
         normal, value = touch.normal[k], touch.value[k]
         guest, host = index[GUEST], index[HOST]
-        ux, uy, uz = _slip_of(touch, k, start, now)
         row, p = index[ROW], index[GUEST_POINT]
+        x, begin = now[guest, row, p], start[guest, row, p]
+        old, new = touch.place_start[k], touch.place_now[k]
+        ux = x[0] - begin[0] - new[0] + old[0]
+        uy = x[1] - begin[1] - new[1] + old[1]
+        uz = x[2] - begin[2] - new[2] + old[2]
         if mine[guest] != 0:
-            x, begin = now[guest, row, p], start[guest, row, p]
             to = at[guest]
             at[guest] += 1
             _write(
                 contacts, to, row, p, 1.0, normal, x, begin, value, ux, uy, uz,
                 value[HOST_FORCE], value[GUEST_STIFFNESS], 1.0, friction, smoothing,
             )
-        if mine[host] != 0:
+        if host >= 0 and mine[host] != 0:
             for q in range(3):
                 r, m = corner[q, 0], corner[q, 1]
                 x, begin = now[host, r, m], start[host, r, m]
