@@ -71,7 +71,7 @@ def order_at_rest(pairs: Indices, rest: Array, skin: Skin, lengths: Array) -> In
 
 def _votes(pairs: Indices, rest: Array, skin: Skin, margin: float) -> Array:
     """(N, 2) per pair: sum of the guest's nodes' sides over the host, and their number."""
-    bodies, rows, strip = skin.present.shape
+    bodies, rows, _ = skin.present.shape
     scene = Scene(
         start=rest,
         ahead=rest,

@@ -30,7 +30,7 @@ from featherfx.solver.contact_list_kernels import (
     residuals,
     update_forces,
 )
-from featherfx.solver.contact_search_kernels import row_boxes
+from featherfx.solver.contact_search_kernels import RIM_PARTS, row_boxes
 from featherfx.solver.contact_wall import Wall
 from featherfx.solver.contact_wall_kernels import find_wall_contacts
 from featherfx.solver.integrator_kernels import integrator_coefficients
@@ -69,10 +69,12 @@ class ContactSettings:
 
 
 class Skin(NamedTuple):
-    """Constant surfaces of B bodies. present: (B, n, 2 m + 1), which nodes a triangle has. exists:
+    """Constant surfaces of B bodies. present: (B, n, 2 m + 1), which nodes a triangle has. guests:
+    (B, n, W) points that may touch others (contact_search_kernels.guest_point). exists:
     (B, 2, n-1, m, 2) triangles. half: (B, n, P) m, half thickness at the material points."""
 
     present: Bytes
+    guests: Bytes
     exists: Bytes
     half: Array
 
@@ -90,8 +92,8 @@ class Scene(NamedTuple):
 
 class Memory(NamedTuple):
     """What is kept between intervals, for N pairs and the nodes of their guests. force: (N, n,
-    2 m + 1, 2) N, on guest and host. side: (N, n, 2 m + 1) of the host, 0 where there is none.
-    wall: (B, n, 2 m + 1) N, forces of walls. inside: (B, n, 2 m + 1), nodes grown into one."""
+    W, 2) N, on guest and host. side: (N, n, W) of the host, 0 where there is none.
+    wall: (B, n, W) N, forces of walls. inside: (B, n, W), those grown into one."""
 
     force: Array
     side: Bytes
@@ -101,7 +103,7 @@ class Memory(NamedTuple):
 
 def no_memory(pairs: int, skin: Skin) -> Memory:
     """Nothing touched yet."""
-    bodies, rows, strip = skin.present.shape
+    bodies, rows, strip = skin.guests.shape
     return Memory(
         force=np.zeros((pairs, rows, strip, 2)),
         side=np.zeros((pairs, rows, strip), dtype=np.int8),
@@ -112,8 +114,8 @@ def no_memory(pairs: int, skin: Skin) -> Memory:
 
 class Touch(NamedTuple):
     """Room for K contacts (contact_list_kernels): index (K, 8), corner (K, 3, 2) row and material
-    point, weight (K, 3), normal (K, 3), value (K, 8), place_start and place_now (K, 3) m, of the
-    host's point; place (4,) is scratch."""
+    point, weight (K, 3), normal (K, 3), value (K, 9), place_start and place_now (K, 3) m, of the
+    host's point; place (4,), guest and guest_ahead (3,) are scratch."""
 
     index: Indices
     corner: Indices
@@ -123,6 +125,8 @@ class Touch(NamedTuple):
     place_start: Array
     place_now: Array
     place: Indices
+    guest: Array
+    guest_ahead: Array
 
 
 @dataclass(frozen=True)
@@ -160,7 +164,17 @@ def skin_of(models: Sequence[Model], halves: Sequence[float]) -> Skin:
         else:
             present[:, :, m::-1] |= node
     half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, cells + 1, 3 + 2 * m))
-    return Skin(present, exists.astype(np.int8), np.array(half, dtype=float))
+    return Skin(present, _guests(present), exists.astype(np.int8), np.array(half, dtype=float))
+
+
+def _guests(present: Bytes) -> Bytes:
+    """(B, n, W): all nodes, and points of the rims between rows that both have one."""
+    parts = []
+    for end in (0, -1):
+        rim = np.zeros(present.shape[:2], dtype=np.int8)
+        rim[:, :-1] = present[:, :-1, end] & present[:, 1:, end]
+        parts.append(np.repeat(rim[:, :, None], RIM_PARTS - 1, axis=2))
+    return np.concatenate([present, *parts], axis=2)
 
 
 def elastic_stiffness(model: Model) -> Array:
@@ -444,6 +458,8 @@ def _room(count: int) -> Touch:
         place_start=np.zeros((count, 3)),
         place_now=np.zeros((count, 3)),
         place=np.zeros(4, dtype=np.int64),
+        guest=np.zeros(3),
+        guest_ahead=np.zeros(3),
     )
 
 

@@ -16,26 +16,19 @@ from featherfx.solver.contact_search_kernels import (
     box_distance,
     boxes_apart,
     closest_point,
+    guest_place,
+    guest_point,
     nearest_node,
     side_normal,
-    strip_point,
     triangle_corners,
 )
 
 # columns of a contact's numbers: index and value
 PAIR, ROW, COLUMN, GUEST_POINT, GUEST, HOST, SIDE, MIRROR = 0, 1, 2, 3, 4, 5, 6, 7
 INTEGERS = 8
-START_GAP, GAP, THICKNESS, SPARED, GUEST_FORCE, HOST_FORCE, GUEST_STIFFNESS, HOST_STIFFNESS = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-)
-VALUES = 8
+START_GAP, GAP, THICKNESS, SPARED = 0, 1, 2, 3
+GUEST_FORCE, HOST_FORCE, GUEST_STIFFNESS, HOST_STIFFNESS, SHARE = 4, 5, 6, 7, 8
+VALUES = 9
 # how far beside its closest point, along the host, a node still meets it: thicknesses beyond an
 # edge, and a share of its height above a crease, up to so many thicknesses
 BESIDE, BESIDE_SHARE, CREASE = 1.0, 0.1, 20.0
@@ -100,10 +93,11 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
     """Add the contact of one guest's node with one host, if there is one; returns the count."""
     margin = limits[0]
     columns = skin.exists.shape[3]
-    p = strip_point(c, columns)
+    p, part = guest_point(c, columns)
     # a side known from the order needs no history, so the pose ahead is searched
     now = scene.start if order == 0 else scene.ahead
-    x = now[guest, i, p]
+    x = touch.guest
+    guest_place(now[guest], i, p, part, x)
     bounds = scene.bounds[host]
     if box_distance(x[0], x[1], x[2], bounds) > margin * margin:
         memory.side[pair, i, c] = 0
@@ -128,6 +122,7 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
     for q in range(3):
         half += weight[q] * skin.half[host, corner[q, 0], corner[q, 1]]
     thickness = half + skin.half[guest, i, p]
+    guest_place(scene.start[guest], i, p, part, x)
     height = min(abs(along), CREASE * thickness)
     if beside > BESIDE * thickness + BESIDE_SHARE * height:
         memory.side[pair, i, c] = 0
@@ -137,13 +132,14 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
         side = memory.side[pair, i, c]
         if side == 0:
             side = 1 if along >= 0.0 else -1
-        begin, end = scene.start[guest, i, p], scene.ahead[guest, i, p]
+        guest_place(scene.ahead[guest], i, p, part, touch.guest_ahead)
+        end = touch.guest_ahead
         reach += _closing(
             scene.start[host],
             scene.ahead[host],
-            end[0] - begin[0],
-            end[1] - begin[1],
-            end[2] - begin[2],
+            end[0] - x[0],
+            end[1] - x[1],
+            end[2] - x[2],
             corner,
             weight,
             place[0],
@@ -152,7 +148,7 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
         memory.side[pair, i, c] = 0
         return count
     memory.side[pair, i, c] = side
-    begin, _ = _along(scene.start[host], scene.start[guest, i, p], corner, weight, place[0])
+    begin, _ = _along(scene.start[host], x, corner, weight, place[0])
     _host_place(scene.start[host], corner, weight, touch.place_start[count])
     index, value = touch.index[count], touch.value[count]
     index[PAIR], index[ROW], index[COLUMN], index[GUEST_POINT] = pair, i, c, p
@@ -168,6 +164,7 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
         stiff += weight[q] * scene.impedance[host, corner[q, 0], corner[q, 1]]
     value[GUEST_STIFFNESS] = stiff
     value[HOST_STIFFNESS] = scene.impedance[guest, i, p]
+    value[SHARE] = part
     return count + 1
 
 
@@ -186,10 +183,13 @@ def find_contacts(pairs, order, skin, scene, memory, limits, touch):
         if boxes_apart(scene.bounds[guest], scene.bounds[host], margin):
             continue
         for i in range(skin.present.shape[1]):
-            if boxes_apart(scene.boxes[guest, i], scene.bounds[host], margin):
+            after = min(i + 1, skin.present.shape[1] - 1)
+            if boxes_apart(scene.boxes[guest, i], scene.bounds[host], margin) and boxes_apart(
+                scene.boxes[guest, after], scene.bounds[host], margin
+            ):
                 continue
-            for c in range(skin.present.shape[2]):
-                if skin.present[guest, i, c] != 0:
+            for c in range(skin.guests.shape[2]):
+                if skin.guests[guest, i, c] != 0:
                     count = _find_node(
                         pair,
                         i,
@@ -221,7 +221,8 @@ def measure(touch, count, now):
             nx, ny, nz = _triangle_normal(host, touch.corner[k], index[MIRROR])
             normal[0], normal[1], normal[2] = side * nx, side * ny, side * nz
             _host_place(host, touch.corner[k], touch.weight[k], y)
-        x = now[index[GUEST], index[ROW], index[GUEST_POINT]]
+        x = touch.guest
+        guest_place(now[index[GUEST]], index[ROW], index[GUEST_POINT], value[SHARE], x)
         along = 0.0
         for a in range(3):
             along += normal[a] * (x[a] - y[a])
@@ -287,7 +288,7 @@ def count_contacts(touch, count, mine, per_body):
     for k in range(count):
         index = touch.index[k]
         if mine[index[GUEST]] != 0:
-            per_body[index[GUEST]] += 1
+            per_body[index[GUEST]] += 1 if touch.value[k, SHARE] == 0.0 else 2
         if index[HOST] >= 0 and mine[index[HOST]] != 0:
             per_body[index[HOST]] += 3
 
@@ -304,18 +305,25 @@ def hand_out(touch, count, mine, at, start, now, friction, smoothing, contacts):
         normal, value = touch.normal[k], touch.value[k]
         guest, host = index[GUEST], index[HOST]
         row, p = index[ROW], index[GUEST_POINT]
-        x, begin = now[guest, row, p], start[guest, row, p]
+        part = value[SHARE]
+        x, begin = touch.guest_ahead, touch.guest
+        guest_place(now[guest], row, p, part, x)
+        guest_place(start[guest], row, p, part, begin)
         old, new = touch.place_start[k], touch.place_now[k]
         ux = x[0] - begin[0] - new[0] + old[0]
         uy = x[1] - begin[1] - new[1] + old[1]
         uz = x[2] - begin[2] - new[2] + old[2]
         if mine[guest] != 0:
-            to = at[guest]
-            at[guest] += 1
-            _write(
-                contacts, to, row, p, 1.0, normal, x, begin, value, ux, uy, uz,
-                value[HOST_FORCE], value[GUEST_STIFFNESS], 1.0, friction, smoothing,
-            )
+            for q in range(1 if part == 0.0 else 2):
+                r = row + q
+                x, begin = now[guest, r, p], start[guest, r, p]
+                to = at[guest]
+                at[guest] += 1
+                share = part if q == 1 else 1.0 - part
+                _write(
+                    contacts, to, r, p, 1.0, normal, x, begin, value, ux, uy, uz,
+                    value[HOST_FORCE], value[GUEST_STIFFNESS], share, friction, smoothing,
+                )
         if host >= 0 and mine[host] != 0:
             for q in range(3):
                 r, m = corner[q, 0], corner[q, 1]

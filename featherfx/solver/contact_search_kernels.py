@@ -9,6 +9,9 @@ from math import sqrt
 
 from featherfx.compiled import kernel
 
+# parts into which the rim between two rows is divided
+RIM_PARTS = 4
+
 
 @kernel
 def strip_point(column, columns):
@@ -16,6 +19,31 @@ def strip_point(column, columns):
     if column == columns:
         return 0
     return 2 + column - columns if column > columns else 2 + 2 * columns - column
+
+
+@kernel
+def guest_point(c, columns):
+    """(material point, share of the next row) of column c of a row's guests.
+
+    The first 2 m + 1 are the strip's nodes. The others lie on the trailing, then on the leading
+    rim between this row's node and the next one's, because rims that cross touch between nodes.
+    """
+    extra = c - 2 * columns - 1
+    if extra < 0:
+        return strip_point(c, columns), 0.0
+    between = RIM_PARTS - 1
+    p = 2 + 2 * columns if extra < between else 2 + columns
+    return p, (extra % between + 1.0) / RIM_PARTS
+
+
+@kernel
+def guest_place(points, i, p, share, place):
+    """Place (3,) of a guest's point in a pose (n, P, 3): row i, material point p, and share of the
+    next row."""
+    for k in range(3):
+        place[k] = points[i, p, k]
+        if share > 0.0:
+            place[k] += share * (points[i + 1, p, k] - points[i, p, k])
 
 
 @kernel

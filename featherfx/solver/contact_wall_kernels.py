@@ -23,12 +23,18 @@ from featherfx.solver.contact_list_kernels import (
     MIRROR,
     PAIR,
     ROW,
+    SHARE,
     SIDE,
     SPARED,
     START_GAP,
     THICKNESS,
 )
-from featherfx.solver.contact_search_kernels import closest_weights, side_normal, strip_point
+from featherfx.solver.contact_search_kernels import (
+    closest_weights,
+    guest_place,
+    guest_point,
+    side_normal,
+)
 
 
 @kernel
@@ -107,8 +113,10 @@ def _closest_triangle(x, points, triangles, first, items, grid, weight):
 def _meet(body, i, c, wall, skin, scene, memory, limits, touch, count):
     """Add the contact of a node with a wall, if there is one; returns the count."""
     columns = skin.exists.shape[3]
-    p = strip_point(c, columns)
-    x, weight = scene.start[body, i, p], touch.weight[count]
+    p, part = guest_point(c, columns)
+    x, weight, ahead = touch.guest, touch.weight[count], touch.guest_ahead
+    guest_place(scene.start[body], i, p, part, x)
+    guest_place(scene.ahead[body], i, p, part, ahead)
     t, square = _closest_triangle(
         x, wall.start, wall.triangles, wall.first, wall.items, wall.grid, weight
     )
@@ -131,7 +139,6 @@ def _meet(body, i, c, wall, skin, scene, memory, limits, touch, count):
     along = nx * (x[0] - old[0]) + ny * (x[1] - old[1]) + nz * (x[2] - old[2])
     thickness = 2.0 * skin.half[body, i, p]
     beside = sqrt(max(0.0, square - along * along))
-    ahead = scene.ahead[body, i, p]
     closing = 0.0
     for k in range(3):
         closing += normal[k] * (ahead[k] - x[k] - new[k] + old[k])
@@ -156,6 +163,7 @@ def _meet(body, i, c, wall, skin, scene, memory, limits, touch, count):
     value[HOST_FORCE] = memory.wall[body, i, c]
     value[GUEST_STIFFNESS] = limits[2] * scene.impedance[body, i, p]
     value[HOST_STIFFNESS] = value[GUEST_STIFFNESS]
+    value[SHARE] = part
     return count + 1
 
 
@@ -176,8 +184,8 @@ def find_wall_contacts(wall, skin, scene, memory, limits, touch, count):
         if away:
             continue
         for i in range(skin.present.shape[1]):
-            for c in range(skin.present.shape[2]):
-                if skin.present[body, i, c] == 0:
+            for c in range(skin.guests.shape[2]):
+                if skin.guests[body, i, c] == 0:
                     continue
                 if count >= touch.index.shape[0]:
                     return count + 1
