@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from featherfx.errors import SimulationError
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
+from featherfx.shot.contact_bodies import Bodies
 from featherfx.shot.contact_pairs import candidate_pairs, order_at_rest
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
@@ -99,6 +100,7 @@ class ShotContact:
         )
         self.solver = ContactSolver(solvers, pairs, sides, halves, settings)
         self.tally = Tally()
+        self._bodies = Bodies(shot, float(lengths.max()))
         self._proposal = 0.0
 
     def advance(
@@ -122,8 +124,9 @@ class ShotContact:
             left = end - time
             step = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
             stop = end if step == left else time + step
+            walls = self._bodies.walls(current, time, stop, self.solver.settings.margin)
             new, reports, contact = self.solver.interval(
-                current, loads_of(time, stop), paths_of(time, stop), stop - time
+                current, loads_of(time, stop), paths_of(time, stop), stop - time, walls
             )
             status = np.concatenate([report.status for report in reports])
             if status.any():
@@ -138,6 +141,7 @@ class ShotContact:
                 continue
             current, time = new, stop
             self.solver.accept()
+            self._bodies.begun = True
             self.tally.add(contact, step)
             parts.append(reports)
             h = shortest if steps else max(shortest, step * min(2.0, max(0.5, change)))
@@ -150,7 +154,8 @@ class ShotContact:
         for h in SETTLING:
             for number in range(SETTLING_STEPS):
                 paths = [hold_roots(state) for state in current]
-                new, reports, contact = self.solver.interval(current, loads, paths, h)
+                walls = self._bodies.walls(current, 0.0, 0.0, self.solver.settings.margin)
+                new, reports, contact = self.solver.interval(current, loads, paths, h, walls)
                 status = np.concatenate([report.status for report in reports])
                 if status.any():
                     raise_if_failed(status, np.zeros(len(status)), self.names)
@@ -159,6 +164,7 @@ class ShotContact:
                 )
                 current = [_stopped(state) for state in new]
                 self.solver.accept()
+                self._bodies.begun = True
                 if h == SETTLING[0] and number == 0:
                     self.tally.rest_depth = contact.start_depth
                 self.tally.settled_depth = contact.depth
@@ -170,6 +176,8 @@ class ShotContact:
         """Figures of the contact so far, in SI units."""
         tally = self.tally
         return {
+            "bodies": len(self.shot.colliders),
+            "nodes_grown_into_bodies": int(self.solver.memory.inside.sum()),
             "pairs": len(self.solver.pairs) // 2,
             "ordered_pairs": int(np.count_nonzero(self.solver.order)) // 2,
             "most_contacts": tally.contacts,
@@ -193,6 +201,7 @@ class ShotContact:
         for name, array in self.solver.memory._asdict().items():
             array[:] = memory[name]
         self._proposal = float(memory["step"])
+        self._bodies.begun = True
 
 
 def _stopped(state: State) -> State:

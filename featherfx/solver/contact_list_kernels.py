@@ -67,25 +67,19 @@ def _along(points, x, corner, weight, mirror):
 
 
 @kernel
-def _closing(start, end, x, y, z, corner, weight, mirror):
-    """By how much a guest at end (x, y, z) has come nearer to its host along the normal, m.
+def _closing(start, end, x, ahead, corner, weight, mirror):
+    """How far a guest goes from x to ahead (3,) along the normal of its host, against it, m.
 
-    start, end: host points (n, P, 3); the guest is given relative to its start.
+    start, end: host points (n, P, 3).
     """
     nx, ny, nz = _triangle_normal(start, corner, mirror)
-    moved = 0.0
-    for k in range(3):
-        host = 0.0
-        for q in range(3):
-            row, p = corner[q, 0], corner[q, 1]
-            host += weight[q] * (end[row, p, k] - start[row, p, k])
-        if k == 0:
-            moved += nx * (x - host)
-        elif k == 1:
-            moved += ny * (y - host)
-        else:
-            moved += nz * (z - host)
-    return abs(moved)
+    dx, dy, dz = ahead[0] - x[0], ahead[1] - x[1], ahead[2] - x[2]
+    for q in range(3):
+        old, new = start[corner[q, 0], corner[q, 1]], end[corner[q, 0], corner[q, 1]]
+        dx -= weight[q] * (new[0] - old[0])
+        dy -= weight[q] * (new[1] - old[1])
+        dz -= weight[q] * (new[2] - old[2])
+    return abs(nx * dx + ny * dy + nz * dz)
 
 
 @kernel
@@ -127,23 +121,16 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
     if beside > BESIDE * thickness + BESIDE_SHARE * height:
         memory.side[pair, i, c] = 0
         return count
-    side, reach = order, margin
-    if order == 0:
+    side = order
+    if side == 0:
         side = memory.side[pair, i, c]
-        if side == 0:
-            side = 1 if along >= 0.0 else -1
-        guest_place(scene.ahead[guest], i, p, part, touch.guest_ahead)
-        end = touch.guest_ahead
-        reach += _closing(
-            scene.start[host],
-            scene.ahead[host],
-            end[0] - x[0],
-            end[1] - x[1],
-            end[2] - x[2],
-            corner,
-            weight,
-            place[0],
-        )
+    if side == 0:
+        side = 1 if along >= 0.0 else -1
+    # bodies that collide do not go where they are headed, so their way counts as well
+    guest_place(scene.ahead[guest], i, p, part, touch.guest_ahead)
+    reach = margin + _closing(
+        scene.start[host], scene.ahead[host], x, touch.guest_ahead, corner, weight, place[0]
+    )
     if side * along - thickness > reach:
         memory.side[pair, i, c] = 0
         return count
