@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Contacts, Loads, Model
 from featherfx.solver.contact_list_kernels import (
+    GUEST_FORCE,
     INTEGERS,
     PAIR,
+    SPARED,
     VALUES,
     count_contacts,
     find_contacts,
@@ -46,7 +48,11 @@ FIRST_ROOM = 1024
 # springs of a round over the estimated stiffness of one node; of 0.5 to 8, 4 took the fewest
 # iterations in a wing beat (5.9, 4.7, 2.9, 2.3 rounds at 0.5, 1, 3, 8; stiffer ones cost Newton)
 FIT = 4.0
-# the same for a wall, which does not yield: stiffer is better until Newton suffers
+# a body whose contacts are off by less than this share of the tolerance is not solved again
+QUIET_SHARE = 0.3
+# searches for contacts in one interval: the poses at its end are not known before
+SEARCHES = 4
+# FIT for a wall, which does not yield, over that of the node
 WALL_FIT = 4.0
 
 
@@ -244,36 +250,46 @@ class ContactSolver:
         walls: bodies whose motion over the duration is given; of several, a node meets each. A feather that cannot be solved has a status in its batch's report, and then the other
         results mean nothing.
         """
-        settings = self.settings
         run = _Run(self, states, loads, paths, duration)
-        count = self._find(run, duration, walls)
-        touch = self._touch
+        rounds, depth, residual = 0, 0.0, 0.0
+        for _ in range(SEARCHES):
+            searched = run.now.copy()
+            count = self._find(run, duration, walls)
+            begun = float(self._touch.value[:count, SPARED].max(initial=0.0))
+            more, depth, residual = self._solve(run, count)
+            rounds += more
+            self._count = count
+            if run.failed() or np.abs(run.now - searched).max() < self.settings.margin:
+                break
+            # the bodies did not go where they were headed: look again where they went
+            remember(self._touch, count, self.memory)
+        force = self._touch.value[:count, GUEST_FORCE]
+        closed = int(np.count_nonzero(force > 0.0))
+        report = ContactReport(closed, rounds, run.solves, residual, depth, begun)
+        return run.new, run.reports(), report
+
+    def _solve(self, run: _Run, count: int) -> tuple[int, float, float]:
+        """Rounds of solves with the contacts found; (rounds, depth, residual)."""
+        settings, touch = self.settings, self._touch
         measure(touch, count, run.now)
         colours = self._colours(count)
-        rounds, solves, depth = 0, 0, 0.0
         worst = np.full(self.first[-1], np.inf)
-        for number in range(settings.rounds if count else 1):
-            again = worst > 0.3 * settings.tolerance
+        depth = 0.0
+        for number in range(1, settings.rounds + 1):
+            again = worst > QUIET_SHARE * settings.tolerance
             for colour in colours:
                 mine = again & colour
                 if not mine.any():
                     continue
                 run.solve(mine, self._contacts(run, count, mine))
-                solves += int(mine.sum())
                 measure(touch, count, run.now)
                 update_forces(touch, count, mine.astype(np.int8))
-            rounds = number + 1
-            if run.failed() or count == 0:
-                break
-            depth = residuals(touch, count, worst)
+            if count == 0 or run.failed():
+                return number, 0.0, 0.0
+            depth = float(residuals(touch, count, worst))
             if worst.max() < settings.tolerance:
                 break
-        self._count = count
-        begun = float(touch.value[:count, 3].max(initial=0.0))
-        closed = int(np.count_nonzero(touch.value[:count, 4] > 0.0))
-        residual = float(worst.max()) if count else 0.0
-        report = ContactReport(closed, rounds, solves, residual, float(depth), begun)
-        return run.new, run.reports(), report
+        return number, depth, float(worst.max())
 
     def accept(self) -> None:
         """Keep the forces of the last interval for the next one."""
@@ -367,6 +383,7 @@ class _Run:
         self.start = np.concatenate([state.points for state in self.old])
         velocity = np.concatenate([state.velocity for state in self.old])
         self.now = self.start + duration * velocity
+        self.solves = 0
         self._counts: list[list[StepReport]] = [[] for _ in states]
         self._seen = np.zeros(int(self.first[-1]), dtype=np.bool_)
 
@@ -384,6 +401,7 @@ class _Run:
             for current, solved in zip(self.new[g], new, strict=True):
                 current[feathers] = solved[feathers]
             self.now[low + feathers] = new.points[feathers]
+            self.solves += len(feathers)
             # the next try starts from this pose: rates that lead there
             self.old[g].spin[feathers] = new.spin[feathers]
             self.old[g].coefficient_rate[feathers] = new.coefficient_rate[feathers]

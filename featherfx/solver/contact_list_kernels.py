@@ -88,8 +88,9 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
     margin = limits[0]
     columns = skin.exists.shape[3]
     p, part = guest_point(c, columns)
-    # a side known from the order needs no history, so the pose ahead is searched
-    now = scene.start if order == 0 else scene.ahead
+    # once the side is known the pose ahead can be searched, however deep
+    known = order != 0 or memory.side[pair, i, c] != 0
+    now = scene.ahead if known else scene.start
     x = touch.guest
     guest_place(now[guest], i, p, part, x)
     bounds = scene.bounds[host]

@@ -101,3 +101,56 @@ def crossings(first: tuple[Array, Array], second: tuple[Array, Array]) -> int:
     v = np.einsum("ik,ik->i", np.cross(cut, (c - a)[t]), normal[t]) / size
     w = np.einsum("ik,ik->i", np.cross((b - a)[t], cut), normal[t]) / size
     return int(np.count_nonzero((v >= 0.0) & (w >= 0.0) & (v + w <= 1.0)))
+
+
+def surfaces(model: Model, state: State) -> list[tuple[Array, NDArray[np.int64]]]:
+    """(points, triangles) of the vanes of a batch, from the model's cells."""
+    m, found = model.columns, []
+    for f in range(model.feathers):
+        points = state.points[f]
+        triangles = []
+        for side, i, j, half in np.argwhere(model.cell_stiffness[f, ..., 0] != 0.0):
+            near = 0 if j == 0 else 2 + side * m + j
+            far = 3 + side * m + j
+            corners = [(i, near), (i, far), (i + 1, near)]
+            if half == 1:
+                corners = [(i, far), (i + 1, far), (i + 1, near)]
+            triangles.append([row * points.shape[1] + p for row, p in corners])
+        found.append((points.reshape(-1, 3), np.array(triangles)))
+    return found
+
+
+def vane_nodes(contact: ContactSolver, state: State, f: int = 0) -> Array:
+    """(k, 3) nodes of a feather that a triangle has; the calamus has none."""
+    present = contact.skin.present[f]
+    m = present.shape[1] // 2
+    points = [0 if c == m else (2 + c - m if c > m else 2 + 2 * m - c) for c in range(2 * m + 1)]
+    return state.points[f][:, points][present != 0]
+
+
+def share_above(guest: Array, host: tuple[Array, NDArray[np.int64]]) -> float:
+    """Share of nodes (k, 3) that are on the upper side of a surface, of those that are over it.
+
+    By the nearest of 21 points of every triangle and its normal; all are turned up at rest.
+    """
+    from scipy.spatial import cKDTree
+
+    points, triangles = host
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    shares = np.array([(i, j, 5 - i - j) for i in range(6) for j in range(6 - i)]) / 5.0
+    samples = np.einsum("sk,ktx->tsx", shares, np.stack([a, b, c]))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    _, found = cKDTree(samples.reshape(-1, 3)).query(guest)
+    away = guest - samples.reshape(-1, 3)[found]
+    height = np.einsum("ik,ik->i", away, normal[found // len(shares)])
+    over = np.abs(height) > 0.7 * np.linalg.norm(away, axis=1)
+    return float((height[over] > 0.0).mean())
+
+
+def turned_up(surface: tuple[Array, NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Triangles (T, 3) of a surface, each so that its normal has a positive z."""
+    points, triangles = surface
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    down = np.cross(b - a, c - a)[:, 2] < 0.0
+    return np.where(down[:, None], triangles[:, ::-1], triangles)
