@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import SimulationError
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact_bodies import Bodies
 from featherfx.shot.contact_pairs import candidate_pairs, order_at_rest
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
-from featherfx.solver.contact import ContactReport, ContactSettings, ContactSolver, skin_of
+from featherfx.solver.contact import ContactReport, ContactSettings, ContactSolver
+from featherfx.solver.contact_surfaces import skin_of
 from featherfx.solver.root_path import RootPath, hold_roots
 from featherfx.solver.state import State
 from featherfx.solver.step import Solver, StepReport, raise_if_failed
@@ -31,9 +31,11 @@ LoadsOf = Callable[[float, float], Sequence[Loads]]
 PathsOf = Callable[[float, float], Sequence[RootPath]]
 
 # a step that cannot be solved is cut to this share of the shortest regular one at least
-SMALLEST_SHARE = 1.0 / 256.0
+SMALLEST_SHARE = 1.0 / 32.0
 # a tolerable gap, and the smallest followed one, as shares of the thickness
 TOLERANCE_SHARE, MARGIN_SHARE = 0.1, 8.0
+# misfit of a step's contacts, as a share of the thickness, beyond which it is cut
+WRONG_SHARE = 0.5
 # quasi-static steps that bring layered feathers into balance, s, and the most of each
 SETTLING, SETTLING_STEPS = (0.01, 0.03, 0.1, 0.3, 1.0), 6
 
@@ -86,17 +88,19 @@ class ShotContact:
         if self.contact.thickness is not None:
             thickness[:] = self.contact.thickness
         built = [feathers[k] for k in order]
-        rest = [place(f.points, p.position, p.rotation) for f, p in zip(built, placements)]
+        rest = [
+            place(f.points, p.position, p.rotation) for f, p in zip(built, placements, strict=True)
+        ]
         lengths = np.array([f.station[-1] for f in built])
         pairs = candidate_pairs(rest, lengths)
         halves = 0.5 * thickness
         skin = skin_of([solver.model for solver in solvers], halves)
         sides = order_at_rest(pairs, np.stack(rest), skin, lengths)
-        least = float(thickness.min())
+        self._thickness = float(thickness.min())
         settings = ContactSettings(
             friction=self.contact.friction,
             margin=MARGIN_SHARE * float(thickness.max()),
-            tolerance=TOLERANCE_SHARE * least,
+            tolerance=TOLERANCE_SHARE * self._thickness,
         )
         self.solver = ContactSolver(solvers, pairs, sides, halves, settings)
         self.tally = Tally()
@@ -119,6 +123,7 @@ class ShotContact:
         steps = self.contact.steps
         shortest = duration / (steps or quality.max_substeps)
         h = shortest if steps else min(self._proposal or duration, duration)
+        smallest = SMALLEST_SHARE * shortest
         time, current, parts = start, list(states), []
         while time < end - 1e-9 * duration:
             left = end - time
@@ -131,8 +136,12 @@ class ShotContact:
             status = np.concatenate([report.status for report in reports])
             if status.any():
                 h = 0.5 * step
-                if h < SMALLEST_SHARE * shortest:
+                if h < smallest:
                     raise_if_failed(status, np.full(len(status), time), self.names)
+                continue
+            if contact.residual > WRONG_SHARE * self._thickness and step > smallest:
+                # too much happens in the step for the rounds to converge
+                h = 0.5 * step
                 continue
             error = max(float(report.error.max()) for report in reports)
             change = 0.9 * (quality.tolerance / max(error, 1e-30)) ** (1.0 / 3.0)
@@ -160,7 +169,8 @@ class ShotContact:
                 if status.any():
                     raise_if_failed(status, np.zeros(len(status)), self.names)
                 moved = max(
-                    float(np.abs(a.points - b.points).max()) for a, b in zip(new, current)
+                    float(np.abs(a.points - b.points).max())
+                    for a, b in zip(new, current, strict=True)
                 )
                 current = [_stopped(state) for state in new]
                 self.solver.accept()

@@ -27,16 +27,12 @@ class Bodies:
 
     def __init__(self, shot: Shot, longest: float) -> None:
         self._surfaces = shot.colliders
-        self._triangles = [
-            outward(surface.triangles, surface.rest) for surface in self._surfaces
-        ]
+        self._triangles = [outward(surface.triangles, surface.rest) for surface in self._surfaces]
         self._first = shot.first_frame / shot.frames_per_second
         self._depth = DEPTH_SHARE * longest
         self.begun = False
 
-    def walls(
-        self, states: Sequence[State], start: float, end: float, margin: float
-    ) -> list[Wall]:
+    def walls(self, states: Sequence[State], start: float, end: float, margin: float) -> list[Wall]:
         """The bodies from start to end, s since the first frame, for feathers in these states."""
         if not self._surfaces:
             return []

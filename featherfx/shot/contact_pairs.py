@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.solver.contact import Scene, Skin, list_contacts, no_memory
 from featherfx.solver.contact_list_kernels import PAIR, SIDE
+from featherfx.solver.contact_surfaces import Scene, Skin, list_contacts, no_memory
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -83,8 +83,8 @@ def _votes(pairs: Indices, rest: Array, skin: Skin, margin: float) -> Array:
     free = np.zeros(len(pairs), dtype=np.int64)
     touch, count = list_contacts(pairs, free, skin, scene, memory, margin, 0.0)
     votes = np.zeros((len(pairs), 2))
-    np.add.at(votes[:, 0], touch.index[:count, PAIR], touch.index[:count, SIDE])
-    np.add.at(votes[:, 1], touch.index[:count, PAIR], 1.0)
+    np.add.at(votes[:, 0], touch.who[:count, PAIR], touch.who[:count, SIDE])
+    np.add.at(votes[:, 1], touch.who[:count, PAIR], 1.0)
     return votes
 
 
@@ -101,7 +101,9 @@ def _normals_agree(pairs: Indices, rest: Array) -> Indices:
 def _through_others(pairs: Indices, order: Indices, agree: Indices) -> Indices:
     """Orders of pairs that have none, by the feathers between where all are oriented alike."""
     over: dict[int, set[int]] = {}
-    for (guest, host), side, same in zip(pairs.tolist(), order.tolist(), agree.tolist(), strict=True):
+    for (guest, host), side, same in zip(
+        pairs.tolist(), order.tolist(), agree.tolist(), strict=True
+    ):
         if side and same > 0:
             upper, lower = (guest, host) if side > 0 else (host, guest)
             over.setdefault(upper, set()).add(lower)

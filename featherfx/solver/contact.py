@@ -12,29 +12,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.mechanics.model import Contacts, Loads, Model
+from featherfx.mechanics.model import Contacts, Loads
 from featherfx.solver.contact_list_kernels import (
     GUEST_FORCE,
-    INTEGERS,
     PAIR,
     SPARED,
-    VALUES,
     count_contacts,
-    find_contacts,
     hand_out,
     measure,
     remember,
     residuals,
     update_forces,
 )
-from featherfx.solver.contact_search_kernels import RIM_PARTS, row_boxes
+from featherfx.solver.contact_surfaces import (
+    Scene,
+    elastic_stiffness,
+    list_contacts,
+    new_touch,
+    no_memory,
+    skin_of,
+)
 from featherfx.solver.contact_wall import Wall
-from featherfx.solver.contact_wall_kernels import find_wall_contacts
 from featherfx.solver.integrator_kernels import integrator_coefficients
 from featherfx.solver.root_path import RootPath
 from featherfx.solver.state import State
@@ -44,7 +46,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Bytes = NDArray[np.int8]
 
-FIRST_ROOM = 1024
 # springs of a round over the estimated stiffness of one node; of 0.5 to 8, 4 took the fewest
 # iterations in a wing beat (5.9, 4.7, 2.9, 2.3 rounds at 0.5, 1, 3, 8; stiffer ones cost Newton)
 FIT = 4.0
@@ -52,8 +53,6 @@ FIT = 4.0
 QUIET_SHARE = 0.3
 # searches for contacts in one interval: the poses at its end are not known before
 SEARCHES = 4
-# FIT for a wall, which does not yield, over that of the node
-WALL_FIT = 4.0
 
 
 @dataclass(frozen=True)
@@ -74,67 +73,6 @@ class ContactSettings:
     recovery: float = 0.1
 
 
-class Skin(NamedTuple):
-    """Constant surfaces of B bodies. present: (B, n, 2 m + 1), which nodes a triangle has. guests:
-    (B, n, W) points that may touch others (contact_search_kernels.guest_point). exists:
-    (B, 2, n-1, m, 2) triangles. half: (B, n, P) m, half thickness at the material points."""
-
-    present: Bytes
-    guests: Bytes
-    exists: Bytes
-    half: Array
-
-
-class Scene(NamedTuple):
-    """B bodies in an interval. start: (B, n, P, 3) m, its begin; ahead: where they will be about
-    its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, P) N/m."""
-
-    start: Array
-    ahead: Array
-    boxes: Array
-    bounds: Array
-    impedance: Array
-
-
-class Memory(NamedTuple):
-    """What is kept between intervals, for N pairs and the nodes of their guests. force: (N, n,
-    W, 2) N, on guest and host. side: (N, n, W) of the host, 0 where there is none.
-    wall: (B, n, W) N, forces of walls. inside: (B, n, W), those grown into one."""
-
-    force: Array
-    side: Bytes
-    wall: Array
-    inside: Bytes
-
-
-def no_memory(pairs: int, skin: Skin) -> Memory:
-    """Nothing touched yet."""
-    bodies, rows, strip = skin.guests.shape
-    return Memory(
-        force=np.zeros((pairs, rows, strip, 2)),
-        side=np.zeros((pairs, rows, strip), dtype=np.int8),
-        wall=np.zeros((bodies, rows, strip)),
-        inside=np.zeros((bodies, rows, strip), dtype=np.int8),
-    )
-
-
-class Touch(NamedTuple):
-    """Room for K contacts (contact_list_kernels): index (K, 8), corner (K, 3, 2) row and material
-    point, weight (K, 3), normal (K, 3), value (K, 9), place_start and place_now (K, 3) m, of the
-    host's point; place (4,), guest and guest_ahead (3,) are scratch."""
-
-    index: Indices
-    corner: Indices
-    weight: Array
-    normal: Array
-    value: Array
-    place_start: Array
-    place_now: Array
-    place: Indices
-    guest: Array
-    guest_ahead: Array
-
-
 @dataclass(frozen=True)
 class ContactReport:
     """What an interval took.
@@ -153,61 +91,6 @@ class ContactReport:
     start_depth: float
 
 
-def skin_of(models: Sequence[Model], halves: Sequence[float]) -> Skin:
-    """Surfaces of all feathers of some batches. halves: m, half thickness of each body's vane."""
-    exists = np.concatenate([model.cell_stiffness[..., 0] != 0.0 for model in models])
-    bodies, _, cells, m, _ = exists.shape
-    present = np.zeros((bodies, cells + 1, 2 * m + 1), dtype=np.int8)
-    for side in range(2):
-        node = np.zeros((bodies, cells + 1, m + 1), dtype=bool)
-        first, second = exists[:, side, :, :, 0], exists[:, side, :, :, 1]
-        node[:, :-1, :-1] |= first
-        node[:, :-1, 1:] |= first | second
-        node[:, 1:, :-1] |= first | second
-        node[:, 1:, 1:] |= second
-        if side == 0:
-            present[:, :, m:] |= node
-        else:
-            present[:, :, m::-1] |= node
-    half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, cells + 1, 3 + 2 * m))
-    return Skin(present, _guests(present), exists.astype(np.int8), np.array(half, dtype=float))
-
-
-def _guests(present: Bytes) -> Bytes:
-    """(B, n, W): all nodes, and points of the rims between rows that both have one."""
-    parts = []
-    for end in (0, -1):
-        rim = np.zeros(present.shape[:2], dtype=np.int8)
-        rim[:, :-1] = present[:, :-1, end] & present[:, 1:, end]
-        parts.append(np.repeat(rim[:, :, None], RIM_PARTS - 1, axis=2))
-    return np.concatenate([present, *parts], axis=2)
-
-
-def elastic_stiffness(model: Model) -> Array:
-    """(F, n, P) N/m, how stiff a feather is at its nodes, apart from inertia.
-
-    Between that of a single force, 3 B / s^3 on a barb at s from its root, and that of a force on
-    all nodes of the barb, 8 B / (L^3 m): their geometric mean; shaft and barb in series.
-    """
-    m, count = model.columns, model.coefficients
-    station = np.cumsum(model.length, axis=1)
-    bending = (model.rachis_stiffness[:, :, 4:] * model.length[:, :, None]).min(axis=2)
-    shaft = np.full(model.mass.shape[:2], np.inf)
-    shaft[:, 1:] = 3.0 * bending[:, :1] / station**3
-    stiffness = np.repeat(shaft[:, :, None], 3 + 2 * m, axis=2)
-    if m and count:
-        length = model.segment * m
-        root = model.barb_stiffness[..., 0] / np.where(length > 0.0, length, np.inf) ** 2
-        nodes = np.arange(1, m + 1)
-        barb = np.sqrt(24.0 * m**2 / nodes**3) * root[..., None]
-        for side in range(2):
-            part = stiffness[:, :, 3 + side * m : 3 + (side + 1) * m]
-            soft = barb[:, side]
-            with np.errstate(divide="ignore"):
-                part[...] = 1.0 / (1.0 / part + 1.0 / soft)
-    return np.where(np.isfinite(stiffness), stiffness, 0.0)
-
-
 class ContactSolver:
     """Steps several batches together; keeps the contact forces from interval to interval.
 
@@ -221,7 +104,7 @@ class ContactSolver:
         solvers: Sequence[Solver],
         pairs: Indices,
         order: Indices,
-        halves: Sequence[float],
+        halves: Sequence[float] | Array,
         settings: ContactSettings,
     ) -> None:
         self.solvers, self.settings = tuple(solvers), settings
@@ -234,7 +117,7 @@ class ContactSolver:
         bodies, rows, _ = self.skin.present.shape
         self.memory = no_memory(len(self.pairs), self.skin)
         self._boxes = np.zeros((bodies, rows, 6)), np.zeros((bodies, 6))
-        self._touch = _room(FIRST_ROOM)
+        self._touch = new_touch()
         self._count = 0
 
     def interval(
@@ -247,7 +130,8 @@ class ContactSolver:
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
 
-        walls: bodies whose motion over the duration is given; of several, a node meets each. A feather that cannot be solved has a status in its batch's report, and then the other
+        walls: bodies whose motion over the duration is given; of several, a node meets each.
+        A feather that cannot be solved has a status in its batch's report, and then the other
         results mean nothing.
         """
         run = _Run(self, states, loads, paths, duration)
@@ -318,7 +202,7 @@ class ContactSolver:
     def _colours(self, count: int) -> list[NDArray[np.bool_]]:
         """Bodies in groups that do not touch each other, greedily; all bodies in one of them."""
         bodies = int(self.first[-1])
-        found = np.unique(self._touch.index[:count, PAIR])
+        found = np.unique(self._touch.who[:count, PAIR])
         pairs = self.pairs[found[found >= 0]]
         near: list[set[int]] = [set() for _ in range(bodies)]
         for guest, host in pairs.tolist():
@@ -412,8 +296,10 @@ class _Run:
 
     def reports(self) -> list[StepReport]:
         """Per batch, all solves of the interval as one report: counts add, the last error holds."""
-        return [_joined(parts, solver.model.feathers) for parts, solver in zip(
-            self._counts, self.solvers, strict=True)]
+        return [
+            _joined(parts, solver.model.feathers)
+            for parts, solver in zip(self._counts, self.solvers, strict=True)
+        ]
 
 
 def _only(report: StepReport, feathers: Indices) -> StepReport:
@@ -436,57 +322,3 @@ def _joined(parts: Sequence[StepReport], count: int) -> StepReport:
             total[name] = np.where(solved, getattr(part, name), total[name])
         total["status"] = np.maximum(total["status"], part.status)
     return replace(StepReport(**total))
-
-
-def list_contacts(
-    pairs: Indices,
-    order: Indices,
-    skin: Skin,
-    scene: Scene,
-    memory: Memory,
-    margin: float,
-    recovery: float,
-    touch: Touch | None = None,
-    walls: Sequence[Wall] = (),
-) -> tuple[Touch, int]:
-    """Contacts of pairs (N, 2), guest and host, and how many; boxes of the scene are refitted.
-
-    order, margin, touch as in ContactSolver. recovery: m, that a depth is reduced by.
-    """
-    touch = touch or _room(FIRST_ROOM)
-    _refit(scene, skin)
-    limits = np.array([margin, recovery, WALL_FIT])
-    while True:
-        count = int(find_contacts(pairs, order, skin, scene, memory, limits, touch))
-        for wall in walls:
-            if count <= len(touch.index):
-                count = int(find_wall_contacts(wall, skin, scene, memory, limits, touch, count))
-        if count <= len(touch.index):
-            return touch, count
-        touch = _room(2 * count)
-
-
-def _room(count: int) -> Touch:
-    return Touch(
-        index=np.zeros((count, INTEGERS), dtype=np.int64),
-        corner=np.zeros((count, 3, 2), dtype=np.int64),
-        weight=np.zeros((count, 3)),
-        normal=np.zeros((count, 3)),
-        value=np.zeros((count, VALUES)),
-        place_start=np.zeros((count, 3)),
-        place_now=np.zeros((count, 3)),
-        place=np.zeros(4, dtype=np.int64),
-        guest=np.zeros(3),
-        guest_ahead=np.zeros(3),
-    )
-
-
-def _refit(scene: Scene, skin: Skin) -> None:
-    """Boxes around each body's rows at both ends of the interval."""
-    boxes, bounds = np.zeros_like(scene.boxes), np.zeros_like(scene.bounds)
-    for body in range(len(scene.start)):
-        row_boxes(scene.start[body], skin.present[body], boxes[body], bounds[body])
-        row_boxes(scene.ahead[body], skin.present[body], scene.boxes[body], scene.bounds[body])
-    for mine, other in ((scene.boxes, boxes), (scene.bounds, bounds)):
-        np.minimum(mine[..., :3], other[..., :3], out=mine[..., :3])
-        np.maximum(mine[..., 3:], other[..., 3:], out=mine[..., 3:])

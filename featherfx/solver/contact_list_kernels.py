@@ -1,4 +1,4 @@
-"""The contacts of an interval: found, measured, handed to the feathers, and their forces.
+"""The contacts of an interval: measured, handed to the feathers, and their forces.
 
 A contact presses a node of one vane (the guest) against a point of a triangle of another (the
 host). Its gap is counted along the host's normal n on the side s = 1 or -1 where the guest belongs:
@@ -10,18 +10,7 @@ that a feather that slipped through comes back at a limited speed instead of bei
 """
 
 from featherfx.compiled import kernel
-from featherfx.mechanics.rotations_kernels import cross
-from featherfx.solver.contact_search_kernels import (
-    barb_point,
-    box_distance,
-    boxes_apart,
-    closest_point,
-    guest_place,
-    guest_point,
-    nearest_node,
-    side_normal,
-    triangle_corners,
-)
+from featherfx.solver.contact_search_kernels import guest_place, side_normal
 
 # columns of a contact's numbers: index and value
 PAIR, ROW, COLUMN, GUEST_POINT, GUEST, HOST, SIDE, MIRROR = 0, 1, 2, 3, 4, 5, 6, 7
@@ -29,13 +18,10 @@ INTEGERS = 8
 START_GAP, GAP, THICKNESS, SPARED = 0, 1, 2, 3
 GUEST_FORCE, HOST_FORCE, GUEST_STIFFNESS, HOST_STIFFNESS, SHARE = 4, 5, 6, 7, 8
 VALUES = 9
-# how far beside its closest point, along the host, a node still meets it: thicknesses beyond an
-# edge, and a share of its height above a crease, up to so many thicknesses
-BESIDE, BESIDE_SHARE, CREASE = 1.0, 0.1, 20.0
 
 
 @kernel
-def _triangle_normal(points, corner, mirror):
+def triangle_normal(points, corner, mirror):
     """Unit normal of a contact's triangle in a pose (n, P, 3)."""
     a = points[corner[0, 0], corner[0, 1]]
     b = points[corner[1, 0], corner[1, 1]]
@@ -44,7 +30,7 @@ def _triangle_normal(points, corner, mirror):
 
 
 @kernel
-def _host_place(points, corner, weight, place):
+def host_place(points, corner, weight, place):
     """Place (3,) of a contact on its host in a pose (n, P, 3)."""
     a = points[corner[0, 0], corner[0, 1]]
     b = points[corner[1, 0], corner[1, 1]]
@@ -54,161 +40,19 @@ def _host_place(points, corner, weight, place):
 
 
 @kernel
-def _along(points, x, corner, weight, mirror):
-    """Distance of a node along its host's normal, and beside it (m)."""
-    nx, ny, nz = _triangle_normal(points, corner, mirror)
-    dx, dy, dz = x[0], x[1], x[2]
-    for q in range(3):
-        y = points[corner[q, 0], corner[q, 1]]
-        dx, dy, dz = dx - weight[q] * y[0], dy - weight[q] * y[1], dz - weight[q] * y[2]
-    along = nx * dx + ny * dy + nz * dz
-    sx, sy, sz = cross(nx, ny, nz, dx, dy, dz)
-    return along, (sx * sx + sy * sy + sz * sz) ** 0.5
-
-
-@kernel
-def _closing(start, end, x, ahead, corner, weight, mirror):
-    """How far a guest goes from x to ahead (3,) along the normal of its host, against it, m.
-
-    start, end: host points (n, P, 3).
-    """
-    nx, ny, nz = _triangle_normal(start, corner, mirror)
-    dx, dy, dz = ahead[0] - x[0], ahead[1] - x[1], ahead[2] - x[2]
-    for q in range(3):
-        old, new = start[corner[q, 0], corner[q, 1]], end[corner[q, 0], corner[q, 1]]
-        dx -= weight[q] * (new[0] - old[0])
-        dy -= weight[q] * (new[1] - old[1])
-        dz -= weight[q] * (new[2] - old[2])
-    return abs(nx * dx + ny * dy + nz * dz)
-
-
-@kernel
-def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touch, count):
-    """Add the contact of one guest's node with one host, if there is one; returns the count."""
-    margin = limits[0]
-    columns = skin.exists.shape[3]
-    p, part = guest_point(c, columns)
-    # once the side is known the pose ahead can be searched, however deep
-    known = order != 0 or memory.side[pair, i, c] != 0
-    now = scene.ahead if known else scene.start
-    x = touch.guest
-    guest_place(now[guest], i, p, part, x)
-    bounds = scene.bounds[host]
-    if box_distance(x[0], x[1], x[2], bounds) > margin * margin:
-        memory.side[pair, i, c] = 0
-        return count
-    row, column = nearest_node(
-        x[0], x[1], x[2], now[host], skin.present[host], scene.boxes[host], -1, -1
-    )
-    if row < 0 or count >= touch.index.shape[0]:
-        return count + (1 if row >= 0 else 0)
-    place, weight, corner = touch.place, touch.weight[count], touch.corner[count]
-    closest_point(
-        x[0], x[1], x[2], now[host], skin.exists[host], row, column, place, weight
-    )
-    if place[0] < 0:
-        return count
-    ia, na, ib, nb, ic, nc = triangle_corners(place[0], place[1], place[2], place[3])
-    corner[0, 0], corner[0, 1] = ia, barb_point(place[0], na, columns)
-    corner[1, 0], corner[1, 1] = ib, barb_point(place[0], nb, columns)
-    corner[2, 0], corner[2, 1] = ic, barb_point(place[0], nc, columns)
-    along, beside = _along(now[host], x, corner, weight, place[0])
-    half = 0.0
-    for q in range(3):
-        half += weight[q] * skin.half[host, corner[q, 0], corner[q, 1]]
-    thickness = half + skin.half[guest, i, p]
-    guest_place(scene.start[guest], i, p, part, x)
-    height = min(abs(along), CREASE * thickness)
-    if beside > BESIDE * thickness + BESIDE_SHARE * height:
-        memory.side[pair, i, c] = 0
-        return count
-    side = order
-    if side == 0:
-        side = memory.side[pair, i, c]
-    if side == 0:
-        side = 1 if along >= 0.0 else -1
-    # bodies that collide do not go where they are headed, so their way counts as well
-    guest_place(scene.ahead[guest], i, p, part, touch.guest_ahead)
-    reach = margin + _closing(
-        scene.start[host], scene.ahead[host], x, touch.guest_ahead, corner, weight, place[0]
-    )
-    if side * along - thickness > reach:
-        memory.side[pair, i, c] = 0
-        return count
-    memory.side[pair, i, c] = side
-    begin, _ = _along(scene.start[host], x, corner, weight, place[0])
-    _host_place(scene.start[host], corner, weight, touch.place_start[count])
-    index, value = touch.index[count], touch.value[count]
-    index[PAIR], index[ROW], index[COLUMN], index[GUEST_POINT] = pair, i, c, p
-    index[GUEST], index[HOST], index[SIDE], index[MIRROR] = guest, host, side, place[0]
-    depth = max(0.0, thickness - side * begin)
-    value[START_GAP] = side * begin - thickness + depth
-    value[THICKNESS] = thickness
-    value[SPARED] = max(0.0, depth - limits[1])
-    value[GUEST_FORCE] = memory.force[pair, i, c, 0]
-    value[HOST_FORCE] = memory.force[pair, i, c, 1]
-    stiff = 0.0
-    for q in range(3):
-        stiff += weight[q] * scene.impedance[host, corner[q, 0], corner[q, 1]]
-    value[GUEST_STIFFNESS] = stiff
-    value[HOST_STIFFNESS] = scene.impedance[guest, i, p]
-    value[SHARE] = part
-    return count + 1
-
-
-@kernel
-def find_contacts(pairs, order, skin, scene, memory, limits, touch):
-    """Contacts of all pairs (N, 2) guest and host, written to touch; returns how many there are.
-
-    order: (N,) side of the host where the guest belongs, 0 for where it is. limits: (2,) m, gap
-    below which a node is followed, and way that a depth may be reduced by. More than touch has
-    room for: only their number is right.
-    """
-    count = 0
-    margin = limits[0]
-    for pair in range(pairs.shape[0]):
-        guest, host = pairs[pair, 0], pairs[pair, 1]
-        if boxes_apart(scene.bounds[guest], scene.bounds[host], margin):
-            continue
-        for i in range(skin.present.shape[1]):
-            after = min(i + 1, skin.present.shape[1] - 1)
-            if boxes_apart(scene.boxes[guest, i], scene.bounds[host], margin) and boxes_apart(
-                scene.boxes[guest, after], scene.bounds[host], margin
-            ):
-                continue
-            for c in range(skin.guests.shape[2]):
-                if skin.guests[guest, i, c] != 0:
-                    count = _find_node(
-                        pair,
-                        i,
-                        c,
-                        guest,
-                        host,
-                        order[pair],
-                        skin,
-                        scene,
-                        memory,
-                        limits,
-                        touch,
-                        count,
-                    )
-    return count
-
-
-@kernel
 def measure(touch, count, now):
     """Gaps, normals and places of the contacts in a pose now (B, n, P, 3), written to touch.
 
     Those of a wall (HOST is -1) have been there since they were found.
     """
     for k in range(count):
-        index, normal, value = touch.index[k], touch.normal[k], touch.value[k]
+        index, normal, value = touch.who[k], touch.normal[k], touch.value[k]
         y = touch.place_now[k]
         if index[HOST] >= 0:
             host, side = now[index[HOST]], index[SIDE]
-            nx, ny, nz = _triangle_normal(host, touch.corner[k], index[MIRROR])
+            nx, ny, nz = triangle_normal(host, touch.corner[k], index[MIRROR])
             normal[0], normal[1], normal[2] = side * nx, side * ny, side * nz
-            _host_place(host, touch.corner[k], touch.weight[k], y)
+            host_place(host, touch.corner[k], touch.weight[k], y)
         x = touch.guest
         guest_place(now[index[GUEST]], index[ROW], index[GUEST_POINT], value[SHARE], x)
         along = 0.0
@@ -221,7 +65,7 @@ def measure(touch, count, now):
 def update_forces(touch, count, mine):
     """Forces of the contacts after the bodies mine (B,) were solved; gaps are up to date."""
     for k in range(count):
-        index, value = touch.index[k], touch.value[k]
+        index, value = touch.who[k], touch.value[k]
         wall = index[HOST] < 0
         if mine[index[GUEST]] != 0:
             push = value[HOST_FORCE] - value[GUEST_STIFFNESS] * value[GAP]
@@ -242,7 +86,7 @@ def residuals(touch, count, worst):
     worst[:] = 0.0
     depth = 0.0
     for k in range(count):
-        index, value = touch.index[k], touch.value[k]
+        index, value = touch.who[k], touch.value[k]
         force = min(value[GUEST_FORCE], value[HOST_FORCE])
         stiffness = max(value[GUEST_STIFFNESS], value[HOST_STIFFNESS])
         wrong = abs(min(value[GAP], force / stiffness))
@@ -261,7 +105,7 @@ def remember(touch, count, memory):
     memory.force[:] = 0.0
     memory.wall[:] = 0.0
     for k in range(count):
-        index, value = touch.index[k], touch.value[k]
+        index, value = touch.who[k], touch.value[k]
         if index[HOST] < 0:
             memory.wall[index[GUEST], index[ROW], index[COLUMN]] = value[GUEST_FORCE]
             continue
@@ -274,7 +118,7 @@ def count_contacts(touch, count, mine, per_body):
     """How many plane contacts each of the bodies mine (B,) gets, to per_body (B,)."""
     per_body[:] = 0
     for k in range(count):
-        index = touch.index[k]
+        index = touch.who[k]
         if mine[index[GUEST]] != 0:
             per_body[index[GUEST]] += 1 if touch.value[k, SHARE] == 0.0 else 2
         if index[HOST] >= 0 and mine[index[HOST]] != 0:
@@ -289,7 +133,7 @@ def hand_out(touch, count, mine, at, start, now, friction, smoothing, contacts):
     coefficient. smoothing: m. at is advanced.
     """
     for k in range(count):
-        index, corner, weight = touch.index[k], touch.corner[k], touch.weight[k]
+        index, corner, weight = touch.who[k], touch.corner[k], touch.weight[k]
         normal, value = touch.normal[k], touch.value[k]
         guest, host = index[GUEST], index[HOST]
         row, p = index[ROW], index[GUEST_POINT]
@@ -309,8 +153,23 @@ def hand_out(touch, count, mine, at, start, now, friction, smoothing, contacts):
                 at[guest] += 1
                 share = part if q == 1 else 1.0 - part
                 _write(
-                    contacts, to, r, p, 1.0, normal, x, begin, value, ux, uy, uz,
-                    value[HOST_FORCE], value[GUEST_STIFFNESS], share, friction, smoothing,
+                    contacts,
+                    to,
+                    r,
+                    p,
+                    1.0,
+                    normal,
+                    x,
+                    begin,
+                    value,
+                    ux,
+                    uy,
+                    uz,
+                    value[HOST_FORCE],
+                    value[GUEST_STIFFNESS],
+                    share,
+                    friction,
+                    smoothing,
                 )
         if host >= 0 and mine[host] != 0:
             for q in range(3):
@@ -319,15 +178,45 @@ def hand_out(touch, count, mine, at, start, now, friction, smoothing, contacts):
                 to = at[host]
                 at[host] += 1
                 _write(
-                    contacts, to, r, m, -1.0, normal, x, begin, value, -ux, -uy, -uz,
-                    value[GUEST_FORCE], value[HOST_STIFFNESS], weight[q], friction, smoothing,
+                    contacts,
+                    to,
+                    r,
+                    m,
+                    -1.0,
+                    normal,
+                    x,
+                    begin,
+                    value,
+                    -ux,
+                    -uy,
+                    -uz,
+                    value[GUEST_FORCE],
+                    value[HOST_STIFFNESS],
+                    weight[q],
+                    friction,
+                    smoothing,
                 )
 
 
 @kernel
 def _write(
-    contacts, to, row, p, sign, normal, x, begin, value, ux, uy, uz, force, stiffness, weight,
-    friction, smoothing,
+    contacts,
+    to,
+    row,
+    p,
+    sign,
+    normal,
+    x,
+    begin,
+    value,
+    ux,
+    uy,
+    uz,
+    force,
+    stiffness,
+    weight,
+    friction,
+    smoothing,
 ):
     """One plane contact: at the point x the gap is the contact's gap and the slip its slip."""
     contacts.node[to, 0], contacts.node[to, 1] = row, p

@@ -63,7 +63,9 @@ def wall_of(
 
 def outward(triangles: Indices, points: Array) -> Indices:
     """Triangles (T, 3), turned round where they close a body (V, 3) inside out."""
-    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]))
+    edges = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    )
     _, uses = np.unique(edges, axis=0, return_counts=True)
     a, b, c = (points[triangles[:, k]] for k in range(3))
     volume = np.einsum("tk,tk->", a, np.cross(b, c))

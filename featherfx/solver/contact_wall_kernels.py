@@ -8,11 +8,9 @@ lists those that come within reach of it. Outside is where the triangle's normal
 from math import floor, sqrt
 
 from featherfx.compiled import kernel
+from featherfx.solver.contact_find_kernels import BESIDE, BESIDE_SHARE, CREASE
 from featherfx.solver.contact_list_kernels import (
-    BESIDE,
-    BESIDE_SHARE,
     COLUMN,
-    CREASE,
     GUEST,
     GUEST_FORCE,
     GUEST_POINT,
@@ -72,8 +70,8 @@ def _cells(points, triangles, grid, places, items, filling):
 def _range(points, corners, axis, origin, edge, reach, cubes):
     """First and last cube along an axis that a triangle comes within reach of."""
     a, b, c = points[corners[0], axis], points[corners[1], axis], points[corners[2], axis]
-    low = int(floor((min(a, min(b, c)) - reach - origin) / edge))
-    high = int(floor((max(a, max(b, c)) + reach - origin) / edge))
+    low = floor((min(a, min(b, c)) - reach - origin) / edge)
+    high = floor((max(a, max(b, c)) + reach - origin) / edge)
     return max(low, 0), min(high, cubes - 1)
 
 
@@ -85,7 +83,7 @@ def _closest_triangle(x, points, triangles, first, items, grid, weight):
     """
     cube = 0
     for axis in range(3):
-        place = int(floor((x[axis] - grid[axis]) / grid[3]))
+        place = floor((x[axis] - grid[axis]) / grid[3])
         if place < 0 or place >= int(grid[5 + axis]):
             return -1, 0.0
         cube = cube * int(grid[5 + axis]) + place
@@ -152,7 +150,7 @@ def _meet(body, i, c, wall, skin, scene, memory, limits, touch, count):
         return count
     if along - thickness > limits[0] + abs(closing) or memory.inside[body, i, c] != 0:
         return count
-    index, value = touch.index[count], touch.value[count]
+    index, value = touch.who[count], touch.value[count]
     index[PAIR], index[ROW], index[COLUMN], index[GUEST_POINT] = -1, i, c, p
     index[GUEST], index[HOST], index[SIDE], index[MIRROR] = body, -1, 1, 0
     depth = max(0.0, thickness - along)
@@ -187,7 +185,7 @@ def find_wall_contacts(wall, skin, scene, memory, limits, touch, count):
             for c in range(skin.guests.shape[2]):
                 if skin.guests[body, i, c] == 0:
                     continue
-                if count >= touch.index.shape[0]:
+                if count >= touch.who.shape[0]:
                     return count + 1
                 count = _meet(body, i, c, wall, skin, scene, memory, limits, touch, count)
     return count

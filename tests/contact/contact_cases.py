@@ -1,4 +1,4 @@
-"""Feathers that fall on walls and on each other, and measures that share no line with the solver."""
+"""Feathers on walls and on each other, and measures that share no line with the solver."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def velocity_of(model: Model, state: State) -> Array:
 def crossings(first: tuple[Array, Array], second: tuple[Array, Array]) -> int:
     """How many edges of one surface (points (V, 3), triangles (T, 3)) pierce the other's triangles.
 
-    Each edge is cut with each triangle's plane, and the cut is looked up in barycentric coordinates.
+    Each edge is cut with each triangle's plane; the cut is looked up in barycentric coordinates.
     """
     points, triangles = first
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])

@@ -100,11 +100,13 @@ def test_a_point_on_the_plane_is_pushed_by_the_force_it_was_given():
 def test_friction_sets_in_smoothly_and_ends_at_its_bound():
     for smoothing in (1e-5, 0.1):
         for slip in np.linspace(0.01, 3.0, 40) * smoothing:
-            value, slope, ratio, second = friction_potential(slip, smoothing)
+            _, slope, ratio, second = friction_potential(slip, smoothing)
             step = 1e-5 * smoothing
             ahead = friction_potential(slip + step, smoothing)
             behind = friction_potential(slip - step, smoothing)
             assert slope == pytest.approx((ahead[0] - behind[0]) / (2 * step), rel=1e-6)
-            assert second == pytest.approx((ahead[1] - behind[1]) / (2 * step), abs=1e-4 / smoothing)
+            assert second == pytest.approx(
+                (ahead[1] - behind[1]) / (2 * step), abs=1e-4 / smoothing
+            )
             assert ratio == pytest.approx(slope / slip)
             assert slope == 1.0 if slip >= smoothing else 0.0 < slope < 1.0

@@ -103,7 +103,7 @@ def test_a_feather_that_slipped_through_comes_back_at_the_recovery_speed():
     model, state = free_feathers("swan_primary", [[0, 0, 0], [0.0, 0.0, -0.003]], **GRID)
     contact = solver_of(model, PAIR, ORDERED, rounds=30, recovery=0.1)
     heights, step = [], 2e-3
-    for new, report in run(contact, state, step, 25):
+    for new, _ in run(contact, state, step, 25):
         heights.append(float((new.points[1, :, 0, 2] - new.points[0, :, 0, 2]).mean()))
         assert np.abs(new.velocity[:, :, 0]).max() < 1.0
     # both feathers yield, and one that is pushed goes on

@@ -70,7 +70,7 @@ def test_a_wall_that_strikes_drives_the_feather_before_it(speed):
     height = 0.0
     for _ in range(40):
         shift = np.array([0.0, 0.0, speed * step])
-        start = FLOOR + (0.0, 0.0, height)
+        start = FLOOR + np.array([0.0, 0.0, height])
         wall = wall_of(start, start + shift, HALVES, 0.02 + 3.0 * speed * step)
         ((state, _),) = run(contact, state, step, 1, walls=[wall])
         height += speed * step
@@ -105,15 +105,16 @@ def test_what_is_inside_a_body_at_first_is_left_alone_until_it_comes_out():
     nodes = positions_of(state)[0][:, 2]
     level = float(np.median(nodes))
     contact = solver_of(model)
-    wall = wall_of(FLOOR + (0, 0, level), FLOOR + (0, 0, level), HALVES, 0.05, True)
+    raised = FLOOR + np.array([0.0, 0.0, level])
+    wall = wall_of(raised, raised, HALVES, 0.05, True)
     ((after, _),) = run(contact, state, 1e-3, 1, walls=[wall])
     assert contact.memory.inside.sum() > 5
-    index = contact._touch.index[: contact._count]
+    index = contact._touch.who[: contact._count]
     assert len(index) > 0  # those just above the wall do touch it
     assert not contact.memory.inside[0, index[:, ROW], index[:, COLUMN]].any()
     assert np.abs(after.velocity).max() < 1.0
     # the wall is taken away and comes back below: the nodes count again
-    gone = wall_of(FLOOR - (0, 0, 1.0), FLOOR - (0, 0, 1.0), HALVES, 0.05)
+    gone = wall_of(FLOOR - 1.0, FLOOR - 1.0, HALVES, 0.05)
     list(run(contact, after, 1e-3, 1, walls=[gone]))
     assert contact.memory.inside.sum() == 0
 
