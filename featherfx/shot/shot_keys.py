@@ -106,7 +106,7 @@ SHOT = {
         Flag(), "Whether feathers hang in balance at the first frame, instead of at rest.", True
     ),
     "wind_usd": Key(Table(WIND_USD, "table"), "Wind of a USD scene, added to `wind`.", None),
-    "contact": Key(Table(CONTACT, "table"), "Contact of feathers with each other.", None),
+    "contact": Key(Table(CONTACT, "table"), "Contact of feathers with each other and with the colliders.", None),
     "collider": Key(Array(Table(COLLIDER, "table"), 0, 10_000), "Meshes of USD scenes.", ()),
     "grip": Key(Array(Table(GRIP, "table"), 0, 10_000), "Points led along a path.", ()),
 }

@@ -98,8 +98,8 @@ class Shot:
     """All that a bake needs. frames: first and last, inclusive. gravity: (3,) m/s^2.
 
     skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
-    wind. colliders: meshes; the solver has no contact with them yet. contact: None: feathers pass
-    through each other.
+    wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
+    through each other and through colliders.
     """
 
     name: str
