@@ -30,7 +30,7 @@ def read_groom(path: str | Path, preset_folders: Folders = ()) -> Groom:
     """
     from featherfx.groom import read
 
-    return read.read_groom(path, preset_folders, scene_readers().feathers)
+    return read.read_groom(path, preset_folders, scene_readers())
 
 
 def read_shot(path: str | Path, preset_folders: Folders = ()) -> Shot:
@@ -96,6 +96,11 @@ def scene_readers() -> SceneReaders:
 
         return read_feathers(*arguments)
 
+    def skin(*arguments: Any) -> Any:
+        from featherfx.usd.skin_source import read_skin
+
+        return read_skin(*arguments)
+
     def meshes(*arguments: Any) -> Any:
         from featherfx.usd.read_scenes import open_meshes
 
@@ -106,4 +111,4 @@ def scene_readers() -> SceneReaders:
 
         return open_wind(*arguments)
 
-    return SceneReaders(feathers, meshes, wind)
+    return SceneReaders(feathers, skin, meshes, wind)

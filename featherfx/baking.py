@@ -7,12 +7,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from featherfx import __version__
 from featherfx.api import Folders
-from featherfx.bake_task import BakeOptions, Drawn, Task, prepare, sample_count
+from featherfx.bake_task import BakeOptions, Drawn, Task, all_of, prepare, sample_count
 
 if TYPE_CHECKING:
     from featherfx.feather.types import Feather
@@ -70,9 +71,9 @@ def bake(
         notify(samples, samples)
         figures: dict[str, Any]
         done, figures = samples, {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}
-        figures |= {"worst_residual": 0.0, "skipped": {}}
+        figures |= {"worst_residual": 0.0, "skipped": {}, "seconds": {}}
     else:
-        done, figures = _simulate(task, jobs, resume, samples, notify, options)
+        done, figures = _simulate(task, jobs, resume, samples, notify)
     first, last = task.frames
     result = {
         "version": __version__,
@@ -114,28 +115,31 @@ def entries_of(
     ]
 
 
-def _entries(task: Task) -> list[FeatherEntry]:
-    """What the writer takes of a bake: feathers as they are drawn, and how they follow."""
+def drawn_entries(
+    groom: Groom, quality: Quality, drawn: Drawn, names: Sequence[str], skin: BoundSkin | None
+) -> list[FeatherEntry]:
+    """What the writer takes of a bake: feathers as they are drawn, and how they follow.
+
+    quality: of the simulation. names: prim name per feather.
+    """
     from featherfx.feather.render import barb_curves, render_feather
 
-    shot, count = task.shot, task.drawn.barbs
-    grid = shot.quality.rows, shot.quality.columns
-    drawn = task.drawn.grid(shot.quality)
-    built = [render_feather(p.kind, grid, drawn, p.mirrored) for p in shot.groom.feathers]
-    entries = entries_of(
-        shot.groom, [feather for feather, _ in built], static=False, skin=shot.skin
+    grid, count = (quality.rows, quality.columns), drawn.barbs
+    built = all_of(
+        *(
+            partial(render_feather, each.kind, grid, drawn.grid(quality), each.mirrored)
+            for each in groom.feathers
+        )
     )
-    for index, placement in enumerate(shot.groom.feathers):
+    entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
+    for index, placement in enumerate(groom.feathers):
         barbs = None
         if count:
             barbs = barb_curves(placement.kind, grid, count, placement.mirrored)
             points = barbs.points @ placement.rotation.T + placement.position
             barbs = replace(barbs, points=points)
         entries[index] = replace(
-            entries[index],
-            name=task.names[index],
-            points_map=built[index][1],
-            barbs=barbs,
+            entries[index], name=names[index], points_map=built[index][1], barbs=barbs
         )
     return entries
 
@@ -151,7 +155,6 @@ def _simulate(
     resume: bool,
     samples: int,
     notify: OnFrame,
-    options: BakeOptions,
 ) -> tuple[int, dict[str, Any]]:
     """Run the frame loop beside the writer; returns the samples taken over and the figures."""
     from featherfx.shot.background import Background
@@ -159,11 +162,10 @@ def _simulate(
     from featherfx.shot.simulate import simulate
     from featherfx.usd.write import CacheWriter
 
-    shot, quality = task.shot, task.shot.quality
-    entries = _entries(task)
+    shot, quality, options = task.shot, task.shot.quality, task.options
     writer = CacheWriter(
         task.path,
-        entries,
+        drawn_entries(shot.groom, quality, task.drawn, task.names, shot.skin),
         task.frames,
         shot.frames_per_second,
         metadata=metadata_of(shot.groom, quality) | {"shot": shot.name, "settings": task.settings},
@@ -172,15 +174,19 @@ def _simulate(
         root=task.root,
         **(options | {"overwrite": True}),
     )
+    seconds = {"simulating": 0.0, "waiting": 0.0, "writing": 0.0, "finishing": 0.0}
     with writer:
         done = taken_over = writer.samples_done
         notify(done, samples)
         start = Checkpoint.load(writer.state) if writer.state else None
         simulation = simulate(shot, jobs, task.frames, options.get("subframes", 1), start)
+        sink, mark = Background(writer.write), time.perf_counter()
         try:
-            with Background(writer.write) as sink:
+            with sink:
                 for frame in simulation if done < samples else ():
+                    mark = _spent(seconds, "simulating", mark)
                     sink(frame, simulation.checkpoint().save)
+                    mark = _spent(seconds, "waiting", mark)
                     done += 1
                     notify(done, samples)
         except KeyboardInterrupt as error:
@@ -189,7 +195,16 @@ def _simulate(
                 message = f"interrupted: {kept} of {samples} samples are kept for --resume"
                 raise KeyboardInterrupt(message) from error
             raise
-    return taken_over, simulation.report
+        seconds["writing"] = sink.seconds
+    _spent(seconds, "finishing", mark)
+    return taken_over, simulation.report | {"seconds": seconds}
+
+
+def _spent(seconds: dict[str, float], what: str, since: float) -> float:
+    """Add the time since then to what; returns now."""
+    now = time.perf_counter()
+    seconds[what] += now - since
+    return now
 
 
 def _peak_memory_bytes() -> int | None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_readers
-from featherfx.bake_task import StageOptions, all_of, part_path
-from featherfx.baking import bake, entries_of, metadata_of
+from featherfx.bake_task import Drawn, StageOptions, all_of, part_path, stage_space
+from featherfx.baking import bake, drawn_entries, metadata_of
 from featherfx.errors import InputError, Problem
 from featherfx.work_plan import plan
 
@@ -22,32 +23,34 @@ def export_groom(
     *,
     quality: str = "final",
     preset_folders: Folders = (),
+    render_rows: int | None = None,
+    render_columns: int | None = None,
+    barbs: int | None = None,
     **stage: Unpack[StageOptions],
 ) -> int:
     """Write the rest feathers of a groom to USD, without time samples; return their number.
 
-    quality: name of the preset that gives rows and columns. Raises InputError with every problem.
+    quality: name of the preset that gives rows and columns. render_rows, render_columns, barbs:
+    as in bake. Raises InputError with every problem.
     """
-    from featherfx.feather.build import build_feather
+    from featherfx.usd.names import unique_prim_names
     from featherfx.usd.output import check_output
 
-    folders = tuple(preset_folders)
-    groom, grid, path = all_of(
+    folders, drawn = tuple(preset_folders), Drawn(render_rows, render_columns, barbs)
+    groom, grid, path, *_ = all_of(
         lambda: read_groom(groom_path, folders),
         lambda: read_quality(quality, folders),
         lambda: check_output(output, stage.get("overwrite", False), stage.get("layout", "flat")),
+        drawn.check,
     )
-    feathers = all_of(
-        *(
-            partial(build_feather, each.kind, grid.rows, grid.columns, each.mirrored)
-            for each in groom.feathers
-        )
-    )
-    entries = entries_of(groom, feathers, static=True)
+    names = unique_prim_names([each.id for each in groom.feathers])
+    moving = drawn_entries(groom, grid, drawn, names, None)
+    entries = [replace(entry, static=True) for entry in moving]
+    options = {**stage, **stage_space(stage, groom, None)}
 
     from featherfx.usd.write import CacheWriter
 
-    with CacheWriter(path, entries, None, metadata=metadata_of(groom, grid), **stage):
+    with CacheWriter(path, entries, None, metadata=metadata_of(groom, grid), **options):
         pass
     return len(entries)
 
@@ -108,7 +111,7 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
     if not path.is_file():
         return [Problem(str(path), "", "is a folder" if path.is_dir() else "file does not exist")]
     if path.suffix in (".usd", ".usda", ".usdc"):
-        from featherfx.usd.check import check_usd
+        from featherfx.usd.check import check_file as check_usd
 
         return check_usd(path)
     if path.suffix != ".toml":

@@ -12,7 +12,7 @@ PACKAGE = ROOT / "featherfx"
 ORDER = ("groom", "feather", "mechanics", "solver", "shot", "usd", "render", "lab", "cli")
 FOR_ALL = {"errors", "compiled", "__version__"}
 FORBIDDEN = {"lab": {"usd", "render"}, "usd": {"solver"}}
-HOME_OF = {"pxr": {"usd"}, "embreex": {"render"}, "PIL": {"render"}, "click": {"cli"}}
+HOME_OF = {"pxr": {"usd"}, "embreex": {"render"}, "PIL": {"render", "usd"}, "click": {"cli"}}
 HEAVY = ("numba", "numpy", "pxr", "scipy", "trimesh", "embreex", "PIL")
 
 

@@ -43,7 +43,7 @@ class Draft:
 
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
     scale, width: factors. place: where it was written, for problems. shape: of a drawn feather.
-    skin, skin_uv: as in Placement.
+    skin, skin_uv, layer: as in Placement. curl: deg, added to the kind's camber.
     """
 
     id: str
@@ -60,6 +60,8 @@ class Draft:
     shape: DrawnShape | None = None
     skin: str = ""
     skin_uv: tuple[float, float] | None = None
+    curl: float = 0.0
+    layer: int = 0
 
 
 def other_side(name: str) -> str | None:
@@ -149,13 +151,21 @@ def _row_frames(entry: dict[str, Any], place: Place) -> tuple[Array, Array] | No
             straight = False
     if not straight:
         return None
-    share = np.linspace(0.0, 1.0, count) if count > 1 else np.zeros(1)
+    share = _spaced(count, entry["spacing"])
     points = entry["path"] or (first["position"], last["position"])
     positions = along_polyline(np.array(points), share)
     ends = [frames_from(root["direction"], root["up"]) for root in (first, last)]
     rotations = interpolated(ends[0], ends[1], share)
     lift = entry["overlap"] * np.arange(count)[:, None] * rotations[:, :, 2]
     return positions + lift, rotations
+
+
+def _spaced(count: int, ratio: float) -> Array:
+    """(count,) shares from 0 to 1 whose distances grow evenly, the last `ratio` times the first."""
+    if count < 3:
+        return np.linspace(0.0, 1.0, count)
+    steps = np.concatenate([[0.0], np.cumsum(np.linspace(1.0, ratio, count - 1))])
+    return np.asarray(steps / steps[-1])
 
 
 def _row_choices(entry: dict[str, Any], changes: tuple[int, ...], place: Place) -> list[KindChoice]:
@@ -196,6 +206,7 @@ def row(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]:
             width=entry["width"],
             roll=entry["roll"],
             place=place,
+            layer=entry["layer"],
         )
         for number in range(count)
     ]

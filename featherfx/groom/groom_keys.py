@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from featherfx.groom.preset_keys import FEATHER, is_list, is_table, names_or_list, vector
+from featherfx.groom.region_keys import LAYOUT, REGION, SKIN
 from featherfx.groom.schema import (
     Array,
     Direction,
@@ -135,6 +136,12 @@ ROW = {
         "Lift of each root over the one before it, so that neighbours lie like shingles.",
         0.0,
     ),
+    "spacing": Key(
+        Number(0.01, 100),
+        "Distance of the last two roots over that of the first two; between, it changes evenly.",
+        1.0,
+    ),
+    "layer": REGION["layer"],
     "region": _REGION,
     "joint": _JOINT,
     "side": _SIDE,
@@ -204,6 +211,12 @@ VARIATION = {
     "width": Key(Number(0, 0.3), "Standard deviation of the vanes' widths, relative.", 0.0),
     "camber": Key(Number(0, 60, "deg"), "Standard deviation of the shaft's camber.", 0.0),
     "roll": Key(Number(0, 60, "deg"), "Standard deviation of the roots' roll.", 0.0),
+    "variants": Key(
+        Number(0, 10_000, whole=True),
+        "Different draws of width and camber for each region and kind, so that feathers repeat and "
+        "can be instanced; 0: every feather its own.",
+        0,
+    ),
 }
 
 
@@ -225,6 +238,15 @@ GROOM = {
         Either(((is_list, Array(Table(USD, "table"), 0, 1000)), (is_table, Table(USD, "table")))),
         "Feathers drawn in USD scenes, one table or several.",
         (),
+    ),
+    "skin": Key(Table(SKIN, "table"), "Mesh that regions grow on.", None),
+    "region": Key(
+        Array(Table(REGION, "table"), 0, 10_000), "Regions of the skin with their feathers.", ()
+    ),
+    "layout": Key(
+        Table(LAYOUT, "table"),
+        "Lay the feathers over each other like shingles; without it they stay as placed.",
+        None,
     ),
     "overrides": Key(
         Named(Partial(Table(CHANGE, "table"))),

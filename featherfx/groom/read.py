@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from featherfx.errors import Problem
 from featherfx.groom import drafts as draft_rules
 from featherfx.groom.drafts import Draft, other_side
-from featherfx.groom.drawn import SceneReader, drawn_changes, drawn_drafts
+from featherfx.groom.drawn import drawn_changes, drawn_drafts
 from featherfx.groom.file_kind import file_kind
 from featherfx.groom.frames import about_x, mirrored_points
 from featherfx.groom.groom_keys import (
@@ -28,12 +29,13 @@ from featherfx.groom.groom_keys import (
 )
 from featherfx.groom.kind_store import KindStore
 from featherfx.groom.library import Library, sourced
+from featherfx.groom.plumage import GroomReaders, plumage_of
 from featherfx.groom.presets import check_preset
 from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
 from featherfx.groom.table import MOST_REPORTED, read_table
 from featherfx.groom.toml_file import load_toml
 from featherfx.groom.types import Groom, Joint, Placement
-from featherfx.groom.variation import draws
+from featherfx.groom.variation import draws, variant_number
 
 SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 _SIDES = {"left": 1, "right": -1, "middle": 0}
@@ -42,16 +44,16 @@ _SIDES = {"left": 1, "right": -1, "middle": 0}
 def read_groom(
     path: str | Path,
     preset_folders: Iterable[str | Path] = (),
-    read_scene: SceneReader | None = None,
+    readers: GroomReaders | None = None,
 ) -> Groom:
-    """The groom that a TOML file, or a scene that read_scene reads, describes.
+    """The groom that a TOML file, or a scene that the readers read, describes.
 
     preset_folders: searched before the user's and the shipped presets. Raises InputError with all
     problems of the file, its tables and scenes and the presets that it names.
     """
     problems = Problems()
     library = Library(preset_folders, problems)
-    groom = collect_groom(Path(path), library, problems, read_scene)
+    groom = collect_groom(Path(path), library, problems, readers)
     problems.raise_any()
     assert groom is not None
     return groom
@@ -79,7 +81,7 @@ def collect_groom(
     path: Path,
     library: Library,
     problems: Problems,
-    read_scene: SceneReader | None = None,
+    readers: GroomReaders | None = None,
     above: tuple[dict[str, Any], Place] | None = None,
 ) -> Groom | None:
     """The groom of a file; None, or an incomplete groom, after adding problems.
@@ -92,7 +94,7 @@ def collect_groom(
         raw = load_toml(path, problems)
     if raw is None:
         return None
-    return groom_of(raw, path, library, problems, read_scene, above)
+    return groom_of(raw, path, library, problems, readers, above)
 
 
 def groom_of(
@@ -100,7 +102,7 @@ def groom_of(
     path: Path,
     library: Library,
     problems: Problems,
-    read_scene: SceneReader | None = None,
+    readers: GroomReaders | None = None,
     above: tuple[dict[str, Any], Place] | None = None,
 ) -> Groom | None:
     """The groom of tables as they stand in a file at path; see collect_groom."""
@@ -108,9 +110,13 @@ def groom_of(
     GROOM_FILE.check(raw, place, False)
     joints = _joints(raw, place)
     store = KindStore(library)
-    drafts = list(_drafts(raw, path, place, store, read_scene))
+    plumage = plumage_of(raw, path, place, store, readers)
+    drafts = [*_drafts(raw, path, place, store, readers), *plumage.drafts]
     if not drafts and not len(problems):
-        place.fail("there are no feathers; expects a [[feather]], [[row]], [[table]] or [[usd]]")
+        place.fail(
+            "there are no feathers; expects a [[feather]], [[row]], [[table]], [[usd]] or "
+            "[[region]]"
+        )
     drafts = _overridden(raw, drafts, place, store)
     if above is not None:
         drafts = _overridden(above[0], drafts, above[1], store)
@@ -119,7 +125,8 @@ def groom_of(
     name = raw.get("name")
     if not isinstance(name, str):
         return None
-    return Groom(name, path, _placements(raw, drafts, store, place), joints)
+    placements = _placements(raw, drafts, store, place)
+    return Groom(name, path, placements, joints, plumage.layout, plumage.skin)
 
 
 def _entries(raw: dict[str, Any], name: str, table: Table, place: Place) -> Iterator[Any]:
@@ -139,7 +146,7 @@ def _drafts(
     path: Path,
     place: Place,
     store: KindStore,
-    read_scene: SceneReader | None,
+    readers: GroomReaders | None,
 ) -> Iterator[Draft]:
     for at, entry in _entries(raw, "feather", Table(FEATHER_ENTRY), place):
         yield from draft_rules.single(entry, at, store)
@@ -148,7 +155,8 @@ def _drafts(
     for at, entry in _entries(raw, "table", Table(TABLE), place):
         yield from read_table(entry, path.parent, at)
     for at, entry in _entries(raw, "usd", Table(USD), place):
-        yield from drawn_drafts(entry, path.parent, at, store, read_scene)
+        read = readers.feathers if readers else None
+        yield from drawn_drafts(entry, path.parent, at, store, read)
 
 
 def _joints(raw: dict[str, Any], place: Place) -> tuple[Joint, ...]:
@@ -249,6 +257,18 @@ def _check_joints(drafts: list[Draft], joints: tuple[Joint, ...]) -> None:
             at.fail(f"no joint '{draft.joint}', {nearest(draft.joint, names)}")
 
 
+def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> NDArray[np.float64]:
+    """(n, 4) draws of all feathers; of few different widths and cambers where asked for."""
+    own = draws(spread["seed"], [draft.id for draft in drafts])
+    if spread["variants"]:
+        keys = [
+            f"{draft.region}/{draft.choice.names}/{variant_number(draft.id, spread['variants'])}"
+            for draft in drafts
+        ]
+        own[:, 1:3] = draws(spread["seed"], keys)[:, 1:3]
+    return own
+
+
 def _placements(
     raw: dict[str, Any], drafts: list[Draft], store: KindStore, place: Place
 ) -> tuple[Placement, ...]:
@@ -260,7 +280,7 @@ def _placements(
         spread = Table(VARIATION).check(given, place.child("variation"), False)
         if spread is not INVALID:
             sizes = [spread[name] for name in ("length", "width", "camber", "roll")]
-            changes = draws(spread["seed"], [draft.id for draft in drafts]) * sizes
+            changes = _drawn(spread, drafts) * sizes
     sign = np.array([-1.0 if draft.left else 1.0 for draft in drafts])
     roll = sign * (np.array([draft.roll for draft in drafts]) + changes[:, 3])
     rotations = np.stack([draft.rotation for draft in drafts]) @ about_x(roll)
@@ -274,10 +294,12 @@ def _placements(
             continue
         scale = draft.scale * drawn[0] * (1.0 + change[0])
         width = draft.width * (1.0 + change[1])
+        camber = drawn[1] + draft.curl + change[2]
+        prototype = store.adjusted(kind, 1.0, width, camber, drawn[2])
         placements.append(
             Placement(
                 id=draft.id,
-                kind=store.adjusted(kind, scale, width, drawn[1] + change[2], drawn[2]),
+                kind=store.adjusted(prototype, scale, 1.0, 0.0),
                 region=draft.region,
                 position=draft.position,
                 rotation=rotation,
@@ -285,6 +307,9 @@ def _placements(
                 mirrored=draft.left,
                 skin=draft.skin,
                 skin_uv=draft.skin_uv,
+                prototype=prototype,
+                size=scale,
+                layer=draft.layer,
             )
         )
     return tuple(placements)

@@ -79,6 +79,9 @@ class VaneMaterial:
         at 5 % of the root's.
     bending_across: N m, bending modulus of the vane across the barbs (barbs stay straight).
     loss_factor: damping of the vane, tangent of the loss angle at the feather's first frequency.
+    compression_guard: Pa, modulus of a penalty on lost area; 0: none.
+    barb_clamp_normal, barb_clamp_in_plane: rad / N, turn of the barbs' roots out of the vane and
+        within it under a moment of 1 N m per metre of vane; 0: rigid.
     """
 
     along: float
@@ -91,6 +94,9 @@ class VaneMaterial:
     barb_taper: float
     bending_across: float
     loss_factor: float
+    compression_guard: float = 0.0
+    barb_clamp_normal: float = 0.0
+    barb_clamp_in_plane: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -162,6 +168,9 @@ class Placement:
         frame, and the rest shape is mirrored at y = 0 (sweep, twist); camber stays ventral.
     skin: path of the mesh that the root sits on ("": the shot's). skin_uv: place on it in texture
         space, instead of the closest one.
+    prototype, size: the kind is the prototype `size` times as large; feathers that share a
+        prototype differ in size only (None: kind itself).
+    layer: feathers of a higher layer lie over those of a lower one.
     """
 
     id: str
@@ -173,13 +182,35 @@ class Placement:
     mirrored: bool = False
     skin: str = ""
     skin_uv: tuple[float, float] | None = None
+    prototype: FeatherKind | None = None
+    size: float = 1.0
+    layer: int = 0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How feathers are laid over each other at rest.
+
+    clearance: m, gap that is aimed at. most_tilt: deg, and most_lift: m, by which a feather is
+    raised at most.
+    """
+
+    clearance: float
+    most_tilt: float
+    most_lift: float
 
 
 @dataclass(frozen=True)
 class Groom:
-    """Which feathers, where. Frame: z up, metres."""
+    """Which feathers, where. Frame: z up, metres.
+
+    layout: None where feathers stay as they were placed. skin: corners (T, 3, 3) m of the meshes
+    that regions grow on, None where there are none.
+    """
 
     name: str
     source: Path
     feathers: tuple[Placement, ...]
     joints: tuple[Joint, ...] = field(default=())
+    layout: Layout | None = None
+    skin: Array | None = None

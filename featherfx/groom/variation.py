@@ -20,3 +20,9 @@ def draws(seed: int, ids: Iterable[str]) -> NDArray[np.float64]:
     uniform = (words.astype(np.float64) + 0.5) / 2.0**53
     radius = np.sqrt(-2.0 * np.log(uniform[:, :4]))
     return np.clip(radius * np.cos(2.0 * np.pi * uniform[:, 4:]), -LIMIT, LIMIT)
+
+
+def variant_number(name: str, variants: int) -> int:
+    """Which of the variants a feather is, by its id."""
+    digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") % variants

@@ -8,16 +8,18 @@ below the quality's tolerance.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact_bodies import Bodies
 from featherfx.shot.contact_pairs import candidate_pairs, order_at_rest
+from featherfx.shot.detail import Resolution
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact import ContactReport, ContactSettings, ContactSolver
@@ -65,11 +67,24 @@ class Tally:
         self.shortest = min(self.shortest, step)
 
 
+def common_grid(shot: Shot, resolutions: Sequence[Resolution]) -> list[Resolution]:
+    """Resolutions of feathers that touch: all on the finest grid of any, rigid ones left as such.
+
+    Raises InputError where a feather is to be simulated more coarsely than the others.
+    """
+    moving = [each for each in resolutions if each.level != "rigid"]
+    if any(each.level != "full" for each in moving):
+        message = 'feathers that touch are simulated on one grid: use level "full" or "rigid" only'
+        raise InputError(Problem(str(shot.source), "detail", message))
+    rows = max((each.rows for each in moving), default=0)
+    return [each if each.level == "rigid" else replace(each, rows=rows) for each in resolutions]
+
+
 class ShotContact:
     """Advances all batches of a shot together.
 
     solvers: of the batches, with one step per call (max_substeps = 1). members: per batch, places
-    in the groom. feathers: all, in groom order.
+    in the groom. feathers: as simulated, batch after batch, all on one grid.
     """
 
     def __init__(
@@ -87,11 +102,11 @@ class ShotContact:
         thickness = np.array([p.kind.vane_material.thickness for p in placements])
         if self.contact.thickness is not None:
             thickness[:] = self.contact.thickness
-        built = [feathers[k] for k in order]
         rest = [
-            place(f.points, p.position, p.rotation) for f, p in zip(built, placements, strict=True)
+            place(f.points, p.position, p.rotation)
+            for f, p in zip(feathers, placements, strict=True)
         ]
-        lengths = np.array([f.station[-1] for f in built])
+        lengths = np.array([f.station[-1] for f in feathers])
         pairs = candidate_pairs(rest, lengths)
         halves = 0.5 * thickness
         skin = skin_of([solver.model for solver in solvers], halves)

@@ -46,6 +46,8 @@ _SHOT_PARTS = {
     "collider": ("[[collider]]", shot_keys.COLLIDER),
     "contact": ("[contact]", shot_keys.CONTACT),
     "grip": ("[[grip]]", shot_keys.GRIP),
+    "force": ("[[force]]", shot_keys.FORCE),
+    "detail": ("[[detail]]", shot_keys.DETAIL),
 }
 _GROOM_PARTS = {
     "joint": ("[[joint]]", groom_keys.JOINT),

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.groom.drawn import SceneReader
+from featherfx.groom.plumage import GroomReaders
 from featherfx.groom.schema import Place
 
 Array = NDArray[np.float64]
@@ -39,6 +39,10 @@ class Surface(Protocol):
     @property
     def time_codes_per_second(self) -> float:
         """Of the scene."""
+
+    @property
+    def space(self) -> tuple[float, str]:
+        """Metres per unit and up axis ("Y" or "Z") of the scene itself."""
 
     @property
     def origin(self) -> tuple[str, tuple[Path, ...]]:
@@ -70,14 +74,13 @@ class WindSource(Protocol):
 
 
 @dataclass(frozen=True)
-class SceneReaders:
+class SceneReaders(GroomReaders):
     """How scenes are read. Each returns None after adding problems at the place.
 
-    feathers: featherfx.groom.drawn.SceneReader. meshes: (file, prim paths or names, collection,
+    feathers, skin: see GroomReaders. meshes: (file, prim paths or names, collection,
     rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd], place).
     """
 
-    feathers: SceneReader
     meshes: Callable[[Path, Sequence[str], str | None, float | None, Place], Any]
     wind: Callable[[Path, dict[str, Any], Place], Any]
 

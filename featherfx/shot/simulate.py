@@ -11,34 +11,42 @@ from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
 from featherfx.feather.build import build_feather
+from featherfx.feather.density import PointMap, density_map
 from featherfx.feather.types import Feather
-from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.contact import ShotContact
-from featherfx.shot.detail import barb_coefficients
+from featherfx.shot.contact import ShotContact, common_grid
+from featherfx.shot.detail import Resolution, resolutions
+from featherfx.shot.forces import force_weights
 from featherfx.shot.loads import frame_loads, root_path
 from featherfx.shot.motion import Roots, root_motion
+from featherfx.shot.rigid import FeatherPose, rigid_poses
 from featherfx.shot.sleep import asleep, at_rest, undisturbed
-from featherfx.shot.types import Frame, Grip, Shot, sample_number
+from featherfx.shot.types import Force, Frame, Grip, Shot, sample_number
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step import RootPath, Settings, Solver, StepReport, raise_if_failed
 
 Array = NDArray[np.float64]
 
-# Newton stops where a step moves nothing by more than this share of the step's tolerance
-NEWTON_SHARE = 1e-3
+# Newton stops at this share of the step's tolerance from the step's solution
+NEWTON_SHARE = 1e-2
 
 
 @dataclass
 class _Group:
-    """Feathers that share a grid: their places in the groom, solver, state and grips."""
+    """Feathers that share a grid: their places in the groom, solver, state and loads.
+
+    feathers: as simulated. maps: to the meshes' grid, where that is another one.
+    """
 
     members: NDArray[np.int64]
     feathers: list[Feather]
+    maps: list[PointMap | None]
     names: list[str]
     grips: list[tuple[int, Grip]]
+    forces: list[tuple[int, Force, Array]]
     solver: Solver
     state: State
     start: Array
@@ -48,10 +56,12 @@ class _Group:
 class Simulation:
     """Iterates over the frames of a shot; `report` is complete after the last one.
 
-    feathers: one per placement, in groom order. Between two frames, `checkpoint` is all that a
+    feathers: one per placement, in groom order, on the grid of the quality, whatever is simulated;
+    resolutions: what is. Between two frames, `checkpoint` is all that a
     later simulation of the same shot needs to go on from there. report: newton_iterations and
-    substeps per feather and frame (mean, max), worst_residual (m, last Newton move), skipped work
-    by kind.
+    substeps per feather and frame (mean, max), rejected_substeps and substeps_over_tolerance
+    (accepted above the quality's tolerance, because none shorter is allowed), worst_residual (m,
+    distance of a step from its solution), worst_step_error (m), skipped work by kind.
     """
 
     def __init__(
@@ -66,13 +76,15 @@ class Simulation:
         self._range = frames or (shot.first_frame, shot.last_frame)
         self._groups: list[_Group] = []
         self._index = -1
+        self._rigid: dict[int, Feather] = {}
+        self.resolutions: list[Resolution] = []
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
             build_feather(p.kind, quality.rows, quality.columns, p.mirrored)
             for p in shot.groom.feathers
         )
         self._reports: list[StepReport] = []
-        self._slept = 0
+        self._slept, self._coasted, self._frames = 0, 0, 0
         self._contact: ShotContact | None = None
 
     @property
@@ -82,20 +94,25 @@ class Simulation:
             "newton_iterations": _mean_and_max([r.iterations for r in self._reports]),
             "substeps": _mean_and_max([r.steps for r in self._reports]),
             "rejected_substeps": int(sum(r.rejected.sum() for r in self._reports)),
+            "substeps_over_tolerance": int(sum(r.forced.sum() for r in self._reports)),
             "worst_residual": max((float(r.move.max()) for r in self._reports), default=0.0),
             "worst_step_error": max((float(r.error.max()) for r in self._reports), default=0.0),
-            "skipped": {"sleeping feather frames": self._slept},
+            "skipped": {
+                "sleeping feather frames": self._slept,
+                "coasting feather frames": self._coasted,
+                "rigid feather frames": self._frames * len(self._rigid),
+            },
         } | ({} if self._contact is None else {"contact": self._contact.report()})
 
     def __iter__(self) -> Iterator[Frame]:
         motion = root_motion(self.shot)
         self._groups = self._make_groups(motion)
-        if self.shot.contact is not None:
+        if self.shot.contact is not None and self._groups:
             self._contact = ShotContact(
                 self.shot,
                 [group.solver for group in self._groups],
                 [group.members for group in self._groups],
-                self.feathers,
+                [feather for group in self._groups for feather in group.feathers],
             )
         wanted, end = ((number - self.shot.first_frame) * self._subframes for number in self._range)
         try:
@@ -108,7 +125,7 @@ class Simulation:
                     self._settle_together(motion, index)
                 self._index = index
                 if index >= wanted:
-                    yield self._frame(index)
+                    yield self._frame(index, motion)
         finally:
             for group in self._groups:
                 group.solver.__exit__()
@@ -136,23 +153,30 @@ class Simulation:
         return begin.index + 1
 
     def _make_groups(self, motion: Roots) -> list[_Group]:
-        """Batches of feathers of one barb taper and number of coefficients, on their roots."""
-        counts = barb_coefficients(self.shot, self.feathers, motion)
-        alike: dict[tuple[float, int], list[int]] = {}
+        """Batches of feathers of one grid, barb taper and clamp, on their roots."""
+        self.resolutions = resolutions(self.shot, self.feathers, motion)
+        if self.shot.contact is not None:
+            self.resolutions = common_grid(self.shot, self.resolutions)
+        alike: dict[tuple[Resolution, float, bool], list[int]] = {}
         for index, placement in enumerate(self.shot.groom.feathers):
-            key = (placement.kind.vane_material.barb_taper, counts[index])
+            resolution, kind = self.resolutions[index], placement.kind
+            if resolution.level == "rigid":
+                self._rigid[index] = self.feathers[index]
+                continue
+            key = (resolution, kind.vane_material.barb_taper, has_elastic_clamp(kind))
             alike.setdefault(key, []).append(index)
         return [
-            self._group(np.array(members), coefficients, motion)
-            for (_, coefficients), members in alike.items()
+            self._group(np.array(members), resolution, motion)
+            for (resolution, _, _), members in alike.items()
         ]
 
-    def _group(self, members: NDArray[np.int64], coefficients: int, motion: Roots) -> _Group:
+    def _group(self, members: NDArray[np.int64], resolution: Resolution, motion: Roots) -> _Group:
         shot, quality = self.shot, self.shot.quality
         placements = [shot.groom.feathers[i] for i in members]
-        feathers = [self.feathers[i] for i in members]
         kinds = [p.kind for p in placements]
-        model = with_damping(make_model(feathers, kinds, coefficients), kinds)
+        grid = resolution.rows, resolution.columns
+        feathers = [build_feather(p.kind, *grid, p.mirrored) for p in placements]
+        model = with_damping(make_model(feathers, kinds, resolution.coefficients), kinds)
         positions, rotations = motion.frames(0.0)
         state = rest_state(model, positions[members], rotations[members])
         place = {p.id: k for k, p in enumerate(placements)}
@@ -161,12 +185,19 @@ class Simulation:
             newton=NEWTON_SHARE * quality.tolerance,
             # feathers that touch take common steps
             max_substeps=quality.max_substeps if shot.contact is None else 1,
+            radius=quality.radius,
         )
         return _Group(
             members=members,
             feathers=feathers,
+            maps=_maps(feathers, [self.feathers[i] for i in members]),
             names=[p.id for p in placements],
             grips=[(place[g.feather], g) for g in shot.grips if g.feather in place],
+            forces=[
+                (place[each.feather], each, force_weights(each, feathers[place[each.feather]]))
+                for each in shot.forces
+                if each.feather in place
+            ],
             solver=Solver(model, settings, self._jobs),
             state=state,
             start=state.points.copy(),
@@ -193,7 +224,7 @@ class Simulation:
         # grips take hold of the settled feathers, so they do not act while those settle
         grips = group.grips if gripped else []
         points = list(group.start)
-        return frame_loads(shot, grips, group.feathers, points, start, end, roots)
+        return frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
 
     def _advance(self, group: _Group, motion: Roots, index: int) -> None:
         """Bring a group to the sample with this index, 0 at the first frame."""
@@ -206,8 +237,11 @@ class Simulation:
             return
         duration = self._time(1)
         path = root_path(motion, group.members, self._time(index - 1), self._time(index))
-        awake = self._awake(group, path, loads, duration)
+        sleeping = self._sleeping(group, path, loads, duration)
+        awake = np.flatnonzero(~sleeping).tolist()
         group.state, report = group.solver.step(group.state, loads, path, duration, awake)
+        if sleeping.any():
+            group.state = asleep(group.state, sleeping, path, duration)
         group.loads = loads
         self._reports.append(report)
         raise_if_failed(report.status, group.state.time, group.names)
@@ -238,12 +272,13 @@ class Simulation:
         for group in self._groups:
             path = root_path(motion, group.members, self._time(index - 1), self._time(index))
             loads = self._loads(group, motion, index)
-            quiet = at_rest(group.state, self.shot.quality.tolerance, self._time(1))
+            quiet = at_rest(group.state, path, self.shot.quality.tolerance, self._time(1))
             if not (quiet & undisturbed(group.state, path, loads, group.loads)).all():
                 return False
         for group in self._groups:
             everyone = np.ones(len(group.members), dtype=np.bool_)
-            group.state = asleep(group.state, everyone, self._time(1))
+            path = root_path(motion, group.members, self._time(index - 1), self._time(index))
+            group.state = asleep(group.state, everyone, path, self._time(1))
             self._slept += len(group.members)
         return True
 
@@ -256,36 +291,37 @@ class Simulation:
         for group, state in zip(self._groups, settled, strict=True):
             group.state, group.start = state, state.points.copy()
 
-    def _awake(
+    def _sleeping(
         self, group: _Group, path: RootPath, loads: Loads, duration: float
-    ) -> list[int] | None:
-        """Feathers of a group that have to be stepped; the others sleep through the frame."""
+    ) -> NDArray[np.bool_]:
+        """(F,) feathers of a group that sleep or coast through a frame; the others are stepped."""
         if not self.shot.sleep:
-            return None
-        sleeping = undisturbed(group.state, path, loads, group.loads)
-        sleeping &= at_rest(group.state, self.shot.quality.tolerance, duration)
-        if sleeping.any():
-            group.state = asleep(group.state, sleeping, duration)
-            self._slept += int(sleeping.sum())
-        return np.flatnonzero(~sleeping).tolist()
+            return np.zeros(len(group.members), dtype=np.bool_)
+        tolerance = self.shot.quality.tolerance
+        coast = tolerance if self.shot.coast else None
+        sleeping = undisturbed(group.state, path, loads, group.loads, coast)
+        sleeping &= at_rest(group.state, path, tolerance, duration)
+        moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
+        self._slept += int((sleeping & ~moving).sum())
+        self._coasted += int((sleeping & moving).sum())
+        return sleeping
 
-    def _frame(self, index: int) -> Frame:
-        time = self._time(index)
-        empty = [np.zeros(0)] * len(self.feathers)
-        points, velocities, accelerations = list(empty), list(empty), list(empty)
+    def _frame(self, index: int, motion: Roots) -> Frame:
+        time, before = self._time(index), self._time(max(index - 1, 0))
+        self._frames += 1
+        poses = rigid_poses(self._rigid, motion.frames, before, time) if self._rigid else {}
         for group in self._groups:
             for k, member in enumerate(group.members):
-                points[member] = group.state.points[k]
-                velocities[member] = group.state.velocity[k]
-                accelerations[member] = group.state.acceleration[k]
-                if not np.isfinite(points[member]).all():
+                poses[int(member)] = _pose(group, k)
+                if not np.isfinite(poses[int(member)].points).all():
                     raise SimulationError(group.names[k], time, "a point is not finite")
+        ordered = [poses[f] for f in range(len(self.feathers))]
         return Frame(
             number=sample_number(self.shot.first_frame, index, self._subframes),
             time=time,
-            points=tuple(points),
-            velocities=tuple(velocities),
-            accelerations=tuple(accelerations),
+            points=tuple(pose.points for pose in ordered),
+            velocities=tuple(pose.velocities for pose in ordered),
+            accelerations=tuple(pose.accelerations for pose in ordered),
         )
 
 
@@ -305,6 +341,24 @@ def simulate(
     be built and, while iterating, SimulationError.
     """
     return Simulation(shot, jobs, frames, subframes, start)
+
+
+def _maps(simulated: list[Feather], drawn: list[Feather]) -> list[PointMap | None]:
+    """From the simulated grids to the drawn ones; None where they are the same."""
+    known: dict[tuple[int, int], PointMap | None] = {}
+    for pair in zip(simulated, drawn, strict=True):
+        key = (id(pair[0]), id(pair[1]))
+        if key not in known:
+            same = pair[0].points.shape == pair[1].points.shape
+            known[key] = None if same else density_map(*pair)
+    return [known[id(a), id(b)] for a, b in zip(simulated, drawn, strict=True)]
+
+
+def _pose(group: _Group, k: int) -> FeatherPose:
+    """Points and rates of a group's feather on the grid of the meshes."""
+    state, to_mesh = group.state, group.maps[k]
+    values = state.points[k], state.velocity[k], state.acceleration[k]
+    return FeatherPose(*(values if to_mesh is None else map(to_mesh, values)))
 
 
 def _mean_and_max(counts: list[Array]) -> dict[str, float]:

@@ -318,7 +318,7 @@ def _joined(parts: Sequence[StepReport], count: int) -> StepReport:
         solved = (part.steps > 0.0) | (part.status != 0.0)
         for name in ("iterations", "rejected", "failed", "fallbacks"):
             total[name] = total[name] + getattr(part, name)
-        for name in ("steps", "error", "move"):
+        for name in ("steps", "forced", "error", "move"):
             total[name] = np.where(solved, getattr(part, name), total[name])
         total["status"] = np.maximum(total["status"], part.status)
     return replace(StepReport(**total))

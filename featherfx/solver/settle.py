@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
-from featherfx.solver.newton_kernels import CONVERGED, minimise
+from featherfx.solver.newton_kernels import CONVERGED, NOT_CONVERGED, minimise
 from featherfx.solver.pose_kernels import load_pose
 from featherfx.solver.state import State
 from featherfx.solver.work import Work
@@ -36,7 +36,7 @@ def settle(
         around.past[:] = now.points
         if loads.air[0] > 0.0:
             time, still = state.time[f], state.velocity[f]
-            blow(now.points, time, loads, still, model.cell_stiffness[f], around)
+            blow(now.points, time, loads, f, still, model.cell_stiffness[f], around)
         factors = (1.0 / (h * h), 1.0 / h, 0.0)
         status, count, _ = minimise(model, loads, f, share, factors, tolerance, ITERATIONS, work)
         iterations += count
@@ -51,6 +51,9 @@ def settle(
         if h >= LAST:
             break
         h *= GROWTH
+    else:
+        # in a wind that no pose can stand in, steps grow and fail in turn
+        status = NOT_CONVERGED if status == CONVERGED else status
     state.strains[f, :] = now.strains
     return int(status), int(iterations)
 

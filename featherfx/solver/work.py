@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Model
+from featherfx.solver.banded_kernels import panel_shape
 
 Array = NDArray[np.float64]
 
@@ -49,29 +50,38 @@ class Surroundings(NamedTuple):
 
 
 class System(NamedTuple):
-    """Linear system: band (N, 3 (6 + 4 C)), right (N,)."""
+    """Linear system of N unknowns: band (N, B + 1), right (N,), panel: scratch of factorise."""
 
     band: Array
     right: Array
+    panel: Array
 
 
-class Block(NamedTuple):
-    """Sums of one row and side, w = 6 + 2 C.
+def make_system(unknowns: int, width: int) -> System:
+    """A system of N unknowns whose band is B + 1 = width wide."""
+    return System(
+        band=np.zeros((unknowns, width)),
+        right=np.zeros(unknowns),
+        panel=np.zeros(panel_shape(width)),
+    )
 
-    matrix: (3 w, 3 w). right: (3 w,). lines, weighted: (3 w, 8 (m + 1)) projected gradients,
-    and times their weights. weight: (2, 4, m + 1), membrane: (2, 3, 3, 4, m + 1), tension: (m,):
-    of a strip. triangle: (4, 3, 3), hinge: (4, 3): of one stencil.
+
+class Vane(NamedTuple):
+    """Stiffness of a vane's nodes, and sums of one row and side, w = 6 + 2 C.
+
+    blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane_force_kernels), S at least m + 2 and a
+    multiple of four. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
+    (vane_assembly_kernels). tension: (m,) N. triangle: (4, 3, 3), hinge: (3, 4, 3), pair: (3, 3): of
+    one stencil.
     """
 
-    matrix: Array
-    right: Array
-    lines: Array
-    weighted: Array
-    weight: Array
-    membrane: Array
+    blocks: Array
+    product: Array
+    tiles: Array
     tension: Array
     triangle: Array
     hinge: Array
+    pair: Array
 
 
 class Beam(NamedTuple):
@@ -83,8 +93,8 @@ class Beam(NamedTuple):
 
 
 class Work(NamedTuple):
-    """now, trial: poses. around: Surroundings. system, block: sums. force (n, P, 3), stiff
-    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): of the barbs.
+    """now, trial: poses. around: Surroundings. system, vane: sums. force (n, P, 3), stiff
+    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis.
     beam: sums of one rachis element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
     """
 
@@ -92,7 +102,7 @@ class Work(NamedTuple):
     trial: Pose
     around: Surroundings
     system: System
-    block: Block
+    vane: Vane
     force: Array
     stiff: Array
     jacobian: Array
@@ -103,9 +113,9 @@ class Work(NamedTuple):
 
 
 def strain_count(model: Model) -> int:
-    """Length S of a feather's strain vector: rachis, barbs, membrane, hinges."""
+    """Length S of a feather's strain vector: rachis, barbs, membrane, hinges, shares of hinges."""
     n, m, c = model.rows, model.columns, model.coefficients
-    return (n - 1) * 6 + 2 * n * 2 * c + 2 * (n - 1) * m * 4 + 2 * n * m
+    return (n - 1) * 6 + 2 * n * 2 * c + 2 * (n - 1) * m * 4 + 4 * n * m
 
 
 def _make_pose(model: Model) -> Pose:
@@ -124,7 +134,7 @@ def _make_pose(model: Model) -> Pose:
 def make_work(model: Model) -> Work:
     """Scratch for one thread working on feathers of this batch."""
     n, m, c = model.rows, model.columns, model.coefficients
-    size, wide = 3 + 2 * m, 3 * (6 + 2 * c)
+    size, wide, padded = 3 + 2 * m, 6 + 2 * c, 4 * ((m + 1) // 4 + 1)
     return Work(
         now=_make_pose(model),
         trial=_make_pose(model),
@@ -136,23 +146,19 @@ def make_work(model: Model) -> Work:
             area=np.zeros((n, size, 3)),
             speed=np.zeros((n, size)),
         ),
-        system=System(
-            band=np.zeros((model.unknowns, 3 * (6 + 4 * c))), right=np.zeros(model.unknowns)
-        ),
-        block=Block(
-            matrix=np.zeros((wide, wide)),
-            right=np.zeros(wide),
-            lines=np.zeros((wide, 8 * m + 8)),
-            weighted=np.zeros((wide, 8 * m + 8)),
-            weight=np.zeros((2, 4, m + 1)),
-            membrane=np.zeros((2, 3, 3, 4, m + 1)),
+        system=make_system(model.unknowns, 3 * (6 + 4 * c)),
+        vane=Vane(
+            blocks=np.zeros((n, 2, 5, 3, 3 * padded)),
+            product=np.zeros((wide, 3 * padded)),
+            tiles=np.zeros((wide, 3, 3 * padded + 1)),
             tension=np.zeros(m),
             triangle=np.zeros((4, 3, 3)),
-            hinge=np.zeros((4, 3)),
+            hinge=np.zeros((3, 4, 3)),
+            pair=np.zeros((3, 3)),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
-        jacobian=np.zeros((n, 2, 6 + 2 * c, 3, 4 * m + 5)),
+        jacobian=np.zeros((n, 2, wide, 3 * padded)),
         beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
         frame=np.zeros((3, 3)),
         spin=np.zeros((3, 2 * c)),

@@ -54,15 +54,20 @@ def test_a_collision_in_flight_keeps_momentum_and_makes_no_energy(order):
 
 @pytest.mark.parametrize("order", [ORDERED, UNORDERED])
 def test_nothing_passes_at_fifty_metres_a_second(order):
-    """One on top of the other they close by 5 mm, 40 thicknesses, in a step, and do not pass."""
+    """One on top of the other they close by 5 mm, 40 thicknesses, in a step, and do not pass.
+
+    A few nodes of the crumpled vanes are beside a fold, where above and below mean little.
+    """
     model, state = closing(50.0, place=(0.003, 0.002, 0.012))
     triangles = turned_up(surfaces(model, state)[0])
-    contact = solver_of(model, PAIR, order, rounds=30)
-    for _state, _report in run(contact, state, 1e-4, 8):
-        pass
-    # without contact the second would be 28 mm below the first by now
-    under = surfaces(model, _state)[0][0], triangles
-    assert share_above(vane_nodes(contact, _state, 1), under) > 0.9
+    shares = {}
+    for name, pairs in (("free", ()), ("touching", PAIR)):
+        contact = solver_of(model, pairs, order if pairs else (), rounds=30)
+        *_, (_state, _) = run(contact, state, 1e-4, 8)
+        under = surfaces(model, _state)[0][0], triangles
+        shares[name] = share_above(vane_nodes(contact, _state, 1), under)
+    assert shares["free"] < 0.05
+    assert shares["touching"] > 0.75
     # they share their momentum
     speeds = _state.velocity[:, :, 0, 2].mean(axis=1)
     assert speeds[0] < -15.0

@@ -1,0 +1,241 @@
+"""Feathers that grow in regions of a skin: where, which way, and how they differ."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.errors import InputWarning
+from featherfx.groom.drafts import Draft
+from featherfx.groom.frames import frames_from
+from featherfx.groom.kind_store import KindChoice, KindStore
+from featherfx.groom.library import sourced
+from featherfx.groom.region_rules import Rule, along_skin, flow, presence
+from featherfx.groom.scatter import Scattered, expected_count, hashed, scatter, uniform
+from featherfx.groom.schema import Place
+from featherfx.groom.surface_points import Array, Indices, SkinSource, SkinSurface, SurfacePoints
+
+# (checked keys of [skin], paths of meshes, folder, place) to the meshes; None after problems.
+SkinReader = Callable[
+    [dict[str, Any], tuple[str, ...], Path, Place], "dict[str, SkinSource] | None"
+]
+
+LIMIT = 3.0  # standard deviations
+# steps in which a blend between regions passes, so that shapes repeat there, too
+_WIDTH_STEP = 0.1
+_CURL_STEP = 5.0  # deg
+_STREAMS = {"length": 10, "width": 12, "curl": 14, "tilt": 16, "turn": 18, "roll": 20}
+_VARIANT_STREAM = 22
+
+
+@dataclass(frozen=True)
+class _Region:
+    """One region, ready to grow. length: m, of its kind where none is given. label: prim path."""
+
+    entry: dict[str, Any]
+    place: Place
+    surface: SkinSurface
+    choice: KindChoice
+    presence: Rule
+    flow: Rule
+    kind_length: float
+
+    @property
+    def length(self) -> float:
+        return float(self.entry["length"] or self.kind_length)
+
+    def density(self, points: SurfacePoints) -> Array:
+        """(N,) feathers per m^2, 1 where the region is whole if it has a count instead."""
+        density = self.entry["density"]
+        return self.presence(points) * (1.0 if density is None else density)
+
+
+def region_drafts(
+    skin: dict[str, Any],
+    entries: Sequence[tuple[Place, dict[str, Any]]],
+    folder: Path,
+    place: Place,
+    store: KindStore,
+    read: SkinReader | None,
+) -> tuple[list[Draft], Array | None]:
+    """The drafts of all [[region]]s and the corners (T, 3, 3) m of their meshes.
+
+    No drafts, and None, after adding problems. skin: checked keys of [skin]. entries: place and
+    checked keys of each region. folder: of the groom. place: of [skin].
+    """
+    if read is None:
+        place.fail("is a USD scene, which featherfx.read_groom and the commands read")
+        return [], None
+    count = len(place.problems)
+    paths = tuple(dict.fromkeys([skin["prim"], *(e["prim"] for _, e in entries if e["prim"])]))
+    sources = read(skin, paths, folder, place)
+    if sources is None:
+        return [], None
+    surfaces = {path: SkinSurface(source) for path, source in sources.items()}
+    built = [
+        _region(entry, at, surfaces[entry["prim"] or skin["prim"]], folder, store)
+        for at, entry in entries
+    ]
+    regions = [region for region in built if region is not None]
+    counts = [_count(region) for region in regions]
+    _check_total(regions, counts, skin["most"], place)
+    if len(place.problems) > count:
+        return [], None
+    drafts: list[Draft] = []
+    for region, wanted in zip(regions, counts, strict=True):
+        drafts += _grown(region, wanted, regions, region.entry["prim"] or "")
+    return drafts, np.concatenate([surface.corners for surface in surfaces.values()])
+
+
+def _region(
+    entry: dict[str, Any], place: Place, surface: SkinSurface, folder: Path, store: KindStore
+) -> _Region | None:
+    count = len(place.problems)
+    if (entry["density"] is None) == (entry["count"] is None):
+        place.child("density").fail("expects either density or count, one of the two")
+    changes: tuple[int, ...] = ()
+    if entry["overrides"]:
+        at = place.child("overrides")
+        changes = (store.change(sourced(entry["overrides"], place.source), at),)
+    choice = KindChoice((entry["kind"],), 0.0, changes, place)
+    kind = store.kind(choice)
+    where = presence(entry["where"], surface, folder, place.child("where"))
+    along = flow(entry["flow"], surface, place.child("flow"))
+    if where is None or along is None or kind is None or len(place.problems) > count:
+        return None
+    length = float(entry["length"] or kind.length)
+    if length > surface.diagonal:
+        place.child("length").fail(
+            f"{length:g} m is longer than the whole skin {surface.source.path}, "
+            f"{surface.diagonal:.3g} m; are its units right?"
+        )
+        return None
+    return _Region(entry, place, surface, choice, where, along, kind.length)
+
+
+def _count(region: _Region) -> int:
+    if region.entry["count"] is not None:
+        return int(region.entry["count"])
+    return round(expected_count(region.surface, region.density))
+
+
+def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, at: Place) -> None:
+    if sum(counts) <= most:
+        return
+    for region, count in zip(regions, counts, strict=True):
+        if count > most // 4:
+            key = "density" if region.entry["count"] is None else "count"
+            region.place.child(key).fail(f"asks for {count} feathers of the {most} that may be")
+    at.child("most").fail(
+        f"the regions ask for {sum(counts)} feathers, allowed {most}; lower a density or raise most"
+    )
+
+
+def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -> list[Draft]:
+    entry = region.entry
+    found = scatter(region.surface, region.presence, count, entry["seed"])
+    points = found.points
+    if len(points) < count:
+        warnings.warn(
+            f"{region.place.source}: {region.place.key}: '{entry['id']}' has hardly any place on "
+            f"the skin: {len(points)} of {count} feathers",
+            InputWarning,
+            stacklevel=2,
+        )
+    if len(points) == 0:
+        return []
+    blend = _blended(region, [r for r in regions if r.surface is region.surface], points)
+    draws = {name: _normal(entry, name, found.number) for name in _STREAMS}
+    shapes = _shapes(region, blend, found)
+    direction = _directions(region, blend["flow"], points, draws["turn"])
+    tilt = np.radians(np.clip(blend["tilt"] + draws["tilt"], -89.0, 89.0))[:, None]
+    shaft = np.cos(tilt) * direction + np.sin(tilt) * points.normal
+    dorsal = np.cos(tilt) * points.normal - np.sin(tilt) * direction
+    rotations = frames_from(shaft, dorsal)
+    scales = blend["length"] * (1.0 + draws["length"]) / region.kind_length
+    is_left = np.full(len(points), entry["side"] == "left")
+    left = points.position[:, 1] > 0.0 if entry["side"] == "auto" else is_left
+    return [
+        Draft(
+            id=f"{entry['id']}_{found.number[k]:06d}",
+            choice=region.choice,
+            position=points.position[k],
+            rotation=rotations[k],
+            region=entry["id"],
+            joint=entry["joint"],
+            left=bool(left[k]),
+            scale=float(scales[k]),
+            width=float(shapes[0][k]),
+            roll=float(entry["roll"] + draws["roll"][k]),
+            place=region.place,
+            skin=prim,
+            curl=float(shapes[1][k]),
+            layer=entry["layer"],
+        )
+        for k in range(len(points))
+    ]
+
+
+def _blended(region: _Region, others: Sequence[_Region], points: SurfacePoints) -> dict[str, Array]:
+    """Length (m), width, curl, tilt and flow at points, between those of overlapping regions."""
+    members = [r for r in others if r.entry["blend"]] if region.entry["blend"] else [region]
+    total = np.zeros(len(points))
+    result = {name: np.zeros(len(points)) for name in ("length", "width", "curl", "tilt")}
+    along = np.zeros((len(points), 3))
+    for each in members:
+        weight = each.presence(points)
+        total += weight
+        for name, value in result.items():
+            value += weight * (each.length if name == "length" else each.entry[name])
+        along += weight[:, None] * each.flow(points)
+    return {name: value / total for name, value in result.items()} | {"flow": along}
+
+
+def _normal(entry: dict[str, Any], name: str, numbers: Indices) -> Array:
+    """(N,) normal draws of one quantity (Box and Muller 1958), by its deviation, limited."""
+    stream, seed = _STREAMS[name], entry["seed"]
+    radius = np.sqrt(-2.0 * np.log(uniform(seed, stream, numbers)))
+    wave = np.cos(2.0 * np.pi * uniform(seed, stream + 1, numbers))
+    return np.asarray(entry["variation"][name] * np.clip(radius * wave, -LIMIT, LIMIT))
+
+
+def _shapes(region: _Region, blend: dict[str, Array], found: Scattered) -> tuple[Array, Array]:
+    """Factors of the width and changes of the camber (deg), of few values where asked for."""
+    entry, variants = region.entry, region.entry["variants"]
+    own = found.number
+    width, curl = blend["width"], blend["curl"]
+    if variants:
+        own = (hashed(entry["seed"], _VARIANT_STREAM, own) % np.uint64(variants)).astype(np.int64)
+        width = entry["width"] + _stepped(width - entry["width"], _WIDTH_STEP)
+        curl = entry["curl"] + _stepped(curl - entry["curl"], _CURL_STEP)
+    width = width * (1.0 + _normal(entry, "width", own))
+    return np.maximum(width, 0.01), curl + _normal(entry, "curl", own)
+
+
+def _stepped(values: Array, step: float) -> Array:
+    return np.asarray(step * np.round(values / step))
+
+
+def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Array) -> Array:
+    """Unit directions along the skin; where the rule gives none, that of the nearest root."""
+    flat = along_skin(wanted, points.normal)
+    missing = ~flat.any(axis=1)
+    if missing.all():
+        region.place.child("flow").fail("gives no direction along the skin at any root")
+        flat = np.cross(points.normal, points.normal[:, [1, 2, 0]] + 0.1)
+        return flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    if missing.any():
+        from scipy.spatial import cKDTree
+
+        known = np.flatnonzero(~missing)
+        _, near = cKDTree(points.position[known]).query(points.position[missing])
+        borrowed = along_skin(flat[known[near]], points.normal[missing])
+        across = along_skin(np.cross(flat[known[near]], [0.6, 0.64, 0.48]), points.normal[missing])
+        flat[missing] = np.where(borrowed.any(axis=1)[:, None], borrowed, across)
+    angle = np.radians(turn)[:, None]
+    return np.asarray(np.cos(angle) * flat + np.sin(angle) * np.cross(points.normal, flat))

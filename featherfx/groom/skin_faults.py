@@ -1,0 +1,115 @@
+"""What may be wrong with a mesh that feathers are to grow on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_MOST_NAMED = 5
+
+
+def skin_faults(points: Array, triangles: Indices, face: Indices) -> tuple[list[str], list[str]]:
+    """(problems, doubts) of a mesh: points (V, 3) m, triangles (T, 3), their faces (T,).
+
+    A problem is a closed mesh whose faces look inwards: its roots would be inside out. Doubts are
+    open borders, edges that faces disagree on, and faces that pass through each other.
+    """
+    problems, doubts = [], []
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    owner = np.tile(np.arange(len(triangles)), 3)
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    key = low * (int(triangles.max()) + 1) + high
+    _, place, count = np.unique(key, return_inverse=True, return_counts=True)
+    sense = np.bincount(place, weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
+    border = np.flatnonzero(count[place] == 1)
+    if len(border):
+        doubts.append(
+            f"is not closed: {len(border)} edges have one face only, those of "
+            f"{_faces(face[owner[border]])}; feathers there show their roots from below"
+        )
+    turned = np.flatnonzero((count[place] == 2) & (sense[place] != 0.0))
+    if len(turned):
+        doubts.append(
+            f"faces disagree on what is outside at {len(turned) // 2} edges, "
+            f"{_faces(face[owner[turned]])}; feathers may grow inwards"
+        )
+    if not len(border) and not len(turned) and signed_volume(points[triangles]) < 0.0:
+        problems.append(
+            "its faces look inwards, roots would be inside out; reverse it, or set its orientation"
+        )
+    crossing = crossing_triangles(points, triangles)
+    if len(crossing):
+        doubts.append(
+            f"passes through itself: {len(crossing)} pairs of triangles, "
+            f"{_faces(face[crossing.ravel()])}; roots there may lie inside the body"
+        )
+    return problems, doubts
+
+
+def signed_volume(corners: Array) -> float:
+    """m^3, enclosed by triangles (T, 3, 3); negative where they look inwards."""
+    products = np.cross(corners[:, 1], corners[:, 2])
+    return float(np.einsum("tc,tc->", corners[:, 0], products) / 6.0)
+
+
+def crossing_triangles(points: Array, triangles: Indices) -> Indices:
+    """(K, 2) pairs of triangles without a common point that pass through each other."""
+    corners = points[triangles]
+    pairs = _near_pairs(corners)
+    shared = (triangles[pairs[:, 0], :, None] == triangles[pairs[:, 1], None, :]).any(axis=(1, 2))
+    pairs = pairs[~shared]
+    apart = (corners[pairs[:, 0]].min(axis=1) > corners[pairs[:, 1]].max(axis=1)).any(axis=1)
+    apart |= (corners[pairs[:, 1]].min(axis=1) > corners[pairs[:, 0]].max(axis=1)).any(axis=1)
+    pairs = pairs[~apart]
+    found = np.zeros(len(pairs), dtype=np.bool_)
+    for one, other in ((0, 1), (1, 0)):
+        for edge in range(3):
+            start = corners[pairs[:, one], edge]
+            end = corners[pairs[:, one], (edge + 1) % 3]
+            found |= _pierced(start, end, corners[pairs[:, other]])
+    return pairs[found]
+
+
+def _near_pairs(corners: Array) -> Indices:
+    """(K, 2) pairs whose bounding spheres meet; by classes of size."""
+    from scipy.spatial import cKDTree
+
+    centres = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+    sizes = np.floor(np.log2(np.maximum(radii, 1e-300)))
+    members = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    trees = [cKDTree(centres[each]) for each in members]
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    for i, first in enumerate(members):
+        for j, second in enumerate(members[: i + 1]):
+            reach = radii[first].max() + radii[second].max()
+            near = trees[i].sparse_distance_matrix(trees[j], reach, output_type="ndarray")
+            a, b = first[near["i"]], second[near["j"]]
+            kept = (near["v"] <= radii[a] + radii[b]) & ((i != j) | (a < b))
+            found.append(np.stack([a[kept], b[kept]], axis=1))
+    return np.concatenate(found)
+
+
+def _pierced(start: Array, end: Array, corners: Array) -> NDArray[np.bool_]:
+    """(K,) whether a segment passes through the inside of a triangle (Moeller, Trumbore 1997)."""
+    along = end - start
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(along, second)
+    determinant = (first * across).sum(axis=1)
+    sound = np.abs(determinant) > 1e-30
+    inverse = 1.0 / np.where(sound, determinant, 1.0)
+    away = start - corners[:, 0]
+    u = (away * across).sum(axis=1) * inverse
+    turned = np.cross(away, first)
+    v = (along * turned).sum(axis=1) * inverse
+    t = (second * turned).sum(axis=1) * inverse
+    return sound & (u > 0.0) & (v > 0.0) & (u + v < 1.0) & (t > 0.0) & (t < 1.0)
+
+
+def _faces(faces: Indices) -> str:
+    named = np.unique(faces)
+    more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+    return "faces " + ", ".join(str(each) for each in named[:_MOST_NAMED]) + more

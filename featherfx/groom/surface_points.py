@@ -1,0 +1,122 @@
+"""Points on a skin: triangles with areas and smooth normals, and places within them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.schema import Place
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class SkinSource(Protocol):
+    """A mesh that a scene holds, at rest; metres, z up.
+
+    path: of the prim. points: (V, 3) m. triangles: (T, 3), counter-clockwise from outside, none
+    flat. face: (T,) the scene's faces. st: (T, 3, 2) texture coordinates, or None.
+    """
+
+    path: str
+    points: Array
+    triangles: Indices
+    face: Indices
+    st: Array | None
+
+    def weights(self, name: str, place: Place) -> Array | None:
+        """(T, 3) a scalar primvar at the corners; None after adding a problem."""
+
+    def vectors(self, name: str, place: Place) -> Array | None:
+        """(T, 3, 3) a vector primvar at the corners, in the world; None after a problem."""
+
+    def subset(self, name: str, place: Place) -> NDArray[np.bool_] | None:
+        """(T,) whether triangles are of a named set of faces; None after adding a problem."""
+
+    def image(self, path: Path, place: Place) -> Array | None:
+        """(H, W) grey values 0 to 1 of a picture, top row first; None after adding a problem."""
+
+    def curves(self, prims: tuple[str, ...], place: Place) -> list[Array] | None:
+        """Polylines (k, 3) m of curves at or below prims; None after adding problems."""
+
+
+@dataclass(frozen=True)
+class SkinSurface:
+    """A skin as feathers grow on it. source: what it was read from."""
+
+    source: SkinSource
+
+    @cached_property
+    def corners(self) -> Array:
+        """(T, 3, 3) m."""
+        return self.source.points[self.source.triangles]
+
+    @cached_property
+    def _products(self) -> Array:
+        corners = self.corners
+        return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+    @cached_property
+    def areas(self) -> Array:
+        """(T,) m^2."""
+        return 0.5 * np.sqrt((self._products**2).sum(axis=1))
+
+    @cached_property
+    def normals(self) -> Array:
+        """(V, 3) unit, mean of the faces around by their area."""
+        summed = np.zeros_like(self.source.points)
+        for corner in range(3):
+            np.add.at(summed, self.source.triangles[:, corner], self._products)
+        length = np.linalg.norm(summed, axis=1, keepdims=True)
+        return summed / np.where(length > 0.0, length, 1.0)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """m, of the box around all triangles."""
+        used = self.corners.reshape(-1, 3)
+        return float(np.linalg.norm(np.ptp(used, axis=0)))
+
+    def at(self, triangle: Indices, barycentric: Array) -> SurfacePoints:
+        """Points within triangles (N,) at barycentric coordinates (N, 3)."""
+        position = np.einsum("nk,nkc->nc", barycentric, self.corners[triangle])
+        corners = self.normals[self.source.triangles[triangle]]
+        normal = np.einsum("nk,nkc->nc", barycentric, corners)
+        flat = self._products[triangle]
+        # where smooth normals cancel, as in a crease, the face's own
+        weak = np.linalg.norm(normal, axis=1) < 0.1
+        normal = np.where(weak[:, None], flat, normal)
+        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        return SurfacePoints(self, triangle, barycentric, position, normal)
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """N places on a skin. triangle: (N,). barycentric, position (m), normal (unit): (N, 3)."""
+
+    surface: SkinSurface
+    triangle: Indices
+    barycentric: Array
+    position: Array
+    normal: Array
+
+    def __len__(self) -> int:
+        return len(self.triangle)
+
+    def interpolated(self, corners: Array) -> Array:
+        """(N, ...) values between those of the corners (T, 3, ...)."""
+        return np.asarray(np.einsum("nk,nk...->n...", self.barycentric, corners[self.triangle]))
+
+    def some(self, kept: NDArray[np.bool_] | Indices) -> SurfacePoints:
+        """Those that are kept, or with these numbers."""
+        return SurfacePoints(
+            self.surface,
+            self.triangle[kept],
+            self.barycentric[kept],
+            self.position[kept],
+            self.normal[kept],
+        )

@@ -1,0 +1,287 @@
+"""Makes body.usdc: the skin of a walking pigeon, as one closed mesh on a skeleton.
+
+python samples/pigeon/make_body.py [OUT.usdc]
+
+The shape is a smooth union of ellipsoids and tapered capsules, given by its distance function and
+turned into a mesh by surface nets (Gibson 1998): one point in every cell of a lattice that the
+surface passes, drawn onto it, and one face for every edge of the lattice that it cuts. Metres, x
+forward, y to the left, z up. Vertex primvars tell how much of each part there is at a point; they
+add up to 1.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
+
+CELL = 0.004
+LOW, HIGH = np.array([-0.165, -0.1, -0.012]), np.array([0.185, 0.1, 0.325])
+ROUNDING = 0.012  # m, radius over which parts pass into each other
+SHARE_WIDTH = 0.006  # m, over which the parts' primvars pass into each other
+FRAMES, FRAMES_PER_SECOND = 96, 24
+STEP = 12  # frames from one step to the next
+
+# joint: parent, pivot
+JOINTS = {
+    "body": ("", (-0.01, 0.0, 0.17)),
+    "neck": ("body", (0.055, 0.0, 0.195)),
+    "head": ("neck", (0.108, 0.0, 0.272)),
+    "tail": ("body", (-0.095, 0.0, 0.14)),
+    "leg_left": ("body", (0.005, 0.028, 0.125)),
+    "leg_right": ("body", (0.005, -0.028, 0.125)),
+}
+
+
+def ellipsoid(points, centre, radii, pitch=0.0, yaw=0.0):
+    """About the distance to an ellipsoid, nose up by pitch (deg), turned left by yaw (deg)."""
+    local = points - np.array(centre)
+    p, w = np.radians(pitch), np.radians(yaw)
+    forward = np.array([np.cos(p) * np.cos(w), np.cos(p) * np.sin(w), np.sin(p)])
+    left = np.array([-np.sin(w), np.cos(w), 0.0])
+    local = local @ np.stack([forward, left, np.cross(forward, left)], axis=1)
+    scaled, steeper = local / np.array(radii), local / np.array(radii) ** 2
+    size = np.linalg.norm(scaled, axis=-1)
+    return size * (size - 1.0) / np.maximum(np.linalg.norm(steeper, axis=-1), 1e-9)
+
+
+def capsule(points, start, end, first, last):
+    """About the distance to a capsule whose radius goes from first to last."""
+    start, along = np.array(start), np.array(end) - np.array(start)
+    share = np.clip((points - start) @ along / (along @ along), 0.0, 1.0)
+    gap = np.linalg.norm(points - start - share[..., None] * along, axis=-1)
+    return gap - (first + (last - first) * share)
+
+
+def parts(points):
+    """About the distance (m) to each part, negative inside. points: (..., 3) m."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    right = np.stack([x, np.abs(y), z], axis=-1)  # both sides at once, on the left
+    torso = np.minimum(
+        ellipsoid(points, (-0.012, 0, 0.168), (0.1, 0.052, 0.055), 17),
+        ellipsoid(points, (0.042, 0, 0.172), (0.055, 0.05, 0.058), 30),
+    )
+    leg = capsule(right, (0.005, 0.026, 0.122), (0.0, 0.028, 0.085), 0.021, 0.008)
+    for start, end in (
+        ((0.0, 0.028, 0.085), (-0.012, 0.029, 0.058)),
+        ((-0.012, 0.029, 0.058), (0.0, 0.03, 0.006)),
+        ((0.0, 0.03, 0.006), (0.033, 0.036, 0.004)),
+        ((0.0, 0.03, 0.006), (0.027, 0.014, 0.004)),
+        ((0.0, 0.03, 0.006), (-0.02, 0.03, 0.004)),
+    ):
+        leg = np.minimum(leg, capsule(right, start, end, 0.005, 0.0045))
+    return {
+        "torso": torso,
+        "neck": capsule(points, (0.06, 0, 0.2), (0.106, 0, 0.272), 0.036, 0.0215),
+        "head": ellipsoid(points, (0.117, 0, 0.285), (0.0265, 0.0205, 0.0215), -8),
+        "beak": capsule(points, (0.135, 0, 0.283), (0.166, 0, 0.272), 0.0075, 0.0035),
+        "wing": ellipsoid(right, (-0.022, 0.05, 0.176), (0.1, 0.011, 0.036), 14, -3),
+        "rump": capsule(points, (-0.06, 0, 0.157), (-0.127, 0, 0.128), 0.034, 0.015),
+        "leg": leg,
+    }
+
+
+def distance(points):
+    """Smooth union of all parts (exponential minimum)."""
+    values = np.stack(list(parts(points).values()))
+    least = values.min(axis=0)
+    width = ROUNDING / 3.0
+    return least - width * np.log(np.exp(-(values - least) / width).sum(axis=0))
+
+
+def surface_net():
+    """Points (V, 3) m and faces (F, 4) of the closed surface."""
+    counts = np.ceil((HIGH - LOW) / CELL).astype(int) + 1
+    axes = [LOW[k] + CELL * np.arange(counts[k]) for k in range(3)]
+    corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    inside = distance(corners) < 0.0
+    cells = tuple(c - 1 for c in counts)
+    mixed = np.zeros(cells, dtype=int)
+    for i, j, k in np.ndindex(2, 2, 2):
+        mixed += inside[i : i + cells[0], j : j + cells[1], k : k + cells[2]]
+    number = np.full(cells, -1)
+    used = np.argwhere((mixed > 0) & (mixed < 8))
+    number[tuple(used.T)] = np.arange(len(used))
+    points = onto_surface(LOW + CELL * (used + 0.5))
+    faces = []
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        here = np.moveaxis(inside, axis, 0)
+        cut = np.moveaxis(here[:-1] != here[1:], 0, axis)
+        edges = np.argwhere(cut)
+        around = []
+        for a, b in ((-1, -1), (0, -1), (0, 0), (-1, 0)):
+            cell = edges.copy()
+            cell[:, first] += a
+            cell[:, second] += b
+            around.append(number[tuple(cell.T)])
+        quads = np.stack(around, axis=1)
+        leaves = inside[tuple(edges.T)]  # the edge runs from inside to outside
+        faces.append(np.where(leaves[:, None], quads, quads[:, ::-1]))
+    return points, np.concatenate(faces)
+
+
+def onto_surface(points):
+    """Points drawn onto the surface along the gradient of the distance, within their cells."""
+    start, step = points, 1e-5
+    for _ in range(6):
+        gradient = np.stack(
+            [
+                (distance(points + step * e) - distance(points - step * e)) / (2.0 * step)
+                for e in np.eye(3)
+            ],
+            axis=-1,
+        )
+        size = np.maximum((gradient**2).sum(axis=-1, keepdims=True), 0.05)
+        points = points - distance(points)[:, None] * gradient / size
+        points = start + np.clip(points - start, -0.5 * CELL, 0.5 * CELL)
+    return points
+
+
+def part_shares(points):
+    """Share of each part at points (V, 3), adding up to 1."""
+    values = parts(points)
+    least = np.min(list(values.values()), axis=0)
+    raw = {name: np.exp(-(value - least) / SHARE_WIDTH) for name, value in values.items()}
+    total = sum(raw.values())
+    return {name: value / total for name, value in raw.items()}
+
+
+def smooth(value, low, high):
+    share = np.clip((value - low) / (high - low), 0.0, 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+def joint_weights(points, shares):
+    """(V, J) weights of the joints."""
+    x, y, z = points.T
+    along_neck = (points - np.array((0.05, 0, 0.185))) @ np.array((0.55, 0.0, 0.835))
+    moved = smooth(along_neck, 0.0, 0.05)
+    head = smooth(along_neck, 0.075, 0.115)
+    tail = smooth(-x, 0.075, 0.12)
+    leg = shares["leg"] * smooth(-z, -0.13, -0.105)
+    weights = np.zeros((len(points), len(JOINTS)))
+    weights[:, 1], weights[:, 2] = moved * (1.0 - head), moved * head
+    weights[:, 3] = tail * (1.0 - moved)
+    weights[:, 4], weights[:, 5] = leg * (y > 0), leg * (y <= 0)
+    weights[:, 0] = np.maximum(1.0 - weights[:, 1:].sum(axis=1), 0.0)
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def thrust(phase):
+    """Place of the head from -1 (behind) to 1: a quick thrust, then held back as the body moves."""
+    phase = np.mod(phase, 1.0)
+    return np.where(
+        phase < 0.4, 2.0 * smooth(phase, 0.0, 0.4) - 1.0, 1.0 - 2.0 * smooth(phase, 0.4, 1.0)
+    )
+
+
+def poses(frame):
+    """Joint rotations (deg about x, y, z) and the body's shift (m) at a frame, 0 the first."""
+    start = smooth(frame, 0.0, 18.0)  # from standing to walking
+    phase = frame / STEP
+    beat, stride = 2.0 * np.pi * phase, np.pi * phase
+    nod = start * 9.0 * thrust(phase)
+    swing = start * 24.0 * np.sin(stride)
+    return {
+        "body": (
+            start * 2.5 * np.sin(stride),
+            start * 1.2 * np.sin(beat),
+            start * 1.5 * np.sin(stride),
+        ),
+        "neck": (0.0, nod, 0.0),
+        "head": (0.0, -0.9 * nod, 0.0),
+        "tail": (0.0, start * 2.0 * np.sin(beat + 0.6), start * 2.0 * np.sin(stride + 0.4)),
+        "leg_left": (0.0, swing, 0.0),
+        "leg_right": (0.0, -swing, 0.0),
+    }, np.array([0.0, 0.0, start * 0.0035 * np.cos(beat)])
+
+
+def quaternion(degrees):
+    turned = Gf.Rotation(Gf.Vec3d(1, 0, 0), degrees[0])
+    turned *= Gf.Rotation(Gf.Vec3d(0, 1, 0), degrees[1])
+    turned *= Gf.Rotation(Gf.Vec3d(0, 0, 1), degrees[2])
+    return Gf.Quatf(turned.GetQuat())
+
+
+def define_mesh(stage, points, faces, shares):
+    mesh = UsdGeom.Mesh.Define(stage, "/pigeon/body")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 4, np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    extent = np.stack([points.min(axis=0), points.max(axis=0)]).astype(np.float32)
+    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(extent))
+    api = UsdGeom.PrimvarsAPI(mesh)
+    for name, share in shares.items():
+        primvar = api.CreatePrimvar(name, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
+        primvar.Set(Vt.FloatArray.FromNumpy(np.round(share, 4).astype(np.float32)))
+    colour = api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "constant")
+    colour.Set(Vt.Vec3fArray([Gf.Vec3f(0.45, 0.36, 0.33)]))
+    return mesh
+
+
+def bind_skeleton(stage, mesh, points, shares):
+    skeleton = UsdSkel.Skeleton.Define(stage, "/pigeon/skeleton")
+    paths = {}
+    for name, (parent, _) in JOINTS.items():
+        paths[name] = f"{paths[parent]}/{name}" if parent else name
+    pivots = {name: np.array(pivot) for name, (_, pivot) in JOINTS.items()}
+    skeleton.CreateJointsAttr(list(paths.values()))
+    bind = [Gf.Matrix4d().SetTranslate(Gf.Vec3d(*pivots[name])) for name in JOINTS]
+    local = {n: pivots[n] - (pivots[p] if p else 0.0) for n, (p, _) in JOINTS.items()}
+    skeleton.CreateBindTransformsAttr(bind)
+    skeleton.CreateRestTransformsAttr(
+        [Gf.Matrix4d().SetTranslate(Gf.Vec3d(*map(float, local[name]))) for name in JOINTS]
+    )
+    api = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    api.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
+    weights = joint_weights(points, shares)
+    strongest = np.argsort(-weights, axis=1)[:, :3]
+    values = np.take_along_axis(weights, strongest, axis=1)
+    values = values / values.sum(axis=1, keepdims=True)
+    indices = Vt.IntArray.FromNumpy(strongest.astype(np.int32).ravel())
+    api.CreateJointIndicesPrimvar(False, 3).Set(indices)
+    shaped = Vt.FloatArray.FromNumpy(values.astype(np.float32).ravel())
+    api.CreateJointWeightsPrimvar(False, 3).Set(shaped)
+    api.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
+    animation = UsdSkel.Animation.Define(stage, "/pigeon/skeleton/walk")
+    animation.CreateJointsAttr(list(paths.values()))
+    for frame in range(FRAMES):
+        rotations, shift = poses(float(frame))
+        moved = [local[name] + (shift if name == "body" else 0.0) for name in JOINTS]
+        animation.CreateTranslationsAttr().Set([Gf.Vec3f(*map(float, m)) for m in moved], frame + 1)
+        animation.CreateRotationsAttr().Set(
+            [quaternion([float(a) for a in rotations[name]]) for name in JOINTS], frame + 1
+        )
+    animation.CreateScalesAttr().Set([Gf.Vec3h(1, 1, 1)] * len(JOINTS))
+    UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets(
+        [animation.GetPath()]
+    )
+
+
+def make(path):
+    """Write the skin to a USD file."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    stage.SetTimeCodesPerSecond(FRAMES_PER_SECOND)
+    stage.SetFramesPerSecond(FRAMES_PER_SECOND)
+    stage.SetStartTimeCode(1)
+    stage.SetEndTimeCode(FRAMES)
+    root = UsdSkel.Root.Define(stage, "/pigeon")
+    Usd.ModelAPI(root).SetKind("component")
+    stage.SetDefaultPrim(root.GetPrim())
+    points, faces = surface_net()
+    shares = part_shares(points)
+    bind_skeleton(stage, define_mesh(stage, points, faces, shares), points, shares)
+    stage.GetRootLayer().Save()
+    return len(points), len(faces)
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("body.usdc")
+    target.unlink(missing_ok=True)
+    print("{} points, {} faces".format(*make(target)))
