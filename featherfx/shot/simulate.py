@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 # Newton stops at this share of the step's tolerance from the step's solution
 NEWTON_SHARE = 1e-2
+# the same where forces of contact follow from the poses, so that feathers in balance come to rest
+CONTACT_NEWTON_SHARE = 1e-3
 
 
 @dataclass
@@ -180,9 +182,10 @@ class Simulation:
         positions, rotations = motion.frames(0.0)
         state = rest_state(model, positions[members], rotations[members])
         place = {p.id: k for k, p in enumerate(placements)}
+        newton = NEWTON_SHARE if shot.contact is None else CONTACT_NEWTON_SHARE
         settings = Settings(
             tolerance=quality.tolerance,
-            newton=NEWTON_SHARE * quality.tolerance,
+            newton=newton * quality.tolerance,
             # feathers that touch take common steps
             max_substeps=quality.max_substeps if shot.contact is None else 1,
             radius=quality.radius,

@@ -137,18 +137,21 @@ def _meet(body, i, c, wall, skin, scene, memory, limits, touch, count):
     along = nx * (x[0] - old[0]) + ny * (x[1] - old[1]) + nz * (x[2] - old[2])
     thickness = 2.0 * skin.half[body, i, p]
     beside = sqrt(max(0.0, square - along * along))
-    closing = 0.0
+    # both ways count: a node that a wall drives on in the last try does not near it
+    own, walls = 0.0, 0.0
     for k in range(3):
-        closing += normal[k] * (ahead[k] - x[k] - new[k] + old[k])
+        own += normal[k] * (ahead[k] - x[k])
+        walls += normal[k] * (new[k] - old[k])
+    closing = abs(own) + abs(walls)
     outside = along >= 0.0
     if wall.beginning != 0 and not outside:
         memory.inside[body, i, c] = 1
     if outside:
         memory.inside[body, i, c] = 0
     height = min(abs(along), CREASE * thickness)
-    if beside > BESIDE * thickness + BESIDE_SHARE * height + abs(closing):
+    if beside > BESIDE * thickness + BESIDE_SHARE * height + closing:
         return count
-    if along - thickness > limits[0] + abs(closing) or memory.inside[body, i, c] != 0:
+    if along - thickness > limits[0] + closing or memory.inside[body, i, c] != 0:
         return count
     index, value = touch.who[count], touch.value[count]
     index[PAIR], index[ROW], index[COLUMN], index[GUEST_POINT] = -1, i, c, p
