@@ -22,7 +22,7 @@ from featherfx.shot.read_loads import read_details, read_forces, read_grips
 from featherfx.shot.read_scenes import read_colliders, read_skin, read_wind
 from featherfx.shot.scenes import SceneReaders
 from featherfx.shot.shot_keys import GROOM_USD, SHOT, SHOT_FILE
-from featherfx.shot.types import Motion, Quality, Shot, Wind
+from featherfx.shot.types import Contact, Motion, Quality, Shot, Wind
 
 
 def read_shot(
@@ -107,7 +107,14 @@ def _collect(
         skin=skin,
         wind_source=wind_source,
         colliders=colliders,
+        contact=_contact(checked["contact"]),
     )
+
+
+def _contact(values: dict[str, Any] | None) -> Contact | None:
+    if values is None or not values["enabled"]:
+        return None
+    return Contact(values["thickness"], values["friction"], values["steps"])
 
 
 def _check_frames(raw: dict[str, Any], place: Place) -> None:

@@ -44,6 +44,7 @@ _SHOT_PARTS = {
     "skin": ("[skin]", shot_keys.SKIN),
     "wind_usd": ("[wind_usd]", shot_keys.WIND_USD),
     "collider": ("[[collider]]", shot_keys.COLLIDER),
+    "contact": ("[contact]", shot_keys.CONTACT),
     "grip": ("[[grip]]", shot_keys.GRIP),
     "force": ("[[force]]", shot_keys.FORCE),
     "detail": ("[[detail]]", shot_keys.DETAIL),
