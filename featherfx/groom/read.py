@@ -310,6 +310,7 @@ def _placements(
                 prototype=prototype,
                 size=scale,
                 layer=draft.layer,
+                stack=draft.stack,
             )
         )
     return tuple(placements)

@@ -165,6 +165,7 @@ class Placement:
     prototype, size: the kind is the prototype `size` times as large; feathers that share a
         prototype differ in size only (None: kind itself).
     layer: feathers of a higher layer lie over those of a lower one.
+    stack: within a region's layer, a higher stack lies over a lower one; 0: where roots lie tells.
     """
 
     id: str
@@ -179,6 +180,7 @@ class Placement:
     prototype: FeatherKind | None = None
     size: float = 1.0
     layer: int = 0
+    stack: int = 0
 
 
 @dataclass(frozen=True)

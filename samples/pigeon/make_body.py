@@ -173,7 +173,9 @@ def joint_weights(points, shares):
 def thrust(phase):
     """Place of the head from -1 (behind) to 1: a quick thrust, then held back as the body moves."""
     phase = np.mod(phase, 1.0)
-    return np.where(phase < 0.4, 2.0 * smooth(phase, 0.0, 0.4) - 1.0, 1.0 - 2.0 * smooth(phase, 0.4, 1.0))
+    return np.where(
+        phase < 0.4, 2.0 * smooth(phase, 0.0, 0.4) - 1.0, 1.0 - 2.0 * smooth(phase, 0.4, 1.0)
+    )
 
 
 def poses(frame):
@@ -184,7 +186,11 @@ def poses(frame):
     nod = start * 9.0 * thrust(phase)
     swing = start * 24.0 * np.sin(stride)
     return {
-        "body": (start * 2.5 * np.sin(stride), start * 1.2 * np.sin(beat), start * 1.5 * np.sin(stride)),
+        "body": (
+            start * 2.5 * np.sin(stride),
+            start * 1.2 * np.sin(beat),
+            start * 1.5 * np.sin(stride),
+        ),
         "neck": (0.0, nod, 0.0),
         "head": (0.0, -0.9 * nod, 0.0),
         "tail": (0.0, start * 2.0 * np.sin(beat + 0.6), start * 2.0 * np.sin(stride + 0.4)),
