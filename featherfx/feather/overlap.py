@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 # cosine of the angle between two dorsal sides from which on feathers do not count as layered
-_LEAST_FACING = 0.2
+_LEAST_FACING = 0.5
 # of a stacked pair against one that flows, and of the hold against a pair
 _STACK_WEIGHT, _HOLD = 10.0, 1e-7
 

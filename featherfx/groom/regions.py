@@ -29,13 +29,14 @@ LIMIT = 3.0  # standard deviations
 # steps in which a blend between regions passes, so that shapes repeat there, too
 _WIDTH_STEP = 0.1
 _CURL_STEP = 5.0  # deg
+_MOST_TURNING = 60.0  # deg
 _STREAMS = {"length": 10, "width": 12, "curl": 14, "tilt": 16, "turn": 18, "roll": 20}
 _VARIANT_STREAM = 22
 
 
 @dataclass(frozen=True)
 class _Region:
-    """One region, ready to grow. length: m, of its kind where none is given. label: prim path."""
+    """One region, ready to grow. kind_length: m, and camber: deg, of its kind."""
 
     entry: dict[str, Any]
     place: Place
@@ -44,6 +45,7 @@ class _Region:
     presence: Rule
     flow: Rule
     kind_length: float
+    camber: float
 
     @property
     def length(self) -> float:
@@ -115,7 +117,7 @@ def _region(
             f"{surface.diagonal:.3g} m; are its units right?"
         )
         return None
-    return _Region(entry, place, surface, choice, where, along, kind.length)
+    return _Region(entry, place, surface, choice, where, along, kind.length, kind.rachis.camber)
 
 
 def _count(region: _Region) -> int:
@@ -151,8 +153,11 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
         return []
     blend = _blended(region, [r for r in regions if r.surface is region.surface], points)
     draws = {name: _normal(entry, name, found.number) for name in _STREAMS}
-    shapes = _shapes(region, blend, found)
     direction = _directions(region, blend["flow"], points, draws["turn"])
+    blend["curl"] += entry["follow"] * (
+        _turning(points, direction, blend["length"]) - region.camber
+    )
+    shapes = _shapes(region, blend, found)
     tilt = np.radians(np.clip(blend["tilt"] + draws["tilt"], -89.0, 89.0))[:, None]
     shaft = np.cos(tilt) * direction + np.sin(tilt) * points.normal
     dorsal = np.cos(tilt) * points.normal - np.sin(tilt) * direction
@@ -219,6 +224,13 @@ def _shapes(region: _Region, blend: dict[str, Array], found: Scattered) -> tuple
 
 def _stepped(values: Array, step: float) -> Array:
     return np.asarray(step * np.round(values / step))
+
+
+def _turning(points: SurfacePoints, direction: Array, length: Array) -> Array:
+    """(N,) deg, by which the skin falls off beneath feathers from root to tip; at least 0."""
+    tips = points.surface.normals_near(points.position + length[:, None] * direction)
+    ahead, up = (np.einsum("nc,nc->n", tips, each) for each in (direction, points.normal))
+    return np.clip(np.degrees(np.arctan2(ahead, up)), 0.0, _MOST_TURNING)
 
 
 def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Array) -> Array:
