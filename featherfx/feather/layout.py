@@ -6,6 +6,7 @@ each other by the layout's clearance (featherfx/feather/layout_kernels.py), thos
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.errors import InputWarning
 from featherfx.feather.height_map import HeightMaps, height_maps
 from featherfx.feather.overlap import shingle_pairs, strips_of
 from featherfx.groom.types import Groom, Layout, Placement
@@ -20,7 +22,7 @@ from featherfx.groom.types import Groom, Layout, Placement
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_MOST_SWEEPS = 60
+_MOST_SWEEPS = 30
 _SWEEPS_PER_SEARCH = 10  # after which the skin's tangent planes are looked up again
 _SETTLED = 0.05  # share of the clearance that may be lacking
 
@@ -83,6 +85,26 @@ class _Pose:
         return self.place[:, None] + np.einsum("fij,fqj->fqi", self.turned, samples)
 
 
+def lay_out(groom: Groom) -> Groom:
+    """The groom with its feathers laid over each other, where it asks for that.
+
+    Gives one InputWarning where feathers are left that pass through each other or the skin. Raises
+    InputError for shapes that cannot be built.
+    """
+    result, report = laid_out(groom)
+    if report is not None and report.unresolved:
+        worst = report.unresolved[0]
+        over = f"'{worst.lower}'" if worst.lower else "the skin"
+        warnings.warn(
+            f"{groom.source}: layout: {len(report.unresolved)} of {len(report.pairs)} pairs of "
+            f"feathers still pass through each other or the skin; the worst is '{worst.upper}', "
+            f"{1e3 * worst.depth:.2g} mm below {over}",
+            InputWarning,
+            stacklevel=2,
+        )
+    return result
+
+
 def laid_out(groom: Groom) -> tuple[Groom, LayoutReport | None]:
     """The groom with its feathers laid over each other, and how far that went.
 
@@ -118,13 +140,14 @@ def _settle(
     least = np.array([-0.5 * turn, -turn, 0.0])
     most = np.array([turn, turn, layout.most_lift])
     planes = np.zeros((0, 1, 4))
+    travel, room = np.zeros(len(order)), np.full((len(pairs), 2), -1.0)
     for number in range(_MOST_SWEEPS):
         if skin is not None and number % _SWEEPS_PER_SEARCH == 0:
             planes = skin.planes(pose.world())
         place, turned, *shapes, relation, worst = pose.surfaces
         lack = sweep(
             order, starts, pairs, layout.clearance, pose.root, pose.frame, pose.moves, least,
-            most, place, turned, *shapes, planes, relation, worst,
+            most, place, turned, *shapes, planes, relation, worst, travel, room,
         )  # fmt: skip
         if lack < _SETTLED * layout.clearance:
             break

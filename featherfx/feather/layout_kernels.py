@@ -20,7 +20,11 @@ import math
 from featherfx.compiled import kernel
 
 # how readily a feather moves: squares of raise and roll, as a way of the tip, and of lift
-RAISE_EASE, ROLL_EASE, LIFT_EASE = 1.0, 1.0, 0.02
+RAISE_EASE, ROLL_EASE, LIFT_EASE = 1.0, 3.0, 0.02
+# of the lower feather against the upper: there is more room above than below
+LOWER_EASE = 0.1
+# travel, as a share of the length, before feathers beside each other are looked at again
+BESIDE = 0.02
 
 
 @kernel
@@ -103,28 +107,45 @@ def ease(x, y, size):
 
 
 @kernel
-def shift(feather, x, y, share, size, moves, least, most):
-    """Move a feather so that its point at x and y rises by share * ease(x, y), within bounds."""
+def shift(feather, x, y, share, size, moves, least, most, travel):
+    """Move a feather so that its point at x and y rises by share * ease(x, y), within bounds.
+
+    travel (F,) grows by the way that any of its points may have gone (m).
+    """
     scale = 1.0 / (size[feather] * size[feather])
     changes = (RAISE_EASE * scale * x, ROLL_EASE * scale * y, LIFT_EASE)
     for k in range(3):
-        value = moves[feather, k] + share * changes[k]
-        moves[feather, k] = min(max(value, least[k]), most[k])
+        value = min(max(moves[feather, k] + share * changes[k], least[k]), most[k])
+        arm = 1.0 if k == 2 else size[feather]
+        travel[feather] += arm * abs(value - moves[feather, k])
+        moves[feather, k] = value
 
 
 @kernel
 def part(upper, lower, clearance, root, frame, moves, least, most, place, turned, size, shape,
-         samples, used, heights, window, relation, worst):  # fmt: skip
-    """Move two feathers apart where they are closest; returns the clearance they lacked (m)."""
+         samples, used, heights, window, relation, worst, travel, pair, room):  # fmt: skip
+    """Move two feathers apart where they are closest; returns the clearance they lacked (m).
+
+    room: (K, 2) of each pair, how far the two may travel before they can lack any, and how far
+    they had when that was found. Pairs beside each other count as apart by a share of their size.
+    """
+    gone = travel[upper] + travel[lower]
+    if gone - room[pair, 1] < room[pair, 0]:
+        return 0.0
     gap = least_gap(
         upper, lower, place, turned, size, shape, samples, used, heights, window, relation, worst
     )
+    room[pair, 1] = gone
+    room[pair, 0] = BESIDE * size[upper] if math.isnan(gap) else gap - clearance
     if math.isnan(gap) or gap >= clearance:
         return 0.0
+    room[pair, 0] = 0.0
     lack = clearance - gap
-    total = ease(worst[0], worst[1], size[upper]) + ease(worst[2], worst[3], size[lower])
-    shift(upper, worst[0], worst[1], lack / total, size, moves, least, most)
-    shift(lower, worst[2], worst[3], -lack / total, size, moves, least, most)
+    total = ease(worst[0], worst[1], size[upper])
+    total += LOWER_EASE * ease(worst[2], worst[3], size[lower])
+    down = LOWER_EASE * lack / total
+    shift(upper, worst[0], worst[1], lack / total, size, moves, least, most, travel)
+    shift(lower, worst[2], worst[3], -down, size, moves, least, most, travel)
     pose(upper, root, frame, moves, place, turned)
     pose(lower, root, frame, moves, place, turned)
     return lack
@@ -149,7 +170,7 @@ def skin_gap(feather, place, turned, size, shape, samples, used, planes, worst):
 
 @kernel
 def clear_skin(feather, clearance, root, frame, moves, least, most, place, turned, size, shape,
-               samples, used, planes, worst):  # fmt: skip
+               samples, used, planes, worst, travel):  # fmt: skip
     """Raise a feather off the skin where it lacks clearance; returns how much it lacked (m)."""
     first = 0.0
     for turn in range(4):
@@ -160,18 +181,19 @@ def clear_skin(feather, clearance, root, frame, moves, least, most, place, turne
         if lack <= 0.0:
             break
         total = ease(worst[0], worst[1], size[feather])
-        shift(feather, worst[0], worst[1], lack / total, size, moves, least, most)
+        shift(feather, worst[0], worst[1], lack / total, size, moves, least, most, travel)
         pose(feather, root, frame, moves, place, turned)
     return first
 
 
 @kernel
 def sweep(order, starts, pairs, clearance, root, frame, moves, least, most, place, turned, size,
-          shape, samples, used, heights, window, planes, relation, worst):  # fmt: skip
+          shape, samples, used, heights, window, planes, relation, worst, travel,
+          room):  # fmt: skip
     """One pass over all feathers, those beneath first; returns the greatest lack of clearance (m).
 
     order: (F,). starts: (F + 1,) where the pairs of each upper feather begin. planes: of the skin,
-    of size 0 without one.
+    of size 0 without one. travel, room: as in shift and part; 0 and -1 at first.
     """
     greatest = 0.0
     for k in range(order.shape[0]):
@@ -179,13 +201,13 @@ def sweep(order, starts, pairs, clearance, root, frame, moves, least, most, plac
         for pair in range(starts[upper], starts[upper + 1]):
             lack = part(
                 upper, pairs[pair, 1], clearance, root, frame, moves, least, most, place, turned,
-                size, shape, samples, used, heights, window, relation, worst,
+                size, shape, samples, used, heights, window, relation, worst, travel, pair, room,
             )  # fmt: skip
             greatest = max(greatest, lack)
         if planes.shape[0] > 0:
             lack = clear_skin(
                 upper, clearance, root, frame, moves, least, most, place, turned, size, shape,
-                samples, used, planes, worst,
+                samples, used, planes, worst, travel,
             )  # fmt: skip
             greatest = max(greatest, lack)
     return greatest

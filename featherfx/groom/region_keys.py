@@ -108,7 +108,7 @@ REGION = {
     "curl": Key(Number(-360, 360, "deg"), "Added to the camber of the shafts.", 0.0),
     "follow": Key(
         Number(0, 1),
-        "How far the shafts turn as the skin beneath them does (1), not as the kind's camber (0).",
+        "How far shafts and barbs bend as the skin beneath them does (1), not as the kind's (0).",
         0.0,
     ),
     "tilt": Key(Number(-90, 90, "deg"), "Angle between the shaft and the skin at the root.", 5.0),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
-from featherfx.feather.build import build_feather
+from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads
@@ -67,8 +67,7 @@ class Simulation:
         self._index = -1
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
-            build_feather(p.kind, quality.rows, quality.columns, p.mirrored)
-            for p in shot.groom.feathers
+            feather_of(p, quality.rows, quality.columns) for p in shot.groom.feathers
         )
         self._reports: list[StepReport] = []
         self._slept = 0
