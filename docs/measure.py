@@ -18,8 +18,6 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
-from featherfx.shot.detail import barb_coefficients
-from featherfx.shot.motion import root_motion
 from featherfx.shot.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.solver.state import rest_state
@@ -86,7 +84,7 @@ def main() -> None:
         other, _, seconds_of_two, _ = run(path, 2)
         shot = simulation.shot
         kind, feather = shot.groom.feathers[0].kind, simulation.feathers[0]
-        coefficients = barb_coefficients(shot, simulation.feathers, root_motion(shot))
+        coefficients = [each.coefficients for each in simulation.resolutions]
         drift = rest_drift(feather, kind, coefficients[0])
         print(f"{shot.name}: {len(simulation.feathers)} feathers, quality {shot.quality.name}")
         print(f"  seconds with 1 and 2 jobs      {seconds:.2f}, {seconds_of_two:.2f}")

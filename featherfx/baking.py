@@ -117,11 +117,17 @@ def entries_of(
 def _entries(task: Task) -> list[FeatherEntry]:
     """What the writer takes of a bake: feathers as they are drawn, and how they follow."""
     from featherfx.feather.render import barb_curves, render_feather
+    from featherfx.feather.scaled import feather_of
 
     shot, count = task.shot, task.drawn.barbs
     grid = shot.quality.rows, shot.quality.columns
     drawn = task.drawn.grid(shot.quality)
-    built = [render_feather(p.kind, grid, drawn, p.mirrored) for p in shot.groom.feathers]
+    built = [
+        (feather_of(p, *grid), None)
+        if drawn == grid
+        else render_feather(p.kind, grid, drawn, p.mirrored)
+        for p in shot.groom.feathers
+    ]
     entries = entries_of(
         shot.groom, [feather for feather, _ in built], static=False, skin=shot.skin
     )

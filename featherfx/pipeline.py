@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
@@ -22,13 +23,16 @@ def export_groom(
     *,
     quality: str = "final",
     preset_folders: Folders = (),
+    instances: bool | None = None,
     **stage: Unpack[StageOptions],
 ) -> int:
     """Write the rest feathers of a groom to USD, without time samples; return their number.
 
-    quality: name of the preset that gives rows and columns. Raises InputError with every problem.
+    quality: name of the preset that gives rows and columns. instances: whether feathers of one
+    shape are instances of a prototype, or each a mesh and a curve of its own; None: instances
+    where at least half of the feathers repeat. Raises InputError with every problem.
     """
-    from featherfx.feather.build import build_feather
+    from featherfx.feather.scaled import feather_of, repeated_shapes
     from featherfx.usd.output import check_output
 
     folders = tuple(preset_folders)
@@ -37,17 +41,21 @@ def export_groom(
         lambda: read_quality(quality, folders),
         lambda: check_output(output, stage.get("overwrite", False), stage.get("layout", "flat")),
     )
-    feathers = all_of(
-        *(
-            partial(build_feather, each.kind, grid.rows, grid.columns, each.mirrored)
-            for each in groom.feathers
-        )
-    )
-    entries = entries_of(groom, feathers, static=True)
+    first, chosen = repeated_shapes(groom.feathers)
+    metadata = metadata_of(groom, grid)
+    if instances or (instances is None and 2 * len(first) <= len(chosen)):
+        from featherfx.usd.instances import write_instances
+
+        prototypes = [replace(groom.feathers[k], size=1.0) for k in first]
+        shapes = all_of(*(partial(feather_of, p, grid.rows, grid.columns) for p in prototypes))
+        write_instances(path, groom.feathers, shapes, chosen, metadata=metadata, **stage)
+        return len(chosen)
+    tasks = (partial(feather_of, each, grid.rows, grid.columns) for each in groom.feathers)
+    entries = entries_of(groom, all_of(*tasks), static=True)
 
     from featherfx.usd.write import CacheWriter
 
-    with CacheWriter(path, entries, None, metadata=metadata_of(groom, grid), **stage):
+    with CacheWriter(path, entries, None, metadata=metadata, **stage):
         pass
     return len(entries)
 
@@ -124,7 +132,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
     """Problems that show only when feathers are built and moved; path holds no wrong value."""
     import tomllib
 
-    from featherfx.feather.build import build_feather
+    from featherfx.feather.scaled import feather_of, repeated_shapes
     from featherfx.shot.motion import root_motion
 
     keys = tomllib.loads(path.read_text(encoding="utf-8-sig"))
@@ -133,12 +141,12 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
         shot = read_shot(path, folders)
         groom, grid = shot.groom, shot.quality
         tasks.append(lambda: root_motion(shot))
-    elif {"feather", "row", "table", "usd"} & keys.keys():
+    elif {"feather", "row", "table", "usd", "region"} & keys.keys():
         groom, grid = read_groom(path, folders), read_quality("final", folders)
     else:
         return []
-    kinds = dict.fromkeys(feather.kind for feather in groom.feathers)
-    tasks += [partial(build_feather, kind, grid.rows, grid.columns) for kind in kinds]
+    first, _ = repeated_shapes(groom.feathers)
+    tasks += [partial(feather_of, groom.feathers[k], grid.rows, grid.columns) for k in first]
     try:
         all_of(*tasks)
     except InputError as error:

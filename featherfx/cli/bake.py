@@ -194,6 +194,12 @@ def join(output: Path, shares: int, overwrite: bool) -> None:
 )
 @quality_option("Quality preset that gives rows and columns.  [default: final]")
 @presets_option
+@click.option(
+    "--instances/--no-instances",
+    default=None,
+    help="Feathers of one shape as instances, or each a mesh of its own.  [default: instances where"
+    " at least half of them repeat]",
+)
 @stage_options
 def groom(groom: Path, quality: str | None, **options: Any) -> None:
     """Write the feathers of GROOM (a TOML file) at rest to USD, without time samples."""

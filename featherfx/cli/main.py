@@ -9,7 +9,7 @@ from featherfx.cli.bake import bake, groom, join
 from featherfx.cli.bench import bench
 from featherfx.cli.check import check
 from featherfx.cli.export import export
-from featherfx.cli.lab import lab
+from featherfx.cli.lab.group import lab
 from featherfx.cli.presets import presets
 from featherfx.cli.preview import preview
 from featherfx.cli.program import Program

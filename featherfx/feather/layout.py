@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputWarning
 from featherfx.feather.height_map import HeightMaps, height_maps
 from featherfx.feather.overlap import shingle_pairs, strips_of
+from featherfx.feather.scaled import repeated_shapes
 from featherfx.groom.types import Groom, Layout, Placement
 
 Array = NDArray[np.float64]
@@ -154,27 +155,19 @@ def _settle(
 
 
 def _pose(feathers: Sequence[Placement]) -> _Pose:
-    shapes: dict[tuple[int, bool], int] = {}
-    chosen = []
-    shape = np.zeros(len(feathers), dtype=np.int64)
-    for k, feather in enumerate(feathers):
-        kind = feather.prototype or feather.kind
-        key = (id(kind), feather.mirrored)
-        if key not in shapes:
-            shapes[key] = len(chosen)
-            chosen.append((kind, feather.mirrored))
-        shape[k] = shapes[key]
+    first, shape = repeated_shapes(feathers)
+    shapes = [(feathers[k].prototype or feathers[k].kind, feathers[k].mirrored) for k in first]
     frame = np.array([feather.rotation for feather in feathers])
     root = np.array([feather.position for feather in feathers])
     return _Pose(
-        maps=height_maps(chosen),
+        maps=height_maps(shapes),
         root=root,
         frame=frame,
         moves=np.zeros((len(feathers), 3)),
         place=root.copy(),
         turned=frame.copy(),
         size=np.array([feather.kind.length for feather in feathers]),
-        shape=shape,
+        shape=np.array(shape),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from featherfx.feather.build import build_feather
@@ -18,6 +19,20 @@ def feather_of(placement: Placement, rows: int, columns: int) -> Feather:
         return build_feather(placement.kind, rows, columns, placement.mirrored)
     built = build_feather(placement.prototype, rows, columns, placement.mirrored)
     return scaled(built, placement.size)
+
+
+def repeated_shapes(placements: Sequence[Placement]) -> tuple[list[int], list[int]]:
+    """The first placement of every shape, and for each placement the number of its shape."""
+    numbers: dict[tuple[int, bool], int] = {}
+    first: list[int] = []
+    chosen = []
+    for k, placement in enumerate(placements):
+        key = (id(placement.prototype or placement.kind), placement.mirrored)
+        if key not in numbers:
+            numbers[key] = len(first)
+            first.append(k)
+        chosen.append(numbers[key])
+    return first, chosen
 
 
 def scaled(feather: Feather, size: float) -> Feather:

@@ -119,6 +119,20 @@ VANE_MATERIAL = {
     ),
     "bending_across": Key(Number(0, 10, "N m"), "Bending modulus of the vane across the barbs."),
     "loss_factor": LOSS,
+    "compression_guard": Key(
+        Number(0, 1e12, "Pa"),
+        "Modulus of a penalty on lost area, so that the vane wrinkles before it closes; 0: none.",
+        0.0,
+    ),
+    "barb_clamp_normal": Key(
+        Number(0, 1e9, "rad/N"),
+        "Compliance of the barbs' roots out of the vane: turn under 1 N m per metre of vane; 0: "
+        "rigid.",
+        0.0,
+    ),
+    "barb_clamp_in_plane": Key(
+        Number(0, 1e9, "rad/N"), "The same for turns of the barbs' roots within the vane.", 0.0
+    ),
 }
 
 RACHIS_MATERIAL = {
@@ -142,6 +156,19 @@ QUALITY = {
     ),
     "tolerance": Key(Number(1e-9, 0.1, "m"), "Error per frame that the sub-stepping aims at."),
     "max_substeps": Key(Number(1, 4096, whole=True), "Most sub-steps per frame."),
+    "simulated_rows": Key(
+        Number(-1, 400, whole=True),
+        "Rows that are simulated, at most `rows`, which the meshes have anyhow; 0: all of them, "
+        "-1: the solver chooses.",
+        0,
+    ),
+    "coarse_below": Key(
+        Number(0, 100, "m"), "Feathers shorter than this get half the rows and columns.", 0.0
+    ),
+    "rachis_below": Key(
+        Number(0, 100, "m"), "Of shorter ones only the shaft is simulated, with rigid barbs.", 0.0
+    ),
+    "rigid_below": Key(Number(0, 100, "m"), "Shorter ones follow their roots rigidly.", 0.0),
 }
 
 WIND = {

@@ -79,6 +79,9 @@ class VaneMaterial:
         at 5 % of the root's.
     bending_across: N m, bending modulus of the vane across the barbs (barbs stay straight).
     loss_factor: damping of the vane, tangent of the loss angle at the feather's first frequency.
+    compression_guard: Pa, modulus of a penalty on lost area; 0: none.
+    barb_clamp_normal, barb_clamp_in_plane: rad / N, turn of the barbs' roots out of the vane and
+        within it under a moment of 1 N m per metre of vane; 0: rigid.
     """
 
     along: float
@@ -91,6 +94,9 @@ class VaneMaterial:
     barb_taper: float
     bending_across: float
     loss_factor: float
+    compression_guard: float = 0.0
+    barb_clamp_normal: float = 0.0
+    barb_clamp_in_plane: float = 0.0
 
 
 @dataclass(frozen=True)

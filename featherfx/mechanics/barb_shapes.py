@@ -35,3 +35,15 @@ def curvature_shapes(count: int, joints: int, taper: float) -> NDArray[np.float6
     grid = np.linspace(0.0, 1.0, SAMPLES + 1)
     at_edges = np.array([np.interp(edges, grid, turned[:, c]) for c in range(count)])
     return np.diff(at_edges, axis=1) if count else np.zeros((0, joints))
+
+
+def clamped_shapes(shapes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(C + 1, joints): the shapes and that of an elastic clamp, a turn at the root alone.
+
+    A spring between rachis and barb is in series with the barb, so the barb's turn at its root is
+    one more coefficient q with the energy 1/2 k q^2, k in N m per rad: curvature concentrated at
+    the root.
+    """
+    root = np.zeros((1, shapes.shape[1]))
+    root[0, :1] = 1.0
+    return np.concatenate([shapes, root])

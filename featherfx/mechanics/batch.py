@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
-from featherfx.mechanics.barb_shapes import curvature_shapes
+from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
 from featherfx.mechanics.model import Model
 from featherfx.mechanics.section import shaft_mass, shaft_stiffness
 from featherfx.mechanics.turns import frames_to_turns, rotation_vectors, turns_to_frames
@@ -34,6 +34,15 @@ class _Constants(NamedTuple):
     hinge_stiffness: Array
     mass: Array
     shaft_area: Array
+    cell_guard: Array
+
+
+# G of the compression guard over b A k (vane_guard_kernels)
+GUARD_SHARE = 1.0 / 2592.0
+# stiffness of a vane that is only carried, in its own
+SLACK = 1e-9
+# least compliance of an elastic clamp, in that of the barb it holds
+LEAST_CLAMP = 1e-6
 
 
 def make_model(
@@ -43,27 +52,51 @@ def make_model(
 
     feathers, kinds: one each per feather of the batch; all feathers have equal rows and columns
     and all kinds the same barb taper. coefficients: per barb and direction, 0 for rigid barbs.
+    Where a kind's barbs are clamped elastically, all get one more: see clamped_shapes.
     Damping is left at zero: featherfx.solver.frequency.with_damping adds it. Roots are held.
     """
     columns = feathers[0].columns
     taper = kinds[0].vane_material.barb_taper
+    elastic = any(has_elastic_clamp(kind) for kind in kinds)
+    guarded = any(kind.vane_material.compression_guard > 0.0 for kind in kinds)
     known: dict[tuple[int, FeatherKind], _Constants] = {}
     parts = []
     for feather, kind in zip(feathers, kinds, strict=True):
         key = (id(feather), kind)
         if key not in known:
-            known[key] = _constants(feather, kind, coefficients)
+            known[key] = _constants(feather, kind, coefficients, elastic)
         parts.append(known[key])
     stacked = {name: np.stack([getattr(p, name) for p in parts]) for name in _Constants._fields}
+    if not guarded:
+        stacked["cell_guard"] = np.zeros((len(parts), 0, 0, 0, 0))
+    shapes = curvature_shapes(coefficients, columns, taper)
     return Model(
         held=np.ones(len(parts), dtype=np.bool_),
-        shapes=curvature_shapes(coefficients, columns, taper),
+        shapes=clamped_shapes(shapes) if elastic else shapes,
         retardation=np.zeros((len(parts), 2)),
         **stacked,
     )
 
 
-def _constants(feather: Feather, kind: FeatherKind, coefficients: int) -> _Constants:
+def vane_carried(model: Model) -> Model:
+    """The model with a vane that resists nothing: the shaft carries its weight and its drag.
+
+    The cells keep a billionth of their stiffness, because they are where the air acts.
+    """
+    return model._replace(
+        cell_stiffness=SLACK * model.cell_stiffness,
+        hinge_stiffness=np.zeros_like(model.hinge_stiffness),
+        cell_guard=np.zeros((model.feathers, 0, 0, 0, 0)),
+    )
+
+
+def has_elastic_clamp(kind: FeatherKind) -> bool:
+    """Whether the barbs turn at their roots."""
+    vane = kind.vane_material
+    return vane.barb_clamp_normal > 0.0 or vane.barb_clamp_in_plane > 0.0
+
+
+def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: bool) -> _Constants:
     points = feather.points
     frames = row_frames(points)
     length = np.linalg.norm(np.diff(points[:, 0], axis=0), axis=1)
@@ -79,13 +112,14 @@ def _constants(feather: Feather, kind: FeatherKind, coefficients: int) -> _Const
         clamp=clamp,
         joints=joints,
         segment=segment,
-        barb_stiffness=_barb_stiffness(feather, kind, coefficients),
+        barb_stiffness=_barb_stiffness(feather, kind, coefficients, elastic),
         cell_rest=cell_rest,
         cell_stiffness=cell_stiffness * vane.thickness,
         hinge_rest=hinge_rest,
         hinge_stiffness=hinge_stiffness,
         mass=_mass(feather, kind, cell_area, length),
         shaft_area=feather.width * _row_share(length),
+        cell_guard=GUARD_SHARE * vane.compression_guard * vane.thickness * cell_area,
     )
 
 
@@ -185,13 +219,25 @@ def _barb_rest(feather: Feather, frames: Array) -> tuple[Array, Array, Array]:
     return clamp, joints, segment
 
 
-def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int) -> Array:
-    """(2, n, 2 C): root stiffness of the row's bundle of barbs over the barb's length."""
+def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int, elastic: bool) -> Array:
+    """(2, n, 2 C): root stiffness of the row's bundle of barbs over the barb's length.
+
+    elastic: with the stiffness of the bundle's clamp behind that of each direction.
+    """
     vane = kind.vane_material
     length = feather.barb_length
     scale = np.divide(feather.barb_share, length, out=np.zeros_like(length), where=length > 0)
-    both = np.array([vane.barb_bending_normal, vane.barb_bending_in_plane])
-    stiffness = np.repeat(scale[:, :, None] * both, coefficients, axis=2)
+    parts = []
+    for bending, clamp in (
+        (vane.barb_bending_normal, vane.barb_clamp_normal),
+        (vane.barb_bending_in_plane, vane.barb_clamp_in_plane),
+    ):
+        parts.append(np.repeat((scale * bending)[:, :, None], coefficients, axis=2))
+        if elastic:
+            least = LEAST_CLAMP * length / bending
+            compliance = np.where(length > 0.0, np.maximum(clamp, least), 1.0)
+            parts.append((feather.barb_share / compliance)[:, :, None])
+    stiffness = np.concatenate(parts, axis=2)
     return np.where(stiffness > 0.0, stiffness, 1.0)
 
 

@@ -32,6 +32,8 @@ class Model(NamedTuple):
     mass: (F, n, P) kg, and kg m^2 for the two directors (rotary inertia of the shaft).
     shaft_area: (F, n) m^2, side area of the shaft that the row stands for, for air drag.
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
+    cell_guard: (F, 2, n-1, m, 2) N m, G of the compression guard (vane_guard_kernels), or
+    (F, 0, 0, 0, 0) where there is none.
     """
 
     held: NDArray[np.bool_]
@@ -50,6 +52,7 @@ class Model(NamedTuple):
     mass: Array
     shaft_area: Array
     retardation: Array
+    cell_guard: Array = np.zeros((0, 0, 0, 0, 0))
 
     @property
     def feathers(self) -> int:
@@ -77,11 +80,13 @@ class Loads(NamedTuple):
     """What acts on a batch during a step.
 
     gravity: (3,) m/s^2. air: (4,) air density kg/m^3, normal and tangential vane coefficients,
-    shaft coefficient. wind_mean: (3,) m/s; wind_wave: (K, 3) rad/m, wind_rate: (K,) rad/s,
-    wind_amplitude: (K, 3) m/s, wind_phase: (K,) rad: mean + sum amplitude cos(wave.x - rate t +
-    phase). grip_node: (F, G, 2) row and material point, row -1 for none. grip_start, grip_end:
-    (F, G, 3) m, target at the step's start and end. grip_stiffness: (F, G) N/m. force: (F, n, P, 3)
-    N, dead loads on the material points (N m on directors), or (F, 0, 0, 3) where there are none.
+    shaft coefficient. wind_mean: (F, 3) m/s, or (3,) for all feathers; wind_wave: (K, 3) rad/m,
+    wind_rate: (K,) rad/s, wind_amplitude: (K, 3) m/s, wind_phase: (K,) rad: mean + sum amplitude
+    cos(wave.x - rate t + phase). grip_node: (F, G, 2) row and material point, row -1 for none.
+    grip_start, grip_end: (F, G, 3) m, target at the frame's start and end. grip_stiffness: (F, G)
+    N/m. force: (F, n, P, 3) N, dead loads on the material points (N m on directors) at the frame's
+    start, or (F, 0, 0, 3) where there are none. force_change: as force, what is added to it
+    linearly up to the frame's end, or (0, 0, 0, 3).
     """
 
     gravity: Array
@@ -96,6 +101,13 @@ class Loads(NamedTuple):
     grip_end: Array
     grip_stiffness: Array
     force: Array
+    force_change: Array = np.zeros((0, 0, 0, 3))
+
+
+def wind_of_each(loads: Loads, feathers: int) -> Loads:
+    """The same loads with the mean wind of every feather, (F, 3), as the kernels take it."""
+    mean = np.broadcast_to(loads.wind_mean, (feathers, 3))
+    return loads._replace(wind_mean=np.ascontiguousarray(mean, dtype=float))
 
 
 def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Loads:
@@ -103,7 +115,7 @@ def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0
     return Loads(
         gravity=np.array(gravity, float),
         air=np.zeros(4),
-        wind_mean=np.zeros(3),
+        wind_mean=np.zeros((feathers, 3)),
         wind_wave=np.zeros((0, 3)),
         wind_rate=np.zeros(0),
         wind_amplitude=np.zeros((0, 3)),

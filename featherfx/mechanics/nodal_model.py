@@ -215,6 +215,12 @@ def _bend_stiffness(feather: Feather, kind: FeatherKind, bending: Bending, shaft
     joints[0] = 2.0 * _taper(np.array(0.25 / columns), kind) if shaft else 0.0
     moduli = np.array([vane.barb_bending_normal, vane.barb_bending_in_plane])
     stiffness = share[:, :, None, None] * joints[:, None] * moduli
+    # the elastic clamp is in series with the half segment next to the rachis
+    clamp = np.array([vane.barb_clamp_normal, vane.barb_clamp_in_plane])
+    joint = stiffness[:, :, 0]
+    compliant = feather.barb_share[:, :, None] + joint * clamp
+    softer = feather.barb_share[:, :, None] * joint
+    stiffness[:, :, 0] = np.divide(softer, compliant, out=np.zeros_like(joint), where=compliant > 0)
     if bending != "barbs":
         stiffness[:, :, 1:, 0] = 0.0
     return stiffness

@@ -103,12 +103,12 @@ def area_vectors(points, cell_stiffness, area):
 
 
 @kernel
-def blow(points, time, loads, velocity, cell_stiffness, around):
-    """Wind, vane areas and speeds through the air at the predicted points."""
+def blow(points, time, loads, f, velocity, cell_stiffness, around):
+    """Wind, vane areas and speeds through the air at the predicted points of feather f."""
     sample_wind(
         points,
         time,
-        loads.wind_mean,
+        loads.wind_mean[f],
         loads.wind_wave,
         loads.wind_rate,
         loads.wind_amplitude,
@@ -226,20 +226,32 @@ def node_forces(
 
 
 @kernel
-def dead_energy(points, dead):
-    """Energy of dead loads (n, P, 3), N, on the material points (n, P, 3); none: (0, 0, 3)."""
+def dead_energy(points, dead, change, share):
+    """Energy of dead loads on the material points (n, P, 3).
+
+    dead: (n, P, 3) N at the frame's start, change: (n, P, 3) N over the frame; (0, 0, 3) for none.
+    share: 0..1, of the frame.
+    """
     total = 0.0
     for i in range(dead.shape[0]):
         for p in range(dead.shape[1]):
             for k in range(3):
                 total -= dead[i, p, k] * points[i, p, k]
+    for i in range(change.shape[0]):
+        for p in range(change.shape[1]):
+            for k in range(3):
+                total -= share * change[i, p, k] * points[i, p, k]
     return total
 
 
 @kernel
-def add_dead_forces(dead, force):
+def add_dead_forces(dead, change, share, force):
     """Gradient of dead_energy, added to force (n, P, 3)."""
     for i in range(dead.shape[0]):
         for p in range(dead.shape[1]):
             for k in range(3):
                 force[i, p, k] -= dead[i, p, k]
+    for i in range(change.shape[0]):
+        for p in range(change.shape[1]):
+            for k in range(3):
+                force[i, p, k] -= share * change[i, p, k]

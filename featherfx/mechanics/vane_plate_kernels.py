@@ -96,10 +96,10 @@ def hinge_of(side, i, j, half, edge):
 
 
 @kernel
-def patch_gradient(points, side, j, half, edge, nodes, gradient, line):
-    """Gradient of one dihedral angle of a triangle, written to line (18,) of its patch.
+def patch_hinge_gradient(points, side, j, half, edge, nodes, gradient):
+    """Gradient of one dihedral angle of a triangle; returns its four nodes' places in the patch.
 
-    points: (n, P, 3). nodes: (6, 2), of patch_nodes. gradient: (4, 3) scratch.
+    points: (n, P, 3). nodes: (6, 2), of patch_nodes. Written: gradient (4, 3).
     """
     places = patch_hinge(side, j, half, edge)
     hinge_gradient(
@@ -109,6 +109,13 @@ def patch_gradient(points, side, j, half, edge, nodes, gradient, line):
         points[nodes[places[3], 0], nodes[places[3], 1]],
         gradient,
     )
+    return places
+
+
+@kernel
+def patch_gradient(points, side, j, half, edge, nodes, gradient, line):
+    """The same, written to line (18,) of the patch; gradient: (4, 3) scratch."""
+    places = patch_hinge_gradient(points, side, j, half, edge, nodes, gradient)
     for a in range(18):
         line[a] = 0.0
     for a in range(4):

@@ -32,6 +32,11 @@ class Background:
         self._raise()
         self._queue.put(arguments)
 
+    def wait(self) -> None:
+        """Return when all calls so far are done; raises as the next call would."""
+        self._queue.join()
+        self._raise()
+
     def __exit__(
         self,
         kind: type[BaseException] | None,
@@ -52,6 +57,7 @@ class Background:
                     self._function(*arguments)
                 except BaseException as error:
                     self._error = error
+            self._queue.task_done()
 
     def _raise(self) -> None:
         if self._error is not None:

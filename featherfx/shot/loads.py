@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.mechanics.turns import frames_to_turns, rotation_vectors
+from featherfx.shot.forces import force_at
 from featherfx.shot.motion import Roots
-from featherfx.shot.types import Grip, Shot
+from featherfx.shot.types import Force, Grip, Shot
 from featherfx.shot.wind import wind_field
 from featherfx.solver.step import RootPath
 
@@ -51,12 +52,13 @@ def frame_loads(
     start: float,
     end: float,
     roots: Array | None = None,
+    forces: Sequence[tuple[int, Force, Array]] = (),
 ) -> Loads:
     """Loads of a batch of F feathers from start to end (s since the first frame).
 
     grips: (place in the batch, grip) pairs. start_points: (n, P, 3) world points of every feather
     at the first frame, from which the grips' displacements count. roots: (F, 3) m, where a scene's
-    wind is sampled; the batch gets the mean.
+    wind is sampled for each feather. forces: (place in the batch, force, its weights (n, P)).
     """
     count = len(feathers)
     most = max((sum(1 for f, _ in grips if f == place) for place in range(count)), default=0)
@@ -74,9 +76,10 @@ def frame_loads(
         stiffness[place, g] = grip.stiffness
     wind, source = shot.wind, shot.wind_source
     field = wind_field(wind)
-    mean = field.mean
+    mean = np.tile(field.mean, (count, 1))
     if source is not None and roots is not None:
-        mean = mean + source.velocity(roots, 0.5 * (start + end)).mean(axis=0)
+        mean += source.velocity(roots, 0.5 * (start + end))
+    force, change = _dead_forces(forces, feathers, start, end)
     return Loads(
         gravity=np.asarray(shot.gravity, dtype=float),
         air=np.array([wind.air_density, wind.drag_normal, wind.drag_tangential, SHAFT_DRAG]),
@@ -89,8 +92,27 @@ def frame_loads(
         grip_start=targets[0],
         grip_end=targets[1],
         grip_stiffness=stiffness,
-        force=np.zeros((count, 0, 0, 3)),
+        force=force,
+        force_change=change,
     )
+
+
+def _dead_forces(
+    forces: Sequence[tuple[int, Force, Array]],
+    feathers: Sequence[Feather],
+    start: float,
+    end: float,
+) -> tuple[Array, Array]:
+    """force and force_change of Loads."""
+    if not forces:
+        return np.zeros((len(feathers), 0, 0, 3)), np.zeros((0, 0, 0, 3))
+    force = np.zeros((len(feathers), *feathers[0].points.shape))
+    change = np.zeros_like(force)
+    for place, each, weights in forces:
+        before, after = force_at(each, start), force_at(each, end)
+        force[place] += weights[..., None] * before
+        change[place] += weights[..., None] * (after - before)
+    return force, change
 
 
 def grip_share(grip: Grip, time: float) -> float:

@@ -18,10 +18,11 @@ from featherfx.groom.read import collect_groom, groom_of
 from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
 from featherfx.groom.toml_file import load_toml
 from featherfx.groom.types import Groom
+from featherfx.shot.read_loads import read_details, read_forces, read_grips
 from featherfx.shot.read_scenes import read_colliders, read_skin, read_wind
 from featherfx.shot.scenes import SceneReaders
-from featherfx.shot.shot_keys import GRIP, GROOM_USD, SHOT, SHOT_FILE
-from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
+from featherfx.shot.shot_keys import GROOM_USD, SHOT, SHOT_FILE
+from featherfx.shot.types import Motion, Quality, Shot, Wind
 
 
 def read_shot(
@@ -75,7 +76,8 @@ def _collect(
     checked = SHOT_FILE.check(raw, place, False)
     groom = _groom(raw, place, library, readers)
     settings = {name: _setting(name, raw, library, place) for name in _BUILD}
-    grips = _grips(raw, groom, place)
+    grips, forces = read_grips(raw, groom, place), read_forces(raw, groom, place)
+    details = read_details(raw, groom, place)
     colliders = read_colliders(raw, place, readers)
     _check_frames(raw, place)
     _check_keyframes(settings["motion"], groom, place.child("motion"))
@@ -97,8 +99,11 @@ def _collect(
         quality=settings["quality"],
         gravity=np.array(checked["gravity"]),
         grips=grips,
+        forces=forces,
+        details=details,
         settle=checked["settle"],
         sleep=checked["sleep"],
+        coast=checked["coast"],
         skin=skin,
         wind_source=wind_source,
         colliders=colliders,
@@ -192,28 +197,3 @@ def _motion(name: str, values: dict[str, Any]) -> Motion:
 
 
 _BUILD = {"motion": _motion, "wind": _wind, "quality": _quality}
-
-
-def _grips(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple[Grip, ...]:
-    entries = raw.get("grip", [])
-    ids = {feather.id for feather in groom.feathers} if groom is not None else None
-    grips = []
-    for index, entry in enumerate(entries if isinstance(entries, list) else []):
-        at = place.child("grip").item(index)
-        checked = Table(GRIP).check(entry, at, False)
-        if checked is INVALID:
-            continue
-        if ids is not None and checked["feather"] not in ids:
-            at.child("feather").fail(
-                f"no feather '{checked['feather']}' in the groom, {_likely(checked, ids)}"
-            )
-        if checked["end"] <= checked["start"]:
-            start = checked["start"]
-            at.child("end").fail(f"{checked['end']:g} is not later than start = {start:g} s")
-        grips.append(Grip(**checked | {"displacement": np.array(checked["displacement"])}))
-    return tuple(grips)
-
-
-def _likely(checked: dict[str, Any], ids: set[str]) -> str:
-    meant = nearest(checked["feather"], ids)
-    return meant if meant.startswith("did") else "its ids are like " + ", ".join(sorted(ids)[:3])

@@ -45,6 +45,8 @@ _SHOT_PARTS = {
     "wind_usd": ("[wind_usd]", shot_keys.WIND_USD),
     "collider": ("[[collider]]", shot_keys.COLLIDER),
     "grip": ("[[grip]]", shot_keys.GRIP),
+    "force": ("[[force]]", shot_keys.FORCE),
+    "detail": ("[[detail]]", shot_keys.DETAIL),
 }
 _GROOM_PARTS = {
     "joint": ("[[joint]]", groom_keys.JOINT),

@@ -6,6 +6,8 @@ from featherfx.groom.groom_keys import GROOM, USD
 from featherfx.groom.preset_keys import Preset, is_table, is_text, vector
 from featherfx.groom.schema import Array, Either, Flag, Key, Number, Table, Text
 
+LEVELS = ("full", "coarse", "rachis", "rigid")
+
 GRIP = {
     "feather": Key(Text(), "Id of the feather."),
     "row": Key(Number(0, 1), "Place along the rachis: 0 the base, 1 the tip.", 1.0),
@@ -18,6 +20,40 @@ GRIP = {
     "start": Key(Number(0, 1e5, "s"), "When the grip starts to move.", 0.0),
     "end": Key(Number(0, 1e5, "s"), "When it has arrived; later than start."),
     "stiffness": Key(Number(1e-6, 1e7, "N/m"), "Stiffness of the spring that leads the point."),
+}
+
+FORCE = {
+    "feather": Key(Text(), "Id of the feather."),
+    "force": Key(
+        vector(-1e6, 1e6, "N"),
+        "Force in the groom's frame, which the feather does not turn; N/m along a line.",
+    ),
+    "line": Key(
+        Text(("point", "rachis", "barb")),
+        "Where it acts: at a point, along the rachis, or along the barb at `row`.",
+        "point",
+    ),
+    "row": Key(Number(0, 1), "Place along the rachis by arc length: 0 the base, 1 the tip.", 1.0),
+    "column": Key(Number(0, 1), "Place along the barb: 0 the rachis, 1 the barb's end.", 0.0),
+    "side": Key(Text(("leading", "trailing")), "Vane that the barb belongs to.", "leading"),
+    "span": Key(
+        Array(Number(0, 1), 2, 2), "Of a line: first and last share that it covers.", (0.0, 1.0)
+    ),
+    "keys": Key(
+        Array(Array(Number(-1e6, 1e6), 2, 2), 0, 10_000),
+        "[time in s, factor of the force] in ascending time, linear between them and constant "
+        "outside. None: the whole force at all times.",
+        (),
+    ),
+}
+
+DETAIL = {
+    "feathers": Key(Text(), "Ids, with * and ? as wild cards."),
+    "level": Key(
+        Text(LEVELS),
+        "full: as the quality says; coarse: half the rows and columns, one coefficient; rachis: "
+        "the shaft alone, with rigid barbs; rigid: not simulated, follows its root.",
+    ),
 }
 
 _FILE = Key(Text(), "USD file, as seen from the shot file's folder.")
@@ -85,7 +121,15 @@ SHOT = {
     ),
     "gravity": Key(vector(-1000, 1000, "m/s^2"), "Acceleration of free fall.", (0.0, 0.0, -9.81)),
     "sleep": Key(
-        Flag(), "Whether feathers at rest are skipped until root, wind or grip wakes them.", True
+        Flag(),
+        "Whether feathers at rest are skipped until root, wind, grip or force wakes them.",
+        True,
+    ),
+    "coast": Key(
+        Flag(),
+        "Whether feathers at rest against a root that moves evenly on a straight line are carried "
+        "along unstepped; needs `sleep`.",
+        True,
     ),
     "settle": Key(
         Flag(), "Whether feathers hang in balance at the first frame, instead of at rest.", True
@@ -93,6 +137,12 @@ SHOT = {
     "wind_usd": Key(Table(WIND_USD, "table"), "Wind of a USD scene, added to `wind`.", None),
     "collider": Key(Array(Table(COLLIDER, "table"), 0, 10_000), "Meshes of USD scenes.", ()),
     "grip": Key(Array(Table(GRIP, "table"), 0, 10_000), "Points led along a path.", ()),
+    "detail": Key(
+        Array(Table(DETAIL, "table"), 0, 10_000),
+        "Level of detail by feather, before the quality's lengths; the last one that fits holds.",
+        (),
+    ),
+    "force": Key(Array(Table(FORCE, "table"), 0, 10_000), "Dead forces on points and lines.", ()),
 }
 
 SHOT_FILE = Table(SHOT, "shot")

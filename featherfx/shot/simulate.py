@@ -10,16 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
+from featherfx.feather.density import PointMap, density_map
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
-from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.batch import has_elastic_clamp, make_model, vane_carried
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.detail import barb_coefficients
+from featherfx.shot.detail import Resolution, resolutions
+from featherfx.shot.forces import force_weights
 from featherfx.shot.loads import frame_loads, root_path
 from featherfx.shot.motion import Roots, root_motion
+from featherfx.shot.rigid import FeatherPose, rigid_poses
 from featherfx.shot.sleep import asleep, at_rest, undisturbed
-from featherfx.shot.types import Frame, Grip, Shot, sample_number
+from featherfx.shot.types import Force, Frame, Grip, Shot, sample_number
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step import RootPath, Settings, Solver, StepReport, raise_if_failed
@@ -32,12 +35,17 @@ NEWTON_SHARE = 1e-3
 
 @dataclass
 class _Group:
-    """Feathers that share a grid: their places in the groom, solver, state and grips."""
+    """Feathers that share a grid: their places in the groom, solver, state and loads.
+
+    feathers: as simulated. maps: to the meshes' grid, where that is another one.
+    """
 
     members: NDArray[np.int64]
     feathers: list[Feather]
+    maps: list[PointMap | None]
     names: list[str]
     grips: list[tuple[int, Grip]]
+    forces: list[tuple[int, Force, Array]]
     solver: Solver
     state: State
     start: Array
@@ -47,7 +55,8 @@ class _Group:
 class Simulation:
     """Iterates over the frames of a shot; `report` is complete after the last one.
 
-    feathers: one per placement, in groom order. Between two frames, `checkpoint` is all that a
+    feathers: one per placement, in groom order, on the grid of the quality, whatever is simulated;
+    resolutions: what is. Between two frames, `checkpoint` is all that a
     later simulation of the same shot needs to go on from there. report: newton_iterations and
     substeps per feather and frame (mean, max), worst_residual (m, last Newton move), skipped work
     by kind.
@@ -65,12 +74,14 @@ class Simulation:
         self._range = frames or (shot.first_frame, shot.last_frame)
         self._groups: list[_Group] = []
         self._index = -1
+        self._rigid: dict[int, Feather] = {}
+        self.resolutions: list[Resolution] = []
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
             feather_of(p, quality.rows, quality.columns) for p in shot.groom.feathers
         )
         self._reports: list[StepReport] = []
-        self._slept = 0
+        self._slept, self._coasted, self._frames = 0, 0, 0
 
     @property
     def report(self) -> dict[str, Any]:
@@ -81,7 +92,11 @@ class Simulation:
             "rejected_substeps": int(sum(r.rejected.sum() for r in self._reports)),
             "worst_residual": max((float(r.move.max()) for r in self._reports), default=0.0),
             "worst_step_error": max((float(r.error.max()) for r in self._reports), default=0.0),
-            "skipped": {"sleeping feather frames": self._slept},
+            "skipped": {
+                "sleeping feather frames": self._slept,
+                "coasting feather frames": self._coasted,
+                "rigid feather frames": self._frames * len(self._rigid),
+            },
         }
 
     def __iter__(self) -> Iterator[Frame]:
@@ -94,7 +109,7 @@ class Simulation:
                     self._advance(group, motion, index)
                 self._index = index
                 if index >= wanted:
-                    yield self._frame(index)
+                    yield self._frame(index, motion)
         finally:
             for group in self._groups:
                 group.solver.__exit__()
@@ -119,23 +134,31 @@ class Simulation:
         return begin.index + 1
 
     def _make_groups(self, motion: Roots) -> list[_Group]:
-        """Batches of feathers of one barb taper and number of coefficients, on their roots."""
-        counts = barb_coefficients(self.shot, self.feathers, motion)
-        alike: dict[tuple[float, int], list[int]] = {}
+        """Batches of feathers of one grid, barb taper and clamp, on their roots."""
+        self.resolutions = resolutions(self.shot, self.feathers, motion)
+        alike: dict[tuple[Resolution, float, bool], list[int]] = {}
         for index, placement in enumerate(self.shot.groom.feathers):
-            key = (placement.kind.vane_material.barb_taper, counts[index])
+            resolution, kind = self.resolutions[index], placement.kind
+            if resolution.level == "rigid":
+                self._rigid[index] = self.feathers[index]
+                continue
+            key = (resolution, kind.vane_material.barb_taper, has_elastic_clamp(kind))
             alike.setdefault(key, []).append(index)
         return [
-            self._group(np.array(members), coefficients, motion)
-            for (_, coefficients), members in alike.items()
+            self._group(np.array(members), resolution, motion)
+            for (resolution, _, _), members in alike.items()
         ]
 
-    def _group(self, members: NDArray[np.int64], coefficients: int, motion: Roots) -> _Group:
+    def _group(self, members: NDArray[np.int64], resolution: Resolution, motion: Roots) -> _Group:
         shot, quality = self.shot, self.shot.quality
         placements = [shot.groom.feathers[i] for i in members]
-        feathers = [self.feathers[i] for i in members]
         kinds = [p.kind for p in placements]
-        model = with_damping(make_model(feathers, kinds, coefficients), kinds)
+        grid = resolution.rows, resolution.columns
+        feathers = [feather_of(p, *grid) for p in placements]
+        model = make_model(feathers, kinds, resolution.coefficients)
+        if resolution.level == "rachis":
+            model = vane_carried(model)
+        model = with_damping(model, kinds)
         positions, rotations = motion.frames(0.0)
         state = rest_state(model, positions[members], rotations[members])
         place = {p.id: k for k, p in enumerate(placements)}
@@ -147,8 +170,14 @@ class Simulation:
         return _Group(
             members=members,
             feathers=feathers,
+            maps=_maps(feathers, [self.feathers[i] for i in members]),
             names=[p.id for p in placements],
             grips=[(place[g.feather], g) for g in shot.grips if g.feather in place],
+            forces=[
+                (place[each.feather], each, force_weights(each, feathers[place[each.feather]]))
+                for each in shot.forces
+                if each.feather in place
+            ],
             solver=Solver(model, settings, self._jobs),
             state=state,
             start=state.points.copy(),
@@ -168,7 +197,7 @@ class Simulation:
         # grips take hold of the settled feathers, so they do not act while those settle
         grips = group.grips if index else []
         points = list(group.start)
-        return frame_loads(shot, grips, group.feathers, points, start, end, roots)
+        return frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
 
     def _advance(self, group: _Group, motion: Roots, index: int) -> None:
         """Bring a group to the sample with this index, 0 at the first frame."""
@@ -193,30 +222,31 @@ class Simulation:
         """Feathers of a group that have to be stepped; the others sleep through the frame."""
         if not self.shot.sleep:
             return None
-        sleeping = undisturbed(group.state, path, loads, group.loads)
-        sleeping &= at_rest(group.state, self.shot.quality.tolerance, duration)
+        sleeping = undisturbed(group.state, path, loads, group.loads, self.shot.coast)
+        sleeping &= at_rest(group.state, path, self.shot.quality.tolerance, duration)
         if sleeping.any():
-            group.state = asleep(group.state, sleeping, duration)
-            self._slept += int(sleeping.sum())
+            moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
+            group.state = asleep(group.state, sleeping, path, duration)
+            self._slept += int((sleeping & ~moving).sum())
+            self._coasted += int((sleeping & moving).sum())
         return np.flatnonzero(~sleeping).tolist()
 
-    def _frame(self, index: int) -> Frame:
-        time = self._time(index)
-        empty = [np.zeros(0)] * len(self.feathers)
-        points, velocities, accelerations = list(empty), list(empty), list(empty)
+    def _frame(self, index: int, motion: Roots) -> Frame:
+        time, before = self._time(index), self._time(max(index - 1, 0))
+        self._frames += 1
+        poses = rigid_poses(self._rigid, motion.frames, before, time) if self._rigid else {}
         for group in self._groups:
             for k, member in enumerate(group.members):
-                points[member] = group.state.points[k]
-                velocities[member] = group.state.velocity[k]
-                accelerations[member] = group.state.acceleration[k]
-                if not np.isfinite(points[member]).all():
+                poses[int(member)] = _pose(group, k)
+                if not np.isfinite(poses[int(member)].points).all():
                     raise SimulationError(group.names[k], time, "a point is not finite")
+        ordered = [poses[f] for f in range(len(self.feathers))]
         return Frame(
             number=sample_number(self.shot.first_frame, index, self._subframes),
             time=time,
-            points=tuple(points),
-            velocities=tuple(velocities),
-            accelerations=tuple(accelerations),
+            points=tuple(pose.points for pose in ordered),
+            velocities=tuple(pose.velocities for pose in ordered),
+            accelerations=tuple(pose.accelerations for pose in ordered),
         )
 
 
@@ -236,6 +266,24 @@ def simulate(
     be built and, while iterating, SimulationError.
     """
     return Simulation(shot, jobs, frames, subframes, start)
+
+
+def _maps(simulated: list[Feather], drawn: list[Feather]) -> list[PointMap | None]:
+    """From the simulated grids to the drawn ones; None where they are the same."""
+    known: dict[tuple[int, int], PointMap | None] = {}
+    for pair in zip(simulated, drawn, strict=True):
+        key = (id(pair[0]), id(pair[1]))
+        if key not in known:
+            same = pair[0].points.shape == pair[1].points.shape
+            known[key] = None if same else density_map(*pair)
+    return [known[id(a), id(b)] for a, b in zip(simulated, drawn, strict=True)]
+
+
+def _pose(group: _Group, k: int) -> FeatherPose:
+    """Points and rates of a group's feather on the grid of the meshes."""
+    state, to_mesh = group.state, group.maps[k]
+    values = state.points[k], state.velocity[k], state.acceleration[k]
+    return FeatherPose(*(values if to_mesh is None else map(to_mesh, values)))
 
 
 def _mean_and_max(counts: list[Array]) -> dict[str, float]:

@@ -6,6 +6,9 @@ error tolerance (a vibration that is just turning round has v = 0, but not a). I
 what acts on it is what acted when it fell asleep: its root stands still where it stood, gravity
 and steady wind are the same, no gust blows and its grips do not move. Anything else wakes it in
 the same frame, before the step, so that no motion is missed.
+
+The same holds against a root that moves evenly on a straight line: seen from there, the feather is
+at rest and the wind is steady. Such a feather coasts: it is carried along with its root.
 """
 
 from __future__ import annotations
@@ -14,20 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Loads
+from featherfx.solver.root_path import RootPath
 from featherfx.solver.state import State
-from featherfx.solver.step import RootPath
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # share of the tolerance that a sleeping feather would move in a frame at most
 REST_SHARE = 1e-3
+# m, by which an even motion may differ from one: what computing a path leaves
+EVEN = 1e-12
 
 
-def at_rest(state: State, tolerance: float, duration: float) -> Flags:
-    """(F,) which feathers move by less than the rest share of a tolerance (m) in a frame (s)."""
+def at_rest(state: State, path: RootPath, tolerance: float, duration: float) -> Flags:
+    """(F,) which feathers move against their roots by less than the rest share of a tolerance (m)
+    in a frame (s)."""
     limit = REST_SHARE * tolerance
-    quiet = _largest(state.velocity) * duration < limit
+    velocity = state.velocity - (_way(path) / duration)[:, None, None]
+    quiet = _largest(velocity) * duration < limit
     return quiet & (_largest(state.acceleration) * duration**2 < limit)
 
 
@@ -37,35 +44,72 @@ def _largest(rates: Array) -> Array:
     return np.asarray(lengths.max(axis=(1, 2)))
 
 
-def undisturbed(state: State, path: RootPath, loads: Loads, before: Loads | None) -> Flags:
-    """(F,) which feathers are loaded as in the frame before, by nothing that changes within it."""
+def _way(path: RootPath) -> Array:
+    """(F, 3) m, from the start of a path to its end."""
+    return np.asarray(path.samples[:, -1, :3] - path.samples[:, 0, :3])
+
+
+def _straight(path: RootPath) -> Flags:
+    """(F,) which roots move evenly on a straight line, without turning, or not at all."""
+    share = np.linspace(0.0, 1.0, path.samples.shape[1])
+    even = path.samples[:, :1, :3] + share[:, None] * _way(path)[:, None]
+    apart = np.abs(path.samples[:, :, :3] - even).max(axis=(1, 2))
+    size = np.abs(path.samples[:, :, :3]).max(axis=(1, 2))
+    turning = np.ptp(path.samples[:, :, 3:], axis=1).max(axis=1)
+    return np.asarray((apart <= EVEN * (1.0 + size)) & (turning == 0.0))
+
+
+def undisturbed(
+    state: State, path: RootPath, loads: Loads, before: Loads | None, coast: bool = True
+) -> Flags:
+    """(F,) which feathers are loaded as in the frame before, by nothing that changes within it.
+
+    coast: whether roots may move evenly on straight lines; else they must stand still.
+    """
     count = len(state.turn)
     if before is None or not _same_air(loads, before):
         return np.zeros(count, dtype=np.bool_)
-    still = np.ptp(path.samples, axis=1).max(axis=1) == 0.0
+    still = _straight(path) if coast else np.ptp(path.samples, axis=1).max(axis=1) == 0.0
     still &= (path.samples[:, 0, :3] == state.centre[:, 0]).all(axis=1)
     still &= np.abs(np.einsum("fk,fk->f", path.base, state.turn[:, 0])) > 1.0 - 1e-14
     if loads.grip_stiffness.shape[1]:
         still &= (loads.grip_start == loads.grip_end).all(axis=(1, 2))
         still &= (loads.grip_start == before.grip_end).all(axis=(1, 2))
     if loads.force.size:
-        still &= (loads.force == before.force).all(axis=(1, 2, 3))
+        still &= (loads.force == _last_force(before)).all(axis=(1, 2, 3))
+        still &= (_last_force(loads) == loads.force).all(axis=(1, 2, 3))
+    still &= (loads.wind_mean == before.wind_mean).all(axis=1)
     return np.asarray(still)
+
+
+def _last_force(loads: Loads) -> Array:
+    """(F, n, P, 3) N, dead forces at the end of a frame."""
+    return loads.force + loads.force_change if loads.force_change.size else loads.force
 
 
 def _same_air(loads: Loads, before: Loads) -> bool:
     """Whether gravity and wind are steady and those of the frame before."""
     same = all(
         np.array_equal(getattr(loads, name), getattr(before, name))
-        for name in ("gravity", "air", "wind_mean", "wind_amplitude")
+        for name in ("gravity", "air", "wind_amplitude")
     )
     return same and not (loads.air[0] > 0.0 and np.any(loads.wind_amplitude))
 
 
-def asleep(state: State, sleeping: Flags, duration: float) -> State:
-    """The state after a frame (s) in which some feathers slept: no rates, their time goes on."""
+def asleep(state: State, sleeping: Flags, path: RootPath, duration: float) -> State:
+    """The state after a frame (s) in which some feathers slept or coasted: their time goes on, and
+    nothing moves against the roots."""
     new = state.copy()
     for rates in (new.velocity, new.acceleration, new.smoothed, new.spin, new.coefficient_rate):
         rates[sleeping] = 0.0
     new.time[sleeping] += duration
+    way = _way(path)
+    moved = sleeping & (way != 0.0).any(axis=1)
+    if moved.any():
+        places = np.delete(np.arange(state.points.shape[2]), (1, 2))
+        for f in np.flatnonzero(moved):
+            new.centre[f] += way[f]
+            new.centre[f, 0] = path.samples[f, -1, :3]
+            new.points[f][:, places] += way[f]
+            new.velocity[f][:, places] = way[f] / duration
     return new

@@ -20,9 +20,12 @@ Array = NDArray[np.float64]
 class Quality:
     """How finely a feather is resolved.
 
-    rows: rachis rows, columns: barb columns a side, coefficients: curvature coefficients per
-    barb and direction (0: rigid barbs; -1: chosen by the solver). tolerance: m, error per frame
-    that the sub-stepping aims at. max_substeps: most sub-steps per frame.
+    rows: rachis rows, columns: barb columns a side, of the meshes and, where nothing else is said,
+    of what is simulated. coefficients: curvature coefficients per barb and direction (0: rigid
+    barbs; -1: chosen by the solver). tolerance: m, error per frame that the sub-stepping aims at.
+    max_substeps: most sub-steps per frame. simulated_rows: 0: as the meshes; -1: chosen by the
+    solver, at most as many. coarse_below, rachis_below, rigid_below: m, feathers shorter than that
+    are simulated with less detail (featherfx/shot/detail.py).
     """
 
     name: str
@@ -31,6 +34,21 @@ class Quality:
     coefficients: int
     tolerance: float
     max_substeps: int
+    simulated_rows: int = 0
+    coarse_below: float = 0.0
+    rachis_below: float = 0.0
+    rigid_below: float = 0.0
+
+
+@dataclass(frozen=True)
+class Detail:
+    """How finely some feathers are simulated, whatever their length.
+
+    feathers: id, * and ? as wild cards. level: "full", "coarse", "rachis" or "rigid".
+    """
+
+    feathers: str
+    level: str
 
 
 @dataclass(frozen=True)
@@ -72,6 +90,27 @@ class Grip:
 
 
 @dataclass(frozen=True)
+class Force:
+    """A dead force: it keeps its direction, however the feather turns.
+
+    feather: id. force: (3,) N in the groom's frame, of a line N/m. line: "point", "rachis" or
+    "barb". row: share 0..1 of the rachis's arc length, and column: share 0..1 of the barb there
+    (0: the rachis), of a point; of a barb the row alone. side: "leading" or "trailing". span:
+    shares of rachis or barb between which a line's force acts. keys: ((s, factor), ...), ascending
+    times, linear between them and constant outside; none: always the whole force.
+    """
+
+    feather: str
+    force: Array
+    line: str
+    row: float
+    column: float
+    side: str
+    span: tuple[float, float]
+    keys: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
 class Motion:
     """kind: "hold", "flap", "shake", "keys" or "skin"; values: the merged numbers of that kind."""
 
@@ -98,8 +137,11 @@ class Shot:
     quality: Quality
     gravity: Array
     grips: tuple[Grip, ...] = field(default=())
+    forces: tuple[Force, ...] = field(default=())
+    details: tuple[Detail, ...] = field(default=())
     settle: bool = True
     sleep: bool = True
+    coast: bool = True
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()

@@ -4,6 +4,7 @@ from featherfx.compiled import kernel
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
 from featherfx.mechanics.rotations_kernels import cross
+from featherfx.solver.guard_kernels import add_guard_forces
 from featherfx.solver.vane_assembly_kernels import add_rows
 from featherfx.solver.vane_force_kernels import add_vane_forces, damped_stress
 
@@ -125,10 +126,19 @@ def assemble(model, loads, f, share, factors, signed, work):
         work.force,
         work.stiff,
     )
-    add_dead_forces(loads.force[f], work.force)
+    add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
     vane = model.retardation[f, 1] * factors[2]
     if model.joints.shape[3] > 0:
         add_vane_forces(model, f, vane, pose, around.reference, work.block, work.force)
+        cells_at = (rows - 1) * 6 + 2 * rows * pose.coefficient.shape[2]
+        add_guard_forces(
+            model.cell_guard[f],
+            model.cell_rest[f],
+            pose.points,
+            pose.strains[cells_at:],
+            work.block.triangle,
+            work.force,
+        )
     for i in range(rows):
         _add_rachis_nodes(i, pose.points, work.force, work.stiff, row_size, system)
     for i in range(rows - 1):

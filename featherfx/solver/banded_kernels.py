@@ -1,48 +1,90 @@
 """Cholesky factor of a symmetric banded matrix, in place.
 
 Storage: band (N, B + 1), band[j, d] = A[j + d, j], so that the column below the diagonal is
-contiguous; entries beyond the last row are zero. Columns are eliminated two at a time, so that
-each entry of the trailing band is read and written once for both.
+contiguous; entries beyond the last row are zero. Columns are eliminated in blocks: a block is
+factored by itself, copied to a panel that lines its columns up row by row, and taken from every
+later column in one pass, so that an entry is read and written once for the whole block. Passes are
+a multiple of CHUNK entries long, for which the processor needs no remainder loop; what lies beyond
+a column's end gets zeros subtracted.
 """
 
 from math import sqrt
 
 from featherfx.compiled import kernel
 
+BLOCK = 8  # columns; `_subtract` is written out for this many
+CHUNK = 16
+
+
+def panel_shape(width):
+    """Shape of the scratch that factorise wants for a band of this width."""
+    return BLOCK, width + CHUNK
+
 
 @kernel
-def factorise(band):
-    """Factor band in place; returns False if the matrix is not positive definite."""
+def _eliminate(band, start, count):
+    """Factor count columns by themselves; returns False if a pivot is not positive."""
+    width = band.shape[1]
+    for j in range(start, start + count):
+        column = band[j]
+        if not column[0] > 0.0:
+            return False
+        scale = 1.0 / sqrt(column[0])
+        for d in range(width):
+            column[d] *= scale
+        for t in range(1, min(start + count - j, width)):
+            other, factor = band[j + t], column[t]
+            for d in range(width - t):
+                other[d] -= factor * column[t + d]
+    return True
+
+
+@kernel
+def _line_up(band, start, panel):
+    """panel[s, r] = entry of column start + s in row start + BLOCK + r; zero outside the band."""
+    width = band.shape[1]
+    for s in range(BLOCK):
+        first = BLOCK - s
+        count = max(width - first, 0)
+        for r in range(count):
+            panel[s, r] = band[start + s, first + r]
+        for r in range(count, panel.shape[1]):
+            panel[s, r] = 0.0
+
+
+@kernel
+def _subtract(panel, count, flat, width):
+    """Take a block from the count columns after it; flat: what is left of the band, as (.,).
+
+    column[r] -= sum_s panel[s, t] panel[s, t + r] for column t.
+    """
+    for t in range(count):
+        a, b, c, d = panel[0, t:], panel[1, t:], panel[2, t:], panel[3, t:]
+        e, f, g, h = panel[4, t:], panel[5, t:], panel[6, t:], panel[7, t:]
+        a0, b0, c0, d0, e0, f0, g0, h0 = a[0], b[0], c[0], d[0], e[0], f[0], g[0], h[0]
+        column = flat[t * width :]
+        length = (width - 1 - t + CHUNK - 1) // CHUNK * CHUNK
+        for r in range(min(length, column.shape[0])):
+            first = (a0 * a[r] + b0 * b[r]) + (c0 * c[r] + d0 * d[r])
+            second = (e0 * e[r] + f0 * f[r]) + (g0 * g[r] + h0 * h[r])
+            column[r] -= first + second
+
+
+@kernel
+def factorise(band, panel):
+    """Factor band in place; returns False if the matrix is not positive definite.
+
+    panel: scratch of panel_shape(B + 1).
+    """
     size, width = band.shape
-    for j in range(0, size, 2):
-        pivot = band[j, 0]
-        if not pivot > 0.0:
+    flat = band.reshape(band.size)
+    for start in range(0, size, BLOCK):
+        if not _eliminate(band, start, min(BLOCK, size - start)):
             return False
-        scale = 1.0 / sqrt(pivot)
-        for d in range(width):
-            band[j, d] *= scale
-        if j + 1 >= size:
-            return True
-        factor = band[j, 1]
-        for d in range(width - 1):
-            band[j + 1, d] -= factor * band[j, d + 1]
-        pivot = band[j + 1, 0]
-        if not pivot > 0.0:
-            return False
-        scale = 1.0 / sqrt(pivot)
-        for d in range(width):
-            band[j + 1, d] *= scale
-        last = min(width, size - j - 1)
-        for d in range(1, last):
-            row = band[j + 1 + d]
-            second = band[j + 1, d]
-            if d + 1 < width:
-                first = band[j, d + 1]
-                for e in range(width - d - 1):
-                    row[e] -= first * band[j, d + 1 + e] + second * band[j + 1, d + e]
-                row[width - d - 1] -= second * band[j + 1, width - 1]
-            else:
-                row[0] -= second * second
+        below = start + BLOCK
+        if below < size:
+            _line_up(band, start, panel)
+            _subtract(panel, min(width - 1, size - below), flat[below * width :], width)
     return True
 
 

@@ -12,6 +12,7 @@ from math import ceil
 from featherfx.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, node_energy
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
+from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 
 
@@ -118,6 +119,7 @@ def elastic_energy(model, f, strains, reference, strain_rate):
                         stiffness = model.cell_stiffness[f, side, i, j, half, k]
                         total += _quadratic(strains[at], reference[at], stiffness, vane)
                         at += 1
+    total += guard_total(model.cell_guard[f], strains[at - 8 * (rows - 1) * columns :])
     for side in range(2):
         for i in range(rows):
             for j in range(columns):
@@ -157,7 +159,7 @@ def step_energy(model, loads, f, share, factors, pose, around):
             share,
             pose.points,
         )
-        + dead_energy(pose.points, loads.force[f])
+        + dead_energy(pose.points, loads.force[f], loads.force_change[f], share)
         + node_energy(
             pose.points,
             around.target,

@@ -77,7 +77,7 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
         definite = False
         for attempt in range(2):
             assemble(model, loads, f, share, factors, attempt == 0, work)
-            definite = factorise(system.band)
+            definite = factorise(system.band, system.panel)
             if definite:
                 break
         if not definite:

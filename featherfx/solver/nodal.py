@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.mechanics.model import Loads, Model
+from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.mechanics.nodal_model import NodalModel
 from featherfx.solver.nodal_settle import nodal_settle, nodal_start, nodal_system
 from featherfx.solver.nodal_state import NodalState, NodalWork, make_nodal_work
@@ -79,7 +79,7 @@ class NodalSolver:
         values = np.array(
             [settings.radius, settings.newton, limit, settings.tolerance, shortest], dtype=float
         )
-        new = state.copy()
+        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         counters = np.zeros((self.model.feathers, COUNTERS))
         for f in range(self.model.feathers):
             if new.step[f] == 0.0:
@@ -109,7 +109,7 @@ class NodalSolver:
         share: 0..1, place within the loads' frame (grips). Returns the state, and per feather the
         status (0: at rest within settings.newton) and the Newton iterations.
         """
-        new = state.copy()
+        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         status = np.zeros(self.model.feathers)
         iterations = np.zeros(self.model.feathers)
         for f in range(self.model.feathers):

@@ -3,10 +3,12 @@
 from featherfx.compiled import kernel
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
-from featherfx.mechanics.vane_plate_kernels import hinge_of, patch_gradient, patch_nodes
+from featherfx.mechanics.vane_plate_kernels import hinge_of, patch_hinge_gradient, patch_nodes
 from featherfx.solver.assembly_kernels import add_grips
 from featherfx.solver.energy_kernels import node_index
+from featherfx.solver.guard_kernels import add_guard_forces
 from featherfx.solver.nodal_energy_kernels import hinge_index, sections
+from featherfx.solver.nodal_guard_kernels import add_guard_stencils
 from featherfx.solver.nodal_stencil_kernels import (
     add_element,
     add_points,
@@ -105,19 +107,25 @@ def _add_triangle(
             lines[k, a] = 0.0
     found = False
     for edge in range(3):
-        if table[0, edge] == 0.0 and table[1, edge] == 0.0 and table[2, edge] == 0.0:
+        first, second, third = table[0, edge], table[1, edge], table[2, edge]
+        if first == 0.0 and second == 0.0 and third == 0.0:
             continue
         found = True
         kind, owner, row, column = hinge_of(side, i, j, half, edge)
         at = hinge_index(kind, owner, row, column, rows, columns)
         element.slots[3 + edge] = slot[nodes[3 + edge, 0], nodes[3 + edge, 1]]
-        patch_gradient(points, side, j, half, edge, nodes, element.hinge, lines[3])
+        places = patch_hinge_gradient(points, side, j, half, edge, nodes, element.hinge)
         value = angles[at] + damping * (angles[at] - reference[at])
-        for k in range(3):
-            if table[k, edge] != 0.0:
-                stress[k] += table[k, edge] * value
-                for a in range(18):
-                    lines[k, a] += table[k, edge] * lines[3, a]
+        stress[0] += first * value
+        stress[1] += second * value
+        stress[2] += third * value
+        for a in range(4):
+            c = 3 * places[a]
+            for x in range(3):
+                slope = element.hinge[a, x]
+                lines[0, c + x] += first * slope
+                lines[1, c + x] += second * slope
+                lines[2, c + x] += third * slope
     if found:
         for k in range(3):
             if stress[k] != 0.0:
@@ -163,7 +171,16 @@ def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work)
         work.force,
         work.stiff,
     )
-    add_dead_forces(loads.force[f], work.force)
+    add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
+    _, _, cells_at, _ = sections(pose.points.shape[0], model.joints.shape[3])
+    add_guard_forces(
+        model.cell_guard[f],
+        model.cell_rest[f],
+        pose.points,
+        pose.strains[cells_at:],
+        element.membrane,
+        work.force,
+    )
     add_points(nodal.slot[f], pose.points, work.force, work.stiff, system)
     if nodal.shaft:
         damping = model.retardation[f, 0] * factors[2]
@@ -177,6 +194,17 @@ def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work)
     add_turns(model, nodal, f, pose, reference, damping, element, system)
     _add_cells(model, nodal, f, pose, before, reference, damping, signed, element, system)
     _add_plate(nodal, f, pose, reference, damping, element, system)
+    if model.cell_guard.shape[1] > 0:
+        add_guard_stencils(
+            model.cell_guard[f],
+            model.cell_rest[f],
+            nodal.slot[f],
+            pose.points,
+            pose.strains[cells_at:],
+            signed,
+            element,
+            system,
+        )
     # feathers of a batch may differ in the number of unknowns
     for a in range(nodal.size[f], system.right.shape[0]):
         system.band[a, 0] = 1.0

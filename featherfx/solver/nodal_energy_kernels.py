@@ -12,6 +12,7 @@ from featherfx.mechanics.barb_stretch_kernels import stretch_strain
 from featherfx.mechanics.nodal_kernels import barb_turns, hinge_turns
 from featherfx.mechanics.node_kernels import dead_energy, node_energy
 from featherfx.mechanics.rachis_kernels import rachis_strain
+from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 from featherfx.mechanics.vane_plate_kernels import hinge_of
 from featherfx.solver.energy_kernels import grip_energy, node_index, wrapped
@@ -160,6 +161,7 @@ def nodal_elastic_energy(model, nodal, f, strains, reference, multiplier, strain
     cells = model.cell_stiffness[f].flat
     for a in range(at_hinges - at_cells):
         total += quadratic(strains[at_cells + a], reference[at_cells + a], cells[a], vane)
+    total += guard_total(model.cell_guard[f], strains[at_cells:])
     return total + _plate_energy(
         nodal.plate[f], strains[at_hinges:], reference[at_hinges:], rows, vane
     )
@@ -184,7 +186,7 @@ def nodal_step_energy(model, nodal, loads, f, share, factors, pose, work):
             share,
             pose.points,
         )
-        + dead_energy(pose.points, loads.force[f])
+        + dead_energy(pose.points, loads.force[f], loads.force_change[f], share)
         + node_energy(
             pose.points,
             around.target,

@@ -186,7 +186,7 @@ def _solve(model, nodal, loads, f, share, factors, textbook, work):
     system, before = work.system, work.now.strains if textbook else work.before
     for attempt in range(1 if textbook else 0, 2):
         nodal_assemble(model, nodal, loads, f, share, factors, attempt == 0, before, work)
-        if factorise(system.band):
+        if factorise(system.band, system.panel):
             solve_factored(system.band, system.right)
             return True
     return False

@@ -43,7 +43,7 @@ def nodal_settle(
         around.past[:] = now.points
         if loads.air[0] > 0.0:
             time, still = state.time[f], state.velocity[f]
-            blow(now.points, time, loads, still, model.cell_stiffness[f], around)
+            blow(now.points, time, loads, f, still, model.cell_stiffness[f], around)
         factors = (1.0 / (h * h), 1.0 / h, 0.0)
         status, count, _ = nodal_minimise(
             model, nodal, loads, f, share, factors, tolerance, limit, textbook, work
@@ -103,7 +103,7 @@ def nodal_start(
     square = (INSTANT * duration) ** 2
     nodal_system(model, nodal, loads, f, 1.0 / square, state, work)
     system, now, trial = work.system, work.now, work.trial
-    if not factorise(system.band):
+    if not factorise(system.band, system.panel):
         return
     solve_factored(system.band, system.right)
     move_by(model, nodal, f, now, system.right, 1.0, True, work.element, trial)

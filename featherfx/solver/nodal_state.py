@@ -11,7 +11,7 @@ from featherfx.mechanics.batch import row_frames
 from featherfx.mechanics.model import Model
 from featherfx.mechanics.nodal_model import NodalModel
 from featherfx.mechanics.turns import along_rows, frames_to_turns
-from featherfx.solver.work import Surroundings, System
+from featherfx.solver.work import Surroundings, System, make_system
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class NodalPose(NamedTuple):
 class Element(NamedTuple):
     """Sums of one energy's stencil, of six nodes at most.
 
-    lines: (6, 18) gradients, weight: (6,) theirs. slots: (6,), nodes: (6, 2) int. membrane:
+    lines: (8, 18) gradients, weight: (8,) theirs. slots: (6,), nodes: (6, 2) int. membrane:
     (4, 3, 3), turns: (2, 3, 3), hinge: (4, 3), frame: (3, 3), lift: (2,), matrix: (12, 12),
     beam: (6, 12), stress: (6,).
     """
@@ -158,10 +158,10 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
             area=np.zeros(nodes),
             speed=np.zeros((n, size)),
         ),
-        system=System(band=np.zeros((unknowns, nodal.band + 1)), right=np.zeros(unknowns)),
+        system=make_system(unknowns, nodal.band + 1),
         element=Element(
-            lines=np.zeros((6, 18)),
-            weight=np.zeros(6),
+            lines=np.zeros((8, 18)),
+            weight=np.zeros(8),
             slots=np.zeros(6, np.int64),
             nodes=np.zeros((6, 2), np.int64),
             membrane=np.zeros((4, 3, 3)),

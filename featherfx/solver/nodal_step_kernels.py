@@ -136,6 +136,7 @@ def _predict(model, nodal, loads, f, share, h, radius, option, path, base, state
             now.points,
             state.time[f] + h,
             loads,
+            f,
             state.velocity[f],
             model.cell_stiffness[f],
             around,

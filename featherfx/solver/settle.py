@@ -36,7 +36,7 @@ def settle(
         around.past[:] = now.points
         if loads.air[0] > 0.0:
             time, still = state.time[f], state.velocity[f]
-            blow(now.points, time, loads, still, model.cell_stiffness[f], around)
+            blow(now.points, time, loads, f, still, model.cell_stiffness[f], around)
         factors = (1.0 / (h * h), 1.0 / h, 0.0)
         status, count, _ = minimise(model, loads, f, share, factors, tolerance, ITERATIONS, work)
         iterations += count

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
-from featherfx.mechanics.model import Loads, Model
+from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.cut import carry_to
 from featherfx.solver.newton_kernels import CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.root_path import RootPath as RootPath
@@ -114,7 +114,7 @@ class Solver:
         feathers: indices to advance, all by default. A feather that cannot be solved stays at its
         last good sub-step and has a status in the report: see raise_if_failed.
         """
-        new = state.copy()
+        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         carry_to(self.model, new, path)
         counters = np.zeros((self.model.feathers, COUNTERS))
         settings = self.settings
@@ -151,7 +151,7 @@ class Solver:
         share: 0..1, place within the loads' frame (grips). Returns the state, and per feather the
         status (0: at rest within settings.newton) and the Newton iterations.
         """
-        new = state.copy()
+        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         status = np.zeros(self.model.feathers)
         iterations = np.zeros(self.model.feathers)
 

@@ -146,6 +146,7 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
             now.points,
             state.time[f] + h,
             loads,
+            f,
             state.velocity[f],
             model.cell_stiffness[f],
             around,

@@ -13,6 +13,7 @@ from featherfx.mechanics.barb_kernels import barb_tensions
 from featherfx.mechanics.vane_bending_kernels import hinge_gradient
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
 from featherfx.solver.energy_kernels import node_index
+from featherfx.solver.guard_kernels import add_guard_cells
 from featherfx.solver.vane_force_kernels import cell_nodes, damped_stress
 
 
@@ -295,6 +296,18 @@ def add_rows(model, f, damping, signed, pose, reference, force, stiff, jacobian,
                     jacobian,
                     block,
                 )
+                if model.cell_guard.shape[1] > 0:
+                    add_guard_cells(
+                        i,
+                        side,
+                        points,
+                        model.cell_guard[f, side, i],
+                        model.cell_rest[f, side, i],
+                        strains[at:],
+                        signed,
+                        jacobian,
+                        block,
+                    )
             if 0 < i < rows - 1:
                 _add_hinges(
                     i, side, points, model.hinge_stiffness[f, side, i], damping, jacobian, block

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Model
+from featherfx.solver.banded_kernels import panel_shape
 
 Array = NDArray[np.float64]
 
@@ -49,10 +50,20 @@ class Surroundings(NamedTuple):
 
 
 class System(NamedTuple):
-    """Linear system: band (N, 3 (6 + 4 C)), right (N,)."""
+    """Linear system of N unknowns: band (N, B + 1), right (N,), panel: scratch of factorise."""
 
     band: Array
     right: Array
+    panel: Array
+
+
+def make_system(unknowns: int, width: int) -> System:
+    """A system of N unknowns whose band is B + 1 = width wide."""
+    return System(
+        band=np.zeros((unknowns, width)),
+        right=np.zeros(unknowns),
+        panel=np.zeros(panel_shape(width)),
+    )
 
 
 class Block(NamedTuple):
@@ -136,9 +147,7 @@ def make_work(model: Model) -> Work:
             area=np.zeros((n, size, 3)),
             speed=np.zeros((n, size)),
         ),
-        system=System(
-            band=np.zeros((model.unknowns, 3 * (6 + 4 * c))), right=np.zeros(model.unknowns)
-        ),
+        system=make_system(model.unknowns, 3 * (6 + 4 * c)),
         block=Block(
             matrix=np.zeros((wide, wide)),
             right=np.zeros(wide),

@@ -1,7 +1,7 @@
 """Numpy arrays to USD value arrays and back; the only place that knows how.
 
-USD copies a buffer once into an array of its own; the buffer must be contiguous and of the
-element type, which the callers' float32 arrays are, so that no second copy is made.
+USD converts a buffer element by element, ten times slower than memory. Large values are therefore
+computed in place, in the memory of a new USD array (Vec3f).
 """
 
 from __future__ import annotations
@@ -12,10 +12,61 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pxr import Vt
 
+Floats = NDArray[np.float32]
+
+
+class _Memory:
+    """The memory of a USD array for numpy to write to; numpy keeps it, and with it the array."""
+
+    def __init__(self, owner: Any) -> None:
+        seen = np.asarray(owner)
+        self.owner = owner
+        self.__array_interface__ = {
+            "shape": seen.shape,
+            "typestr": seen.dtype.str,
+            "data": (seen.__array_interface__["data"][0], False),
+            "version": 3,
+        }
+
+
+def _writes_through() -> bool:
+    """Whether numpy sees USD's own memory, which no documentation of USD promises."""
+    value = Vt.Vec3fArray(1)
+    np.asarray(_Memory(value))[0] = (1.0, 2.0, 3.0)
+    return tuple(value[0]) == (1.0, 2.0, 3.0)
+
+
+_IN_PLACE = _writes_through()
+
+
+class Vec3f:
+    """A USD array of count vectors, computed in place. numbers: (count, 3), to be written to.
+
+    USD shares an array between its copies, so the numbers may change again only when no layer
+    holds the value any more.
+    """
+
+    __slots__ = ("_value", "numbers")
+
+    def __init__(self, count: int) -> None:
+        self._value = Vt.Vec3fArray(count) if _IN_PLACE else None
+        self.numbers: Floats = (
+            np.empty((count, 3), np.float32)
+            if self._value is None
+            else np.asarray(_Memory(self._value))
+        )
+
+    @property
+    def value(self) -> Any:
+        """The Vt.Vec3fArray, with the numbers of now."""
+        return Vt.Vec3fArray.FromNumpy(self.numbers) if self._value is None else self._value
+
 
 def vec3f(values: ArrayLike) -> Any:
     """(N, 3) to Vt.Vec3fArray."""
-    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
+    array = Vec3f(len(np.asarray(values)))
+    array.numbers[...] = values
+    return array.value
 
 
 def vec2d(values: ArrayLike) -> Any:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pxr import Sdf
 
 from featherfx.errors import Problem
+from featherfx.usd.arrays import Floats
 from featherfx.usd.atomic import publish
 from featherfx.usd.chunk import open_chunk
 from featherfx.usd.layout import CacheLayers, Clips, finish_layers
@@ -36,14 +37,17 @@ def assemble(
     throughout: it has that pose as its default and no samples. Raises OutputError where a chunk
     is not what was written, or a file cannot be.
     """
-    rest, clips = prims.surfaces.rest, None
+    clips = None
     records = parts.records if parts else []
     moving = _moving(records, static)
+    corners: list[Floats] = []
     with Sdf.ChangeBlock():
-        for index in range(len(static)):
+        for index, feather in enumerate(prims.feathers):
             layer = layers.animation if moving[index] else layers.topology
+            rest = feather.rest()
             prims.author_defaults(layer, index, rest)
-    low, high = rest.corners()
+            corners += rest.corners()
+    low, high = np.min(corners, axis=0)[0], np.max(corners, axis=0)[1]
     if parts:
         low = np.minimum(low, np.min([record.low for record in records], axis=0))
         high = np.maximum(high, np.max([record.high for record in records], axis=0))

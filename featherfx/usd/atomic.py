@@ -1,7 +1,7 @@
 """All files of an output appear complete, or none does.
 
-Each layer is exported to a temporary name in the folder of its target, forced to disk, opened
-again and compared with what is in memory; then the files are renamed onto their targets, the root
+Each layer is exported to a temporary name in the folder of its target, opened again and compared
+with what is in memory, and forced to disk; then the files are renamed onto their targets, the root
 last. Until the last rename the old root, if there was one, stays as it was.
 """
 
@@ -11,6 +11,7 @@ import contextlib
 import os
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,20 +20,64 @@ from pxr import Sdf, Tf
 from featherfx.errors import Problem
 from featherfx.usd.types import OutputError
 
+VALUES_COMPARED = 64
+
+
+@dataclass(frozen=True)
+class WrittenFile:
+    """A file that stands complete beside its target, under a temporary name."""
+
+    temporary: Path
+    target: Path
+
+    def flush(self) -> None:
+        """Force it to disk. Raises OutputError, and removes it, where that fails."""
+        try:
+            _flush(self.temporary)
+        except OSError as error:
+            self.discard()
+            raise _failure(self.target, _reason(error)) from error
+
+    def publish(self) -> None:
+        """Give it its name. Raises OutputError; then the target has not changed."""
+        try:
+            _replace_all([(self.temporary, self.target)])
+        finally:
+            self.discard()
+
+    def discard(self) -> None:
+        """Remove it if it still stands there."""
+        self.temporary.unlink(missing_ok=True)
+
+
+def write_beside(layer: Any, path: Path) -> WrittenFile:
+    """Export a layer beside its target and compare the file with what is in memory.
+
+    Raises OutputError if it cannot be written in full; then nothing is left.
+    """
+    file = WrittenFile(_beside(path, "tmp"), path)
+    try:
+        _export(layer, file)
+    except BaseException:
+        file.discard()
+        raise
+    return file
+
 
 def publish(layers: Sequence[tuple[Any, Path]]) -> None:
     """Write layers to their files, in order; the last one is the root.
 
     Raises OutputError if any cannot be written in full; then no target has changed.
     """
-    temporaries = [(_beside(path, "tmp"), path) for _, path in layers]
+    files: list[WrittenFile] = []
     try:
-        for (layer, path), (temporary, _) in zip(layers, temporaries, strict=True):
-            _export(layer, temporary, path)
-        _replace_all(temporaries)
+        for layer, path in layers:
+            files.append(write_beside(layer, path))
+            files[-1].flush()
+        _replace_all([(file.temporary, file.target) for file in files])
     finally:
-        for temporary, _ in temporaries:
-            temporary.unlink(missing_ok=True)
+        for file in files:
+            file.discard()
 
 
 def _beside(path: Path, label: str) -> Path:
@@ -40,18 +85,21 @@ def _beside(path: Path, label: str) -> Path:
     return path.with_name(f".{path.stem}.{os.getpid()}.{label}{path.suffix}")
 
 
-def _export(layer: Any, temporary: Path, target: Path) -> None:
+def _export(layer: Any, file: WrittenFile) -> None:
     try:
-        done = layer.Export(str(temporary))
-        if done:
-            _flush(temporary)
+        done = _store(layer, file.temporary)
     except (OSError, Tf.ErrorException) as error:
-        raise _failure(target, _reason(error)) from error
+        raise _failure(file.target, _reason(error)) from error
     if not done:
-        raise _failure(target, "USD could not write the file")
-    difference = _difference(layer, temporary)
+        raise _failure(file.target, "USD could not write the file")
+    difference = _difference(layer, file.temporary)
     if difference:
-        raise _failure(target, f"the file read back differs from what was written: {difference}")
+        reason = f"the file read back differs from what was written: {difference}"
+        raise _failure(file.target, reason)
+
+
+def _store(layer: Any, path: Path) -> bool:
+    return bool(layer.Export(str(path)))
 
 
 def _failure(target: Path, reason: str) -> OutputError:
@@ -71,28 +119,33 @@ def _flush(path: Path) -> None:
 
 
 def _difference(layer: Any, path: Path) -> str:
-    """What a file on disk lacks against the layer in memory; empty if nothing."""
+    """What a file on disk lacks against the layer in memory; empty if nothing.
+
+    Time codes of every sampled attribute, and the last value of at most VALUES_COMPARED of them.
+    """
     try:
         written = Sdf.Layer.OpenAsAnonymous(str(path))
     except Tf.ErrorException as error:
         return _reason(error)
     if written is None or written.defaultPrim != layer.defaultPrim:
         return "it cannot be opened"
-    found: list[str] = []
+    sampled: list[tuple[Any, float]] = []
+    lacking: list[str] = []
 
     def compare(prim_path: Any) -> None:
-        if found or not prim_path.IsPropertyPath():
+        if lacking or not prim_path.IsPropertyPath():
             return
         codes = layer.ListTimeSamplesForPath(prim_path)
-        last = codes[-1] if codes else None
-        if written.ListTimeSamplesForPath(prim_path) != codes or (
-            last is not None
-            and written.QueryTimeSample(prim_path, last) != layer.QueryTimeSample(prim_path, last)
-        ):
-            found.append(str(prim_path))
+        if written.ListTimeSamplesForPath(prim_path) != codes:
+            lacking.append(str(prim_path))
+        elif codes:
+            sampled.append((prim_path, codes[-1]))
 
     layer.Traverse(Sdf.Path.absoluteRootPath, compare)
-    return found[0] if found else ""
+    for prim_path, last in sampled[:: 1 + len(sampled) // VALUES_COMPARED]:
+        if written.QueryTimeSample(prim_path, last) != layer.QueryTimeSample(prim_path, last):
+            lacking.append(str(prim_path))
+    return lacking[0] if lacking else ""
 
 
 def _replace_all(pairs: Sequence[tuple[Path, Path]]) -> None:

@@ -1,7 +1,8 @@
 """A run of frames on its way to a file of its own.
 
 One layer with the attributes of every feather is made once and used for all chunks: its samples
-are taken out again after each, which costs far less than making the prims anew.
+are taken out again after each, which costs far less than making the prims anew, and their arrays
+take the samples of the next, which saves the system from finding the memory again.
 """
 
 from __future__ import annotations
@@ -15,22 +16,48 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf
 
-from featherfx.usd.atomic import publish
+from featherfx.shot.types import Frame
+from featherfx.usd.arrays import Floats
+from featherfx.usd.atomic import WrittenFile, write_beside
 from featherfx.usd.parts import ChunkRecord, file_digest
+from featherfx.usd.poses import Pose
 from featherfx.usd.samples import AnimatedPrims
 from featherfx.usd.stage import StageInfo, new_layer
-from featherfx.usd.surfaces import Floats, SurfaceFrame
 
 
 @dataclass
 class _Run:
-    """Poses of the chunk at hand: their codes, the first, (N,) who has left it, corners of all."""
+    """Poses of the chunk at hand.
+
+    moving: (N,) who has left the first pose. first: that pose, None for static feathers. codes:
+    of all poses. kept: per feather, poses that the layer refers to.
+    """
 
     moving: NDArray[np.bool_]
+    first: list[Pose | None]
+    kept: list[list[Pose]]
     codes: list[float] = field(default_factory=list)
-    first: SurfaceFrame | None = None
     low: Floats = field(default_factory=lambda: np.full(3, np.inf, np.float32))
     high: Floats = field(default_factory=lambda: np.full(3, -np.inf, np.float32))
+
+
+@dataclass(frozen=True)
+class WrittenChunk:
+    """A chunk that stands beside its target; finish makes it count as written."""
+
+    file: WrittenFile
+    codes: tuple[float, ...]
+    constant: str
+    first: tuple[str, ...]
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+
+    def finish(self) -> ChunkRecord:
+        """Force the file to disk, name it, and return its record. Raises OutputError."""
+        self.file.flush()
+        size, digest = file_digest(self.file.temporary)
+        self.file.publish()
+        return ChunkRecord(self.codes, size, digest, self.constant, self.first, self.low, self.high)
 
 
 class ChunkWriter:
@@ -45,12 +72,13 @@ class ChunkWriter:
         self, info: StageInfo, prims: AnimatedPrims, static: Sequence[bool], seconds: float
     ) -> None:
         self._prims, self._seconds = prims, seconds
-        self._static = np.array(static, dtype=np.bool_)
+        self._sampled = np.flatnonzero(~np.array(static, dtype=np.bool_)).tolist()
         self._layer = new_layer(info)
         with Sdf.ChangeBlock():
-            for index in np.flatnonzero(~self._static):
+            for index in self._sampled:
                 for key in prims.paths[index]:
-                    prims.create(self._layer, int(index), key)
+                    prims.create(self._layer, index, key)
+        self._spare: list[list[Pose]] = [[] for _ in static]
         self._run = self._new_run()
 
     @property
@@ -58,48 +86,82 @@ class ChunkWriter:
         """Poses collected so far."""
         return len(self._run.codes)
 
-    def add(self, code: float, frame: SurfaceFrame) -> None:
-        """Add the pose at the next time code; frame is kept until the chunk is written."""
-        run, prims, layer = self._run, self._prims, self._layer
-        run.first = first = run.first or frame
-        moving = prims.surfaces.changed(frame, first, self._seconds) & ~self._static
-        with Sdf.ChangeBlock():
-            for index in np.flatnonzero(moving & ~run.moving):
-                prims.author_sample(layer, int(index), run.codes, first)
-            run.moving |= moving
-            for index in np.flatnonzero(run.moving):
-                prims.author_sample(layer, int(index), (code,), frame)
-        run.codes.append(code)
-        low, high = frame.corners()
-        run.low, run.high = np.minimum(run.low, low), np.maximum(run.high, high)
+    def add(self, code: float, frame: Frame, accelerations: bool) -> list[int]:
+        """Add the pose at the next time code; returns feathers with values that are not finite.
 
-    def write(self, path: Path) -> ChunkRecord:
-        """Write the chunk, whole and read back, and start the next one."""
+        After such feathers the chunk is of no use.
+        """
+        run, poses = self._run, {}
+        for index in self._sampled:
+            pose = poses[index] = self._room(index)
+            second = frame.accelerations[index] if accelerations else None
+            points, rates = frame.points[index], frame.velocities[index]
+            self._prims.feathers[index].evaluate(pose, points, rates, second)
+        bad = [index for index, pose in poses.items() if not pose.finite]
+        if not bad:
+            with Sdf.ChangeBlock():
+                for index, pose in poses.items():
+                    self._author(index, code, pose)
+            run.codes.append(code)
+            corners = [corner for pose in poses.values() for corner in pose.corners()]
+            if corners:
+                run.low = np.minimum(run.low, np.min(corners, axis=0)[0])
+                run.high = np.maximum(run.high, np.max(corners, axis=0)[1])
+        return bad
+
+    def write(self, path: Path) -> WrittenChunk:
+        """Write the chunk beside its path, read back, and start the next one."""
         run, prims, layer = self._run, self._prims, self._layer
-        assert run.first is not None
+        constant = [not moving for moving in run.moving]
+        digests = ["" for _ in constant]
         with Sdf.ChangeBlock():
-            for index in np.flatnonzero(~run.moving & ~self._static):
-                prims.author_sample(layer, int(index), run.codes, run.first)
+            for index, first in enumerate(run.first):
+                if constant[index] and first is not None:
+                    prims.author_sample(layer, index, run.codes, first)
+                    digests[index] = prims.digest(index, first)
         layer.startTimeCode, layer.endTimeCode = run.codes[0], run.codes[-1]
-        publish([(layer, path)])
-        size, digest = file_digest(path)
+        file = write_beside(layer, path)
         self._run = self._new_run()
-        return ChunkRecord(
+        return WrittenChunk(
+            file=file,
             codes=tuple(run.codes),
-            bytes=size,
-            sha256=digest,
-            constant="".join("01"[not moving] for moving in run.moving),
-            first=tuple(prims.digest(k, run.first) for k in range(len(self._static))),
+            constant="".join("01"[same] for same in constant),
+            first=tuple(digests),
             low=tuple(run.low.tolist()),
             high=tuple(run.high.tolist()),
         )
 
+    def _author(self, index: int, code: float, pose: Pose) -> None:
+        run, prims = self._run, self._prims
+        first = run.first[index]
+        if first is None:
+            run.first[index] = first = pose
+            run.kept[index].append(pose)
+        if not run.moving[index]:
+            if not prims.feathers[index].changed(pose, first, self._seconds):
+                if pose is not first:
+                    self._spare[index].append(pose)
+                return
+            run.moving[index] = True
+            prims.author_sample(self._layer, index, run.codes, first)
+        if pose is not first:
+            run.kept[index].append(pose)
+        prims.author_sample(self._layer, index, (code,), pose)
+
+    def _room(self, index: int) -> Pose:
+        spare = self._spare[index]
+        return spare.pop() if spare else self._prims.feathers[index].new_pose()
+
     def _new_run(self) -> _Run:
         with Sdf.ChangeBlock():
-            for index in np.flatnonzero(~self._static):
+            for index in self._sampled:
                 for path in self._prims.paths[index].values():
                     self._layer.GetAttributeAtPath(path).ClearInfo("timeSamples")
-        return _Run(np.zeros(len(self._static), dtype=np.bool_))
+        if hasattr(self, "_run"):
+            for spare, kept in zip(self._spare, self._run.kept, strict=True):
+                spare += kept
+        count = len(self._spare)
+        return _Run(np.zeros(count, dtype=np.bool_), [None] * count, [[] for _ in range(count)])
 
 
 def open_chunk(path: Path) -> Any:

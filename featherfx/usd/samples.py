@@ -6,17 +6,13 @@ They are authored at Sdf level, without a composed stage: one call per attribute
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from pxr import Sdf
 
-from featherfx.usd import arrays
-from featherfx.usd.barbs import BarbFrame
+from featherfx.usd.poses import BARB, MESH, RACHIS, Key, Pose, PosedFeather
 from featherfx.usd.primvars import BARB_DIRECTION
-from featherfx.usd.surfaces import SurfaceFrame, SurfaceSet
-
-Key = tuple[str, str]
 
 _TYPES = {
     "points": Sdf.ValueTypeNames.Point3fArray,
@@ -34,26 +30,25 @@ _INTERPOLATION = {"normals": "vertex", BARB_DIRECTION: "uniform"}
 class AnimatedPrims:
     """The prims of a cache that move, and how a pose becomes their values.
 
-    meshes, rachises, barbs: prim paths, one of each per feather, None for a feather whose barbs
-    are not drawn. accelerations: whether they are written, too. Keys are ("mesh", "rachis" or
-    "barbs", attribute name).
+    feathers: one per entry. meshes, rachises, barbs: prim paths, one of each per feather, None
+    for a feather whose barbs are not drawn. accelerations: whether they are written, too.
     """
 
     def __init__(
         self,
+        feathers: Sequence[PosedFeather],
         meshes: Sequence[Any],
         rachises: Sequence[Any],
         barbs: Sequence[Any],
-        surfaces: SurfaceSet,
         accelerations: bool = False,
     ) -> None:
-        self.surfaces = surfaces
+        self.feathers = feathers
         names = [name for name in _TYPES if accelerations or name != "accelerations"]
         self.paths: list[dict[Key, Any]] = [
-            {("mesh", name): mesh.AppendProperty(name) for name in names}
+            {(MESH, name): mesh.AppendProperty(name) for name in names}
             | {
                 (what, name): path.AppendProperty(name)
-                for what, path in (("rachis", rachis), ("barbs", barb))
+                for what, path in ((RACHIS, rachis), (BARB, barb))
                 for name in names
                 if path is not None and name in _OF_CURVES
             }
@@ -72,51 +67,23 @@ class AnimatedPrims:
             attribute.SetInfo("interpolation", _INTERPOLATION[name])
         return attribute
 
-    def author_defaults(self, layer: Any, index: int, frame: SurfaceFrame) -> None:
+    def author_defaults(self, layer: Any, index: int, pose: Pose) -> None:
         """One pose of a feather as default values; a default pose has no rates."""
-        for key, value in self.values(index, frame):
+        for key, value in pose.values.items():
             if key[1] not in RATES:
-                self.create(layer, index, key).default = value
+                self.create(layer, index, key).default = value.value
 
-    def author_sample(
-        self, layer: Any, index: int, codes: Sequence[float], frame: SurfaceFrame
-    ) -> None:
+    def author_sample(self, layer: Any, index: int, codes: Sequence[float], pose: Pose) -> None:
         """One pose of a feather at time codes, in a layer that has the attributes."""
         paths, store = self.paths[index], layer.SetTimeSample
-        for key, value in self.values(index, frame):
+        for key, value in pose.values.items():
+            array = value.value
             for code in codes:
-                store(paths[key], code, value)
+                store(paths[key], code, array)
 
-    def values(self, index: int, frame: SurfaceFrame) -> Iterator[tuple[Key, Any]]:
-        """A feather's values in a pose."""
-        points, faces = self.surfaces.point_slices[index], self.surfaces.face_slices[index]
-        shaft, vec3f = self.surfaces.rachis_slices[index], arrays.vec3f
-        yield ("mesh", "points"), vec3f(frame.points[points])
-        yield ("mesh", "extent"), vec3f(frame.extent[index])
-        yield ("mesh", "normals"), vec3f(frame.normals[points])
-        yield ("mesh", "velocities"), vec3f(frame.velocities[points])
-        yield ("mesh", BARB_DIRECTION), vec3f(frame.barb_direction[faces])
-        yield ("rachis", "points"), vec3f(frame.rachis_points[shaft])
-        yield ("rachis", "extent"), vec3f(frame.rachis_extent[index])
-        yield ("rachis", "velocities"), vec3f(frame.rachis_velocities[shaft])
-        if frame.accelerations is not None and frame.rachis_accelerations is not None:
-            yield ("mesh", "accelerations"), vec3f(frame.accelerations[points])
-            yield ("rachis", "accelerations"), vec3f(frame.rachis_accelerations[shaft])
-        if ("barbs", "points") in self.paths[index]:
-            yield from self._barb_values(index, frame.barbs)
-
-    def _barb_values(self, index: int, barbs: BarbFrame) -> Iterator[tuple[Key, Any]]:
-        own, vec3f = self.surfaces.barbs.slices[index], arrays.vec3f
-        yield ("barbs", "points"), vec3f(barbs.points[own])
-        yield ("barbs", "extent"), vec3f(barbs.extent[index])
-        yield ("barbs", "velocities"), vec3f(barbs.velocities[own])
-        if barbs.accelerations is not None:
-            yield ("barbs", "accelerations"), vec3f(barbs.accelerations[own])
-
-    def digest(self, index: int, frame: SurfaceFrame) -> str:
+    def digest(self, index: int, pose: Pose) -> str:
         """Short name of a feather's pose: equal poses, equal names."""
-        points, shaft = self.surfaces.point_slices[index], self.surfaces.rachis_slices[index]
-        digest = hashlib.blake2b(frame.points[points].tobytes(), digest_size=8)
-        digest.update(frame.rachis_points[shaft].tobytes())
-        digest.update(frame.barbs.points[self.surfaces.barbs.slices[index]].tobytes())
+        digest = hashlib.blake2b(digest_size=8)
+        for part in self.feathers[index].parts:
+            digest.update(pose.values[part, "points"].numbers.tobytes())
         return digest.hexdigest()

@@ -1,7 +1,7 @@
-"""One pose of all feathers as it is written: points, rates, normals, barb directions, extents.
+"""One pose of a feather as it is written: points, rates, normals, barb directions, extents.
 
-Arrays of all feathers stand one after the other (SurfaceSet). world: (V, 3) scratch, m.
-quarter: whether y points up (x, y, z becomes x, z, -y). scale: stage units per metre.
+material: (M, 3) material points or rates, world frame, m. quarter: whether y points up (x, y, z
+becomes x, z, -y). scale: stage units per metre. Results are single precision.
 """
 
 from __future__ import annotations
@@ -12,23 +12,53 @@ from featherfx.compiled import kernel
 
 
 @kernel
-def store_turned(x, y, z, scale, quarter, out):
-    """A vector of the world frame, turned and scaled, into out (3,)."""
-    out[0] = x * scale
-    out[1] = (z if quarter else y) * scale
-    out[2] = (-y if quarter else z) * scale
+def combine(material, row, terms, weights, size, scale, quarter, out):
+    """Surface points (V, 3) of rows of size material points; True if all are finite."""
+    total = 0.0
+    for v in range(terms.shape[0]):
+        first = row[v] * size
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(3):
+            w = weights[v, k]
+            if w != 0.0:
+                n = first + terms[v, k]
+                x += w * material[n, 0]
+                y += w * material[n, 1]
+                z += w * material[n, 2]
+        out[v, 0] = x * scale
+        out[v, 1] = (z if quarter else y) * scale
+        out[v, 2] = (-y if quarter else z) * scale
+        total += abs(out[v, 0]) + abs(out[v, 1]) + abs(out[v, 2])
+    return math.isfinite(total)
 
 
 @kernel
-def combine(material, terms, weights, scale, quarter, world, out):
-    """Surface points from material points (M, 3): world in m, out as written."""
+def place(material, row, terms, weights, size, world):
+    """Surface points (V, 3) in the world, in double precision for what is derived of them."""
     for v in range(terms.shape[0]):
-        for c in range(3):
-            total = 0.0
-            for k in range(3):
-                total += weights[v, k] * material[terms[v, k], c]
-            world[v, c] = total
-        store_turned(world[v, 0], world[v, 1], world[v, 2], scale, quarter, out[v])
+        first = row[v] * size
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(3):
+            w = weights[v, k]
+            if w != 0.0:
+                n = first + terms[v, k]
+                x += w * material[n, 0]
+                y += w * material[n, 1]
+                z += w * material[n, 2]
+        world[v, 0], world[v, 1], world[v, 2] = x, y, z
+
+
+@kernel
+def turn(world, scale, quarter, out):
+    """World points or rates (V, 3) as written; True if all are finite."""
+    total = 0.0
+    for v in range(world.shape[0]):
+        x, y, z = world[v, 0], world[v, 1], world[v, 2]
+        out[v, 0] = x * scale
+        out[v, 1] = (z if quarter else y) * scale
+        out[v, 2] = (-y if quarter else z) * scale
+        total += abs(out[v, 0]) + abs(out[v, 1]) + abs(out[v, 2])
+    return math.isfinite(total)
 
 
 @kernel
@@ -49,44 +79,54 @@ def vertex_normals(world, triangles, quarter, summed, out):
         x, y, z = summed[v, 0], summed[v, 1], summed[v, 2]
         length = math.sqrt(x * x + y * y + z * z)
         if length > 0.0:
-            store_turned(x, y, z, 1.0 / length, quarter, out[v])
+            share = 1.0 / length
         else:
-            store_turned(0.0, 0.0, 1.0, 1.0, quarter, out[v])
+            x, y, z, share = 0.0, 0.0, 1.0, 1.0
+        out[v, 0] = x * share
+        out[v, 1] = (z if quarter else y) * share
+        out[v, 2] = (-y if quarter else z) * share
 
 
 @kernel
-def edge_directions(world, edges, quarter, out):
-    """Unit vectors along edges (T, 2); x where an edge has no length."""
-    for t in range(edges.shape[0]):
-        tail, head = edges[t, 0], edges[t, 1]
+def edge_directions(world, triangles, edges, quarter, out):
+    """Unit vectors along an edge of each triangle; x where an edge has no length.
+
+    edges: (T,) 0 to 2: from that corner to the next; 3 to 5: the same, backwards.
+    """
+    for t in range(triangles.shape[0]):
+        edge = edges[t]
+        corner = edge % 3
+        tail, head = triangles[t, corner], triangles[t, (corner + 1) % 3]
+        if edge >= 3:
+            tail, head = head, tail
         x = world[head, 0] - world[tail, 0]
         y = world[head, 1] - world[tail, 1]
         z = world[head, 2] - world[tail, 2]
         length = math.sqrt(x * x + y * y + z * z)
         if length > 0.0:
-            store_turned(x, y, z, 1.0 / length, quarter, out[t])
+            share = 1.0 / length
         else:
-            store_turned(1.0, 0.0, 0.0, 1.0, quarter, out[t])
+            x, y, z, share = 1.0, 0.0, 0.0, 1.0
+        out[t, 0] = x * share
+        out[t, 1] = (z if quarter else y) * share
+        out[t, 2] = (-y if quarter else z) * share
 
 
 @kernel
-def extents(points, starts, padding, out):
-    """(N, 2, 3) least and greatest corner of each run of points, padded by (N,)."""
-    for n in range(starts.shape[0] - 1):
+def extent(points, padding, out):
+    """(2, 3) least and greatest corner of points, padded."""
+    for c in range(3):
+        low = high = points[0, c]
+        for v in range(points.shape[0]):
+            low, high = min(low, points[v, c]), max(high, points[v, c])
+        out[0, c], out[1, c] = low - padding, high + padding
+
+
+@kernel
+def changed(points, rates, reference, slow):
+    """Whether points differ from the reference, or any rate is above slow."""
+    for v in range(points.shape[0]):
         for c in range(3):
-            low = high = points[starts[n], c]
-            for v in range(starts[n], starts[n + 1]):
-                low, high = min(low, points[v, c]), max(high, points[v, c])
-            out[n, 0, c], out[n, 1, c] = low - padding[n], high + padding[n]
-
-
-@kernel
-def changed(points, rates, reference, starts, slow, out):
-    """Set out[n] where a run of points differs from the reference or is faster than slow[n]."""
-    for n in range(starts.shape[0] - 1):
-        for v in range(starts[n], starts[n + 1]):
-            for c in range(3):
-                if points[v, c] != reference[v, c] or abs(rates[v, c]) > slow[n]:
-                    out[n] = True
-            if out[n]:
-                break
+            if points[v, c] != reference[v, c] or abs(rates[v, c]) > slow:
+                return True
+    return False

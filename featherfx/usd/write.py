@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -13,9 +14,10 @@ import numpy as np
 from pxr import Usd
 
 from featherfx.errors import Problem, SimulationError
+from featherfx.shot.background import Background
 from featherfx.shot.types import Frame, sample_number
 from featherfx.usd.assemble import assemble
-from featherfx.usd.chunk import ChunkWriter
+from featherfx.usd.chunk import ChunkWriter, WrittenChunk
 from featherfx.usd.curves import define_barbs, define_rachis
 from featherfx.usd.layout import new_layers
 from featherfx.usd.material import define_materials
@@ -23,6 +25,7 @@ from featherfx.usd.mesh import define_mesh
 from featherfx.usd.names import prim_name, unique_prim_names
 from featherfx.usd.output import check_output, chosen_layout, parts_folder
 from featherfx.usd.parts import Parts
+from featherfx.usd.poses import BARB, MESH, RACHIS, posed_feathers
 from featherfx.usd.representations import define_representations
 from featherfx.usd.samples import AnimatedPrims
 from featherfx.usd.space import UP_AXES, StageSpace
@@ -35,7 +38,6 @@ from featherfx.usd.stage import (
     define_root,
     define_scopes,
 )
-from featherfx.usd.surfaces import SurfaceFrame, SurfaceSet
 from featherfx.usd.types import FeatherEntry, OutputError
 
 CHUNK_FRAMES = 24
@@ -102,11 +104,10 @@ class CacheWriter:
         )
         self._feathers, self._subframes = tuple(feathers), subframes
         self._accelerations = accelerations
-        self._surfaces = SurfaceSet(self._feathers, space)
-        self._check_finite(self._surfaces.rest, 0.0)
+        self._posed = posed_feathers(self._feathers, space, accelerations)
         self._static = [entry.static for entry in self._feathers]
-        bytes_in_all = self._surfaces.bytes_per_sample * self._samples
-        layout = chosen_layout(layout, bytes_in_all)
+        bytes_per_sample = sum(each.bytes_per_sample for each in self._posed)
+        layout = chosen_layout(layout, bytes_per_sample * self._samples)
         self._info = replace(self._info, metadata={**(metadata or {}), "layout": layout})
         self._layers = new_layers(self._info, layout)
         self._prims = self._define_prims()
@@ -117,8 +118,10 @@ class CacheWriter:
             self._parts = Parts(folder, settings or self._settings_of_stage(chunk), resume)
             step = 1.0 / (frames_per_second * subframes)
             self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
-            most = CHUNK_BYTES // (subframes * self._surfaces.bytes_per_sample)
+            most = CHUNK_BYTES // (subframes * bytes_per_sample)
             self._chunk_size = max(1, min(chunk, most)) * subframes
+        self._finishing: Background | None = None
+        self._written: list[WrittenChunk] = []
         self._next = self.samples_done
 
     def __enter__(self) -> CacheWriter:
@@ -136,15 +139,26 @@ class CacheWriter:
                 self._finish()
                 complete = True
         finally:
-            if not complete and self._parts:
-                if self._resumable and self._parts.records:
-                    self._parts.close()
-                else:
-                    self._parts.discard()
+            if not complete:
+                self._leave()
+
+    def _leave(self) -> None:
+        """After a failure: finished chunks stay where they can be continued from."""
+        if self._finishing is not None:
+            with contextlib.suppress(OutputError, OSError):
+                self._finishing.__exit__(None, None, None)
+        for chunk in self._written:
+            chunk.file.discard()
+        if self._parts and self._resumable and self._parts.records:
+            self._parts.close()
+        elif self._parts:
+            self._parts.discard()
 
     @property
     def samples_done(self) -> int:
-        """Samples that are safely on disk, from the first on."""
+        """Samples that are safely on disk, from the first on; waits for those on their way."""
+        if self._finishing is not None:
+            self._finishing.wait()
         records = self._parts.records if self._parts else []
         return sum(len(record.codes) for record in records)
 
@@ -167,15 +181,25 @@ class CacheWriter:
             raise ValueError(f"frame {frame.number:g} is out of turn; the cache holds {frames}")
         if len(frame.points) != len(self._feathers):
             raise ValueError(f"{len(frame.points)} feathers given, not {len(self._feathers)}")
-        second = frame.accelerations if self._accelerations else ()
-        pose = self._surfaces.evaluate(frame.points, frame.velocities, second)
-        self._check_finite(pose, frame.time)
-        self._chunk.add(float(frame.number), pose)
+        if self._accelerations and len(frame.accelerations) != len(self._feathers):
+            raise ValueError(f"frame {frame.number:g} has no accelerations")
+        bad = self._chunk.add(float(frame.number), frame, self._accelerations)
+        self._check_finite(bad, frame.time)
         self._next += 1
         if self._chunk.count == self._chunk_size or self._next == self._samples:
-            assert self._parts is not None
-            record = self._chunk.write(self._parts.chunk(len(self._parts.records)))
-            self._parts.commit(record, save)
+            self._finish_chunk(save)
+
+    def _finish_chunk(self, save: Callable[[Path], object] | None) -> None:
+        """Write the chunk; its way to the disk goes on while the next frames come."""
+        parts = self._parts
+        assert parts is not None
+        if self._finishing is None:
+            self._taken_over = len(parts.records)
+            self._finishing = Background(lambda chunk, save: parts.commit(chunk.finish(), save), 1)
+            self._finishing.__enter__()
+        index = self._taken_over + len(self._written)
+        self._written.append(self._chunk.write(parts.chunk(index)))
+        self._finishing(self._written[-1], save)
 
     @property
     def _samples(self) -> int:
@@ -195,12 +219,12 @@ class CacheWriter:
         return {"stage": repr(values)}
 
     def _define_prims(self) -> AnimatedPrims:
-        info, surfaces = self._info, self._surfaces
+        info, posed = self._info, self._posed
         stage = Usd.Stage.Open(self._layers.topology)
         define_root(stage, info)
-        drawn = surfaces.barbs.drawn
-        define_scopes(stage, info, bool(drawn.any()))
-        define_representations(stage, info, bool(drawn.any()))
+        drawn = [each.has_barbs for each in posed]
+        define_scopes(stage, info, any(drawn))
+        define_representations(stage, info, any(drawn))
         materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
         names = unique_prim_names([entry.name or entry.id for entry in self._feathers])
 
@@ -212,17 +236,19 @@ class CacheWriter:
         named = paths(BARBS, "_barbs")
         barbs = [path if has else None for path, has in zip(named, drawn, strict=True)]
         for k, entry in enumerate(self._feathers):
-            rest = surfaces.rest.points[surfaces.point_slices[k]]
-            define_mesh(stage, meshes[k], entry, rest, materials)
-            shaft = surfaces.rest.rachis_points[surfaces.rachis_slices[k]]
-            define_rachis(stage, rachises[k], entry, shaft, surfaces.widths[k], materials)
+            pose = posed[k].rest()
+            self._check_finite([] if pose.finite else [k], 0.0)
+            rest = {part: pose.values[part, "points"].value for part in posed[k].parts}
+            define_mesh(stage, meshes[k], entry, rest[MESH], materials)
+            define_rachis(stage, rachises[k], entry, rest[RACHIS], posed[k].widths, materials)
             if barbs[k] is not None:
-                curves = surfaces.rest.barbs.points[surfaces.barbs.slices[k]]
-                define_barbs(stage, barbs[k], entry, curves, surfaces.barbs.widths[k], materials)
-        return AnimatedPrims(meshes, rachises, barbs, surfaces, self._accelerations)
+                define_barbs(stage, barbs[k], entry, rest[BARB], posed[k].barb_widths, materials)
+        return AnimatedPrims(posed, meshes, rachises, barbs, self._accelerations)
 
     def _finish(self) -> None:
         frames = self._info.frames
+        if self._finishing is not None:
+            self._finishing.__exit__(None, None, None)
         if frames is not None and self._next < self._samples:
             message = f"not written: frames {self._code:g} to {frames[1]} never came"
             raise OutputError(Problem(str(self._path), "frames", message))
@@ -230,8 +256,8 @@ class CacheWriter:
         if self._parts:
             self._parts.finish(keep_chunks=self._layers.layout == "clips")
 
-    def _check_finite(self, frame: SurfaceFrame, time: float) -> None:
-        for index in np.flatnonzero(self._surfaces.not_finite(frame)):
+    def _check_finite(self, bad: Sequence[int], time: float) -> None:
+        for index in bad:
             reason = "a position or velocity is not finite, or too large for single precision"
             raise SimulationError(self._feathers[index].id, time, reason)
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from featherfx.cli.lab.group import lab
 from featherfx.cli.main import main
+from featherfx.lab.registry import STUDIES
 
 ROD = ("--length", "0.3", "--ei", "2e-3")
 TRIAL = ("feather", "--preset", "swan_primary", "--rows", "9", "--columns", "3")
@@ -122,12 +124,10 @@ def test_tables_without_json():
 def test_list_names_every_experiment():
     result = run("--list")
     assert result.exit_code == 0
-    assert [line.split()[0] for line in result.stdout.splitlines()] == [
-        "feather",
-        "modes",
-        "release",
-        "rod",
-    ]
+    named = {line.split()[0] for line in result.stdout.splitlines() if line.startswith("  ")}
+    assert set(lab.commands) < named
+    assert {study.name for study in STUDIES} < named
+    assert "Bisshopp" in result.stdout
 
 
 @pytest.mark.parametrize(

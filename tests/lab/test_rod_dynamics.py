@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from rod_oracles import link_chain
 
 from featherfx.lab.experiments import bend, damped, release, total_energy
+from featherfx.lab.oracles import link_chain
 from featherfx.lab.rod import Rod, clamped, rod_loads, rod_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.modes import first_frequency

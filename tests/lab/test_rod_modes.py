@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from rod_oracles import taper_frequencies
 
 from featherfx.errors import InputError
 from featherfx.lab.experiments import natural_frequencies
+from featherfx.lab.oracles import taper_frequencies
 from featherfx.lab.rod import Rod
 
 pytestmark = pytest.mark.verification

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from rod_oracles import elastica_tip, kirchhoff_tip
 
 from featherfx.lab.experiments import bend
+from featherfx.lab.oracles import elastica_tip, kirchhoff_tip
 from featherfx.lab.rod import Rod, clamped, rod_loads, rod_model
 from featherfx.solver.step import Settings, Solver
 

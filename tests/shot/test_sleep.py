@@ -10,7 +10,7 @@ import pytest
 
 from featherfx.shot.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Grip, Motion, Shot
+from featherfx.shot.types import Force, Grip, Motion, Shot
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
 STILL, MOVED = 4, 8
@@ -73,8 +73,44 @@ def pulled(shot: Shot) -> Shot:
     return replace(shot, grips=(grip,))
 
 
-@pytest.mark.parametrize("disturb", [led, pulled])
-def test_roots_and_grips_wake_it(disturb) -> None:
+def forced(shot: Shot, line: str = "point", column: float = 0.0) -> Shot:
+    rate = shot.frames_per_second
+    force = Force(
+        feather=shot.groom.feathers[0].id,
+        force=np.array([0.0, 0.0, 0.05 if line == "point" else 0.5]),
+        line=line,
+        row=0.8,
+        column=column,
+        side="leading",
+        span=(0.0, 1.0),
+        keys=((STILL / rate, 0.0), (MOVED / rate, 1.0)),
+    )
+    return replace(shot, forces=(force,))
+
+
+def forced_barb_end(shot: Shot) -> Shot:
+    return forced(shot, column=1.0)
+
+
+def forced_line(shot: Shot) -> Shot:
+    return forced(shot, line="rachis")
+
+
+class Breath:
+    """Air that begins to move at frame 4, everywhere alike."""
+
+    def velocity(self, points: np.ndarray, time: float) -> np.ndarray:
+        speed = 6.0 * max(0.0, 24.0 * time - STILL)
+        return np.tile([0.0, 0.0, speed], (len(points), 1))
+
+
+def blown(shot: Shot) -> Shot:
+    wind = replace(shot.wind, speed=0.0, gust=0.0, air_density=1.2)
+    return replace(shot, wind=wind, wind_source=Breath())
+
+
+@pytest.mark.parametrize("disturb", [led, pulled, forced, forced_barb_end, forced_line, blown])
+def test_roots_grips_forces_and_wind_wake_it(disturb) -> None:
     shot = disturb(quiet_shot())
     asleep, points = run(shot)
     _, full = run(replace(shot, sleep=False))

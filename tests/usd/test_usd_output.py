@@ -102,6 +102,7 @@ try:
                      overwrite=True) as writer:
         for number in (1, 2, 3):
             writer.write(feathers.frame(number))
+        assert writer.samples_done == 3
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[4]), resource.RLIM_INFINITY))
 except InputError as error:
     print(error)
@@ -137,14 +138,15 @@ def test_an_error_of_export_is_one_message(tmp_path, monkeypatch):
 
 
 def test_a_file_that_reads_back_differently_is_not_published(tmp_path, monkeypatch):
-    def lose_a_sample(path):
+    def lose_a_sample(layer, path):
         from pxr import Sdf
 
-        layer = Sdf.Layer.OpenAsAnonymous(str(path))
-        layer.EraseTimeSample("/out/feathers/primary_1.points", 2)
-        layer.Export(str(path))
+        less = Sdf.Layer.CreateAnonymous(".usda")
+        less.TransferContent(layer)
+        less.EraseTimeSample("/out/feathers/primary_1.points", 2)
+        return less.Export(str(path))
 
-    monkeypatch.setattr(atomic, "_flush", lose_a_sample)
+    monkeypatch.setattr(atomic, "_store", lose_a_sample)
     with pytest.raises(OutputError, match=r"differs.*primary_1\.points"):
         bake(tmp_path / "out.usda")
     assert contents(tmp_path) == {}

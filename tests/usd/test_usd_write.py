@@ -154,6 +154,7 @@ def test_a_chunk_that_changes_before_the_root_is_written_stops_it(tmp_path):
     writer = CacheWriter(path, feathers.entries(), (1, 4), layout="clips", chunk=2)
     for number in range(1, 5):
         writer.write(feathers.frame(number))
+    assert writer.samples_done == 4
     next(tmp_path.rglob("0001.usdc")).write_bytes(b"PXR-USDC")
     with pytest.raises(InputError, match=r"0001\.usdc: is not the chunk that was written"), writer:
         pass

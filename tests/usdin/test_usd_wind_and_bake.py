@@ -79,7 +79,7 @@ def test_a_field_of_points(tmp_path):
     assert "/air at time code 25: 200 points and 5 velocities" in refused(path)
 
 
-def test_the_mean_over_the_roots_is_added_to_the_wind_of_the_shot(tmp_path):
+def test_a_scenes_wind_at_each_root_is_added_to_the_wind_of_the_shot(tmp_path):
     from featherfx.shot.loads import frame_loads
 
     stage = new_stage(tmp_path / "air.usda")
@@ -94,7 +94,7 @@ def test_the_mean_over_the_roots_is_added_to_the_wind_of_the_shot(tmp_path):
     points = [each.points for each in feathers]
     roots = np.array([[0, 0, 0], [1.0, 0, 0]])
     loads = frame_loads(shot, [], feathers, points, 0.0, 1 / 24, roots)
-    np.testing.assert_allclose(loads.wind_mean, [3, 0, 2], atol=1e-6)
+    np.testing.assert_allclose(loads.wind_mean, [[3, 0, 1], [3, 0, 3]], atol=1e-6)
 
 
 def test_colliders_by_path_name_and_collection(tmp_path):

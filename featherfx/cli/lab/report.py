@@ -1,0 +1,69 @@
+"""`featherfx lab report`, and what `featherfx lab --list` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import click
+
+from featherfx import __version__
+from featherfx.cli.program import Command
+from featherfx.cli.progress import Progress
+
+
+def listing(commands: Mapping[str, click.Command]) -> Iterator[str]:
+    """Lines of `lab --list`: the experiments, then the studies and what each reproduces."""
+    from featherfx.lab.registry import STUDIES
+
+    width = max(len(name) for name in (*commands, *(study.name for study in STUDIES)))
+    yield "experiments"
+    for name, command in sorted(commands.items()):
+        yield f"  {name.ljust(width)}  {command.short_help}"
+    yield "studies (featherfx lab report --only NAME)"
+    for study in STUDIES:
+        yield f"  {study.name.ljust(width)}  {study.title} ({study.reproduces})"
+
+
+@click.command(
+    cls=Command,
+    short_help="Run all studies; one page with our numbers beside the published ones.",
+    epilog="""
+    featherfx lab report -o validation
+    featherfx lab report -o validation --only elastica --only ribbon_hanging
+    featherfx lab report -o validation --markdown docs/validation.md
+    """,
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder for validation.html, its pictures, and all numbers as CSV and JSON.",
+)
+@click.option("--only", multiple=True, metavar="NAME", help="A study, can be given several times.")
+@click.option(
+    "--markdown",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="The page as Markdown too.",
+)
+def report(output: Path, only: tuple[str, ...], markdown: Path | None) -> None:
+    """Run the studies and hold their numbers against the published ones.
+
+    Figures need matplotlib (extra "plots"); without it there are tables. Exit code 0 also where
+    numbers differ: the page says so.
+    """
+    from featherfx.lab import report as pages
+    from featherfx.lab.registry import studies
+
+    chosen = studies(only)
+    with Progress("studies") as progress:
+        entries = pages.run_all(chosen, output, progress)
+    for file in pages.write_report(output, entries, __version__):
+        click.echo(file)
+    if markdown is not None:
+        pages.write_whole(markdown, pages.markdown(entries, __version__))
+        click.echo(markdown)
+    for entry in entries:
+        click.echo(f"{entry.study.name.ljust(20)} {entry.result.verdict}")

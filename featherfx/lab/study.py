@@ -1,0 +1,144 @@
+"""A study: one thing of the literature, computed anew and put beside the published values.
+
+A study is a function of a folder for its pictures; it returns rows of numbers, each with its
+verdict, and figures. The verdict follows from the numbers and is never written by hand.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+Verdict = Literal["agrees", "differs", "no comparison"]
+Comparison = Literal["relative", "absolute", "at most", "at least", "none"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number beside the published one.
+
+    quantity: what it is, with its conditions. ours: in SI units. unit: of ours and published.
+    published: value or bound that ours is held against, or None. tolerance: how far ours may be
+    off, as a share of the published value ("relative") or in its unit ("absolute"). comparison:
+    how they are compared; "at most" and "at least" take published as a bound. note: where the
+    published value is from, and why ours differs where it does.
+    """
+
+    quantity: str
+    ours: float
+    unit: str = ""
+    published: float | None = None
+    tolerance: float | None = None
+    comparison: Comparison = "none"
+    note: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether ours agrees with the published value; a number that is not finite never does."""
+        if self.comparison == "none" or self.published is None:
+            return "no comparison"
+        if self.comparison == "at most":
+            return "agrees" if self.ours <= self.published else "differs"
+        if self.comparison == "at least":
+            return "agrees" if self.ours >= self.published else "differs"
+        allowed = self.tolerance or 0.0
+        if self.comparison == "relative":
+            allowed *= abs(self.published)
+        return "agrees" if abs(self.ours - self.published) <= allowed else "differs"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture that a study has written. file: PNG. caption: what it shows and how to read it."""
+
+    file: Path
+    caption: str
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """rows: numbers, in the order of the page. figures: none without matplotlib. seconds: wall
+    time of the study, compilation included; filled in by run_study."""
+
+    rows: Sequence[Row]
+    figures: Sequence[Figure] = ()
+    seconds: float = math.nan
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of all rows together: one that differs is enough."""
+        found = {row.verdict for row in self.rows}
+        if "differs" in found:
+            return "differs"
+        return "agrees" if "agrees" in found else "no comparison"
+
+
+@dataclass(frozen=True)
+class Study:
+    """name: by which it is asked for. title: of its section. reproduces: publication and figure or
+    table. run: does the work; its folder exists and takes the pictures, named after the study."""
+
+    name: str
+    title: str
+    reproduces: str
+    run: Callable[[Path], StudyResult] = field(repr=False)
+
+
+def compared(
+    quantity: str,
+    ours: float,
+    published: float,
+    tolerance: float,
+    *,
+    unit: str = "",
+    absolute: bool = False,
+    note: str = "",
+) -> Row:
+    """A number beside a published one; tolerance: a share of it, or absolute in its unit."""
+    kind: Comparison = "absolute" if absolute else "relative"
+    return Row(quantity, float(ours), unit, float(published), tolerance, kind, note)
+
+
+def bounded(
+    quantity: str,
+    ours: float,
+    *,
+    at_most: float | None = None,
+    at_least: float | None = None,
+    unit: str = "",
+    note: str = "",
+) -> Row:
+    """A number beside a bound on it; exactly one of the two bounds is given."""
+    bound = at_most if at_most is not None else at_least
+    kind: Comparison = "at most" if at_most is not None else "at least"
+    return Row(quantity, float(ours), unit, bound, None, kind, note)
+
+
+def reported(quantity: str, ours: float, *, unit: str = "", note: str = "") -> Row:
+    """A number of ours that nothing published stands beside."""
+    return Row(quantity, float(ours), unit, note=note)
+
+
+def later(place: str) -> Callable[[Path], StudyResult]:
+    """A study's function as "module:function", imported when it runs, not when it is listed."""
+    module, _, name = place.partition(":")
+
+    def run(folder: Path) -> StudyResult:
+        result = getattr(importlib.import_module(module), name)(folder)
+        assert isinstance(result, StudyResult)
+        return result
+
+    return run
+
+
+def run_study(study: Study, folder: Path) -> StudyResult:
+    """Run a study with its pictures in a folder (made if need be), and time it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    begin = time.perf_counter()
+    result = study.run(folder)
+    return StudyResult(result.rows, result.figures, time.perf_counter() - begin)

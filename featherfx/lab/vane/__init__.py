@@ -1,0 +1,1 @@
+"""Virtual experiments on rectangular samples of a vane: traction, locking, mesoscale, calibration."""

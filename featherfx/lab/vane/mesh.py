@@ -1,0 +1,221 @@
+"""Triangle meshes of a rectangular sample: aligned with the barbs, or not.
+
+An aligned mesh consists of rows along the barbs, cut at the borders of the sample; the strip
+between two rows is filled with triangles, each of which has an edge on one of the two rows. There
+is a row through each corner, so the rows' ends follow the borders exactly.
+
+Where barbs are stiff, the strain along them jumps at the barbs through the corners, which part
+what one clamp holds from what is free. At a finite ratio the jump is a layer of thickness
+L sqrt(E_vw / E_vv), L the length of the barb; rows may be denser there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.lab.vane.sample import Sample
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# relative to the sample's size: rows shorter than this are points
+TINY = 1e-9
+# of random steps of the unaligned mesh's nodes, as a share of a cell
+JITTER = 0.3
+# rows near the corners' barbs: a spacing of LAYER_ROWS per layer thickness, widening by GROWTH
+LAYER_ROWS, GROWTH = 1.5, 0.35
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Nodes and triangles of a sample.
+
+    points: (N, 2) m. triangles: (M, 3), counter-clockwise. strip: (M,) the strip of each triangle,
+    counted across the barbs; -1 in unaligned meshes. chains: (S, 2) segments of rows, the edges
+    along barbs; (0, 2) in unaligned meshes.
+    """
+
+    points: Array
+    triangles: Indices
+    strip: Indices
+    chains: Indices
+
+
+def corner_rows(sample: Sample) -> Array:
+    """(4,) m, distance across the barbs, from the origin, of the barb through each corner."""
+    w, h = sample.width, sample.height
+    return np.sort(np.array([[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]]) @ sample.across)
+
+
+def cut_row(sample: Sample, place: float) -> tuple[float, float]:
+    """Ends of the barb at `place` (m across the barbs), m along it from the origin's normal."""
+    low, high = -np.inf, np.inf
+    tiny = TINY * max(sample.width, sample.height)
+    for axis, size in enumerate((sample.width, sample.height)):
+        offset, rate = place * sample.across[axis], sample.barb[axis]
+        if abs(rate) < 1e-12:
+            continue
+        ends = sorted(((-offset) / rate, (size - offset) / rate))
+        low, high = max(low, ends[0]), min(high, ends[1])
+    middle = 0.5 * (low + high)
+    return (low, high) if high - low > tiny else (middle, middle)
+
+
+def graded_rows(sample: Sample, count: int, layer: float) -> Array:
+    """About `count` strips' rows, denser near the corners' barbs.
+
+    layer: thickness of the layers as a share of the barbs' length. Returns (R,) m across the barbs.
+    """
+    corners = corner_rows(sample)
+    span = corners[-1] - corners[0]
+    inner = corners[np.concatenate([[True], np.diff(corners) > TINY * span])]
+    inner[-1] = corners[-1]
+    thick = max(layer, 1e-4) * _longest(sample) / LAYER_ROWS
+    fine = np.concatenate([_bunched(a, b, 400) for a, b in zip(inner[:-1], inner[1:], strict=True)])
+    fine = np.unique(fine)
+    middle = 0.5 * (fine[1:] + fine[:-1])
+    near = np.min(np.abs(middle[:, None] - inner), axis=1)
+    density = 1.0 / (thick + GROWTH * near)
+    # blended with an even spacing, so that coarse meshes do not spend all on the layers
+    share = density / (density @ np.diff(fine)) + 1.0 / span
+    total = np.concatenate([[0.0], np.cumsum(share * np.diff(fine))])
+    rows = []
+    for a, b in zip(inner[:-1], inner[1:], strict=True):
+        start, end = np.interp([a, b], fine, total)
+        strips = max(2, round(count * (end - start) / total[-1]))
+        rows.append(np.interp(np.linspace(start, end, strips + 1), total, fine)[:-1])
+    return np.concatenate([*rows, inner[-1:]])
+
+
+def even_rows(sample: Sample, count: int) -> Array:
+    """Rows of about `count` even strips, with one through each corner; (R,) m."""
+    return graded_rows(sample, count, 1e4)
+
+
+def aligned_mesh(sample: Sample, rows: Array, spacing: float) -> Mesh:
+    """Mesh with the given rows, (R,) m across the barbs, ascending, first and last through corners.
+
+    spacing: m between nodes along a barb.
+    """
+    points: list[Array] = []
+    triangles: list[Array] = []
+    strip: list[Array] = []
+    chains: list[Array] = []
+    before: tuple[Indices, Array] | None = None
+    start = 0
+    for number, place in enumerate(rows):
+        low, high = cut_row(sample, float(place))
+        count = 0 if high == low else max(1, round((high - low) / spacing))
+        share = np.linspace(0.0, 1.0, count + 1)
+        along = low + (high - low) * share
+        points.append(along[:, None] * sample.barb + place * sample.across)
+        index = np.arange(start, start + count + 1)
+        chains.append(np.column_stack([index[:-1], index[1:]]))
+        if before is not None:
+            made = _strip(before[0], before[1], index, share)
+            triangles.append(made)
+            strip.append(np.full(len(made), number - 1))
+        before, start = (index, share), start + count + 1
+    found = np.concatenate(points)
+    snap = TINY * max(sample.width, sample.height)
+    for axis, size in enumerate((sample.width, sample.height)):
+        found[np.abs(found[:, axis]) < snap, axis] = 0.0
+        found[np.abs(found[:, axis] - size) < snap, axis] = size
+    return Mesh(
+        found,
+        np.concatenate(triangles).astype(np.int64),
+        np.concatenate(strip).astype(np.int64),
+        np.concatenate(chains).astype(np.int64),
+    )
+
+
+def aligned_of_size(sample: Sample, elements: int, layer: float) -> Mesh:
+    """Aligned mesh of about that many triangles; layer: as in graded_rows."""
+    area = sample.width * sample.height
+    span = np.ptp(corner_rows(sample))
+    size = np.sqrt(2.0 * area / elements)
+    rows = max(2, round(span / size))
+    mesh = aligned_mesh(sample, graded_rows(sample, rows, layer), size)
+    for _ in range(4):
+        size *= np.sqrt(len(mesh.triangles) / elements)
+        rows = max(2, round(span / size))
+        mesh = aligned_mesh(sample, graded_rows(sample, rows, layer), size)
+    return mesh
+
+
+def unaligned_of_size(sample: Sample, elements: int) -> Mesh:
+    """Delaunay mesh of a grid whose nodes moved at random, always by the same numbers."""
+    from scipy.spatial import Delaunay
+
+    size = np.sqrt(2.0 * sample.width * sample.height / elements)
+    nx, ny = max(1, round(sample.width / size)), max(2, round(sample.height / size))
+    grid = np.stack(np.meshgrid(np.arange(nx + 1.0), np.arange(ny + 1.0), indexing="ij"), axis=-1)
+    move = np.random.default_rng(7).uniform(-JITTER, JITTER, grid.shape)
+    move[[0, -1], :, 0] = 0.0
+    move[:, [0, -1], 1] = 0.0
+    move[[0, -1], :, 1] = 0.0
+    move[:, [0, -1], 0] = 0.0
+    grid += move
+    triangles = Delaunay(grid.reshape(-1, 2)).simplices.astype(np.int64)
+    points = grid.reshape(-1, 2) * [sample.width / nx, sample.height / ny]
+    doubled = _doubled_area(points, triangles)
+    triangles[doubled < 0.0] = triangles[doubled < 0.0][:, [0, 2, 1]]
+    triangles = triangles[np.abs(doubled) > TINY * size * size]
+    return Mesh(
+        points, triangles, np.full(len(triangles), -1, np.int64), np.zeros((0, 2), np.int64)
+    )
+
+
+def quadratic(mesh: Mesh) -> tuple[Array, Indices]:
+    """The mesh with nodes in the middle of its edges.
+
+    Returns points (N, 2) m and elements (M, 6): corners, then the middles of edges 01, 12, 20.
+    """
+    edges = mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]]
+    pairs, inverse = np.unique(np.sort(edges.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    middles = mesh.points[pairs].mean(axis=1)
+    elements = np.hstack([mesh.triangles, len(mesh.points) + inverse.reshape(-1, 3)])
+    return np.vstack([mesh.points, middles]), elements
+
+
+def _longest(sample: Sample) -> float:
+    return max(np.subtract(*cut_row(sample, float(place))[::-1]) for place in corner_rows(sample))
+
+
+def _bunched(a: float, b: float, count: int) -> Array:
+    """Fine samples of [a, b], bunched at both ends."""
+    return a + (b - a) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, count)))
+
+
+def _strip(below: Indices, below_share: Array, above: Indices, above_share: Array) -> Indices:
+    """Triangles (m, 3) between two rows; shares: (n,) of the rows' lengths at their nodes."""
+    low, high = (0.5 * (each[1:] + each[:-1]) for each in (below_share, above_share))
+    i, j = np.arange(len(low)), np.arange(len(high))
+    partner = np.searchsorted(high, low, side="left")
+    other = np.searchsorted(low, high, side="right")
+    return np.concatenate(
+        [
+            np.column_stack([below[i], below[i + 1], above[partner]]),
+            np.column_stack([above[j + 1], above[j], below[other]]),
+        ]
+    )
+
+
+def _doubled_area(points: Array, triangles: Indices) -> Array:
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    u, v = b - a, c - a
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+
+
+def areas(mesh: Mesh) -> Array:
+    """(M,) m^2, of the triangles."""
+    return 0.5 * _doubled_area(mesh.points, mesh.triangles)
+
+
+def joined(groups: Sequence[Array]) -> Array:
+    """Sorted values of all groups, each once."""
+    return np.unique(np.concatenate(groups))

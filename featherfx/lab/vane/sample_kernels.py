@@ -1,0 +1,134 @@
+"""Energy, gradient and stiffness of a plane membrane at its strain points.
+
+    W = sum over points of g (E_vv e_vv^2 + E_ww e_ww^2 + E_vw (2 e_vw)^2) / 2
+
+g volume that a point stands for. The strains are those of vane_membrane_kernels.py and
+barb_stretch_kernels.py, taken of the images a = F v and c = F w of the unit vectors along and
+across the barbs, so any element serves whose a and c are linear in its nodes. Second variations:
+da.da of e_vv, dc.dc of e_ww, 2 da.dc of 2 e_vw, times their stresses.
+
+The stresses of the second variation are given apart from those of the gradient. Newton's
+iterations take there what the last iteration predicted to first order, as if stresses were
+unknowns of their own: an iterate that stretches stiff barbs too far then does not spoil the
+stiffness. Source: Magisano, Leonetti, Garcea 2017 (mixed integration points).
+"""
+
+from featherfx.compiled import kernel
+from featherfx.mechanics.barb_stretch_kernels import stretch_gradient, stretch_strain
+from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
+
+
+@kernel
+def images(positions, nodes, along, across, point):
+    """a and c, written to point (3, 3): rows origin (zero), a, c.
+
+    positions: (N, 2). nodes: (K,) of an element. along, across: (K,) derivatives of the node
+    functions along and across the barbs.
+    """
+    for k in range(3):
+        for axis in range(3):
+            point[k, axis] = 0.0
+    for i in range(nodes.shape[0]):
+        for axis in range(2):
+            x = positions[nodes[i], axis]
+            point[1, axis] += along[i] * x
+            point[2, axis] += across[i] * x
+
+
+@kernel
+def point_strains(point, unit, strain):
+    """(e_vv, e_ww, 2 e_vw), written to strain (3,). unit: (1, 0, 1)."""
+    strain[0] = stretch_strain(point[0], point[1], 1.0)
+    strain[1], strain[2] = membrane_strain(point[0], point[1], point[2], unit)
+
+
+@kernel
+def point_gradients(point, unit, gradient, line, table):
+    """Gradients of the strains by (a, c), written to table (3, 2, 2): strain, vector, axis.
+
+    gradient: (2, 3, 3) and line: (6,), scratch.
+    """
+    stretch_gradient(point[0], point[1], 1.0, line)
+    membrane_gradient(point[0], point[1], point[2], unit, gradient)
+    for axis in range(2):
+        table[0, 0, axis] = line[3 + axis]
+        table[0, 1, axis] = 0.0
+        for s in range(2):
+            table[1 + s, 0, axis] = gradient[s, 1, axis]
+            table[1 + s, 1, axis] = gradient[s, 2, axis]
+
+
+@kernel
+def sample_strains(positions, nodes, along, across, unit, point, strain):
+    """Strains of all points, written to strain (M, Q, 3).
+
+    positions: (N, 2) m. nodes: (M, K). along, across: (M, Q, K) 1/m. point: (3, 3), scratch.
+    """
+    for m in range(nodes.shape[0]):
+        for q in range(along.shape[1]):
+            images(positions, nodes[m], along[m, q], across[m, q], point)
+            point_strains(point, unit, strain[m, q])
+
+
+@kernel
+def predicted_strains(positions, step, nodes, along, across, unit, scratch, strain):
+    """Strains at `positions` plus their linear change by `step` (N, 2), to strain (M, Q, 3).
+
+    scratch: point (3, 3), change (3, 3), gradient (2, 3, 3), line (6,), table (3, 2, 2).
+    """
+    point, change, gradient, line, table = scratch
+    for m in range(nodes.shape[0]):
+        for q in range(along.shape[1]):
+            images(positions, nodes[m], along[m, q], across[m, q], point)
+            images(step, nodes[m], along[m, q], across[m, q], change)
+            point_strains(point, unit, strain[m, q])
+            point_gradients(point, unit, gradient, line, table)
+            for s in range(3):
+                for vector in range(2):
+                    for axis in range(2):
+                        strain[m, q, s] += table[s, vector, axis] * change[1 + vector, axis]
+
+
+@kernel
+def sample_system(
+    positions, nodes, along, across, volume, moduli, geometric, unit, scratch, forces, blocks
+):
+    """Energy; gradient to forces (N, 2), zero before; stiffness to blocks (M, 2 K, 2 K).
+
+    volume: (M, Q) m^3. moduli: (M, 3) Pa. geometric: (M, Q, 3) Pa, stresses of the second
+    variation. scratch: as in predicted_strains, then strain (3,) and lever (2 K, 3).
+    """
+    point, change, gradient, line, table, strain, lever = scratch
+    energy = 0.0
+    count = nodes.shape[1]
+    for m in range(nodes.shape[0]):
+        for i in range(2 * count):
+            for j in range(2 * count):
+                blocks[m, i, j] = 0.0
+        for q in range(along.shape[1]):
+            images(positions, nodes[m], along[m, q], across[m, q], point)
+            point_strains(point, unit, strain)
+            point_gradients(point, unit, gradient, line, table)
+            g = volume[m, q]
+            for s in range(3):
+                energy += 0.5 * g * moduli[m, s] * strain[s] * strain[s]
+                for i in range(count):
+                    for axis in range(2):
+                        value = along[m, q, i] * table[s, 0, axis]
+                        value += across[m, q, i] * table[s, 1, axis]
+                        lever[2 * i + axis, s] = value
+                        forces[nodes[m, i], axis] += g * moduli[m, s] * strain[s] * value
+            for i in range(2 * count):
+                for s in range(3):
+                    stiff = g * moduli[m, s] * lever[i, s]
+                    for j in range(2 * count):
+                        blocks[m, i, j] += stiff * lever[j, s]
+            for i in range(count):
+                av, aw = along[m, q, i], across[m, q, i]
+                by_along = g * (geometric[m, q, 0] * av + geometric[m, q, 2] * aw)
+                by_across = g * (geometric[m, q, 1] * aw + geometric[m, q, 2] * av)
+                for j in range(count):
+                    value = by_along * along[m, q, j] + by_across * across[m, q, j]
+                    blocks[m, 2 * i, 2 * j] += value
+                    blocks[m, 2 * i + 1, 2 * j + 1] += value
+    return energy

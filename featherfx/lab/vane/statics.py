@@ -1,0 +1,338 @@
+"""Equilibrium of a plane membrane whose clamped nodes are moved.
+
+Newton's iterations with the exact stiffness; the stresses in it are predicted to first order from
+the iteration before, which keeps full steps convergent at any ratio of moduli (see
+sample_kernels.py). Barbs of constant length are held by multipliers, one for each segment:
+
+    [ K + sum t d2e   J^T ] [ du ]     [ g ]
+    [ J               0   ] [ t  ] = - [ e ],      e = (|d|^2 / s^2 - 1) / 2,   J = de
+
+with t the new tensions. A moved clamp enters as a linear prediction first. Where the iterations do
+not converge, its path is halved; where that does not help, descent.py finds a minimum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse.linalg import SuperLU, splu
+
+from featherfx.lab.vane.chain_kernels import chain_system
+from featherfx.lab.vane.descent import descend
+from featherfx.lab.vane.elements import Membrane
+from featherfx.lab.vane.sample_kernels import predicted_strains, sample_strains, sample_system
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+UNIT = np.array([1.0, 0.0, 1.0])
+# a step of Newton's below this share of the sample's size is the last one
+CLOSE = 1e-8
+ITERATIONS = 25
+# the path of a descent is taken in so many parts
+PARTS = 8
+# a step that moves a node by more than this share of the size has gone astray
+ASTRAY = 1.0
+
+
+class NoEquilibrium(Exception):
+    """The iterations did not converge; holds the reason."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Changing data: positions (N, 2) m, stresses (M, Q, 3) Pa of the stiffness, tensions (S,) of
+    the chains (N, times their scale), the iterations spent so far, and how often the pose had to
+    be found by descent."""
+
+    positions: Array
+    stresses: Array
+    tensions: Array
+    iterations: int = 0
+    descents: int = 0
+
+
+class Statics:
+    """Equilibria of one membrane.
+
+    membrane: constant data. held: (N,) bool, nodes whose positions are prescribed. Unknowns are
+    the coordinates of the others and the tensions of chains that are not held at both ends.
+    folding: let elements turn over, as they do where a mesh locks. accuracy: share of its energy
+    that a step of a descent must win to be followed by another.
+    """
+
+    def __init__(
+        self, membrane: Membrane, held: Bools, *, folding: bool = False, accuracy: float = 1e-10
+    ) -> None:
+        self.membrane, self.held = membrane, held
+        self.folding, self.accuracy = folding, accuracy
+        free = np.repeat(~held, 2)
+        self._free = np.flatnonzero(free)
+        self._chains = membrane.chains[~held[membrane.chains].all(axis=1)]
+        ends = membrane.points[self._chains]
+        self._inverse = 1.0 / np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        stiff = membrane.moduli.max() * membrane.volume.max() ** (1 / 3)
+        self._scale = stiff / self._inverse.mean() if len(self._chains) else 1.0
+        self.size = float(np.ptp(membrane.points, axis=0).max())
+        self._pattern = _Pattern(membrane.nodes, free)
+        count = membrane.nodes.shape[1]
+        self._scratch = (*_scratch(), np.zeros(3), np.zeros((2 * count, 3)))
+        self._blocks = np.zeros((len(membrane.nodes), 2 * count, 2 * count))
+
+    @property
+    def unknowns(self) -> int:
+        return len(self._free) + len(self._chains)
+
+    def rest(self) -> Pose:
+        """The undeformed pose."""
+        shape = (*self.membrane.volume.shape, 3)
+        return Pose(self.membrane.points.copy(), np.zeros(shape), np.zeros(len(self._chains)))
+
+    def strains(self, positions: Array) -> Array:
+        """(M, Q, 3) e_vv, e_ww, 2 e_vw at positions (N, 2)."""
+        part = self.membrane
+        strain = np.zeros((*part.volume.shape, 3))
+        sample_strains(
+            positions, part.nodes, part.along, part.across, UNIT, np.zeros((3, 3)), strain
+        )
+        return strain
+
+    def energy(self, positions: Array) -> float:
+        """J."""
+        return self._system(positions, self.rest().stresses)[0]
+
+    def forces(self, pose: Pose) -> Array:
+        """(N, 2) N, on the nodes: on held ones, what holds them; on free ones, the residual."""
+        forces = self._system(pose.positions, pose.stresses)[1]
+        if len(self._chains):
+            _, jacobian = self._chain(pose)
+            forces += (jacobian.T @ pose.tensions).reshape(-1, 2)
+        return forces
+
+    def stresses(self, positions: Array) -> Array:
+        """(M, Q, 3) Pa, vv, ww, vw at positions (N, 2)."""
+        return self.strains(positions) * self.membrane.moduli[:, None]
+
+    def solve(self, positions: Array, stresses: Array, shift: Array) -> tuple[Array, Array] | None:
+        """Newton's step (N, 2) and the forces (N, 2), N, without chains; None if not definite.
+
+        stresses: (M, Q, 3) Pa, of the stiffness. shift: (N, 2) m, of the held nodes.
+        """
+        _, forces, stiffness = self._system(positions, stresses)
+        factor = _factor(self._pattern.inner(stiffness))
+        definite = np.array_equal(factor.perm_r, factor.perm_c) and factor.U.diagonal().min() > 0.0
+        if not definite:
+            return None
+        load = -forces.ravel() - self._pattern.matrix(stiffness) @ shift.ravel()
+        step = shift.ravel().copy()
+        step[self._free] = factor.solve(load[self._free])
+        return step.reshape(-1, 2), forces
+
+    def stable(self, pose: Pose) -> bool:
+        """Whether every small motion costs energy (membranes without chains)."""
+        still = np.zeros_like(pose.positions)
+        return self.solve(pose.positions, self.stresses(pose.positions), still) is not None
+
+    def move(self, pose: Pose, target: Array) -> Pose:
+        """Equilibrium with the held nodes at target (N, 2) m; other entries are not read.
+
+        Raises NoEquilibrium.
+        """
+        try:
+            return self._halved(pose, target, 5 if len(self._chains) else 1)
+        except NoEquilibrium:
+            if len(self._chains):
+                raise
+        start = pose.positions
+        for part in range(1, PARTS + 1):
+            pose = self.descend(pose, start + part / PARTS * (target - start))
+        return pose
+
+    def descend(self, pose: Pose, target: Array) -> Pose:
+        """As move, downhill all the way, so that the equilibrium is stable; without chains."""
+        shift = np.where(self.held[:, None], target - pose.positions, 0.0)
+        found = descend(self, pose, shift)
+        if found is None:
+            raise NoEquilibrium("the energy falls without coming to rest")
+        positions, spent = found
+        self._check(positions)
+        return replace(
+            pose,
+            positions=positions,
+            stresses=self.stresses(positions),
+            iterations=pose.iterations + spent,
+            descents=pose.descents + 1,
+        )
+
+    def upright(self, positions: Array) -> bool:
+        """Whether no element is turned over at positions (N, 2), or may be."""
+        return self.folding or self.turned(positions) == 0
+
+    def turned(self, positions: Array) -> int:
+        """How many strain points are turned over at positions (N, 2)."""
+        images = [
+            np.einsum("mqk,mkx->mqx", each, positions[self.membrane.nodes])
+            for each in (self.membrane.along, self.membrane.across)
+        ]
+        area = images[0][..., 0] * images[1][..., 1] - images[0][..., 1] * images[1][..., 0]
+        return int((area <= 0.0).sum())
+
+    def _halved(self, pose: Pose, target: Array, halvings: int) -> Pose:
+        try:
+            return self._newton(pose, target)
+        except NoEquilibrium:
+            if halvings == 0:
+                raise
+        half = 0.5 * (pose.positions + target)
+        return self._halved(self._halved(pose, half, halvings - 1), target, halvings - 1)
+
+    def _newton(self, pose: Pose, target: Array) -> Pose:
+        shift = np.where(self.held[:, None], target - pose.positions, 0.0)
+        last = np.inf
+        for iteration in range(ITERATIONS):
+            step, tensions = self._step(pose, shift)
+            size = float(np.abs(step).max()) / self.size
+            if not size < ASTRAY:
+                raise NoEquilibrium("the iterations diverge")
+            stresses = self._predicted(pose.positions, step)
+            moved = replace(pose, positions=pose.positions + step, stresses=stresses)
+            pose = replace(moved, tensions=tensions, iterations=pose.iterations + 1)
+            if iteration and size < CLOSE and last < 1e3 * CLOSE:
+                self._check(pose.positions)
+                return pose
+            shift, last = np.zeros_like(shift), size
+        raise NoEquilibrium(f"no convergence in {ITERATIONS} iterations")
+
+    def _step(self, pose: Pose, shift: Array) -> tuple[Array, Array]:
+        _, forces, stiffness = self._system(pose.positions, pose.stresses)
+        load = -forces.ravel() - self._pattern.matrix(stiffness) @ shift.ravel()
+        step = shift.ravel().copy()
+        if not len(self._chains):
+            try:
+                step[self._free] = _factor(self._pattern.inner(stiffness)).solve(load[self._free])
+            except RuntimeError as error:
+                raise NoEquilibrium("the stiffness is singular") from error
+            return step.reshape(-1, 2), pose.tensions
+        return self._chained_step(pose, stiffness, load, step)
+
+    def _chained_step(
+        self, pose: Pose, stiffness: Array, load: Array, step: Array
+    ) -> tuple[Array, Array]:
+        from scipy.sparse import bmat
+
+        excess, jacobian = self._chain(pose)
+        inner = self._pattern.inner(stiffness) + self._tension_stiffness(pose)
+        coupled = jacobian[:, self._free]
+        system = bmat([[inner, coupled.T], [coupled, None]], format="csc")
+        turn = self._tension_stiffness(pose, whole=True) @ step
+        right = np.concatenate([(load - turn)[self._free], -excess - jacobian @ step])
+        try:
+            found = splu(system).solve(right)
+        except RuntimeError as error:
+            raise NoEquilibrium("the constraints contradict each other") from error
+        count = len(self._free)
+        step[self._free] = found[:count]
+        return step.reshape(-1, 2), found[count:]
+
+    def _chain(self, pose: Pose) -> tuple[Array, csr_matrix]:
+        count = len(self._chains)
+        excess, table = np.zeros(count), np.zeros((count, 4))
+        line, ends = np.zeros(6), np.zeros((2, 3))
+        chain_system(pose.positions, self._chains, self._inverse, line, ends, excess, table)
+        rows = np.repeat(np.arange(count), 4)
+        columns = (2 * self._chains[:, [0, 0, 1, 1]] + [0, 1, 0, 1]).ravel()
+        shape = (count, 2 * len(self.membrane.points))
+        jacobian = csr_matrix((self._scale * table.ravel(), (rows, columns)), shape)
+        return self._scale * excess, jacobian
+
+    def _tension_stiffness(self, pose: Pose, whole: bool = False) -> csc_matrix:
+        """Second variation of the tensions: t / s^2 |dx_1 - dx_0|^2."""
+        value = self._scale * pose.tensions * self._inverse**2
+        a, b = self._chains.T
+        size = 2 * len(self.membrane.points)
+        parts = [
+            (sign * value, (2 * i + axis, 2 * j + axis))
+            for axis in range(2)
+            for sign, i, j in ((1.0, a, a), (1.0, b, b), (-1.0, a, b), (-1.0, b, a))
+        ]
+        values = np.concatenate([each[0] for each in parts])
+        rows = np.concatenate([each[1][0] for each in parts])
+        columns = np.concatenate([each[1][1] for each in parts])
+        matrix = csc_matrix((values, (rows, columns)), (size, size))
+        return matrix if whole else matrix[self._free][:, self._free]
+
+    def _system(self, positions: Array, stresses: Array) -> tuple[float, Array, Array]:
+        part = self.membrane
+        forces = np.zeros_like(positions)
+        energy = sample_system(
+            *(positions, part.nodes, part.along, part.across, part.volume, part.moduli),
+            *(stresses, UNIT, self._scratch, forces, self._blocks),
+        )
+        return energy, forces, self._pattern.sum(self._blocks)
+
+    def _predicted(self, positions: Array, step: Array) -> Array:
+        part = self.membrane
+        strain = np.zeros((*part.volume.shape, 3))
+        predicted_strains(
+            positions, step, part.nodes, part.along, part.across, UNIT, _scratch(), strain
+        )
+        return strain * part.moduli[:, None]
+
+    def _check(self, positions: Array) -> None:
+        if not self.upright(positions):
+            raise NoEquilibrium("elements are turned over")
+
+
+class _Pattern:
+    """Which pairs of coordinates a membrane couples, and how blocks are summed into them."""
+
+    def __init__(self, nodes: NDArray[np.int64], free: Bools) -> None:
+        unknown = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
+        rows = np.repeat(unknown, unknown.shape[1], axis=1).ravel()
+        columns = np.tile(unknown, (1, unknown.shape[1])).ravel()
+        self._size = len(free)
+        key, self._slot = np.unique(columns * self._size + rows, return_inverse=True)
+        self._columns, self._rows = np.divmod(key, self._size)
+        number = np.cumsum(free) - 1
+        self._inside = free[self._rows] & free[self._columns]
+        self._inner_rows = number[self._rows[self._inside]]
+        self._inner_starts = _starts(number[self._columns[self._inside]], int(free.sum()))
+        self._starts = _starts(self._columns, self._size)
+
+    def sum(self, blocks: Array) -> Array:
+        return np.bincount(self._slot.ravel(), blocks.ravel())
+
+    def matrix(self, values: Array) -> csc_matrix:
+        return csc_matrix((values, self._rows, self._starts), (self._size, self._size))
+
+    def inner(self, values: Array) -> csc_matrix:
+        count = len(self._inner_starts) - 1
+        data = (values[self._inside], self._inner_rows, self._inner_starts)
+        return csc_matrix(data, (count, count))
+
+
+def _starts(columns: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=size))])
+
+
+def _scratch() -> tuple[Array, ...]:
+    return (
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        np.zeros((2, 3, 3)),
+        np.zeros(6),
+        np.zeros((3, 2, 2)),
+    )
+
+
+def _factor(matrix: csc_matrix) -> SuperLU:
+    """Without pivoting, which a definite matrix does not need; the order of least fill."""
+    return splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )

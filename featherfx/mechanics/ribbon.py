@@ -1,0 +1,190 @@
+"""Elastic energy of a ribbon: a thin developable strip, much stiffer within its plane than across.
+
+    E = sum over elements of 1/2 D w integral [ H(x) c^2 (1 + t^2)^2 - 2 k c (1 + nu t^2) + k^2 ] ds
+    H(x) = artanh(x) / x,  x = w t' / 2,  |x| < 1
+
+D flexural rigidity of the plate (N m), w width, s arc length of the centreline, c its normal
+curvature (1/m), t the tangent of the angle of the straight lines that rule the strip from its
+width, k the rest curvature, nu Poisson's ratio. The strip is developable and its edges straight, so
+its geodesic curvature is 0 and its torsion t c: unknowns are c and t, which stay defined where the
+curvature changes sign; t alone is undetermined there, and weighs nothing.
+
+Derivation: the only principal curvature is K = c (1 + t^2) on the centreline and K / (1 + v t')
+at distance v along a ruling, whose area element is (1 + v t') dv ds. Integrated over the width, the
+plate's energy against a rest curvature k along the strip gives the above. It diverges where
+rulings meet at an edge, x = 1 or -1. Wunderlich 1962; H = 1 is Sadowsky's energy of 1930, the limit
+of a narrow strip. In the form of Charrondiere et al. 2019, with the constant k^2 that makes the rest
+shape's energy 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+
+Array = NDArray[np.float64]
+
+# four points integrate c^2 (1 + t^2)^2 of linear c and t exactly
+POINTS, WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(4))
+POINTS = POINTS + 0.5
+SERIES, TERMS = 0.1, 9
+
+
+@dataclass(frozen=True)
+class Ribbon:
+    """A strip of constant thickness, clamped at one end; its width may taper linearly.
+
+    length, width: m. rigidity: N m, Young's modulus times thickness^3 / (12 (1 - poisson^2)).
+    surface_density: kg/m^2. rest_curvature: 1/m, constant, or (elements + 1,) at the stations.
+    poisson: 0 to 0.5. tip_width: m; default: width. elements: pieces of equal length with linear
+    curvature and ruling. finite_width: False for the limit of Sadowsky.
+    """
+
+    length: float
+    width: float
+    rigidity: float
+    surface_density: float
+    rest_curvature: float | Array = 0.0
+    poisson: float = 0.5
+    tip_width: float | None = None
+    elements: int = 20
+    finite_width: bool = True
+
+    def __post_init__(self) -> None:
+        problems = [
+            Problem("ribbon", name, f"{value:g}; allowed: above 0")
+            for name in ("length", "width", "rigidity", "tip_width")
+            if (value := getattr(self, name)) is not None and not 0.0 < value < np.inf
+        ]
+        if not 0.0 <= self.surface_density < np.inf:
+            text = f"{self.surface_density:g}; allowed: 0 or more"
+            problems.append(Problem("ribbon", "surface_density", text))
+        if not 0.0 <= self.poisson <= 0.5:
+            problems.append(Problem("ribbon", "poisson", f"{self.poisson:g}; allowed: 0 to 0.5"))
+        if not 1 <= self.elements <= 1000:
+            problems.append(Problem("ribbon", "elements", f"{self.elements}; allowed: 1 to 1000"))
+        shape = np.shape(self.rest_curvature)
+        if not np.isfinite(self.rest_curvature).all():
+            text = "not a finite number; allowed: any finite number"
+            problems.append(Problem("ribbon", "rest_curvature", text))
+        if shape not in ((), (self.elements + 1,)):
+            text = f"shape {shape}; allowed: one number or {self.elements + 1}"
+            problems.append(Problem("ribbon", "rest_curvature", text))
+        if problems:
+            raise InputError(*problems)
+
+    @property
+    def stations(self) -> Array:
+        """(elements + 1,) m, arc lengths at which the unknowns are given."""
+        return np.linspace(0.0, self.length, self.elements + 1)
+
+    @property
+    def rest(self) -> Array:
+        """(2 (elements + 1),) unknowns of the rest shape: its curvature, and rulings across."""
+        curvature = np.broadcast_to(self.rest_curvature, (self.elements + 1,))
+        return np.concatenate([curvature, np.zeros(self.elements + 1)])
+
+    def width_at(self, station: Array) -> Array:
+        """Width (m) at arc lengths (m)."""
+        tip = self.width if self.tip_width is None else self.tip_width
+        return self.width + (tip - self.width) * station / self.length
+
+
+def width_factor(x: Array) -> tuple[Array, Array, Array]:
+    """H(x) = artanh(x) / x and its first two derivatives; |x| below 1."""
+    near = np.abs(x) < SERIES
+    far = np.where(near, 0.5, x)
+    square = 1.0 - far**2
+    value = np.arctanh(far) / far
+    first = (1.0 / square - value) / far
+    second = 2.0 * (far / square**2 - first) / far
+    small = np.where(near, x, 0.0)
+    # artanh(x) / x = sum of x^2k / (2 k + 1)
+    k = np.arange(TERMS)[:, None]
+    powers = small[None] ** (2 * k)
+    series = (powers / (2 * k + 1)).sum(0)
+    once = (2 * k[1:] * small[None] ** (2 * k[1:] - 1) / (2 * k[1:] + 1)).sum(0)
+    twice = (2 * k[1:] * (2 * k[1:] - 1) * small[None] ** (2 * k[1:] - 2) / (2 * k[1:] + 1)).sum(0)
+    return (
+        np.where(near, series, value),
+        np.where(near, once, first),
+        np.where(near, twice, second),
+    )
+
+
+def closeness(ribbon: Ribbon, unknowns: Array) -> Array:
+    """(elements,) x of the width factor: rulings meet at an edge where it reaches 1 or -1."""
+    ruling = unknowns[ribbon.elements + 1 :]
+    step = ribbon.length / ribbon.elements
+    middle = 0.5 * (ribbon.stations[:-1] + ribbon.stations[1:])
+    return 0.5 * ribbon.width_at(middle) * np.diff(ruling) / step
+
+
+def elastic(ribbon: Ribbon, unknowns: Array) -> tuple[float, Array, Array]:
+    """Energy (J), gradient (U,) and Hessian (U, U) at unknowns (U,): c, then t at all stations.
+
+    The energy is infinite, with gradient and Hessian of zeros, where rulings meet at an edge.
+    """
+    count, size = ribbon.elements, ribbon.elements + 1
+    gradient, matrix = np.zeros(2 * size), np.zeros((2 * size, 2 * size))
+    x = closeness(ribbon, unknowns)
+    if ribbon.finite_width and not (np.abs(x) < 1.0).all():
+        return np.inf, gradient, matrix
+    step = ribbon.length / count
+    middle = 0.5 * (ribbon.stations[:-1] + ribbon.stations[1:])
+    width = ribbon.width_at(middle)
+    factor = width_factor(x) if ribbon.finite_width else (np.ones(count), 0.0 * x, 0.0 * x)
+    # by element: (value, gradient, Hessian) in (c, t, x) at a point, then in the four unknowns
+    energy = 0.0
+    blocks, lines = np.zeros((count, 4, 4)), np.zeros((count, 4))
+    rest = np.asarray(ribbon.rest[:size])
+    for place, weight in zip(POINTS, WEIGHTS, strict=True):
+        shape = np.array([1.0 - place, place])
+        c, t, k = (
+            shape[0] * values[:-1] + shape[1] * values[1:]
+            for values in (unknowns[:size], unknowns[size:], rest)
+        )
+        value, slope, bend = _density(c, t, k, ribbon.poisson, factor)
+        scale = 0.5 * ribbon.rigidity * width * step * weight
+        to = np.zeros((count, 3, 4))
+        to[:, 0, :2] = shape
+        to[:, 1, 2:] = shape
+        to[:, 2, 2:] = 0.5 * (width / step)[:, None] * np.array([-1.0, 1.0])
+        energy += float(scale @ value)
+        lines += scale[:, None] * np.einsum("ea,eab->eb", slope, to)
+        blocks += scale[:, None, None] * np.einsum("eab,eac,ecd->ebd", to, bend, to)
+    i = np.arange(count)
+    places = np.stack([i, i + 1, size + i, size + i + 1], axis=1)
+    np.add.at(gradient, places, lines)
+    np.add.at(matrix, (places[:, :, None], places[:, None, :]), blocks)
+    return energy, gradient, matrix
+
+
+def _density(
+    c: Array, t: Array, k: Array, poisson: float, factor: tuple[Array, Array, Array]
+) -> tuple[Array, Array, Array]:
+    """H c^2 (1 + t^2)^2 - 2 k c (1 + nu t^2) + k^2 with its derivatives by (c, t, x)."""
+    width, first, second = factor
+    wide = 1.0 + t**2
+    bent = (c * wide) ** 2
+    value = width * bent - 2.0 * k * c * (1.0 + poisson * t**2) + k**2
+    slope = np.stack(
+        [
+            2.0 * width * c * wide**2 - 2.0 * k * (1.0 + poisson * t**2),
+            4.0 * width * c**2 * wide * t - 4.0 * poisson * k * c * t,
+            first * bent,
+        ],
+        axis=1,
+    )
+    bend = np.empty((len(c), 3, 3))
+    bend[:, 0, 0] = 2.0 * width * wide**2
+    bend[:, 1, 1] = 4.0 * width * c**2 * (1.0 + 3.0 * t**2) - 4.0 * poisson * k * c
+    bend[:, 2, 2] = second * bent
+    bend[:, 0, 1] = bend[:, 1, 0] = 8.0 * width * c * wide * t - 4.0 * poisson * k * t
+    bend[:, 0, 2] = bend[:, 2, 0] = 2.0 * first * c * wide**2
+    bend[:, 1, 2] = bend[:, 2, 1] = 4.0 * first * c**2 * wide * t
+    return value, slope, bend

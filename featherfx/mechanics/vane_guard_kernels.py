@@ -1,0 +1,62 @@
+"""Compression guard of the vane: a cubic penalty on the loss of a triangle's area.
+
+    W = b A k / 12 ((1 - J) / 6)^3 = G (1 - J)^3     for J < 1, else 0;      G = b A k / 2592
+
+    J^2 = (Q + d) / (1 + d),     Q = |a x c|^2 = 1 + 2 e_ww - (2 e_vw)^2
+
+a and c are the barb's direction and the material direction across it, carried along, e_ww and
+2 e_vw the strains of featherfx/mechanics/vane_membrane_kernels.py; J is the ratio of areas, k the
+guard's modulus (Pa), b thickness, A rest area. Barbs keep their length (|a| = 1), so J follows
+from these two strains alone, in both kinematics. Value, slope and curvature are zero at rest.
+
+Without it a membrane that is linear in Green-Lagrange strain grows softer under compression and
+yields nothing at all at J = 0, where the triangle turns over. J itself has a cone there; d rounds
+it off, so that a vane can pass through a complete fold.
+Source: Kikuuwe et al. 2009 in the form of Jouve 2024, eq. 6.6; the derivatives are our own:
+
+    dJ = (de_ww - s ds) / (J (1 + d)),     s = 2 e_vw
+"""
+
+from math import sqrt
+
+from featherfx.compiled import kernel
+
+ROUNDING = 1e-3  # d
+SMALLEST = 1e-9  # of J^2: strained barbs may bring Q below zero
+
+
+@kernel
+def area_ratio(across, shear):
+    """J of strains e_ww and 2 e_vw."""
+    square = (1.0 + 2.0 * across - shear * shear + ROUNDING) / (1.0 + ROUNDING)
+    return sqrt(max(square, SMALLEST))
+
+
+@kernel
+def guard_energy(stiffness, across, shear):
+    """W of one triangle; stiffness: G."""
+    loss = 1.0 - area_ratio(across, shear)
+    return stiffness * loss * loss * loss if loss > 0.0 else 0.0
+
+
+@kernel
+def guard_slopes(stiffness, across, shear):
+    """(dW/dJ, d2W/dJ2, dJ/de_ww, dJ/d(2 e_vw)) of one triangle; the first two 0 if J >= 1."""
+    ratio = area_ratio(across, shear)
+    loss = max(1.0 - ratio, 0.0)
+    by_across = 1.0 / (ratio * (1.0 + ROUNDING))
+    slope = -3.0 * stiffness * loss * loss
+    return slope, 6.0 * stiffness * loss, by_across, -shear * by_across
+
+
+@kernel
+def guard_total(stiffness, strains):
+    """Energy of all triangles of a feather (J).
+
+    stiffness: G of every triangle, (2, n-1, m, 2), or of size 0 for none. strains: e_ww and
+    2 e_vw, triangle by triangle in that order.
+    """
+    total, each = 0.0, stiffness.flat
+    for a in range(stiffness.size):
+        total += guard_energy(each[a], strains[2 * a], strains[2 * a + 1])
+    return total

@@ -1,0 +1,221 @@
+"""What is written of a feather in one pose, computed by compiled code into USD's own arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.density import PointMap
+from featherfx.feather.types import Feather, Surface
+from featherfx.usd import surface_kernels
+from featherfx.usd.arrays import Floats, Vec3f
+from featherfx.usd.primvars import BARB_DIRECTION
+from featherfx.usd.space import StageSpace
+from featherfx.usd.types import FeatherEntry
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+Key = tuple[str, str]
+MESH, RACHIS, BARB = "mesh", "rachis", "barbs"
+
+_ROUNDING = float(np.finfo(np.float32).eps)
+
+
+@dataclass
+class Pose:
+    """One feather at one time, stage units and axes, as it is written.
+
+    values: per prim (MESH, RACHIS, BARB) and attribute. finite: whether points and rates are.
+    Made once by PosedFeather.new_pose, then written to as often as a sample has left the layers.
+    """
+
+    values: dict[Key, Vec3f]
+    finite: bool = True
+
+    def corners(self) -> Sequence[Floats]:
+        """(2, 3) extents of surface and barbs."""
+        parts = (self.values.get((part, "extent")) for part in (MESH, BARB))
+        return [part.numbers for part in parts if part is not None]
+
+
+class PosedFeather:
+    """The constant arrays of one feather of a cache, and its evaluation.
+
+    widths, barb_widths: (n,) and (B K,) stage units, diameters of shaft and barbs; those of the
+    shaft are of the circle of its section's area. parts: the prims that it has.
+    """
+
+    def __init__(
+        self, entry: FeatherEntry, surface: _Surface, space: StageSpace, accelerations: bool
+    ) -> None:
+        self._entry, self._surface, self._space = entry, surface, space
+        self._accelerations = accelerations
+        feather, barbs = entry.feather, entry.barbs
+        self.widths = space.lengths(np.sqrt(feather.width * feather.height))
+        self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else np.zeros(0)
+        self.has_barbs = len(self.barb_widths) > 0
+        self.parts = (MESH, RACHIS, BARB) if self.has_barbs else (MESH, RACHIS)
+        counts = {MESH: len(surface.row), RACHIS: feather.rows, BARB: len(self.barb_widths)}
+        each = ("points", "velocities", *(["accelerations"] * accelerations))
+        self._sizes = {(part, name): counts[part] for part in self.parts for name in each}
+        self._sizes |= {(part, "extent"): 2 for part in self.parts}
+        self._sizes[MESH, "normals"] = counts[MESH]
+        self._sizes[MESH, BARB_DIRECTION] = len(surface.triangles)
+
+    @property
+    def bytes_per_sample(self) -> int:
+        """Bytes of one pose."""
+        return 12 * sum(self._sizes.values())
+
+    def new_pose(self) -> Pose:
+        """Room for one pose."""
+        return Pose({key: Vec3f(count) for key, count in self._sizes.items()})
+
+    def rest(self) -> Pose:
+        """The rest pose; its rates are zero."""
+        pose, barbs = self.new_pose(), self._entry.barbs
+        material = np.reshape(self._entry.rest_points, (-1, 3))
+        pose.finite = self._place(pose, material)
+        if self.has_barbs and barbs:
+            pose.finite &= self._curve(pose, BARB, np.reshape(barbs.points, (-1, 3)))
+        for (_, name), value in pose.values.items():
+            if name in ("velocities", "accelerations"):
+                value.numbers[...] = 0.0
+        return pose
+
+    def evaluate(
+        self, pose: Pose, points: Array, velocities: Array, accelerations: Array | None
+    ) -> None:
+        """Write a pose: (n, P, 3) material points and their rates, m and per second, to pose.
+
+        accelerations: None where they are not written. Raises ValueError for another shape.
+        """
+        own, expected = self._entry.points_map, np.shape(self._entry.rest_points)
+        if own is None and not np.shape(points) == np.shape(velocities) == expected:
+            raise ValueError(f"'{self._entry.id}': {np.shape(points)}, not {expected} points")
+        pose.finite = self._place(pose, _mapped(own, points))
+        pose.finite &= self._rates(pose, "velocities", _mapped(own, velocities))
+        if self._accelerations and accelerations is not None:
+            pose.finite &= self._rates(pose, "accelerations", _mapped(own, accelerations))
+        barbs = self._entry.barbs
+        if not self.has_barbs or barbs is None:
+            return
+        pose.finite &= self._curve(pose, BARB, _mapped(barbs.points_map, points))
+        rates = {"velocities": velocities}
+        if self._accelerations and accelerations is not None:
+            rates["accelerations"] = accelerations
+        for name, values in rates.items():
+            pose.finite &= self._turned(pose, (BARB, name), _mapped(barbs.points_map, values))
+
+    def changed(self, pose: Pose, reference: Pose, seconds: float) -> bool:
+        """Whether the feather, as written, differs from a reference pose, or is on its way.
+
+        seconds: to the next sample. A velocity that until then carries no point farther than its
+        rounding, at the feather's greatest coordinate, does not count.
+        """
+        now, before = pose.values, reference.values
+        slow = _ROUNDING * float(np.abs(now[MESH, "extent"].numbers).max()) / seconds
+        return any(
+            surface_kernels.changed(
+                now[part, "points"].numbers,
+                now[part, "velocities"].numbers,
+                before[part, "points"].numbers,
+                slow,
+            )
+            for part in self.parts
+        )
+
+    def _place(self, pose: Pose, material: Array) -> bool:
+        """Points of mesh and shaft, and what follows from them; whether all are finite."""
+        kernels, surface, values = surface_kernels, self._surface, pose.values
+        (scale, quarter), (world, summed) = self._to_stage(), surface.scratch
+        points = values[MESH, "points"].numbers
+        kernels.place(material, *surface.terms, world)
+        finite = kernels.turn(world, scale, quarter, points)
+        triangles = surface.triangles
+        kernels.vertex_normals(world, triangles, quarter, summed, values[MESH, "normals"].numbers)
+        along = values[MESH, BARB_DIRECTION].numbers
+        kernels.edge_directions(world, triangles, surface.edges, quarter, along)
+        kernels.extent(points, 0.0, values[MESH, "extent"].numbers)
+        return self._curve(pose, RACHIS, surface.shaft(material)) and bool(finite)
+
+    def _rates(self, pose: Pose, name: str, material: Array) -> bool:
+        surface, (scale, quarter) = self._surface, self._to_stage()
+        out = pose.values[MESH, name].numbers
+        finite = surface_kernels.combine(material, *surface.terms, scale, quarter, out)
+        return self._turned(pose, (RACHIS, name), surface.shaft(material)) and bool(finite)
+
+    def _curve(self, pose: Pose, part: str, points: Array) -> bool:
+        finite = self._turned(pose, (part, "points"), points)
+        # The widest point pads all, as in USD's own computation of the extent of curves.
+        half = 0.5 * float((self.widths if part == RACHIS else self.barb_widths).max())
+        values = pose.values
+        surface_kernels.extent(values[part, "points"].numbers, half, values[part, "extent"].numbers)
+        return finite
+
+    def _turned(self, pose: Pose, key: Key, world: Array) -> bool:
+        return bool(surface_kernels.turn(world, *self._to_stage(), pose.values[key].numbers))
+
+    def _to_stage(self) -> tuple[float, bool]:
+        return 1.0 / self._space.meters_per_unit, self._space.up_axis == "Y"
+
+
+class _Surface:
+    """Arrays of a surface that all feathers of one shape share, as the kernels take them."""
+
+    def __init__(self, feather: Feather) -> None:
+        surface = feather.surface
+        self.row = _plain(surface.row)
+        weights = np.ascontiguousarray(surface.weights, dtype=np.float64)
+        self._size = size = feather.points.shape[1]
+        self.terms = (self.row, _plain(surface.terms), weights, size)
+        self.triangles = _plain(surface.triangles)
+        self.edges = barb_edges(surface, surface.points(feather.points))
+        # World points, and sums of normals.
+        self.scratch = np.zeros((2, len(self.row), 3))
+
+    def shaft(self, material: Array) -> Array:
+        """(n, 3) material points of the shaft."""
+        return np.ascontiguousarray(material[:: self._size])
+
+
+def posed_feathers(
+    entries: Sequence[FeatherEntry], space: StageSpace, accelerations: bool
+) -> list[PosedFeather]:
+    """All feathers of a cache; arrays of entries that share a Feather are made once."""
+    shapes: dict[int, _Surface] = {}
+    for entry in entries:
+        if id(entry.feather) not in shapes:
+            shapes[id(entry.feather)] = _Surface(entry.feather)
+    return [
+        PosedFeather(entry, shapes[id(entry.feather)], space, accelerations) for entry in entries
+    ]
+
+
+def barb_edges(surface: Surface, points: Array) -> NDArray[np.int8]:
+    """(T,) the edge of each triangle that runs along its barb.
+
+    0 to 2: from that corner to the next one in the direction of the barb; 3 to 5: against it.
+    points: (V, 3) surface points at rest, feather frame.
+    """
+    starts, ends = surface.triangles, np.roll(surface.triangles, -1, axis=1)
+    along = points[ends] - points[starts]
+    length = np.linalg.norm(along, axis=2)
+    cosine = np.einsum("tec,tc->te", along, surface.barb_direction) / np.maximum(length, 1e-300)
+    edge = np.argmax(np.abs(cosine), axis=1)
+    backwards = cosine[np.arange(len(cosine)), edge] < 0.0
+    return (edge + 3 * backwards).astype(np.int8)
+
+
+def _mapped(points_map: PointMap | None, values: Array) -> Array:
+    """(K, 3) material points or rates of what is drawn, from those of a frame."""
+    mapped = values if points_map is None else points_map(values)
+    return np.ascontiguousarray(mapped, dtype=np.float64).reshape(-1, 3)
+
+
+def _plain(indices: Indices) -> Indices:
+    return np.ascontiguousarray(indices, dtype=np.int64)
