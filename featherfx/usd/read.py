@@ -77,7 +77,8 @@ def open_stage(path: str | Path) -> Any:
 class Cache:
     """A USD file with its meshes; purposes other than default and render are left out.
 
-    feathers: one entry per mesh, or instance of one, in the order of the stage. frames: start and end time code.
+    feathers: one entry per mesh, or instance of one, in the order of the stage. frames: start and
+    end time code.
     Raises InputError if the file cannot be opened or holds no mesh.
     """
 
