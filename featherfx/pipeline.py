@@ -12,9 +12,10 @@ from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_re
 from featherfx.bake_task import StageOptions, all_of, part_path
 from featherfx.baking import bake, entries_of, metadata_of
 from featherfx.errors import InputError, Problem
+from featherfx.plumage_stats import plumage_stats
 from featherfx.work_plan import plan
 
-__all__ = ["bake", "check", "export", "export_groom", "join", "plan"]
+__all__ = ["bake", "check", "export", "export_groom", "join", "plan", "plumage_stats"]
 
 
 def export_groom(

@@ -131,6 +131,16 @@ def measured(groom: Groom) -> LayoutReport:
     return _report(groom, _pose(groom.feathers), pairs, skin)
 
 
+def cover(groom: Groom) -> float:
+    """Mean number of feathers over a point of a vane, itself included."""
+    from featherfx.feather.layout_kernels import count_cover
+
+    pose, (pairs, _) = _pose(groom.feathers), shingle_pairs(strips_of(groom.feathers))
+    counts = np.zeros((len(groom.feathers), pose.maps.samples.shape[1]), dtype=np.int64)
+    count_cover(pairs, *pose.surfaces, counts)
+    return 1.0 + float(counts.sum() / pose.maps.used[pose.shape].sum())
+
+
 def _settle(
     pose: _Pose, pairs: Indices, order: Indices, skin: _Skin | None, layout: Layout
 ) -> None:

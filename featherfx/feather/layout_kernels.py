@@ -222,3 +222,21 @@ def all_gaps(pairs, place, turned, size, shape, samples, used, heights, window, 
             pairs[pair, 0], pairs[pair, 1], place, turned, size, shape, samples, used, heights,
             window, relation, worst,
         )  # fmt: skip
+
+
+@kernel
+def count_cover(pairs, place, turned, size, shape, samples, used, heights, window, relation,
+                worst, counts):  # fmt: skip
+    """Adds to counts (F, Q) how many other feathers every sample lies over or under."""
+    for pair in range(pairs.shape[0]):
+        for side in range(2):
+            of, on = pairs[pair, side], pairs[pair, 1 - side]
+            relate(of, on, place, turned, size, relation)
+            own, other = shape[of], shape[on]
+            for point in range(used[own]):
+                x, y = relation[0, 3], relation[1, 3]
+                for c in range(3):
+                    x += relation[0, c] * samples[own, point, c]
+                    y += relation[1, c] * samples[own, point, c]
+                if not math.isnan(height_at(x, y, heights[other], window[other])):
+                    counts[of, point] += 1
