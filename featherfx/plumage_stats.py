@@ -7,6 +7,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot
@@ -113,7 +114,7 @@ def _bake_cost(shot: Shot, jobs: int) -> dict[str, Any]:
     simulation = simulate(part, 1, (shot.first_frame, last))
     seconds = _frame_seconds(simulation)
     frames = shot.last_frame - shot.first_frame + 1
-    each = sum(seconds) / max(len(seconds), 1) / count
+    each = median(seconds) / count if seconds else 0.0
     entries = entries_of(part.groom, simulation.feathers, static=False, skin=part.skin)
     posed = posed_feathers(entries, StageSpace(), False)
     sample = sum(feather.bytes_per_sample for feather in posed) / count * total
@@ -133,7 +134,7 @@ def _bake_cost(shot: Shot, jobs: int) -> dict[str, Any]:
 
 
 def _frame_seconds(simulation: Any) -> list[float]:
-    """Processor time of every frame after the first, which also compiles and settles."""
+    """Processor time of every frame after the first, which settles; one may compile, too."""
     seconds, before = [], time.process_time()
     for number, _ in enumerate(simulation):
         now = time.process_time()
