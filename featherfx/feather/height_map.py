@@ -23,12 +23,14 @@ _NODES = (28, 14)
 class HeightMaps:
     """S shapes, in feather lengths.
 
-    samples: (S, Q, 3) points of the vanes, and used: (S,) how many each shape has. heights:
+    samples: (S, Q, 3) points of the vanes, those within before those on the edge; inner: (S,) how
+    many lie within, and used: (S,) how many each shape has in all. heights:
     (S, H, W) above the x-y plane, NaN beside the vane. window: (S, 4) x and y of the first node,
     and the steps between nodes.
     """
 
     samples: Array
+    inner: Indices
     used: Indices
     heights: Array
     window: Array
@@ -39,7 +41,10 @@ def height_maps(shapes: list[tuple[FeatherKind, bool]]) -> HeightMaps:
     built = [
         (build_feather(kind, _ROWS, _COLUMNS, mirrored), kind.length) for kind, mirrored in shapes
     ]
-    samples = [_samples(feather) / length for feather, length in built]
+    parts = [_samples(feather) for feather, _ in built]
+    samples = [
+        np.concatenate(part) / length for part, (_, length) in zip(parts, built, strict=True)
+    ]
     most = max(len(each) for each in samples)
     padded = np.zeros((len(samples), most, 3))
     for k, each in enumerate(samples):
@@ -47,22 +52,25 @@ def height_maps(shapes: list[tuple[FeatherKind, bool]]) -> HeightMaps:
     maps = [_map(feather, length) for feather, length in built]
     return HeightMaps(
         samples=padded,
+        inner=np.array([len(within) for within, _ in parts]),
         used=np.array([len(each) for each in samples]),
         heights=np.stack([heights for heights, _ in maps]),
         window=np.stack([window for _, window in maps]),
     )
 
 
-def _samples(feather: Feather) -> Array:
-    """(Q, 3) m: the rachis, the middle and the end of every barb."""
+def _samples(feather: Feather) -> tuple[Array, Array]:
+    """(Q, 3) m within and on the edge: rachis and middles of barbs; ends of barbs and the tip."""
     middle, end = (_COLUMNS + 1) // 2, _COLUMNS
-    picked = []
+    within, edge = [], []
     for side in range(2):
         has = feather.barb_length[side] > 0.0
         first = 2 + side * _COLUMNS
-        picked += [feather.points[has, first + middle], feather.points[has, first + end]]
+        within.append(feather.points[has, first + middle])
+        edge.append(feather.points[has, first + end])
     in_vane = (feather.barb_length > 0.0).any(axis=0)
-    return np.concatenate([feather.points[in_vane, 0], *picked])
+    shaft = feather.points[in_vane, 0]
+    return np.concatenate([shaft[1:], *within]), np.concatenate([shaft[:1], *edge])
 
 
 def _map(feather: Feather, length: float) -> tuple[Array, Array]:

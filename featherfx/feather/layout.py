@@ -117,8 +117,15 @@ def laid_out(groom: Groom) -> tuple[Groom, LayoutReport | None]:
     skin = None if groom.skin is None else _Skin(groom.skin)
     pose, (pairs, order) = _pose(groom.feathers), shingle_pairs(strips_of(groom.feathers))
     _settle(pose, pairs, order, skin, groom.layout)
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
     feathers = tuple(
-        replace(feather, position=pose.place[k].copy(), rotation=pose.turned[k].copy())
+        replace(
+            feather,
+            position=pose.place[k].copy(),
+            rotation=pose.turned[k].copy(),
+            rank=int(rank[k]),
+        )
         for k, feather in enumerate(groom.feathers)
     )
     return replace(groom, feathers=feathers), _report(groom, pose, pairs, skin)
@@ -138,7 +145,9 @@ def cover(groom: Groom) -> float:
     pose, (pairs, _) = _pose(groom.feathers), shingle_pairs(strips_of(groom.feathers))
     counts = np.zeros((len(groom.feathers), pose.maps.samples.shape[1]), dtype=np.int64)
     count_cover(pairs, *pose.surfaces, counts)
-    return 1.0 + float(counts.sum() / pose.maps.used[pose.shape].sum())
+    inner = pose.maps.inner[pose.shape]
+    within = np.arange(counts.shape[1]) < inner[:, None]
+    return 1.0 + float(counts[within].sum() / inner.sum())
 
 
 def _settle(

@@ -30,8 +30,9 @@ class Strips:
     """F feathers as straight strips.
 
     root: (F, 3) m. shaft: (F, 3) m, root to tip. dorsal: (F, 3) unit. reach: (F,) m, how far the
-    vanes go from the straight line to the tip. layer: (F,). group,
-    stack: (F,) within a group, a higher stack lies over a lower one; group -1 for none.
+    vanes go from the straight line to the tip. layer: (F,). group, stack:
+    (F,) within a group, a higher stack lies over a lower one; group -1 for none. rank: (F,) the
+    order of a layout, which goes before all else, -1 where there is none.
     """
 
     root: Array
@@ -41,6 +42,7 @@ class Strips:
     layer: Indices
     group: Indices
     stack: Indices
+    rank: Indices
 
 
 def strips_of(placements: Sequence[Placement]) -> Strips:
@@ -67,6 +69,7 @@ def strips_of(placements: Sequence[Placement]) -> Strips:
         layer=np.array([p.layer for p in placements], dtype=np.int64),
         group=np.array([labels[p.region] if p.stack else -1 for p in placements], dtype=np.int64),
         stack=np.array([p.stack for p in placements], dtype=np.int64),
+        rank=np.array([p.rank for p in placements], dtype=np.int64),
     )
 
 
@@ -88,7 +91,10 @@ def shingle_pairs(strips: Strips) -> tuple[Indices, Indices]:
         strips.root[first], shaft[first], strips.root[second], shaft[second]
     )
     pairs = pairs[distance <= strips.reach[first] + strips.reach[second]]
-    beneath = np.lexsort((-flow_potential(strips, pairs), strips.layer))
+    if len(strips.rank) and strips.rank.min() >= 0:
+        beneath = np.argsort(strips.rank, kind="stable")
+    else:
+        beneath = np.lexsort((-flow_potential(strips, pairs), strips.layer))
     rank = np.empty(len(beneath), dtype=np.int64)
     rank[beneath] = np.arange(len(beneath))
     over = rank[pairs[:, 0]] > rank[pairs[:, 1]]
