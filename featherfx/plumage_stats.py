@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -149,40 +148,3 @@ def _unknowns(resolution: Any) -> int:
     if resolution.level == "rigid":
         return 0
     return int(resolution.rows * (6 + 4 * resolution.coefficients))
-
-
-def as_lines(stats: dict[str, Any]) -> Sequence[str]:
-    """The same for people."""
-    overlap, penetration = stats["overlap"], stats["penetration"]
-    lines = [f"{stats['name']}: {stats['feathers']} feathers of {stats['shapes']} shapes"]
-    lines += [f"  region {name or '(none)'}: {count}" for name, count in stats["regions"].items()]
-    lines += [f"  kind {name}: {count}" for name, count in stats["kinds"].items()]
-    low, high = (1e3 * stats["length"][key] for key in ("least", "greatest"))
-    lines.append(f"length: {low:.3g} to {high:.3g} mm")
-    lines.append(
-        f"mesh points at quality {stats['quality']}: {stats['mesh_points']}"
-        f" ({stats['mesh_points_of_shapes']} where shapes are instanced)"
-    )
-    lines.append(
-        f"overlap: {overlap['feathers_over_a_point']:.2f} feathers over a point,"
-        f" {overlap['neighbours_of_each']:.1f} neighbours a feather, {overlap['pairs']} pairs"
-    )
-    lines.append(
-        f"penetration at rest: {penetration['pairs']} pairs,"
-        f" the deepest {1e3 * penetration['deepest']:.3g} mm"
-    )
-    for each in penetration["worst"]:
-        lines.append(f"  {each['feather']} under {each['under']}: {1e3 * each['depth']:.3g} mm")
-    if "bake" in stats:
-        lines += _bake_lines(stats["bake"])
-    return lines
-
-
-def _bake_lines(bake: dict[str, Any]) -> list[str]:
-    return [
-        f"bake of {bake['frames']} frames: {bake['unknowns']} unknowns,"
-        f" {1e3 * bake['seconds_of_a_feather_and_frame']:.3g} ms a feather and frame"
-        f" (by {bake['tried_feathers']} feathers and {bake['tried_frames']} frames)",
-        f"  about {bake['wall_seconds']:.3g} s with {bake['jobs']} jobs,"
-        f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples",
-    ]

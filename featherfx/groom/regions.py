@@ -163,8 +163,9 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     dorsal = np.cos(tilt) * points.normal - np.sin(tilt) * direction
     rotations = frames_from(shaft, dorsal)
     scales = blend["length"] * (1.0 + draws["length"]) / region.kind.length
-    is_left = np.full(len(points), entry["side"] == "left")
-    left = points.position[:, 1] > 0.0 if entry["side"] == "auto" else is_left
+    left = np.full(len(points), entry["side"] == "left")
+    if entry["side"] == "auto":
+        left = np.asarray(points.position[:, 1] > 0.0)
     return [
         Draft(
             id=f"{entry['id']}_{found.number[k]:06d}",

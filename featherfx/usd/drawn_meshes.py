@@ -17,16 +17,25 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Labels:
+    """Id, kind and region of a feather."""
+
+    id: str
+    kind: str
+    region: str
+
+
+@dataclass(frozen=True)
 class DrawnMesh:
     """A mesh, or one instance of it.
 
     matrix: from its own space to the world at a time code, (4, 4), row vectors. labels: what an
-    instance says of itself: id, kind and region.
+    instance says of itself, None for a mesh.
     """
 
     mesh: Any
     matrix: Callable[[Any], Array]
-    labels: dict[str, str]
+    labels: Labels | None
 
 
 def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
@@ -39,7 +48,7 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
             if _is_drawn(prim):
                 yield from _instanced(prim)
         elif prim.IsA(UsdGeom.Mesh) and _is_drawn(prim):
-            yield DrawnMesh(UsdGeom.Mesh(prim), partial(_local_to_world, prim), {})
+            yield DrawnMesh(UsdGeom.Mesh(prim), partial(_local_to_world, prim), None)
 
 
 def _instanced(prim: Any) -> Iterator[DrawnMesh]:
@@ -50,11 +59,11 @@ def _instanced(prim: Any) -> Iterator[DrawnMesh]:
         if path not in below:
             below[path] = list(_meshes_below(root))
         for mesh, inner in below[path]:
-            labels = {
-                "id": instances.label("featherId", index, f"{prim.GetName()}_{index}"),
-                "kind": instances.label("featherKind", index, ""),
-                "region": instances.label("region", index, ""),
-            }
+            labels = Labels(
+                instances.label("featherId", index, f"{prim.GetName()}_{index}"),
+                instances.label("featherKind", index, ""),
+                instances.label("region", index, ""),
+            )
             yield DrawnMesh(mesh, partial(_of_instance, instances, index, inner), labels)
 
 

@@ -135,7 +135,12 @@ def _constant_parts(drawn: Sequence[DrawnMesh]) -> Iterator[CachedFeather]:
         path = str(each.mesh.GetPath())
         if path not in known:
             known[path] = _constant_part(each.mesh)
-        yield replace(known[path], **each.labels) if each.labels else known[path]
+        labels = each.labels
+        yield (
+            known[path]
+            if labels is None
+            else replace(known[path], id=labels.id, kind=labels.kind, region=labels.region)
+        )
 
 
 def _get(attribute: Any, code: Any, count: int | None) -> Any:

@@ -136,7 +136,10 @@ def test_what_cannot_be_resolved_is_reported(kind):
     groom, report = laid_out(groom_of(*feathers, **limits))
     assert len(report.unresolved) == (report.gaps < 0).sum() > 0
     assert report.unresolved[0].depth == pytest.approx(-report.gaps.min())
-    assert all(np.array_equal(a.rotation, b.rotation) for a, b in zip(groom.feathers, feathers))
+    assert all(
+        np.array_equal(a.rotation, b.rotation)
+        for a, b in zip(groom.feathers, feathers, strict=True)
+    )
     with pytest.warns(InputWarning, match="still pass through each other"):
         lay_out(groom_of(*feathers, **limits))
 
