@@ -279,6 +279,6 @@ def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Arr
         _, near = cKDTree(points.position[known]).query(points.position[missing])
         borrowed = along_skin(flat[known[near]], points.normal[missing])
         across = along_skin(np.cross(flat[known[near]], [0.6, 0.64, 0.48]), points.normal[missing])
-        flat[missing] = np.where(borrowed.any(axis=1)[:, None], borrowed, across)
+        flat[missing] = np.where(np.asarray(borrowed.any(axis=1))[:, None], borrowed, across)
     angle = np.radians(turn)[:, None]
     return np.asarray(np.cos(angle) * flat + np.sin(angle) * np.cross(points.normal, flat))
