@@ -15,19 +15,22 @@ from featherfx.api import read_quality, read_shot
 from featherfx.errors import InputError, Problem
 
 if TYPE_CHECKING:
+    from featherfx.groom.types import Groom
+    from featherfx.shot.skin_motion import BoundSkin
     from featherfx.shot.types import Quality, Shot
 
 
 class StageOptions(TypedDict, total=False):
-    """How a USD stage is written; the defaults are what is simulated.
+    """How a USD stage is written.
 
-    meters_per_unit: m, default 1. up_axis: "Y" or "Z", default "Z". layout: "flat", "payload",
+    meters_per_unit: m. up_axis: "Y" or "Z". Left out or None, each is that of the skin's stage,
+    else of the stage that the groom is, else 1 and "Z", as simulated. layout: "flat", "payload",
     "clips", or "auto" (default), which takes flat for small caches and clips for large ones.
     overwrite: whether an output that exists is replaced, default False.
     """
 
-    meters_per_unit: float
-    up_axis: str
+    meters_per_unit: float | None
+    up_axis: str | None
     layout: str
     overwrite: bool
 
@@ -84,7 +87,8 @@ class Drawn:
 class Task:
     """A bake that can start: shot (reduced to its part of the feathers), output, frames, settings.
 
-    names: prim name per feather. root: name of the root prim. part: (i, n) of --feathers.
+    names: prim name per feather. root: name of the root prim. finished: whether the output is
+    there already. options: of the writer, units and axis included.
     """
 
     shot: Shot
@@ -95,6 +99,7 @@ class Task:
     root: str
     finished: bool
     drawn: Drawn
+    options: dict[str, Any]
 
 
 def prepare(
@@ -133,18 +138,39 @@ def prepare(
     shot = replace(shot, quality=chosen) if chosen else shot
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
-    settings = _settings(shot, frames, feathers, options, drawn)
+    resolved = {**options, **stage_space(options, shot.groom, shot.skin)}
+    settings = _settings(shot, frames, feathers, resolved, drawn)
     if feathers:
         shot, names = share_of(shot, *feathers), names[feathers[0] - 1 :: feathers[1]]
     finished = resume and is_finished(path, settings, overwrite)
-    return Task(shot, path, frames, settings, names, prim_name(whole.stem), finished, drawn)
+    root = prim_name(whole.stem)
+    return Task(shot, path, frames, settings, names, root, finished, drawn, resolved)
+
+
+def stage_space(options: StageOptions, groom: Groom, skin: BoundSkin | None) -> dict[str, Any]:
+    """Units and axis of the output: as asked for, else as the stages have them that came in."""
+    from featherfx.groom.read import SCENE_SUFFIXES
+
+    found: tuple[float, str] = (1.0, "Z")
+    if skin is not None and skin.parts:
+        found = skin.parts[0].surface.space
+    elif groom.source.suffix.lower() in SCENE_SUFFIXES:
+        from featherfx.usd.read import open_stage
+        from featherfx.usd.scene import stage_space as space_of
+
+        found = space_of(open_stage(groom.source))
+    unit, axis = options.get("meters_per_unit"), options.get("up_axis")
+    return {
+        "meters_per_unit": found[0] if unit is None else unit,
+        "up_axis": found[1] if axis is None else axis,
+    }
 
 
 def _settings(
     shot: Shot,
     frames: tuple[int, int],
     feathers: tuple[int, int] | None,
-    options: BakeOptions,
+    options: dict[str, Any],
     drawn: Drawn,
 ) -> dict[str, str]:
     """All that the frames depend on, as texts."""

@@ -7,16 +7,18 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from featherfx import __version__
 from featherfx.api import Folders
-from featherfx.bake_task import BakeOptions, Drawn, Task, prepare, sample_count
+from featherfx.bake_task import BakeOptions, Drawn, Task, all_of, prepare, sample_count
 
 if TYPE_CHECKING:
+    from featherfx.feather.density import PointMap
     from featherfx.feather.types import Feather
-    from featherfx.groom.types import Groom
+    from featherfx.groom.types import Groom, Placement
     from featherfx.shot.skin_motion import BoundSkin
     from featherfx.shot.types import Quality
     from featherfx.usd.types import FeatherEntry
@@ -70,9 +72,9 @@ def bake(
         notify(samples, samples)
         figures: dict[str, Any]
         done, figures = samples, {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}
-        figures |= {"worst_residual": 0.0, "skipped": {}}
+        figures |= {"worst_residual": 0.0, "skipped": {}, "seconds": {}}
     else:
-        done, figures = _simulate(task, jobs, resume, samples, notify, options)
+        done, figures = _simulate(task, jobs, resume, samples, notify)
     first, last = task.frames
     result = {
         "version": __version__,
@@ -114,36 +116,43 @@ def entries_of(
     ]
 
 
-def _entries(task: Task) -> list[FeatherEntry]:
-    """What the writer takes of a bake: feathers as they are drawn, and how they follow."""
-    from featherfx.feather.render import barb_curves, render_feather
-    from featherfx.feather.scaled import feather_of
+def drawn_entries(
+    groom: Groom, quality: Quality, drawn: Drawn, names: Sequence[str], skin: BoundSkin | None
+) -> list[FeatherEntry]:
+    """What the writer takes of a bake: feathers as they are drawn, and how they follow.
 
-    shot, count = task.shot, task.drawn.barbs
-    grid = shot.quality.rows, shot.quality.columns
-    drawn = task.drawn.grid(shot.quality)
-    built = [
-        (feather_of(p, *grid), None)
-        if drawn == grid
-        else render_feather(p.kind, grid, drawn, p.mirrored)
-        for p in shot.groom.feathers
-    ]
-    entries = entries_of(
-        shot.groom, [feather for feather, _ in built], static=False, skin=shot.skin
+    quality: of the simulation. names: prim name per feather.
+    """
+    from featherfx.feather.render import barb_curves
+
+    grid, count = (quality.rows, quality.columns), drawn.barbs
+    meshes = drawn.grid(quality)
+    built = all_of(
+        *(partial(_drawn_feather, placement, grid, meshes) for placement in groom.feathers)
     )
-    for index, placement in enumerate(shot.groom.feathers):
+    entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
+    for index, placement in enumerate(groom.feathers):
         barbs = None
         if count:
             barbs = barb_curves(placement.kind, grid, count, placement.mirrored)
             points = barbs.points @ placement.rotation.T + placement.position
             barbs = replace(barbs, points=points)
         entries[index] = replace(
-            entries[index],
-            name=task.names[index],
-            points_map=built[index][1],
-            barbs=barbs,
+            entries[index], name=names[index], points_map=built[index][1], barbs=barbs
         )
     return entries
+
+
+def _drawn_feather(
+    placement: Placement, grid: tuple[int, int], meshes: tuple[int, int]
+) -> tuple[Feather, PointMap | None]:
+    """The feather to draw, and the map to it from a simulated one of another grid."""
+    from featherfx.feather.render import render_feather
+    from featherfx.feather.scaled import feather_of
+
+    if grid == meshes:
+        return feather_of(placement, *grid), None
+    return render_feather(placement.kind, grid, meshes, placement.mirrored)
 
 
 def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
@@ -157,7 +166,6 @@ def _simulate(
     resume: bool,
     samples: int,
     notify: OnFrame,
-    options: BakeOptions,
 ) -> tuple[int, dict[str, Any]]:
     """Run the frame loop beside the writer; returns the samples taken over and the figures."""
     from featherfx.shot.background import Background
@@ -165,11 +173,10 @@ def _simulate(
     from featherfx.shot.simulate import simulate
     from featherfx.usd.write import CacheWriter
 
-    shot, quality = task.shot, task.shot.quality
-    entries = _entries(task)
+    shot, quality, options = task.shot, task.shot.quality, task.options
     writer = CacheWriter(
         task.path,
-        entries,
+        drawn_entries(shot.groom, quality, task.drawn, task.names, shot.skin),
         task.frames,
         shot.frames_per_second,
         metadata=metadata_of(shot.groom, quality) | {"shot": shot.name, "settings": task.settings},
@@ -178,15 +185,19 @@ def _simulate(
         root=task.root,
         **(options | {"overwrite": True}),
     )
+    seconds = {"simulating": 0.0, "waiting": 0.0, "writing": 0.0, "finishing": 0.0}
     with writer:
         done = taken_over = writer.samples_done
         notify(done, samples)
         start = Checkpoint.load(writer.state) if writer.state else None
         simulation = simulate(shot, jobs, task.frames, options.get("subframes", 1), start)
+        sink, mark = Background(writer.write), time.perf_counter()
         try:
-            with Background(writer.write) as sink:
+            with sink:
                 for frame in simulation if done < samples else ():
+                    mark = _spent(seconds, "simulating", mark)
                     sink(frame, simulation.checkpoint().save)
+                    mark = _spent(seconds, "waiting", mark)
                     done += 1
                     notify(done, samples)
         except KeyboardInterrupt as error:
@@ -195,7 +206,16 @@ def _simulate(
                 message = f"interrupted: {kept} of {samples} samples are kept for --resume"
                 raise KeyboardInterrupt(message) from error
             raise
-    return taken_over, simulation.report
+        seconds["writing"] = sink.seconds
+    _spent(seconds, "finishing", mark)
+    return taken_over, simulation.report | {"seconds": seconds}
+
+
+def _spent(seconds: dict[str, float], what: str, since: float) -> float:
+    """Add the time since then to what; returns now."""
+    now = time.perf_counter()
+    seconds[what] += now - since
+    return now
 
 
 def _peak_memory_bytes() -> int | None:

@@ -6,14 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_readers
-from featherfx.bake_task import StageOptions, all_of, part_path
-from featherfx.baking import bake, entries_of, metadata_of
+from featherfx.bake_task import Drawn, StageOptions, all_of, part_path, stage_space
+from featherfx.baking import bake, drawn_entries, metadata_of
 from featherfx.errors import InputError, Problem
 from featherfx.plumage_stats import plumage_stats
 from featherfx.work_plan import plan
+
+if TYPE_CHECKING:
+    from featherfx.feather.types import Feather
+    from featherfx.groom.types import Groom
 
 __all__ = ["bake", "check", "export", "export_groom", "join", "plan", "plumage_stats"]
 
@@ -25,40 +29,57 @@ def export_groom(
     quality: str = "final",
     preset_folders: Folders = (),
     instances: bool | None = None,
+    render_rows: int | None = None,
+    render_columns: int | None = None,
+    barbs: int | None = None,
     **stage: Unpack[StageOptions],
 ) -> int:
     """Write the rest feathers of a groom to USD, without time samples; return their number.
 
     quality: name of the preset that gives rows and columns. instances: whether feathers of one
     shape are instances of a prototype, or each a mesh and a curve of its own; None: instances
-    where at least half of the feathers repeat. Raises InputError with every problem.
+    where at least half of the feathers repeat and no barbs are drawn. render_rows, render_columns,
+    barbs: as in bake. Raises InputError with every problem.
     """
-    from featherfx.feather.scaled import feather_of, repeated_shapes
+    from featherfx.feather.scaled import repeated_shapes
+    from featherfx.usd.names import unique_prim_names
     from featherfx.usd.output import check_output
 
-    folders = tuple(preset_folders)
-    groom, grid, path = all_of(
+    folders, drawn = tuple(preset_folders), Drawn(render_rows, render_columns, barbs)
+    groom, grid, path, *_ = all_of(
         lambda: read_groom(groom_path, folders),
         lambda: read_quality(quality, folders),
         lambda: check_output(output, stage.get("overwrite", False), stage.get("layout", "flat")),
+        drawn.check,
     )
-    first, chosen = repeated_shapes(groom.feathers)
+    if instances and barbs:
+        raise InputError(Problem("groom", "barbs", "are not drawn of instances; leave one out"))
+    options = {**stage, **stage_space(stage, groom, None)}
     metadata = metadata_of(groom, grid)
-    if instances or (instances is None and 2 * len(first) <= len(chosen)):
+    first, chosen = repeated_shapes(groom.feathers)
+    if instances or (instances is None and not barbs and 2 * len(first) <= len(chosen)):
         from featherfx.usd.instances import write_instances
 
-        prototypes = [replace(groom.feathers[k], size=1.0) for k in first]
-        shapes = all_of(*(partial(feather_of, p, grid.rows, grid.columns) for p in prototypes))
-        write_instances(path, groom.feathers, shapes, chosen, metadata=metadata, **stage)
+        shapes = _prototypes(groom, first, drawn.grid(grid))
+        write_instances(path, groom.feathers, shapes, chosen, metadata=metadata, **options)
         return len(chosen)
-    tasks = (partial(feather_of, each, grid.rows, grid.columns) for each in groom.feathers)
-    entries = entries_of(groom, all_of(*tasks), static=True)
+    names = unique_prim_names([each.id for each in groom.feathers])
+    moving = drawn_entries(groom, grid, drawn, names, None)
+    entries = [replace(entry, static=True) for entry in moving]
 
     from featherfx.usd.write import CacheWriter
 
-    with CacheWriter(path, entries, None, metadata=metadata, **stage):
+    with CacheWriter(path, entries, None, metadata=metadata, **options):
         pass
     return len(entries)
+
+
+def _prototypes(groom: Groom, first: Sequence[int], grid: tuple[int, int]) -> list[Feather]:
+    """Rest geometry of every shape, at the size of its prototype."""
+    from featherfx.feather.scaled import feather_of
+
+    placements = [replace(groom.feathers[k], size=1.0) for k in first]
+    return all_of(*(partial(feather_of, placement, *grid) for placement in placements))
 
 
 def export(
@@ -117,7 +138,7 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
     if not path.is_file():
         return [Problem(str(path), "", "is a folder" if path.is_dir() else "file does not exist")]
     if path.suffix in (".usd", ".usda", ".usdc"):
-        from featherfx.usd.check import check_usd
+        from featherfx.usd.check import check_file as check_usd
 
         return check_usd(path)
     if path.suffix != ".toml":

@@ -13,6 +13,7 @@ from click.core import ParameterSource
 from featherfx.cli.options import (
     FrameRange,
     Share,
+    drawn_options,
     presets_option,
     quality_option,
     readable_path,
@@ -77,22 +78,7 @@ PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--r
     show_default=True,
     help="Samples a frame, for motion blur.",
 )
-@click.option(
-    "--render-rows",
-    type=click.IntRange(min=3),
-    help="Rachis rows of the meshes.  [default: as simulated]",
-)
-@click.option(
-    "--render-columns",
-    type=click.IntRange(min=1),
-    help="Barb columns a side of the meshes.  [default: as simulated]",
-)
-@click.option(
-    "--barbs",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Write N barbs along each vane as curves, too: variant barbs of the root prim.",
-)
+@drawn_options
 @click.option("--accelerations", is_flag=True, help="Write accelerations beside velocities.")
 @click.option(
     "--progress",
@@ -139,6 +125,13 @@ def bake(
         f" in {result['wall_seconds']:.1f} s",
         err=True,
     )
+    if result.get("substeps_over_tolerance"):
+        click.echo(
+            f"warning: {result['substeps_over_tolerance']} sub-steps were accepted above the"
+            f" tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
+            " raise max_substeps or choose a finer quality",
+            err=True,
+        )
 
 
 def _given(ctx: click.Context, left_out: Collection[str]) -> list[str]:
@@ -182,6 +175,7 @@ def join(output: Path, shares: int, overwrite: bool) -> None:
     epilog="""
     featherfx groom samples/swan_wing/groom.toml -o feathers.usdc
     featherfx groom groom.toml -o feathers.usda --up-axis Y --meters-per-unit 0.01
+    featherfx groom bird.usda -o feathers.usdc --render-rows 60 --barbs 300
     """,
 )
 @click.argument("groom", metavar="GROOM", type=readable_path())
@@ -198,11 +192,12 @@ def join(output: Path, shares: int, overwrite: bool) -> None:
     "--instances/--no-instances",
     default=None,
     help="Feathers of one shape as instances, or each a mesh of its own.  [default: instances where"
-    " at least half of them repeat]",
+    " at least half of them repeat and no barbs are drawn]",
 )
+@drawn_options
 @stage_options
 def groom(groom: Path, quality: str | None, **options: Any) -> None:
-    """Write the feathers of GROOM (a TOML file) at rest to USD, without time samples."""
+    """Write the feathers of GROOM (a TOML or USD file) at rest to USD, without time samples."""
     from featherfx.pipeline import export_groom
 
     count = export_groom(groom, quality=quality or "final", **options)

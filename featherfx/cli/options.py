@@ -74,16 +74,14 @@ def stage_options(command: Decorated) -> Decorated:
         click.option(
             "--meters-per-unit",
             type=click.FloatRange(min=0.0, min_open=True),
-            default=1.0,
-            show_default=True,
-            help="Unit of length in the USD file; 0.01 for centimetres. Points are scaled.",
+            help="Unit of length in the USD file; 0.01 for centimetres. Points are scaled."
+            "  [default: that of the skin's or groom's stage, else 1]",
         ),
         click.option(
             "--up-axis",
             type=click.Choice(["Y", "Z"], case_sensitive=False),
-            default="Z",
-            show_default=True,
-            help="Axis that points up in the USD file. Points are turned.",
+            help="Axis that points up in the USD file. Points are turned."
+            "  [default: that of the skin's or groom's stage, else Z]",
         ),
         click.option(
             "--layout",
@@ -94,6 +92,31 @@ def stage_options(command: Decorated) -> Decorated:
             " with the animation as value clips. auto: flat up to 256 MB of samples, else clips.",
         ),
         click.option("--overwrite", is_flag=True, help="Replace the output if it exists."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def drawn_options(command: Decorated) -> Decorated:
+    """What is drawn of the feathers, independent of what is simulated."""
+    options = (
+        click.option(
+            "--render-rows",
+            type=click.IntRange(min=3),
+            help="Rachis rows of the meshes.  [default: as simulated]",
+        ),
+        click.option(
+            "--render-columns",
+            type=click.IntRange(min=1),
+            help="Barb columns a side of the meshes.  [default: as simulated]",
+        ),
+        click.option(
+            "--barbs",
+            type=click.IntRange(min=1),
+            metavar="N",
+            help="Write N barbs along each vane as curves, too: variant barbs of the root prim.",
+        ),
     )
     for option in reversed(options):
         command = option(command)

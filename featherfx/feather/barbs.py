@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.curve import turn
+from featherfx.feather.monotone import monotone
 from featherfx.feather.outline import distance_outside, outline_curve, ray_lengths
 from featherfx.feather.rachis import Rachis
 from featherfx.feather.types import LEADING
@@ -57,11 +58,9 @@ def interpolate_guides(guides: tuple[BarbGuide, ...], position: Array) -> Array:
     values = np.radians([[g.angle, g.curl, g.camber] for g in guides])
     if len(guides) == 1:
         return np.repeat(values.T, len(position), axis=1)
-    from scipy.interpolate import PchipInterpolator
-
     places = np.array([guide.position for guide in guides])
     clipped = np.clip(position, places[0], places[-1])
-    return np.ascontiguousarray(PchipInterpolator(places, values)(clipped).T)
+    return np.ascontiguousarray(monotone(places, values, clipped).T)
 
 
 def trace_barbs(

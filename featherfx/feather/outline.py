@@ -14,6 +14,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.monotone import monotone
+
 Array = NDArray[np.float64]
 Outline = tuple[tuple[float, float], ...]
 
@@ -48,12 +50,10 @@ def outline_curve(control: Outline) -> Array:
     Same coordinates as the control points: x share of the vane's length, y share of the
     feather's length.
     """
-    from scipy.interpolate import PchipInterpolator
-
     points = np.asarray(control, dtype=np.float64)
     chord = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
     fine = np.linspace(chord[:-1], chord[1:], _SAMPLES_PER_SPAN, endpoint=False, axis=1).ravel()
-    curve = np.concatenate((PchipInterpolator(chord, points)(fine), points[-1:]))
+    curve = np.concatenate((monotone(chord, points, fine), points[-1:]))
     base = [[points[0, 0], 0.0]] if points[0, 1] > 0.0 else np.empty((0, 2))
     tip = [[points[-1, 0], 0.0]] if points[-1, 1] > 0.0 else np.empty((0, 2))
     curve = np.concatenate((base, curve, tip))

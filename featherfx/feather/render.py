@@ -27,12 +27,14 @@ class BarbCurves:
     """Barbs of a feather as B curves of K points, from base to tip, leading vane first.
 
     points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
-    TRAILING. points_map: from the simulated feather's material points (or rates) to points.
+    TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface. points_map: from the
+    simulated feather's material points (or rates) to points.
     """
 
     points: Array
     widths: Array
     side: Indices
+    st: Array
     points_map: PointMap
 
 
@@ -68,9 +70,13 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     picked = np.concatenate([row[:, None] * size + term[side] for side, row in enumerate(grown)])
     share = np.linspace(0.0, 1.0, BARB_SEGMENTS + 1)
     thinning = np.maximum((1.0 - share) ** (0.25 * kind.vane_material.barb_taper), _THINNEST)
+    along = (dense.station / dense.station[-1])[np.concatenate(grown)]
+    sign = np.repeat([1.0, -1.0], [len(row) for row in grown])
+    across = 0.5 + 0.5 * sign[:, None] * share
     return BarbCurves(
         points=dense.points.reshape(-1, 3)[picked],
         widths=np.tile(kind.vane_material.thickness * thinning, (len(picked), 1)),
         side=np.repeat(np.array([LEADING, TRAILING]), [len(row) for row in grown]),
+        st=np.stack([across, np.broadcast_to(along[:, None], across.shape)], axis=-1),
         points_map=density_map(build_feather(kind, *grid, mirrored), dense).picked(picked),
     )

@@ -21,7 +21,7 @@ def build_surface(
     points: (n, P, 3) m, material points. barb_length: (2, n) m. cell: (2, n - 1, m, 2).
     tube_sides: corners of the rachis tube's section, at least 3.
     """
-    vane = _vane(points, rachis.station, barb_length, cell)
+    vane = vane_surface(points, rachis.station, barb_length, cell)
     reach = max(float(barb_length.max()), 0.5 * float(rachis.width.max()))
     tube = _tube(points, rachis, reach, tube_sides)
     parts = (vane, tube)
@@ -36,8 +36,13 @@ def build_surface(
     )
 
 
-def _vane(points: Array, station: Array, barb_length: Array, cell: NDArray[np.bool_]) -> Surface:
-    """Both vanes, which share the rachis points; only points that a triangle uses."""
+def vane_surface(
+    points: Array, station: Array, barb_length: Array, cell: NDArray[np.bool_]
+) -> Surface:
+    """Both vanes, which share the rachis points; only points that a triangle uses.
+
+    points: (n, P, 3) m. station: (n,) m. barb_length: (2, n) m. cell: (2, n - 1, m, 2).
+    """
     count = points.shape[1]
     columns = cell.shape[2]
     sides = [_side_triangles(barb_length[s], cell[s], s, columns) for s in (LEADING, TRAILING)]

@@ -7,8 +7,11 @@ rachis along +x, leading vane towards +y, dorsal +z.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +23,13 @@ from featherfx.lab.rod import Vector
 from featherfx.mechanics.batch import barb_nodes, make_model
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
-from featherfx.solver.state import State
 from featherfx.solver.step import Settings, Solver, raise_if_failed
 
+if TYPE_CHECKING:
+    from featherfx.lab.iteration_timing import Repeat
+
 Array = NDArray[np.float64]
+Kinematics = Literal["nodal", "barb-curvature"]
 
 GRAVITY = (0.0, 0.0, -9.81)
 FRAMES_PER_SECOND = 24.0
@@ -32,7 +38,6 @@ PULL_STIFFNESS = 1e3
 NEWTON_SHARE = 1e-3
 SUBSTEPS = 4096
 UNLIMITED = 1e30
-TIMED_ITERATIONS, TIMED_RUNS = 10, 8
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,8 @@ class FeatherTest:
     coefficients per barb and direction. shake: (amplitude in m, frequency in Hz) of the root along
     z, started smoothly within a quarter period, or None. pull: m, displacement of the tip, reached
     smoothly at the end, or None. duration: s. tolerance: m, local error of a step. fixed_step: s,
-    length of all steps, or None for steps chosen by their error.
+    length of all steps, or None for steps chosen by their error. kinematics: "barb-curvature" or
+    "nodal", the same feather on the same grid with free nodes (coefficients then play no part).
     """
 
     preset: str
@@ -55,6 +61,7 @@ class FeatherTest:
     shake: tuple[float, float] | None = None
     pull: Vector | None = None
     fixed_step: float | None = None
+    kinematics: Kinematics = "barb-curvature"
 
 
 @dataclass(frozen=True)
@@ -78,64 +85,105 @@ class FeatherRun:
     seconds_solve: float
 
 
+@dataclass(frozen=True)
+class _Body:
+    """A feather ready to step: its solver and state of either kinematics, and its unknowns.
+
+    repeat: Newton iterations at a pose, to time, from loads and state.
+    """
+
+    solver: Any
+    state: Any
+    unknowns: int
+    repeat: Callable[[Loads, Any], Repeat]
+
+
 def run_feather(test: FeatherTest, preset_folders: tuple[str | Path, ...] = ()) -> FeatherRun:
     """Settle a feather, then step it through the test.
 
     Raises InputError with every wrong value, SimulationError where a step cannot be solved.
     """
     from featherfx.feather.build import build_feather
-    from featherfx.solver.modes import with_damping
-    from featherfx.solver.state import rest_state
 
     kind = _checked(test, preset_folders)
     feather = build_feather(kind, test.rows, test.columns)
-    model = with_damping(make_model([feather], [kind], test.coefficients), [kind])
-    tolerance = UNLIMITED if test.fixed_step else test.tolerance
-    settings = Settings(tolerance, NEWTON_SHARE * test.tolerance, SUBSTEPS)
-    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
-    solver = Solver(model, settings)
+    body = (
+        _nodal_body(test, feather, kind)
+        if test.kinematics == "nodal"
+        else _body(test, feather, kind)
+    )
     shot = _shot(test, kind)
-    grips = _grips(test)
-    loads = _loads(shot, (), feather, state, 0.0, 0.0)
-    state, status, _ = solver.equilibrium(state, loads)
+    loads = _loads(shot, (), feather, body.state, 0.0, 0.0)
+    state, status, _ = body.solver.equilibrium(body.state, loads)
     raise_if_failed(status, state.time, [test.preset])
-    return _stepped(test, shot, grips, feather, solver, state)
+    return _stepped(test, shot, feather, replace(body, state=state))
 
 
-def _stepped(
-    test: FeatherTest,
-    shot: Shot,
-    grips: tuple[tuple[int, Grip], ...],
-    feather: Feather,
-    solver: Solver,
-    start: State,
-) -> FeatherRun:
+def _model(test: FeatherTest, feather: Feather, kind: FeatherKind) -> Model:
+    from featherfx.solver.modes import with_damping
+
+    return with_damping(make_model([feather], [kind], test.coefficients), [kind])
+
+
+def _settings(test: FeatherTest) -> Settings:
+    tolerance = UNLIMITED if test.fixed_step else test.tolerance
+    return Settings(tolerance, NEWTON_SHARE * test.tolerance, SUBSTEPS)
+
+
+def _body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _Body:
+    from featherfx.lab.iteration_timing import curvature_repeat
+    from featherfx.solver.state import rest_state
+
+    model = _model(test, feather, kind)
+    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+    return _Body(
+        Solver(model, _settings(test)), state, model.unknowns, partial(curvature_repeat, model)
+    )
+
+
+def _nodal_body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _Body:
+    from featherfx.lab.iteration_timing import nodal_repeat
+    from featherfx.mechanics.nodal_model import nodal_model
+    from featherfx.solver.nodal import NodalSolver
+    from featherfx.solver.nodal_state import nodal_rest_state
+
+    model = _model(test, feather, kind)
+    nodal = nodal_model(model, [feather], [kind], section="carried")
+    state = nodal_rest_state(model, nodal, np.zeros((1, 3)), np.eye(3)[None])
+    solver = NodalSolver(model, nodal, _settings(test))
+    return _Body(solver, state, int(nodal.size[0]), partial(nodal_repeat, model, nodal))
+
+
+def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _Body) -> FeatherRun:
+    from featherfx.lab.iteration_timing import iteration_seconds
     from featherfx.shot.loads import root_path
     from featherfx.shot.motion import root_motion
 
-    motion = root_motion(shot)
+    motion, grips = root_motion(shot), _grips(test)
     members = np.zeros(1, dtype=np.int64)
     interval = test.fixed_step or 1.0 / FRAMES_PER_SECOND
     count = max(1, round(test.duration / interval))
     interval = test.duration / count
-    state, steps, iterations, seconds = start, 0.0, 0.0, 0.0
+    state, steps, iterations, seconds = body.state, 0.0, 0.0, 0.0
     for k in range(count):
         now, then = k * interval, (k + 1) * interval
-        loads = _loads(shot, grips, feather, start, now, then)
+        loads = _loads(shot, grips, feather, body.state, now, then)
         path = root_path(motion, members, now, then)
+        if k == 0:
+            body.solver.step(state, loads, path, interval)  # compiles before anything is timed
         begin = time.perf_counter()
-        state, report = solver.step(state, loads, path, interval)
+        state, report = body.solver.step(state, loads, path, interval)
         seconds += time.perf_counter() - begin
         raise_if_failed(report.status, state.time, [test.preset])
         steps += report.steps[0]
         iterations += report.iterations[0]
-    assembly, solve = _iteration_seconds(solver.model, loads, state)
+    assembly, solve = iteration_seconds(body.repeat(loads, state), float(state.step[0]))
     return FeatherRun(
         points=np.delete(state.points[0], (1, 2), axis=1),
         iterations_per_step=float(iterations / steps),
         steps=int(steps),
-        unknowns=solver.model.unknowns,
-        barb_strain_max=_barb_strain(feather, state),
+        unknowns=body.unknowns,
+        barb_strain_max=_barb_strain(feather, state.points[0]),
         seconds=seconds,
         seconds_assembly=float(iterations * assembly),
         seconds_solve=float(iterations * solve),
@@ -146,7 +194,7 @@ def _loads(
     shot: Shot,
     grips: tuple[tuple[int, Grip], ...],
     feather: Feather,
-    start: State,
+    start: Any,
     now: float,
     then: float,
 ) -> Loads:
@@ -155,31 +203,10 @@ def _loads(
     return frame_loads(shot, grips, [feather], [start.points[0]], now, then)
 
 
-def _iteration_seconds(model: Model, loads: Loads, state: State) -> tuple[float, float]:
-    """Seconds of one assembly, and of one factorisation with solve, at a pose."""
-    from featherfx.lab.pose import posed
-    from featherfx.lab.timing_kernels import repeat_iteration
-
-    work = posed(model, loads, state)
-    step = float(state.step[0])
-    factors = (1.0 / step**2, 1.0 / step, 1.0 / step)
-    seconds = []
-    for solve in (False, True):
-        repeat_iteration(model, loads, 0, factors, solve, 1, work)
-        best = np.inf
-        # the shortest of several runs: other work on the machine only ever adds
-        for _ in range(TIMED_RUNS):
-            begin = time.perf_counter()
-            repeat_iteration(model, loads, 0, factors, solve, TIMED_ITERATIONS, work)
-            best = min(best, time.perf_counter() - begin)
-        seconds.append(float(best) / TIMED_ITERATIONS)
-    return seconds[0], max(seconds[1] - seconds[0], 0.0)
-
-
-def _barb_strain(feather: Feather, state: State) -> float:
+def _barb_strain(feather: Feather, points: Array) -> float:
     m = feather.columns
-    sides = [state.points[0, :, 3 + s * m : 3 + (s + 1) * m] for s in range(2)]
-    root = state.points[0, :, :1]
+    sides = [points[:, 3 + s * m : 3 + (s + 1) * m] for s in range(2)]
+    root = points[:, :1]
     nodes = np.stack([np.concatenate([root, side], axis=1) for side in sides])
     rest = np.linalg.norm(np.diff(barb_nodes(feather), axis=2), axis=-1)
     length = np.linalg.norm(np.diff(nodes, axis=2), axis=-1)
@@ -248,6 +275,11 @@ def _checked(test: FeatherTest, preset_folders: tuple[str | Path, ...]) -> Feath
         )
         if not low <= value <= high
     ]
+    if test.kinematics not in get_args(Kinematics):
+        allowed = ", ".join(get_args(Kinematics))
+        problems.append(
+            Problem("feather", "kinematics", f"'{test.kinematics}'; allowed: {allowed}")
+        )
     vectors = {"shake amplitude": test.shake[:1] if test.shake else None, "pull": test.pull}
     problems += [
         Problem("feather", name, f"{value}; allowed: finite numbers")

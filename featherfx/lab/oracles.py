@@ -1,14 +1,25 @@
-"""Solutions of rods by other means than the solver: none of it imports featherfx."""
+"""Solutions of rods by other means than the solver: none of it calls into featherfx."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from scipy.optimize import brentq, root
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
+from featherfx.errors import SimulationError
 
-def elastica_tip(load):
+Array = NDArray[np.float64]
+# roots of cosh x cos x = -1: wave numbers times length of a clamped-free beam
+WAVE_NUMBERS = np.array([1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349])
+
+
+def elastica_tip(load: float) -> tuple[float, float]:
     """(x, deflection) / L of a cantilever under a dead transverse tip force, load = F L^2 / EI.
 
     Bisshopp and Drucker 1945: with modulus k = sqrt((1 + sin t) / 2), t the tip's slope, and
@@ -16,19 +27,26 @@ def elastica_tip(load):
     1 - 2 (E(k) - E(a, k)) / sqrt(load), x / L = sqrt(2 sin t / load).
     """
 
-    def excess(slope):
+    def excess(slope: float) -> float:
         m = 0.5 * (1.0 + np.sin(slope))
         amplitude = np.arcsin(1.0 / np.sqrt(2.0 * m))
-        return ellipk(m) - ellipkinc(amplitude, m) - np.sqrt(load)
+        return float(ellipk(m) - ellipkinc(amplitude, m) - np.sqrt(load))
 
     slope = brentq(excess, 1e-9, 0.5 * np.pi - 1e-9, xtol=1e-14)
     m = 0.5 * (1.0 + np.sin(slope))
     amplitude = np.arcsin(1.0 / np.sqrt(2.0 * m))
     drop = 1.0 - 2.0 * (ellipe(m) - ellipeinc(amplitude, m)) / np.sqrt(load)
-    return np.sqrt(2.0 * np.sin(slope) / load), drop
+    return float(np.sqrt(2.0 * np.sin(slope) / load)), float(drop)
 
 
-def kirchhoff_tip(length, stiffness, tip_force, weight=0.0, taper=0.0, curvature=0.0):
+def kirchhoff_tip(
+    length: float,
+    stiffness: Sequence[float] | Array,
+    tip_force: Sequence[float],
+    weight: float = 0.0,
+    taper: float = 0.0,
+    curvature: float = 0.0,
+) -> Array:
     """(3,) tip of an inextensible clamped rod, by shooting from the free end.
 
     stiffness: (GJ, EI about d2, EI about d3) at the clamp, times c^4; weight: N/m along -z at the
@@ -38,14 +56,14 @@ def kirchhoff_tip(length, stiffness, tip_force, weight=0.0, taper=0.0, curvature
     """
     stiffness = np.asarray(stiffness, float)
 
-    def beyond(s):
+    def beyond(s: float) -> float:
         if taper == 0.0:
             return weight * (length - s)
         cube = [(1.0 - taper * x / length) ** 3 for x in (s, length)]
         return weight * length / (3.0 * taper) * (cube[0] - cube[1])
 
-    def back(rotation, share, accuracy):
-        def slope(s, y):
+    def back(rotation: Rotation, share: float, accuracy: float) -> Array:
+        def slope(s: float, y: Array) -> Array:
             frame = y[6:].reshape(3, 3)
             n = share * (np.asarray(tip_force, float) - [0.0, 0.0, beyond(s)])
             bend = stiffness * (1.0 - taper * s / length) ** 4
@@ -57,7 +75,7 @@ def kirchhoff_tip(length, stiffness, tip_force, weight=0.0, taper=0.0, curvature
         start = np.concatenate([np.zeros(6), rotation.as_matrix().ravel()])
         span = (length, 0.0)
         run = solve_ivp(slope, span, start, "DOP853", rtol=accuracy, atol=0.1 * accuracy)
-        return run.y[:, -1]
+        return np.asarray(run.y[:, -1])
 
     tip = Rotation.from_rotvec([0.0, 0.0, curvature * length])
     load = (np.linalg.norm(tip_force) + weight * length) * length**2 / stiffness.min()
@@ -65,19 +83,22 @@ def kirchhoff_tip(length, stiffness, tip_force, weight=0.0, taper=0.0, curvature
     change = np.zeros(3)
     for share, accuracy in [*((each, 1e-5) for each in shares), (1.0, 1e-10)]:
 
-        def miss(vector, share=share, accuracy=accuracy, tip=tip):
+        def miss(
+            vector: Array, share: float = share, accuracy: float = accuracy, tip: Rotation = tip
+        ) -> Array:
             end = back(Rotation.from_rotvec(vector) * tip, share, accuracy)
             # the nearest rotation: integration keeps the frame orthonormal to its accuracy only
-            return Rotation.from_matrix(end[6:].reshape(3, 3)).as_rotvec()
+            return np.asarray(Rotation.from_matrix(end[6:].reshape(3, 3)).as_rotvec())
 
         found = root(miss, change, method="hybr", tol=10.0 * accuracy)
-        assert np.linalg.norm(found.fun) < 1e3 * accuracy
+        if np.linalg.norm(found.fun) >= 1e3 * accuracy:
+            raise SimulationError("reference rod", 0.0, "shooting found no solution")
         change = 0.5 * found.x
         tip = Rotation.from_rotvec(found.x) * tip
     return -back(tip, 1.0, 1e-10)[:3]
 
 
-def taper_frequencies(length, ei, mass, taper, count):
+def taper_frequencies(length: float, ei: float, mass: float, taper: float, count: int) -> Array:
     """(count,) Hz of a clamped rod bending in one plane, by Rayleigh and Ritz.
 
     Trial functions s^2 times Legendre polynomials; the integrals are exact.
@@ -97,10 +118,12 @@ def taper_frequencies(length, ei, mass, taper, count):
     stiff = np.einsum("as,bs,s->ab", curved, curved, weights * c**4)
     heavy = np.einsum("as,bs,s->ab", shapes, shapes, weights * c**2)
     values = eigh(stiff, heavy, eigvals_only=True)[:count]
-    return np.sqrt(values * ei / mass) / length**2 / (2.0 * np.pi)
+    return np.asarray(np.sqrt(values * ei / mass) / length**2 / (2.0 * np.pi))
 
 
-def link_chain(links, length, ei, mass, weight, times):
+def link_chain(
+    links: int, length: float, ei: float, mass: float, weight: float, times: Array
+) -> Array:
     """(T, 2) tip (x, z) of a rod let go from the horizontal, as a chain of rigid links.
 
     Point masses at the joints and the tip, springs EI / l between links and 2 EI / l at the clamp;
@@ -116,7 +139,7 @@ def link_chain(links, length, ei, mass, weight, times):
     spring = np.full(links, ei / step)
     spring[0] *= 2.0
 
-    def slope(_, y):
+    def slope(_: float, y: Array) -> Array:
         angle, rate = y[:links], y[links:]
         apart = angle[:, None] - angle[None, :]
         bend = spring * np.diff(angle, prepend=0.0)
@@ -130,3 +153,34 @@ def link_chain(links, length, ei, mass, weight, times):
     )
     angle = run.y[:links]
     return np.stack([step * np.cos(angle).sum(0), -step * np.sin(angle).sum(0)], axis=1)
+
+
+def heavy_elastica(load: float) -> tuple[float, float]:
+    """(x, drop) / L of the tip of a planar cantilever under its weight, load = w L^3 / EI.
+
+    With p the angle from the vertical, s from clamp to tip: p'' = load (1 - s) sin p, p(0) = pi/2,
+    p'(1) = 0, by shooting with the logarithm of p at the tip, which is as small as
+    exp(-2/3 sqrt(load)). Then x = integral of sin p, drop = integral of cos p.
+    """
+
+    def shoot(logarithm: float) -> Array:
+        def slope(s: float, y: Array) -> Array:
+            angle, rate = y[0], y[1]
+            return np.array([-rate, -load * s * np.sin(angle), np.sin(angle), np.cos(angle)])
+
+        def upright(_: float, y: Array) -> float:
+            return float(y[0] - np.pi)
+
+        upright.terminal = True  # type: ignore[attr-defined]
+        first = np.exp(logarithm)
+        # s from the tip here; rates are by s from the clamp
+        start = np.array([first, 0.0, 0.0, 0.0])
+        run = solve_ivp(
+            slope, (0.0, 1.0), start, "LSODA", events=upright, rtol=1e-10, atol=1e-12 * first
+        )
+        return np.asarray(run.y[:, -1])
+
+    low = -2.0 - np.sqrt(load)
+    found = brentq(lambda x: shoot(x)[0] - 0.5 * np.pi, low, np.log(0.5 * np.pi), xtol=1e-12)
+    end = shoot(found)
+    return float(end[2]), float(end[3])

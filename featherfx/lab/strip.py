@@ -210,6 +210,7 @@ def _nodal_body(test: StripTest) -> _Body:
         [kind],
         bending="plate" if iso else "barbs",
         stretch=test.stretch,
+        section="vane" if iso else "carried",
         shaft=not iso,
         pinned=pinned,
     )

@@ -39,8 +39,6 @@ class _Constants(NamedTuple):
 
 # G of the compression guard over b A k (vane_guard_kernels)
 GUARD_SHARE = 1.0 / 2592.0
-# stiffness of a vane that is only carried, in its own
-SLACK = 1e-9
 # least compliance of an elastic clamp, in that of the barb it holds
 LEAST_CLAMP = 1e-6
 
@@ -75,18 +73,6 @@ def make_model(
         shapes=clamped_shapes(shapes) if elastic else shapes,
         retardation=np.zeros((len(parts), 2)),
         **stacked,
-    )
-
-
-def vane_carried(model: Model) -> Model:
-    """The model with a vane that resists nothing: the shaft carries its weight and its drag.
-
-    The cells keep a billionth of their stiffness, because they are where the air acts.
-    """
-    return model._replace(
-        cell_stiffness=SLACK * model.cell_stiffness,
-        hinge_stiffness=np.zeros_like(model.hinge_stiffness),
-        cell_guard=np.zeros((model.feathers, 0, 0, 0, 0)),
     )
 
 

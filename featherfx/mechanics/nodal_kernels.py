@@ -2,6 +2,7 @@
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.barb_bending_kernels import bend_strain
+from featherfx.mechanics.barb_carried_kernels import begin_barb, carried_turns
 from featherfx.mechanics.barb_clamp_kernels import clamp_strain
 from featherfx.mechanics.vane_plate_kernels import hinge_turn, patch_nodes, point_of
 
@@ -19,23 +20,27 @@ def bend_nodes(side, i, j, rows, columns, nodes):
 
 
 @kernel
-def barb_turns(turn, points, clamp, stiffness, frame, out):
+def barb_turns(turn, points, clamp, stiffness, carried, frame, out):
     """Turns (s, b) at all joints of all barbs, joint 0 the clamp.
 
     turn: (n, 4). points: (n, P, 3). clamp: (2, n, 4). stiffness: (2, n, m, 2) tells which joints
-    there are. frame: (3, 3) scratch. Written: out (2 n m 2,), zero where there is no joint.
+    there are. carried: whether sections are carried along the barb, else they follow the vane.
+    frame: (3, 3) scratch. Written: out (2 n m 2,), zero where there is no joint.
     """
     rows, columns = stiffness.shape[1], stiffness.shape[2]
     for side in range(2):
         for i in range(rows):
             up, down = min(i + 1, rows - 1), max(i - 1, 0)
+            begin_barb(turn[i], clamp[side, i], frame)
             for j in range(columns):
                 s, b = 0.0, 0.0
                 if stiffness[side, i, j, 0] > 0.0 or stiffness[side, i, j, 1] > 0.0:
                     before = points[i, point_of(side, j - 1 if j > 0 else 0, columns)]
                     p = point_of(side, j, columns)
                     after = points[i, point_of(side, j + 1, columns)]
-                    if j == 0:
+                    if carried:
+                        s, b = carried_turns(points[i, p], after, frame)
+                    elif j == 0:
                         s, b = clamp_strain(turn[i], clamp[side, i], before, after, frame)
                     else:
                         s, b = bend_strain(

@@ -32,6 +32,7 @@ from featherfx.mechanics.vane_plate import (
 Array = NDArray[np.float64]
 Bending = Literal["barbs", "hinges", "plate"]
 Stretch = Literal["stiff", "inextensible"]
+Section = Literal["vane", "carried"]
 
 
 class NodalModel(NamedTuple):
@@ -45,6 +46,7 @@ class NodalModel(NamedTuple):
     rad, (s, b) at joint j (0: the clamp), and bend_stiffness: N m. hinge_active, hinge_rest:
     (F, 3, 2, n, m) bool and rad. plate: (F, 2, n-1, m, 2, 3, 3) sqrt(N m), the tables of
     vane_plate. shaft: whether there is a rachis. inextensible: whether stretch is a constraint.
+    carried: whether the sections of barbs are carried along them, else they follow the vane.
     """
 
     slot: NDArray[np.int64]
@@ -62,6 +64,7 @@ class NodalModel(NamedTuple):
     plate: Array
     shaft: bool
     inextensible: bool
+    carried: bool
 
 
 def nodal_model(
@@ -71,6 +74,7 @@ def nodal_model(
     *,
     bending: Bending = "barbs",
     stretch: Stretch = "stiff",
+    section: Section = "vane",
     shaft: bool = True,
     pinned: NDArray[np.bool_] | None = None,
 ) -> NodalModel:
@@ -82,32 +86,54 @@ def nodal_model(
     orthotropic plate of barb_bending_normal along the barbs and bending_across across them and in
     twist, over both vanes as one where there is no shaft. Barbs bend within the vane in all three.
     stretch: "stiff": with the modulus `along`; "inextensible": the limit, by multipliers.
+    section: what a barb's bending out of the vane and within it refers to: "vane": the vane's
+    normal at the node, as barbules hold it; "carried": a section carried along the barb without
+    twist from its clamp, as in the barb-curvature kinematics; it wants a shaft.
     shaft: whether there is a rachis; without one its points are plain nodes. pinned: (n, P)
     points that follow the root rigidly besides the held root itself (point 1: the frame).
 
-    InputError for an unknown bending or stretch or a pinned of another shape.
+    InputError for an unknown bending, stretch or section or a pinned of another shape.
     """
-    _check(model, bending, stretch, pinned)
+    _check(model, bending, stretch, section, shaft, pinned)
+    carried = section == "carried"
     known: dict[tuple[int, FeatherKind, bool], dict] = {}
     parts = []
     for f, (feather, kind) in enumerate(zip(feathers, kinds, strict=True)):
         key = (id(feather), kind, bool(model.held[f]))
         if key not in known:
-            known[key] = _one(model, f, feather, kind, bending, shaft, pinned)
+            known[key] = _one(model, f, feather, kind, bending, carried, shaft, pinned)
         parts.append(known[key])
     band = max(int(part.pop("band")) for part in known.values())
     arrays = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
-    return NodalModel(**arrays, band=band, shaft=shaft, inextensible=stretch == "inextensible")
+    if carried:
+        band = max(band, 3 * (model.columns + 2) - 1)
+    return NodalModel(
+        **arrays,
+        band=band,
+        shaft=shaft,
+        inextensible=stretch == "inextensible",
+        carried=carried,
+    )
 
 
-def _check(model: Model, bending: str, stretch: str, pinned: NDArray[np.bool_] | None) -> None:
+def _check(
+    model: Model,
+    bending: str,
+    stretch: str,
+    section: str,
+    shaft: bool,
+    pinned: NDArray[np.bool_] | None,
+) -> None:
     problems = []
     for key, value, allowed in (
         ("bending", bending, Bending.__args__),  # type: ignore[attr-defined]
         ("stretch", stretch, Stretch.__args__),  # type: ignore[attr-defined]
+        ("section", section, Section.__args__),  # type: ignore[attr-defined]
     ):
         if value not in allowed:
             problems.append(Problem("", key, f"'{value}' is not one of {', '.join(allowed)}"))
+    if section == "carried" and not shaft:
+        problems.append(Problem("", "section", "'carried' begins at a clamp; allowed: a shaft"))
     shape = model.mass.shape[1:]
     if pinned is not None and pinned.shape != shape:
         problems.append(Problem("", "pinned", f"shape {pinned.shape}; allowed: {shape}"))
@@ -121,6 +147,7 @@ def _one(
     feather: Feather,
     kind: FeatherKind,
     bending: Bending,
+    carried: bool,
     shaft: bool,
     pinned: NDArray[np.bool_] | None,
 ) -> dict:
@@ -137,7 +164,7 @@ def _one(
     active = _used_hinges(active, used)
     bend_stiffness = _bend_stiffness(feather, kind, bending, shaft)
     bend_rest = np.zeros(bend_stiffness.size)
-    barb_turns(turn, points, model.clamp[f], bend_stiffness, np.zeros((3, 3)), bend_rest)
+    barb_turns(turn, points, model.clamp[f], bend_stiffness, carried, np.zeros((3, 3)), bend_rest)
     hinge_rest = np.zeros(active.size)
     hinge_turns(points, active, hinge_rest)
     slot, size = _slots(present, feather.columns, shaft, bool(model.held[f]), pinned)

@@ -12,9 +12,9 @@ curvature changes sign; t alone is undetermined there, and weighs nothing.
 Derivation: the only principal curvature is K = c (1 + t^2) on the centreline and K / (1 + v t')
 at distance v along a ruling, whose area element is (1 + v t') dv ds. Integrated over the width, the
 plate's energy against a rest curvature k along the strip gives the above. It diverges where
-rulings meet at an edge, x = 1 or -1. Wunderlich 1962; H = 1 is Sadowsky's energy of 1930, the limit
-of a narrow strip. In the form of Charrondiere et al. 2019, with the constant k^2 that makes the rest
-shape's energy 0.
+rulings meet at an edge, x = 1 or -1. Wunderlich 1962; H = 1 is Sadowsky's energy of 1930, the
+limit of a narrow strip. In the form of Charrondiere et al. 2019, with the constant k^2 that makes
+the rest shape's energy 0.
 """
 
 from __future__ import annotations
@@ -40,8 +40,10 @@ class Ribbon:
 
     length, width: m. rigidity: N m, Young's modulus times thickness^3 / (12 (1 - poisson^2)).
     surface_density: kg/m^2. rest_curvature: 1/m, constant, or (elements + 1,) at the stations.
-    poisson: 0 to 0.5. tip_width: m; default: width. elements: pieces of equal length with linear
-    curvature and ruling. finite_width: False for the limit of Sadowsky.
+    poisson: 0 to 0.5. tip_width: m; default: width. elements: pieces with linear curvature and
+    ruling. grading: 1 to 5, the stations are at length (i / elements)^grading; above 1 they crowd
+    at the clamp, where a strip bends that hangs under a large weight. finite_width: False for the
+    limit of Sadowsky.
     """
 
     length: float
@@ -52,6 +54,7 @@ class Ribbon:
     poisson: float = 0.5
     tip_width: float | None = None
     elements: int = 20
+    grading: float = 1.0
     finite_width: bool = True
 
     def __post_init__(self) -> None:
@@ -67,6 +70,8 @@ class Ribbon:
             problems.append(Problem("ribbon", "poisson", f"{self.poisson:g}; allowed: 0 to 0.5"))
         if not 1 <= self.elements <= 1000:
             problems.append(Problem("ribbon", "elements", f"{self.elements}; allowed: 1 to 1000"))
+        if not 1.0 <= self.grading <= 5.0:
+            problems.append(Problem("ribbon", "grading", f"{self.grading:g}; allowed: 1 to 5"))
         shape = np.shape(self.rest_curvature)
         if not np.isfinite(self.rest_curvature).all():
             text = "not a finite number; allowed: any finite number"
@@ -80,7 +85,7 @@ class Ribbon:
     @property
     def stations(self) -> Array:
         """(elements + 1,) m, arc lengths at which the unknowns are given."""
-        return np.linspace(0.0, self.length, self.elements + 1)
+        return self.length * np.linspace(0.0, 1.0, self.elements + 1) ** self.grading
 
     @property
     def rest(self) -> Array:
@@ -119,7 +124,7 @@ def width_factor(x: Array) -> tuple[Array, Array, Array]:
 def closeness(ribbon: Ribbon, unknowns: Array) -> Array:
     """(elements,) x of the width factor: rulings meet at an edge where it reaches 1 or -1."""
     ruling = unknowns[ribbon.elements + 1 :]
-    step = ribbon.length / ribbon.elements
+    step = np.diff(ribbon.stations)
     middle = 0.5 * (ribbon.stations[:-1] + ribbon.stations[1:])
     return 0.5 * ribbon.width_at(middle) * np.diff(ruling) / step
 
@@ -134,7 +139,7 @@ def elastic(ribbon: Ribbon, unknowns: Array) -> tuple[float, Array, Array]:
     x = closeness(ribbon, unknowns)
     if ribbon.finite_width and not (np.abs(x) < 1.0).all():
         return np.inf, gradient, matrix
-    step = ribbon.length / count
+    step = np.diff(ribbon.stations)
     middle = 0.5 * (ribbon.stations[:-1] + ribbon.stations[1:])
     width = ribbon.width_at(middle)
     factor = width_factor(x) if ribbon.finite_width else (np.ones(count), 0.0 * x, 0.0 * x)

@@ -24,14 +24,14 @@ from featherfx.mechanics.ribbon import Ribbon
 
 Array = NDArray[np.float64]
 
-LINKS = 16
+LINKS = 8
 
 
 @dataclass(frozen=True)
 class Curve:
     """A ribbon's centreline in space.
 
-    points: (N + 1, 3) m at equal arc lengths from clamp to tip. frames: (N + 1, 3, 3) columns
+    points: (N + 1, 3) m from clamp to tip. frames: (N + 1, 3, 3) columns
     across the strip, normal to it and along it. joints: (N, 3) m. axes: (N, 3, 3) the three hinge
     axes of every joint, as rows.
     """
@@ -53,6 +53,11 @@ def interpolation(ribbon: Ribbon, links: int) -> Array:
     return shares
 
 
+def link_lengths(ribbon: Ribbon, links: int) -> Array:
+    """(N,) m, equal within an element."""
+    return np.repeat(np.diff(ribbon.stations) / links, links)
+
+
 def _about(axis: int, angle: float) -> Array:
     first, second = (axis + 1) % 3, (axis + 2) % 3
     turn = np.eye(3)
@@ -71,12 +76,13 @@ def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS
     shares = interpolation(ribbon, links)
     curvature, ruling = shares @ unknowns[:size], shares @ unknowns[size:]
     count = len(curvature)
-    step = ribbon.length / count
+    steps = link_lengths(ribbon, links)
     points, frames = np.zeros((count + 1, 3)), np.empty((count + 1, 3, 3))
     joints, axes = np.empty((count, 3)), np.empty((count, 3, 3))
     turn, place = np.array(frame, dtype=float), np.zeros(3)
     frames[0] = turn
     for k in range(count):
+        step = steps[k]
         half = _about(2, 0.5 * step * curvature[k] * ruling[k])
         joints[k] = place + 0.5 * step * turn[:, 2]
         axes[k, 0] = turn[:, 2]
@@ -91,12 +97,11 @@ def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS
 
 def link_masses(ribbon: Ribbon, links: int = LINKS) -> Array:
     """(N + 1,) kg, at the curve's points."""
-    count = links * ribbon.elements
-    step = ribbon.length / count
-    ends = np.linspace(0.0, ribbon.length, count + 1)
+    step = link_lengths(ribbon, links)
+    ends = np.concatenate([[0.0], np.cumsum(step)])
     # exact integrals of the linear width with the hats of the points
     width = ribbon.width_at(ends)
-    mass = np.zeros(count + 1)
+    mass = np.zeros(len(ends))
     mass[:-1] += step * (2.0 * width[:-1] + width[1:]) / 6.0
     mass[1:] += step * (width[:-1] + 2.0 * width[1:]) / 6.0
     return ribbon.surface_density * mass
@@ -105,7 +110,7 @@ def link_masses(ribbon: Ribbon, links: int = LINKS) -> Array:
 def work_of_loads(
     ribbon: Ribbon, unknowns: Array, frame: Array, force: Array, links: int = LINKS
 ) -> tuple[float, Array, Array]:
-    """Energy (J) of dead forces (N + 1, 3) N at the curve's points, its gradient (U,) and Hessian."""
+    """Energy (J) of dead forces (N + 1, 3) N at the curve's points, gradient, Hessian."""
     curve = centreline(ribbon, unknowns, frame, links)
     energy = -float(np.sum(force * curve.points))
     # sums over the points beyond a joint: those after it
@@ -137,17 +142,16 @@ def _to_unknowns(
     size = ribbon.elements + 1
     shares = interpolation(ribbon, links)
     c, t = shares @ unknowns[:size], shares @ unknowns[size:]
-    count = len(c)
-    step = ribbon.length / count
+    step = link_lengths(ribbon, links)[:, None]
     # angles (twist / 2, bend, twist / 2) by (c, t) of the joint
-    by_c = step * np.stack([0.5 * t, np.ones(count), 0.5 * t], axis=1)
-    by_t = step * np.stack([0.5 * c, np.zeros(count), 0.5 * c], axis=1)
-    lines = [(by[:, :, None] * shares[:, None, :]).reshape(3 * count, size) for by in (by_c, by_t)]
+    by_c = step * np.stack([0.5 * t, np.ones_like(t), 0.5 * t], axis=1)
+    by_t = step * np.stack([0.5 * c, np.zeros_like(c), 0.5 * c], axis=1)
+    lines = [(by[:, :, None] * shares[:, None, :]).reshape(-1, size) for by in (by_c, by_t)]
     jacobian = np.concatenate(lines, axis=1)
     gradient = jacobian.T @ slope.ravel()
     matrix = jacobian.T @ hessian @ jacobian
     # the twist is a product of two unknowns
-    mixed = shares.T @ ((0.5 * step * (slope[:, 0] + slope[:, 2]))[:, None] * shares)
+    mixed = shares.T @ (0.5 * step * (slope[:, :1] + slope[:, 2:]) * shares)
     matrix[:size, size:] += mixed
     matrix[size:, :size] += mixed.T
     return gradient, matrix

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherfx.feather.surface import _vane
+from featherfx.feather.surface import vane_surface
 from featherfx.feather.types import Feather
 from featherfx.groom.types import (
     FeatherKind,
@@ -58,5 +58,5 @@ def strip_feather(length: float, width: float, rows: int, columns: int) -> Feath
         barb_length=barb_length,
         barb_share=np.stack([share, share]),
         cell=cell,
-        surface=_vane(points, station, barb_length, cell),
+        surface=vane_surface(points, station, barb_length, cell),
     )

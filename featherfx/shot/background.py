@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from queue import Queue
 from threading import Thread
@@ -14,7 +15,8 @@ class Background:
 
     room: calls that may wait; one more makes the caller wait, so that memory stays bounded. An
     exception of the function is raised by the caller's next call or at the end of the block, and
-    no later call is made. Where the block itself raises, calls that wait are dropped.
+    no later call is made. Where the block itself raises, calls that wait are dropped. seconds:
+    spent in the function so far.
     """
 
     def __init__(self, function: Callable[..., object], room: int = 2) -> None:
@@ -22,6 +24,7 @@ class Background:
         self._queue: Queue[tuple[Any, ...] | None] = Queue(room)
         self._error: BaseException | None = None
         self._stopped = False
+        self.seconds = 0.0
         self._thread = Thread(target=self._run, name="featherfx writer", daemon=True)
 
     def __enter__(self) -> Self:
@@ -53,10 +56,12 @@ class Background:
         # After an error the queue is still emptied, so that no caller waits for room for ever.
         while (arguments := self._queue.get()) is not None:
             if self._error is None and not self._stopped:
+                begin = time.perf_counter()
                 try:
                     self._function(*arguments)
                 except BaseException as error:
                     self._error = error
+                self.seconds += time.perf_counter() - begin
             self._queue.task_done()
 
     def _raise(self) -> None:

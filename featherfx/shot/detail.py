@@ -5,7 +5,7 @@ is carried over to them (featherfx/feather/density.py). Levels of detail:
 
     full      the quality's rows and columns
     coarse    half of both, one coefficient
-    rachis    half the rows, one column of rigid barbs whose only task is weight and drag
+    rachis    half the rows, one column of rigid barbs
     rigid     nothing is solved: the rest shape follows the root
 """
 
@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.resolution import coefficients_for, rachis_deflection, rows_for
@@ -53,13 +54,20 @@ class _LoadEstimate(NamedTuple):
 
 
 def resolutions(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[Resolution]:
-    """The resolution of every feather; feathers: as the meshes have them."""
+    """The resolution of every feather; feathers: as the meshes have them.
+
+    Raises InputError for rigid feathers that are to be pulled.
+    """
     quality = shot.quality
     coefficients = barb_coefficients(shot, feathers, motion)
     rows = _simulated_rows(shot, feathers, motion)
-    chosen = []
+    pulled = _pulled(shot)
+    chosen, problems = [], []
     for f, placement in enumerate(shot.groom.feathers):
         level = _level(shot, placement)
+        if level == "rigid" and placement.id in pulled:
+            message = f"feather '{placement.id}' is rigid, but a grip or a force pulls it"
+            problems.append(Problem(str(shot.source), "detail", message))
         n, m, count = rows[f], quality.columns, coefficients[f]
         if level != "full":
             n = min(n, max(LEAST_ROWS, (n + 1) // 2))
@@ -67,7 +75,14 @@ def resolutions(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[
         if level == "rachis":
             m, count = 1, 0
         chosen.append(Resolution(level, n, m, count))
+    if problems:
+        raise InputError(*problems)
     return chosen
+
+
+def _pulled(shot: Shot) -> set[str]:
+    """Ids of the feathers that a grip or a force acts on."""
+    return {grip.feather for grip in shot.grips} | {force.feather for force in shot.forces}
 
 
 def _level(shot: Shot, placement: Placement) -> str:
@@ -113,7 +128,7 @@ def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) ->
     if quality.coefficients != CHOSEN_BY_SOLVER:
         return [quality.coefficients] * len(feathers)
     loads = _loads(shot, motion)
-    pulled = {each.feather for each in (*shot.grips, *shot.forces)}
+    pulled = _pulled(shot)
     chosen: dict[tuple[int, int], int] = {}
     counts = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):

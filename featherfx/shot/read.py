@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +153,7 @@ def _groom(
         entry = {name: value for name, value in given.items() if name != "usd"}
         tables = {"name": Path(given["usd"]).stem, "usd": entry | {"file": given["usd"]}}
         groom = groom_of(tables, path, library, problems, readers, above)
+        groom = groom and replace(groom, source=path.parent / given["usd"])
     elif isinstance(given, str) and given:
         groom = collect_groom(path.parent / given, library, problems, readers, above)
     else:

@@ -41,6 +41,10 @@ class Surface(Protocol):
         """Of the scene."""
 
     @property
+    def space(self) -> tuple[float, str]:
+        """Metres per unit and up axis ("Y" or "Z") of the scene itself."""
+
+    @property
     def origin(self) -> tuple[str, tuple[Path, ...]]:
         """Path in the scene, and every file that the scene is made of."""
 

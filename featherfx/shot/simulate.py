@@ -13,7 +13,7 @@ from featherfx.errors import SimulationError
 from featherfx.feather.density import PointMap, density_map
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
-from featherfx.mechanics.batch import has_elastic_clamp, make_model, vane_carried
+from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.detail import Resolution, resolutions
@@ -29,8 +29,8 @@ from featherfx.solver.step import RootPath, Settings, Solver, StepReport, raise_
 
 Array = NDArray[np.float64]
 
-# Newton stops where a step moves nothing by more than this share of the step's tolerance
-NEWTON_SHARE = 1e-3
+# Newton stops at this share of the step's tolerance from the step's solution
+NEWTON_SHARE = 1e-2
 
 
 @dataclass
@@ -58,8 +58,9 @@ class Simulation:
     feathers: one per placement, in groom order, on the grid of the quality, whatever is simulated;
     resolutions: what is. Between two frames, `checkpoint` is all that a
     later simulation of the same shot needs to go on from there. report: newton_iterations and
-    substeps per feather and frame (mean, max), worst_residual (m, last Newton move), skipped work
-    by kind.
+    substeps per feather and frame (mean, max), rejected_substeps and substeps_over_tolerance
+    (accepted above the quality's tolerance, because none shorter is allowed), worst_residual (m,
+    distance of a step from its solution), worst_step_error (m), skipped work by kind.
     """
 
     def __init__(
@@ -90,6 +91,7 @@ class Simulation:
             "newton_iterations": _mean_and_max([r.iterations for r in self._reports]),
             "substeps": _mean_and_max([r.steps for r in self._reports]),
             "rejected_substeps": int(sum(r.rejected.sum() for r in self._reports)),
+            "substeps_over_tolerance": int(sum(r.forced.sum() for r in self._reports)),
             "worst_residual": max((float(r.move.max()) for r in self._reports), default=0.0),
             "worst_step_error": max((float(r.error.max()) for r in self._reports), default=0.0),
             "skipped": {
@@ -155,10 +157,7 @@ class Simulation:
         kinds = [p.kind for p in placements]
         grid = resolution.rows, resolution.columns
         feathers = [feather_of(p, *grid) for p in placements]
-        model = make_model(feathers, kinds, resolution.coefficients)
-        if resolution.level == "rachis":
-            model = vane_carried(model)
-        model = with_damping(model, kinds)
+        model = with_damping(make_model(feathers, kinds, resolution.coefficients), kinds)
         positions, rotations = motion.frames(0.0)
         state = rest_state(model, positions[members], rotations[members])
         place = {p.id: k for k, p in enumerate(placements)}
@@ -166,6 +165,7 @@ class Simulation:
             tolerance=quality.tolerance,
             newton=NEWTON_SHARE * quality.tolerance,
             max_substeps=quality.max_substeps,
+            radius=quality.radius,
         )
         return _Group(
             members=members,
@@ -210,26 +210,29 @@ class Simulation:
             return
         duration = self._time(1)
         path = root_path(motion, group.members, self._time(index - 1), self._time(index))
-        awake = self._awake(group, path, loads, duration)
+        sleeping = self._sleeping(group, path, loads, duration)
+        awake = np.flatnonzero(~sleeping).tolist()
         group.state, report = group.solver.step(group.state, loads, path, duration, awake)
+        if sleeping.any():
+            group.state = asleep(group.state, sleeping, path, duration)
         group.loads = loads
         self._reports.append(report)
         raise_if_failed(report.status, group.state.time, group.names)
 
-    def _awake(
+    def _sleeping(
         self, group: _Group, path: RootPath, loads: Loads, duration: float
-    ) -> list[int] | None:
-        """Feathers of a group that have to be stepped; the others sleep through the frame."""
+    ) -> NDArray[np.bool_]:
+        """(F,) feathers of a group that sleep or coast through a frame; the others are stepped."""
         if not self.shot.sleep:
-            return None
-        sleeping = undisturbed(group.state, path, loads, group.loads, self.shot.coast)
-        sleeping &= at_rest(group.state, path, self.shot.quality.tolerance, duration)
-        if sleeping.any():
-            moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
-            group.state = asleep(group.state, sleeping, path, duration)
-            self._slept += int((sleeping & ~moving).sum())
-            self._coasted += int((sleeping & moving).sum())
-        return np.flatnonzero(~sleeping).tolist()
+            return np.zeros(len(group.members), dtype=np.bool_)
+        tolerance = self.shot.quality.tolerance
+        coast = tolerance if self.shot.coast else None
+        sleeping = undisturbed(group.state, path, loads, group.loads, coast)
+        sleeping &= at_rest(group.state, path, tolerance, duration)
+        moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
+        self._slept += int((sleeping & ~moving).sum())
+        self._coasted += int((sleeping & moving).sum())
+        return sleeping
 
     def _frame(self, index: int, motion: Roots) -> Frame:
         time, before = self._time(index), self._time(max(index - 1, 0))

@@ -23,7 +23,8 @@ class Quality:
     rows: rachis rows, columns: barb columns a side, of the meshes and, where nothing else is said,
     of what is simulated. coefficients: curvature coefficients per barb and direction (0: rigid
     barbs; -1: chosen by the solver). tolerance: m, error per frame that the sub-stepping aims at.
-    max_substeps: most sub-steps per frame. simulated_rows: 0: as the meshes; -1: chosen by the
+    max_substeps: most sub-steps per frame. radius: of the integrator, 0 to 0.9
+    (featherfx/solver/step.py). simulated_rows: 0: as the meshes; -1: chosen by the
     solver, at most as many. coarse_below, rachis_below, rigid_below: m, feathers shorter than that
     are simulated with less detail (featherfx/shot/detail.py).
     """
@@ -38,6 +39,7 @@ class Quality:
     coarse_below: float = 0.0
     rachis_below: float = 0.0
     rigid_below: float = 0.0
+    radius: float = 0.0
 
 
 @dataclass(frozen=True)

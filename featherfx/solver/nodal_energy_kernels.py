@@ -69,6 +69,7 @@ def nodal_strains(model, nodal, f, pose, frame):
         points,
         model.clamp[f],
         nodal.bend_stiffness[f],
+        nodal.carried,
         frame,
         strains[at_turns:at_cells],
     )

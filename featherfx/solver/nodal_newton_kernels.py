@@ -36,6 +36,8 @@ from featherfx.solver.pose_kernels import chain, turn_by
 
 # largest strain of an inextensible segment
 INEXTENSIBLE = 1e-10
+# of the diagonal, where the stiffness is singular
+SHIFT = 1e-8
 
 
 @kernel
@@ -184,8 +186,12 @@ def _raise_multipliers(nodal, f, strains, multiplier):
 def _solve(model, nodal, loads, f, share, factors, textbook, work):
     """Increment of the unknowns to work.system.right; returns whether it could be had."""
     system, before = work.system, work.now.strains if textbook else work.before
-    for attempt in range(1 if textbook else 0, 2):
+    for attempt in range(1 if textbook else 0, 3):
         nodal_assemble(model, nodal, loads, f, share, factors, attempt == 0, before, work)
+        if attempt == 2:
+            # what nothing holds, such as a strip turning about its pinned end, is rounding error
+            for a in range(system.right.shape[0]):
+                system.band[a, 0] *= 1.0 + SHIFT
         if factorise(system.band, system.panel):
             solve_factored(system.band, system.right)
             return True

@@ -53,9 +53,9 @@ class NodalPose(NamedTuple):
 
 
 class Element(NamedTuple):
-    """Sums of one energy's stencil, of six nodes at most.
+    """Sums of one energy's stencil, of K points at most.
 
-    lines: (8, 18) gradients, weight: (8,) theirs. slots: (6,), nodes: (6, 2) int. membrane:
+    lines: (8, 3 K) gradients, weight: (8,) theirs. slots: (K,), nodes: (6, 2) int. membrane:
     (4, 3, 3), turns: (2, 3, 3), hinge: (4, 3), frame: (3, 3), lift: (2,), matrix: (12, 12),
     beam: (6, 12), stress: (6,).
     """
@@ -145,6 +145,8 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
     n, size = model.rows, 3 + 2 * model.columns
     unknowns, nodes = int(nodal.size.max()), (n, size, 3)
     count = nodal_strain_count(model)
+    # of a stencil: a triangle and its neighbours, or a whole barb with its row
+    points = max(6, model.columns + 2)
     return NodalWork(
         now=_make_pose(model),
         trial=_make_pose(model),
@@ -160,9 +162,9 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
         ),
         system=make_system(unknowns, nodal.band + 1),
         element=Element(
-            lines=np.zeros((8, 18)),
+            lines=np.zeros((8, 3 * points)),
             weight=np.zeros(8),
-            slots=np.zeros(6, np.int64),
+            slots=np.zeros(points, np.int64),
             nodes=np.zeros((6, 2), np.int64),
             membrane=np.zeros((4, 3, 3)),
             turns=np.zeros((2, 3, 3)),

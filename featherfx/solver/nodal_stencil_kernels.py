@@ -11,10 +11,12 @@ Newton then stalls; left out, it converges slowly or not at all where tension ca
 
 from featherfx.compiled import kernel
 from featherfx.mechanics.barb_bending_kernels import bend_gradient
+from featherfx.mechanics.barb_carried_kernels import begin_barb, begin_twist, carried_gradient
 from featherfx.mechanics.barb_clamp_kernels import clamp_gradient
 from featherfx.mechanics.barb_stretch_kernels import stretch_gradient
 from featherfx.mechanics.nodal_kernels import bend_nodes
-from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
+from featherfx.mechanics.rachis_variation_kernels import rachis_variation
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.solver.energy_kernels import node_index
 from featherfx.solver.nodal_energy_kernels import sections
@@ -147,7 +149,11 @@ def add_rachis(model, f, slot, pose, before, reference, damping, signed, element
         for a in range(12):
             for b in range(12):
                 matrix[a, b] = 0.0
-        rachis_geometric(start, end, length, pose.halfway[i], element.stress, signed, matrix)
+        halfway, stress = pose.halfway[i], element.stress
+        if signed:
+            rachis_variation(start, end, length, halfway, pose.rachis[i], stress, matrix)
+        else:
+            rachis_tension(start, end, length, halfway, stress, matrix)
         for a in range(12):
             for b in range(a + 1):
                 row, column = slots[a // 3], slots[b // 3]
@@ -195,50 +201,93 @@ def add_stretch(nodal, f, pose, before, reference, price, damping, signed, eleme
 
 
 @kernel
+def _clamp(model, nodal, f, side, i, pose, element):
+    """Stencil of a barb's clamp; returns its points."""
+    columns, slot = model.joints.shape[3], nodal.slot[f]
+    p = node_index(side, 1, columns)
+    clamp_gradient(
+        pose.turn[i],
+        model.clamp[f, side, i],
+        pose.points[i, 0],
+        pose.points[i, p],
+        element.frame,
+        element.turns,
+        element.lines,
+    )
+    element.slots[0], element.slots[1], element.slots[2] = slot[i, 0], slot[i, 1], slot[i, p]
+    return 3
+
+
+@kernel
+def _bend(nodal, f, side, i, j, pose, element):
+    """Stencil of a barb's bend in a section that follows the vane; returns its points."""
+    points, nodes, slot = pose.points, element.nodes, nodal.slot[f]
+    rows, columns = points.shape[0], (points.shape[1] - 3) // 2
+    bend_nodes(side, i, j, rows, columns, nodes)
+    for a in range(5):
+        element.slots[a] = slot[nodes[a, 0], nodes[a, 1]]
+    bend_gradient(
+        points[nodes[0, 0], nodes[0, 1]],
+        points[nodes[1, 0], nodes[1, 1]],
+        points[nodes[2, 0], nodes[2, 1]],
+        points[nodes[3, 0], nodes[3, 1]],
+        points[nodes[4, 0], nodes[4, 1]],
+        element.frame,
+        element.turns,
+        element.lines,
+    )
+    return 5
+
+
+@kernel
+def _add_bend(at, stiffness, count, pose, reference, damping, element, system):
+    """Add the stencil of the two turns from strain at on."""
+    for d in range(2):
+        strain = pose.strains[at + d]
+        stress = stiffness[d] * (strain + damping * (strain - reference[at + d]))
+        element.weight[d] = stiffness[d] * (1.0 + damping)
+        add_stress(stress, element.lines[d], count, element, system.right)
+    add_element(2, count, element, system)
+
+
+@kernel
+def _add_carried(model, nodal, f, side, i, at, pose, reference, damping, element, system):
+    """Bending of one barb in a section that is carried along it; at: its first strain."""
+    columns, row, slots = model.joints.shape[3], pose.points[i], element.slots
+    begin_barb(pose.turn[i], model.clamp[f, side, i], element.frame)
+    begin_twist(element.frame, element.lines)
+    slots[0], slots[1] = nodal.slot[f, i, 0], nodal.slot[f, i, 1]
+    length = 0.0
+    for j in range(columns):
+        p, q = node_index(side, j, columns), node_index(side, j + 1, columns)
+        slots[2 + j] = nodal.slot[f, i, q]
+        length = carried_gradient(
+            j, length, row[p], row[q], element.frame, element.turns, element.lines
+        )
+        stiffness = nodal.bend_stiffness[f, side, i, j]
+        _add_bend(at + 2 * j, stiffness, j + 3, pose, reference, damping, element, system)
+
+
+@kernel
 def add_turns(model, nodal, f, pose, reference, damping, element, system):
     """Bending of all barbs, and their clamps."""
     rows, columns = pose.points.shape[0], model.joints.shape[3]
-    points, lines, nodes, slot = pose.points, element.lines, element.nodes, nodal.slot[f]
     _, at, _, _ = sections(rows, columns)
     for side in range(2):
         for i in range(rows):
+            if nodal.carried:
+                if nodal.present[f, side, i]:
+                    _add_carried(
+                        model, nodal, f, side, i, at, pose, reference, damping, element, system
+                    )
+                at += 2 * columns
+                continue
             for j in range(columns):
                 stiffness = nodal.bend_stiffness[f, side, i, j]
-                if stiffness[0] == 0.0 and stiffness[1] == 0.0:
-                    at += 2
-                    continue
-                count = 5
-                if j == 0:
-                    count, p = 3, node_index(side, 1, columns)
-                    clamp_gradient(
-                        pose.turn[i],
-                        model.clamp[f, side, i],
-                        points[i, 0],
-                        points[i, p],
-                        element.frame,
-                        element.turns,
-                        lines,
-                    )
-                    element.slots[0], element.slots[1] = slot[i, 0], slot[i, 1]
-                    element.slots[2] = slot[i, p]
-                else:
-                    bend_nodes(side, i, j, rows, columns, nodes)
-                    for a in range(5):
-                        element.slots[a] = slot[nodes[a, 0], nodes[a, 1]]
-                    bend_gradient(
-                        points[nodes[0, 0], nodes[0, 1]],
-                        points[nodes[1, 0], nodes[1, 1]],
-                        points[nodes[2, 0], nodes[2, 1]],
-                        points[nodes[3, 0], nodes[3, 1]],
-                        points[nodes[4, 0], nodes[4, 1]],
-                        element.frame,
-                        element.turns,
-                        lines,
-                    )
-                for d in range(2):
-                    strain = pose.strains[at]
-                    stress = stiffness[d] * (strain + damping * (strain - reference[at]))
-                    element.weight[d] = stiffness[d] * (1.0 + damping)
-                    add_stress(stress, lines[d], count, element, system.right)
-                    at += 1
-                add_element(2, count, element, system)
+                if stiffness[0] > 0.0 or stiffness[1] > 0.0:
+                    if j == 0:
+                        count = _clamp(model, nodal, f, side, i, pose, element)
+                    else:
+                        count = _bend(nodal, f, side, i, j, pose, element)
+                    _add_bend(at, stiffness, count, pose, reference, damping, element, system)
+                at += 2

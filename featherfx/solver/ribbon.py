@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 ITERATIONS, ESCAPES, HALVINGS = 300, 6, 30
 # a gradient that ends the search, and an eigenvalue that counts as negative, as shares of D w / L
-GRADIENT, NEGATIVE, FLOOR = 1e-9, 1e-6, 1e-7
+GRADIENT, NEGATIVE, FLOOR = 1e-9, 1e-6, 1e-11
 TO_BOUND = 0.9
 # 1, first size of a step off a saddle, in the scaled unknowns
 ESCAPE = 0.05
@@ -80,23 +80,26 @@ def settle_ribbon(
         energy, gradient, matrix = elastic(ribbon, unknowns)
         if np.isfinite(energy):
             loads = work_of_loads(ribbon, unknowns, frame, force, links)
-            energy, gradient, matrix = (
-                energy + loads[0],
-                gradient + loads[1],
-                matrix + loads[2],
-            )
+            energy += loads[0]
+            gradient, matrix = gradient + loads[1], matrix + loads[2]
         return energy / unit, gradient * scale / unit, matrix * np.outer(scale, scale) / unit
+
+    def energy_at(unknowns: Array) -> float:
+        value = elastic(ribbon, unknowns)[0]
+        if np.isfinite(value):
+            value -= float(np.sum(force * centreline(ribbon, unknowns, frame, links).points))
+        return value / unit
 
     unknowns = np.array(ribbon.rest if start is None else start, dtype=float)
     iterations = 0
     for _ in range(ESCAPES):
-        unknowns, count = _descend(ribbon, unknowns, scale, at)
+        unknowns, count = _descend(ribbon, unknowns, scale, at, energy_at)
         iterations += count
         energy, gradient, matrix = at(unknowns)
         values, vectors = eigh(matrix, subset_by_index=[0, 0])
         if values[0] > -NEGATIVE or not leave_saddles:
             break
-        unknowns = _leave(ribbon, unknowns, scale * vectors[:, 0], energy, at)
+        unknowns = _leave(ribbon, unknowns, scale * vectors[:, 0], energy, energy_at)
     residual = float(np.abs(gradient).max())
     if residual > 1e3 * GRADIENT * (1.0 + abs(energy)):
         raise SimulationError("ribbon", 0.0, f"no rest shape found, residual {residual:.2g}")
@@ -110,7 +113,7 @@ def settle_ribbon(
     )
 
 
-def _descend(ribbon, unknowns, scale, at):  # type: ignore[no-untyped-def]
+def _descend(ribbon, unknowns, scale, at, energy_at):  # type: ignore[no-untyped-def]
     """Newton steps to a stationary shape; returns it with the number of iterations."""
     energy, gradient, matrix = at(unknowns)
     for count in range(ITERATIONS):
@@ -123,14 +126,14 @@ def _descend(ribbon, unknowns, scale, at):  # type: ignore[no-untyped-def]
         share = _longest(ribbon, unknowns, step)
         for _ in range(HALVINGS):
             trial = unknowns + share * step
-            found = at(trial)
             rounding = 1e-13 * (1.0 + abs(energy))
-            if found[0] <= energy + 1e-4 * share * slope + rounding:
+            if energy_at(trial) <= energy + 1e-4 * share * slope + rounding:
                 break
             share *= 0.5
         else:
             return unknowns, count
-        unknowns, (energy, gradient, matrix) = trial, found
+        unknowns = trial
+        energy, gradient, matrix = at(unknowns)
     return unknowns, ITERATIONS
 
 
@@ -146,13 +149,13 @@ def _longest(ribbon: Ribbon, unknowns: Array, step: Array) -> float:
     return float(min(1.0, TO_BOUND * (room[moving] / np.abs(change[moving])).min()))
 
 
-def _leave(ribbon, unknowns, direction, energy, at):  # type: ignore[no-untyped-def]
+def _leave(ribbon, unknowns, direction, energy, energy_at):  # type: ignore[no-untyped-def]
     """A shape of less energy than the saddle, along its direction of negative curvature."""
     size = ESCAPE
     for _ in range(HALVINGS):
         step = size * direction
         trial = unknowns + _longest(ribbon, unknowns, step) * step
-        if at(trial)[0] < energy:
+        if energy_at(trial) < energy:
             return trial
         size *= 0.5
     return unknowns

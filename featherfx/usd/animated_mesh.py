@@ -59,6 +59,10 @@ class AnimatedMesh:
         return self._scene.time_codes_per_second
 
     @property
+    def space(self) -> tuple[float, str]:
+        return self._scene.space
+
+    @property
     def origin(self) -> tuple[str, tuple[Path, ...]]:
         return self.path, self._scene.files
 

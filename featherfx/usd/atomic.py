@@ -20,7 +20,7 @@ from pxr import Sdf, Tf
 from featherfx.errors import Problem
 from featherfx.usd.types import OutputError
 
-VALUES_COMPARED = 64
+LOOKED_AT = 16
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,8 @@ def _flush(path: Path) -> None:
 def _difference(layer: Any, path: Path) -> str:
     """What a file on disk lacks against the layer in memory; empty if nothing.
 
-    Time codes of every sampled attribute, and the last value of at most VALUES_COMPARED of them.
+    All time codes of the layer, and those and the last value of up to 2 * LOOKED_AT attributes,
+    evenly taken from all that are sampled.
     """
     try:
         written = Sdf.Layer.OpenAsAnonymous(str(path))
@@ -129,23 +130,17 @@ def _difference(layer: Any, path: Path) -> str:
         return _reason(error)
     if written is None or written.defaultPrim != layer.defaultPrim:
         return "it cannot be opened"
-    sampled: list[tuple[Any, float]] = []
-    lacking: list[str] = []
-
-    def compare(prim_path: Any) -> None:
-        if lacking or not prim_path.IsPropertyPath():
-            return
-        codes = layer.ListTimeSamplesForPath(prim_path)
-        if written.ListTimeSamplesForPath(prim_path) != codes:
-            lacking.append(str(prim_path))
-        elif codes:
-            sampled.append((prim_path, codes[-1]))
-
-    layer.Traverse(Sdf.Path.absoluteRootPath, compare)
-    for prim_path, last in sampled[:: 1 + len(sampled) // VALUES_COMPARED]:
-        if written.QueryTimeSample(prim_path, last) != layer.QueryTimeSample(prim_path, last):
-            lacking.append(str(prim_path))
-    return lacking[0] if lacking else ""
+    if written.ListAllTimeSamples() != layer.ListAllTimeSamples():
+        return "it has other time codes"
+    paths: list[Any] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    sampled = [each for each in paths if layer.ListTimeSamplesForPath(each)]
+    for each in sampled[:: max(1, len(sampled) // LOOKED_AT)]:
+        codes = layer.ListTimeSamplesForPath(each)
+        values = (source.QueryTimeSample(each, codes[-1]) for source in (written, layer))
+        if written.ListTimeSamplesForPath(each) != codes or next(values) != next(values):
+            return str(each)
+    return ""
 
 
 def _replace_all(pairs: Sequence[tuple[Path, Path]]) -> None:

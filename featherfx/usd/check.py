@@ -11,24 +11,50 @@ from pxr import Usd, UsdGeom
 from featherfx.errors import InputError, Problem
 from featherfx.usd.check_geometry import GeometryCheck
 from featherfx.usd.check_instances import instancer_problems
+from featherfx.usd.check_scene import check_scene, missing_files
 from featherfx.usd.read import open_stage
+from featherfx.usd.resume import layer_metadata
+
+
+def check_file(path: str | Path) -> list[Problem]:
+    """Every problem of a USD file, checked as what it is: a cache of featherfx, or an input."""
+    path = Path(path)
+    return check_usd(path) if is_cache(path) else check_scene(path)
+
+
+def is_cache(path: Path) -> bool:
+    """Whether a file is a cache: it says so itself, or its meshes carry feather ids."""
+    if layer_metadata(path):
+        return True
+    try:
+        stage = open_stage(path)
+    except InputError:
+        return False
+    return any(
+        prim.IsA(UsdGeom.Mesh) and prim.HasAttribute("primvars:featherId")
+        for prim in stage.Traverse()
+    )
 
 
 def check_usd(path: str | Path) -> list[Problem]:
     """Every problem of a USD file: source is the file, key is prim and attribute.
 
-    Checked: default prim and its kind, units, up axis and time metadata; and of every mesh and
-    curve: point counts that change, topology that does not fit, indices out of range, values that
-    are not finite, extents that do not fit the points, sizes of velocities, normals, widths and
-    primvars, sample times that differ or lie outside the stage's range, time samples on what
-    never changes, subsets, and windings against the normals. At one attribute and kind of
+    Checked: files that it refers to, clips included; default prim and its kind, units, up axis
+    and time metadata; and of every mesh and curve: point counts that change, topology that does
+    not fit, indices out of range, values that are not finite, extents that do not fit the points,
+    sizes of velocities, normals, widths and primvars, sample times that differ or lie outside the
+    stage's range, time samples on what never changes, subsets, and windings against the normals.
+    At one attribute and kind of
     problem the first time code is named and the others are counted.
     """
     try:
         stage = open_stage(path)
     except InputError as error:
         return list(error.problems)
-    problems = [Problem(str(path), key, message) for key, message in _stage_problems(stage)]
+    problems = missing_files(Path(path))
+    if problems:
+        return problems  # what is in them would be missed everywhere
+    problems += [Problem(str(path), key, message) for key, message in _stage_problems(stage)]
     for prim in stage.Traverse():
         if prim.IsA(UsdGeom.PointInstancer):
             for attribute, message in instancer_problems(prim):

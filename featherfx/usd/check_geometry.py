@@ -41,14 +41,16 @@ class GeometryCheck:
 
     def problems(self) -> Found:
         """(attribute, message) of everything that is wrong."""
+        yield from self.faults()
+        yield from self.habits()
+
+    def faults(self) -> Found:
+        """What contradicts itself: sizes, indices, values that are not finite, windings."""
         topology = list(self._topology())
         yield from topology
-        yield from self._sample_times()
-        yield from self._static_samples()
         yield from self._over_time("points", self._wrong_count)
         for name in ("points", "velocities", "normals", "extent", "primvars:barbDirection"):
             yield from self._over_time(name, _not_finite)
-        yield from self._over_time("extent", self._wrong_extent)
         for name in ("velocities", "accelerations"):
             yield from self._over_time(name, self._not_per_point)
         yield from self._normals_and_widths()
@@ -56,6 +58,17 @@ class GeometryCheck:
         if self._mesh and not topology:
             yield from self._subsets()
             yield from self._flipped()
+
+    def habits(self) -> Found:
+        """What a cache promises beyond that: extents, and which times have samples."""
+        yield from self._sample_times()
+        yield from self._static_samples()
+        yield from self._over_time("extent", self._wrong_extent)
+        for primvar in UsdGeom.PrimvarsAPI(self._prim).GetPrimvars():
+            name = str(primvar.GetAttr().GetName())
+            # the schema of skeletons wants plain values for some of its own
+            if not primvar.GetTypeName().isArray and not name.startswith("primvars:skel:"):
+                yield name, "is not an array; some readers drop it"
 
     def _attribute(self, name: str) -> Any:
         return self._prim.GetAttribute(name)
@@ -179,10 +192,8 @@ class GeometryCheck:
             interpolation, name = primvar.GetInterpolation(), str(primvar.GetAttr().GetName())
             expected = self._expected(interpolation) * primvar.GetElementSize()
             if not primvar.GetTypeName().isArray:
-                # the schema of skeletons wants plain values for some of its own
-                if not name.startswith("primvars:skel:"):
-                    yield name, "is not an array; some readers drop it"
-            elif primvar.IsIndexed():
+                continue
+            if primvar.IsIndexed():
                 yield from self._indexed(primvar, name, interpolation, expected)
             else:
                 yield from self._sized(name, interpolation, expected)

@@ -75,9 +75,11 @@ class ChunkWriter:
         self._sampled = np.flatnonzero(~np.array(static, dtype=np.bool_)).tolist()
         self._layer = new_layer(info)
         with Sdf.ChangeBlock():
-            for index in self._sampled:
-                for key in prims.paths[index]:
-                    prims.create(self._layer, index, key)
+            self._attributes = [
+                prims.create(self._layer, index, key)
+                for index in self._sampled
+                for key in prims.paths[index]
+            ]
         self._spare: list[list[Pose]] = [[] for _ in static]
         self._run = self._new_run()
 
@@ -154,9 +156,8 @@ class ChunkWriter:
 
     def _new_run(self) -> _Run:
         with Sdf.ChangeBlock():
-            for index in self._sampled:
-                for path in self._prims.paths[index].values():
-                    self._layer.GetAttributeAtPath(path).ClearInfo("timeSamples")
+            for attribute in self._attributes:
+                attribute.ClearInfo("timeSamples")
         if hasattr(self, "_run"):
             for spare, kept in zip(self._spare, self._run.kept, strict=True):
                 spare += kept

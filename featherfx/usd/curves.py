@@ -16,23 +16,28 @@ from featherfx.usd.types import FeatherEntry
 
 
 def define_rachis(
-    stage: Any, path: Any, entry: FeatherEntry, rest: Any, widths: Any, materials: Any
+    stage: Any, path: Any, entry: FeatherEntry, rest: Any, widths: Any, up: Any, materials: Any
 ) -> None:
-    """Author the curve's constant part. rest: (n, 3) and widths: (n,) stage units, diameters."""
+    """Author the curve's constant part.
+
+    rest: USD array of n points. widths: (n,) diameters. up: (3,) dorsal direction of the root.
+    """
     prim = _define(stage, path, [len(rest)], rest, widths)
     primvars.author_labels(prim, entry)
+    primvars.author_up(prim, up)
     _author_look(prim, "rachis", materials)
 
 
 def define_barbs(
     stage: Any, path: Any, entry: FeatherEntry, rest: Any, widths: Any, materials: Any
 ) -> None:
-    """Author the constant part of a feather's barbs. rest: (B K, 3) and widths: (B K,)."""
+    """Author the constant part of a feather's barbs. rest: USD array, (B K,), widths: as many."""
     assert entry.barbs is not None
     count, points = entry.barbs.widths.shape
     prim = _define(stage, path, np.full(count, points), rest, widths)
     primvars.author_labels(prim, entry)
-    primvars.author_side(prim, entry.barbs.side)
+    primvars.author_side(prim, arrays.ints(entry.barbs.side))
+    primvars.author_st(prim, arrays.vec2f(entry.barbs.st.reshape(-1, 2)))
     _author_look(prim, "vane", materials)
 
 

@@ -18,7 +18,7 @@ from featherfx.usd import arrays
 from featherfx.usd.atomic import publish
 from featherfx.usd.layout import finish_layers, new_layers
 from featherfx.usd.material import define_materials
-from featherfx.usd.mesh import define_mesh
+from featherfx.usd.mesh import MeshValues, define_mesh
 from featherfx.usd.names import prim_name, unique_prim_names
 from featherfx.usd.output import check_output
 from featherfx.usd.poses import MESH, posed_feathers
@@ -107,7 +107,8 @@ def _define_prototypes(
     posed = posed_feathers(entries, info.space, False)
     poses = [each.rest() for each in posed]
     for entry, path, pose in zip(entries, paths, poses, strict=True):
-        define_mesh(stage, path, entry, pose.values[MESH, "points"].value, materials)
+        values = MeshValues(entry.feather.surface)
+        define_mesh(stage, path, entry, values, pose.values[MESH, "points"].value, materials)
     nothing = [None] * len(paths)
     prims = AnimatedPrims(posed, paths, nothing, nothing)
     with Sdf.ChangeBlock():

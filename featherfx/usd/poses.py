@@ -52,11 +52,15 @@ class PosedFeather:
     def __init__(
         self, entry: FeatherEntry, surface: _Surface, space: StageSpace, accelerations: bool
     ) -> None:
-        self._entry, self._surface, self._space = entry, surface, space
+        self._entry, self._surface = entry, surface
+        self._to_stage = (1.0 / space.meters_per_unit, space.up_axis == "Y")
         self._accelerations = accelerations
         feather, barbs = entry.feather, entry.barbs
         self.widths = space.lengths(np.sqrt(feather.width * feather.height))
         self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else np.zeros(0)
+        # The widest point pads all, as in USD's own computation of the extent of curves.
+        self._half_width = 0.5 * float(self.widths.max())
+        self._half_barb = 0.5 * float(self.barb_widths.max(initial=0.0))
         self.has_barbs = len(self.barb_widths) > 0
         self.parts = (MESH, RACHIS, BARB) if self.has_barbs else (MESH, RACHIS)
         counts = {MESH: len(surface.row), RACHIS: feather.rows, BARB: len(self.barb_widths)}
@@ -81,7 +85,7 @@ class PosedFeather:
         material = np.reshape(self._entry.rest_points, (-1, 3))
         pose.finite = self._place(pose, material)
         if self.has_barbs and barbs:
-            pose.finite &= self._curve(pose, BARB, np.reshape(barbs.points, (-1, 3)))
+            pose.finite &= self._barb_points(pose, np.reshape(barbs.points, (-1, 3)))
         for (_, name), value in pose.values.items():
             if name in ("velocities", "accelerations"):
                 value.numbers[...] = 0.0
@@ -104,64 +108,58 @@ class PosedFeather:
         barbs = self._entry.barbs
         if not self.has_barbs or barbs is None:
             return
-        pose.finite &= self._curve(pose, BARB, _mapped(barbs.points_map, points))
+        pose.finite &= self._barb_points(pose, _mapped(barbs.points_map, points))
         rates = {"velocities": velocities}
         if self._accelerations and accelerations is not None:
             rates["accelerations"] = accelerations
         for name, values in rates.items():
-            pose.finite &= self._turned(pose, (BARB, name), _mapped(barbs.points_map, values))
+            out = pose.values[BARB, name].numbers
+            mapped = _mapped(barbs.points_map, values)
+            pose.finite &= bool(surface_kernels.turn(mapped, *self._to_stage, out))
 
     def changed(self, pose: Pose, reference: Pose, seconds: float) -> bool:
         """Whether the feather, as written, differs from a reference pose, or is on its way.
 
         seconds: to the next sample. A velocity that until then carries no point farther than its
-        rounding, at the feather's greatest coordinate, does not count.
+        rounding, at the greatest coordinate of a prim, does not count.
         """
         now, before = pose.values, reference.values
-        slow = _ROUNDING * float(np.abs(now[MESH, "extent"].numbers).max()) / seconds
         return any(
             surface_kernels.changed(
                 now[part, "points"].numbers,
                 now[part, "velocities"].numbers,
                 before[part, "points"].numbers,
-                slow,
+                _ROUNDING / seconds,
             )
             for part in self.parts
         )
 
     def _place(self, pose: Pose, material: Array) -> bool:
         """Points of mesh and shaft, and what follows from them; whether all are finite."""
-        kernels, surface, values = surface_kernels, self._surface, pose.values
-        (scale, quarter), (world, summed) = self._to_stage(), surface.scratch
-        points = values[MESH, "points"].numbers
-        kernels.place(material, *surface.terms, world)
-        finite = kernels.turn(world, scale, quarter, points)
-        triangles = surface.triangles
-        kernels.vertex_normals(world, triangles, quarter, summed, values[MESH, "normals"].numbers)
-        along = values[MESH, BARB_DIRECTION].numbers
-        kernels.edge_directions(world, triangles, surface.edges, quarter, along)
-        kernels.extent(points, 0.0, values[MESH, "extent"].numbers)
-        return self._curve(pose, RACHIS, surface.shaft(material)) and bool(finite)
+        surface, values = self._surface, pose.values
+        scale, quarter = self._to_stage
+        finite = surface_kernels.pose_surface(
+            material, *surface.terms, surface.triangles, surface.edges, scale, quarter,
+            *surface.scratch, values[MESH, "points"].numbers, values[MESH, "normals"].numbers,
+            values[MESH, BARB_DIRECTION].numbers, values[MESH, "extent"].numbers,
+        )  # fmt: skip
+        shaft, size = values[RACHIS, "points"].numbers, surface.size
+        finite &= surface_kernels.pose_shaft(material, size, scale, quarter, shaft)
+        surface_kernels.extent(shaft, self._half_width, values[RACHIS, "extent"].numbers)
+        return bool(finite)
 
     def _rates(self, pose: Pose, name: str, material: Array) -> bool:
-        surface, (scale, quarter) = self._surface, self._to_stage()
-        out = pose.values[MESH, name].numbers
+        surface, (scale, quarter) = self._surface, self._to_stage
+        out, shaft = pose.values[MESH, name].numbers, pose.values[RACHIS, name].numbers
         finite = surface_kernels.combine(material, *surface.terms, scale, quarter, out)
-        return self._turned(pose, (RACHIS, name), surface.shaft(material)) and bool(finite)
+        finite &= surface_kernels.pose_shaft(material, surface.size, scale, quarter, shaft)
+        return bool(finite)
 
-    def _curve(self, pose: Pose, part: str, points: Array) -> bool:
-        finite = self._turned(pose, (part, "points"), points)
-        # The widest point pads all, as in USD's own computation of the extent of curves.
-        half = 0.5 * float((self.widths if part == RACHIS else self.barb_widths).max())
-        values = pose.values
-        surface_kernels.extent(values[part, "points"].numbers, half, values[part, "extent"].numbers)
-        return finite
-
-    def _turned(self, pose: Pose, key: Key, world: Array) -> bool:
-        return bool(surface_kernels.turn(world, *self._to_stage(), pose.values[key].numbers))
-
-    def _to_stage(self) -> tuple[float, bool]:
-        return 1.0 / self._space.meters_per_unit, self._space.up_axis == "Y"
+    def _barb_points(self, pose: Pose, points: Array) -> bool:
+        out, corners = pose.values[BARB, "points"].numbers, pose.values[BARB, "extent"].numbers
+        finite = surface_kernels.turn(points, *self._to_stage, out)
+        surface_kernels.extent(out, self._half_barb, corners)
+        return bool(finite)
 
 
 class _Surface:
@@ -171,16 +169,12 @@ class _Surface:
         surface = feather.surface
         self.row = _plain(surface.row)
         weights = np.ascontiguousarray(surface.weights, dtype=np.float64)
-        self._size = size = feather.points.shape[1]
+        self.size = size = feather.points.shape[1]
         self.terms = (self.row, _plain(surface.terms), weights, size)
         self.triangles = _plain(surface.triangles)
         self.edges = barb_edges(surface, surface.points(feather.points))
         # World points, and sums of normals.
         self.scratch = np.zeros((2, len(self.row), 3))
-
-    def shaft(self, material: Array) -> Array:
-        """(n, 3) material points of the shaft."""
-        return np.ascontiguousarray(material[:: self._size])
 
 
 def posed_feathers(
@@ -196,19 +190,20 @@ def posed_feathers(
     ]
 
 
-def barb_edges(surface: Surface, points: Array) -> NDArray[np.int8]:
-    """(T,) the edge of each triangle that runs along its barb.
+def barb_edges(surface: Surface, points: Array) -> NDArray[np.int32]:
+    """(T, 2) the edge of each triangle that runs along its barb, directed as barb_direction.
 
-    0 to 2: from that corner to the next one in the direction of the barb; 3 to 5: against it.
     points: (V, 3) surface points at rest, feather frame.
     """
     starts, ends = surface.triangles, np.roll(surface.triangles, -1, axis=1)
     along = points[ends] - points[starts]
     length = np.linalg.norm(along, axis=2)
     cosine = np.einsum("tec,tc->te", along, surface.barb_direction) / np.maximum(length, 1e-300)
+    triangle = np.arange(len(cosine))
     edge = np.argmax(np.abs(cosine), axis=1)
-    backwards = cosine[np.arange(len(cosine)), edge] < 0.0
-    return (edge + 3 * backwards).astype(np.int8)
+    pair = np.stack([starts[triangle, edge], ends[triangle, edge]], axis=1)
+    directed = np.where((cosine[triangle, edge] < 0)[:, None], pair[:, ::-1], pair)
+    return directed.astype(np.int32)
 
 
 def _mapped(points_map: PointMap | None, values: Array) -> Array:

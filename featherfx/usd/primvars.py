@@ -37,22 +37,25 @@ def author_root(prim: Any, root: SkinRoot | None) -> None:
 
 
 def author_rest(prim: Any, points: Any) -> None:
-    """Pref (RenderMan, Arnold) and rest (Houdini): the rest points, per point."""
-    value = arrays.vec3f(points)
+    """Pref (RenderMan, Arnold) and rest (Houdini): the rest points, a USD array, per point."""
     for name in ("Pref", "rest"):
-        _author(prim, name, Sdf.ValueTypeNames.Point3fArray, "vertex", value)
+        _author(prim, name, Sdf.ValueTypeNames.Point3fArray, "vertex", points)
 
 
-def author_surface(prim: Any, entry: FeatherEntry) -> None:
-    """st per point and side (0 leading, 1 trailing, 2 rachis) per face."""
-    surface = entry.feather.surface
-    _author(prim, "st", Sdf.ValueTypeNames.TexCoord2fArray, "vertex", arrays.vec2f(surface.st))
-    author_side(prim, surface.part)
+def author_up(prim: Any, up: Any) -> None:
+    """up: the dorsal side at the root, at rest, as grooms have it. up: (3,), object space."""
+    value = arrays.vec3f([up])
+    _author(prim, "up", Sdf.ValueTypeNames.Vector3fArray, "constant", value)
+
+
+def author_st(prim: Any, st: Any) -> None:
+    """st, a USD array, per point."""
+    _author(prim, "st", Sdf.ValueTypeNames.TexCoord2fArray, "vertex", st)
 
 
 def author_side(prim: Any, side: Any) -> None:
-    """0 leading, 1 trailing, 2 rachis, per face or curve."""
-    _author(prim, "side", Sdf.ValueTypeNames.IntArray, "uniform", arrays.ints(side))
+    """0 leading, 1 trailing, 2 rachis, a USD array, per face or curve."""
+    _author(prim, "side", Sdf.ValueTypeNames.IntArray, "uniform", side)
 
 
 def author_colour(prim: Any, colour: tuple[float, float, float]) -> None:

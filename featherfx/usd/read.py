@@ -96,6 +96,15 @@ class Cache:
         self._matrices = [each.matrix for each in drawn]
         self.feathers = tuple(_constant_parts(drawn))
 
+    def codes(self) -> list[float]:
+        """All time codes at which any mesh has points; whole frames where none has samples."""
+        if not self.has_frames:
+            return []
+        found = {code for mesh in self._meshes for code in mesh.GetPointsAttr().GetTimeSamples()}
+        first, last = self.frames
+        whole = range(int(np.ceil(first)), int(last) + 1)
+        return sorted(code for code in found if first <= code <= last) or [float(c) for c in whole]
+
     def pose(self, index: int, time: float | None = None) -> CachedPose:
         """Feather index at a time code.
 

@@ -42,6 +42,11 @@ class Scene:
         return float(np.linalg.norm(self.to_world[0]))
 
     @property
+    def space(self) -> tuple[float, str]:
+        """Metres per unit and up axis of the stage."""
+        return stage_space(self.stage)
+
+    @property
     def files(self) -> tuple[Path, ...]:
         """Every file that the stage is made of, clips included; no textures."""
         layers, _, _ = UsdUtils.ComputeAllDependencies(str(self.path))
@@ -51,6 +56,11 @@ class Scene:
         """(4, 4) local space of a prim to the world, row vectors, at a time code."""
         local = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code))
         return in_world(local, self.to_world)
+
+
+def stage_space(stage: Any) -> tuple[float, str]:
+    """Metres per unit and up axis of a stage."""
+    return float(UsdGeom.GetStageMetersPerUnit(stage)), str(UsdGeom.GetStageUpAxis(stage))
 
 
 def in_world(local_to_stage: Array, to_world: Array) -> Array:

@@ -88,17 +88,10 @@ def vertex_normals(world, triangles, quarter, summed, out):
 
 
 @kernel
-def edge_directions(world, triangles, edges, quarter, out):
-    """Unit vectors along an edge of each triangle; x where an edge has no length.
-
-    edges: (T,) 0 to 2: from that corner to the next; 3 to 5: the same, backwards.
-    """
-    for t in range(triangles.shape[0]):
-        edge = edges[t]
-        corner = edge % 3
-        tail, head = triangles[t, corner], triangles[t, (corner + 1) % 3]
-        if edge >= 3:
-            tail, head = head, tail
+def edge_directions(world, edges, quarter, out):
+    """Unit vectors along edges (T, 2); x where an edge has no length."""
+    for t in range(edges.shape[0]):
+        tail, head = edges[t, 0], edges[t, 1]
         x = world[head, 0] - world[tail, 0]
         y = world[head, 1] - world[tail, 1]
         z = world[head, 2] - world[tail, 2]
@@ -123,10 +116,49 @@ def extent(points, padding, out):
 
 
 @kernel
-def changed(points, rates, reference, slow):
-    """Whether points differ from the reference, or any rate is above slow."""
+def pose_surface(
+    material, row, terms, weights, size, triangles, edges, scale, quarter, world, summed,
+    points, normals, directions, corners,
+):  # fmt: skip
+    """Points, normals, barb directions and extent of a surface; True if the points are finite.
+
+    world, summed: (V, 3) scratch.
+    """
+    place(material, row, terms, weights, size, world)
+    finite = turn(world, scale, quarter, points)
+    vertex_normals(world, triangles, quarter, summed, normals)
+    edge_directions(world, edges, quarter, directions)
+    extent(points, 0.0, corners)
+    return finite
+
+
+@kernel
+def pose_shaft(material, size, scale, quarter, out):
+    """The first point of each row, as written; True if all are finite."""
+    total = 0.0
+    for i in range(out.shape[0]):
+        x, y, z = material[i * size, 0], material[i * size, 1], material[i * size, 2]
+        out[i, 0] = x * scale
+        out[i, 1] = (z if quarter else y) * scale
+        out[i, 2] = (-y if quarter else z) * scale
+        total += abs(out[i, 0]) + abs(out[i, 1]) + abs(out[i, 2])
+    return math.isfinite(total)
+
+
+@kernel
+def changed(points, rates, reference, rounding):
+    """Whether points differ from the reference, or any rate is above rounding * |coordinate|.
+
+    That is the greatest coordinate of all.
+    """
+    greatest = 0.0
     for v in range(points.shape[0]):
         for c in range(3):
-            if points[v, c] != reference[v, c] or abs(rates[v, c]) > slow:
+            if points[v, c] != reference[v, c]:
+                return True
+            greatest = max(greatest, abs(points[v, c]))
+    for v in range(points.shape[0]):
+        for c in range(3):
+            if abs(rates[v, c]) > rounding * greatest:
                 return True
     return False

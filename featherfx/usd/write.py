@@ -21,7 +21,7 @@ from featherfx.usd.chunk import ChunkWriter, WrittenChunk
 from featherfx.usd.curves import define_barbs, define_rachis
 from featherfx.usd.layout import new_layers
 from featherfx.usd.material import define_materials
-from featherfx.usd.mesh import define_mesh
+from featherfx.usd.mesh import MeshValues, define_mesh
 from featherfx.usd.names import prim_name, unique_prim_names
 from featherfx.usd.output import check_output, chosen_layout, parts_folder
 from featherfx.usd.parts import Parts
@@ -42,7 +42,7 @@ from featherfx.usd.types import FeatherEntry, OutputError
 
 CHUNK_FRAMES = 24
 # A chunk is held in memory; large ones get fewer frames, but never less than one.
-CHUNK_BYTES = 64_000_000
+CHUNK_BYTES = 32_000_000
 
 
 class CacheWriter:
@@ -235,12 +235,15 @@ class CacheWriter:
         meshes, rachises = paths(FEATHERS), paths(RACHISES, "_rachis")
         named = paths(BARBS, "_barbs")
         barbs = [path if has else None for path, has in zip(named, drawn, strict=True)]
+        shapes: dict[int, MeshValues] = {}
         for k, entry in enumerate(self._feathers):
-            pose = posed[k].rest()
+            pose, surface = posed[k].rest(), entry.feather.surface
+            same = shapes.setdefault(id(surface), shapes.get(id(surface)) or MeshValues(surface))
             self._check_finite([] if pose.finite else [k], 0.0)
             rest = {part: pose.values[part, "points"].value for part in posed[k].parts}
-            define_mesh(stage, meshes[k], entry, rest[MESH], materials)
-            define_rachis(stage, rachises[k], entry, rest[RACHIS], posed[k].widths, materials)
+            define_mesh(stage, meshes[k], entry, same, rest[MESH], materials)
+            up, widths = info.space.directions(entry.rest_points[0, 2]), posed[k].widths
+            define_rachis(stage, rachises[k], entry, rest[RACHIS], widths, up, materials)
             if barbs[k] is not None:
                 define_barbs(stage, barbs[k], entry, rest[BARB], posed[k].barb_widths, materials)
         return AnimatedPrims(posed, meshes, rachises, barbs, self._accelerations)
@@ -252,6 +255,9 @@ class CacheWriter:
         if frames is not None and self._next < self._samples:
             message = f"not written: frames {self._code:g} to {frames[1]} never came"
             raise OutputError(Problem(str(self._path), "frames", message))
+        if self._parts:
+            # Samples are on disk; their memory is wanted for the defaults.
+            del self._chunk
         assemble(self._layers, self._info, self._prims, self._static, self._path, self._parts)
         if self._parts:
             self._parts.finish(keep_chunks=self._layers.layout == "clips")

@@ -99,7 +99,7 @@ def test_options_reach_the_bake(monkeypatch):
     result = run("bake", "s.toml", "--frames", "-3-12", "--jobs", "2", "--up-axis", "y")
     assert result.exit_code == 0, result.stderr
     assert (seen["shot"], seen["frames"], seen["jobs"]) == ("s.toml", (-3, 12), 2)
-    assert (seen["up_axis"], seen["meters_per_unit"], seen["layout"]) == ("Y", 1.0, "auto")
+    assert (seen["up_axis"], seen["meters_per_unit"], seen["layout"]) == ("Y", None, "auto")
     assert seen["output"] is None
     assert result.stderr == "frames: 0 of 2\nframes: 2 of 2\n3 feathers, 2 frames in 1.2 s\n"
 

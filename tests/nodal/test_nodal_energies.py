@@ -22,7 +22,12 @@ from featherfx.solver.nodal_state import nodal_state
 from featherfx.solver.step import Settings
 
 STEPS = np.array([4e-5, 2e-5, 1e-5])
-BENDINGS = ("barbs", "hinges", "plate")
+KINDS = {
+    "barbs": {"bending": "barbs"},
+    "hinges": {"bending": "hinges"},
+    "plate": {"bending": "plate"},
+    "carried": {"section": "carried"},
+}
 
 
 def comparable(model, nodal):
@@ -52,10 +57,10 @@ def sweep_order(solver, nodal, state, direction, gradient):
     return np.polyfit(np.log(STEPS), np.log(errors), 1)[0]
 
 
-@pytest.mark.parametrize("bending", BENDINGS)
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", [1, 2])
-def test_gradient_is_the_derivative_of_the_energy(bending, seed):
-    model, nodal = comparable(*feather_models(curved_kind(), 7, 3, bending=bending))
+def test_gradient_is_the_derivative_of_the_energy(kind, seed):
+    model, nodal = comparable(*feather_models(curved_kind(), 7, 3, **KINDS[kind]))
     solver = NodalSolver(model, nodal, Settings())
     state, direction = random_pose(model, nodal, seed)
     gradient = solver.system(state, no_loads(1, (1.0, 2.0, -9.81)), 0).gradient
@@ -68,9 +73,9 @@ def test_gradient_is_the_derivative_of_the_energy(bending, seed):
         assert sweep_order(solver, nodal, state, direction, wrong) < 0.5
 
 
-@pytest.mark.parametrize("bending", BENDINGS)
-def test_stiffness_at_rest_is_the_derivative_of_the_gradient(bending):
-    model, nodal = feather_models(curved_kind(), 6, 3, bending=bending)
+@pytest.mark.parametrize("kind", KINDS)
+def test_stiffness_at_rest_is_the_derivative_of_the_gradient(kind):
+    model, nodal = feather_models(curved_kind(), 6, 3, **KINDS[kind])
     solver, loads = NodalSolver(model, nodal, Settings()), no_loads(1)
     rest = at_rest(model, nodal)
     band = solver.system(rest, loads, 0).band
@@ -89,9 +94,9 @@ def test_stiffness_at_rest_is_the_derivative_of_the_gradient(bending):
     assert np.linalg.eigvalsh(matrix)[0] > 0.0
 
 
-@pytest.mark.parametrize("bending", BENDINGS)
-def test_rigid_motion_gives_no_force(bending):
-    model, nodal = feather_models(curved_kind(), 7, 3, bending=bending)
+@pytest.mark.parametrize("kind", KINDS)
+def test_rigid_motion_gives_no_force(kind):
+    model, nodal = feather_models(curved_kind(), 7, 3, **KINDS[kind])
     solver, loads = NodalSolver(model, nodal, Settings()), no_loads(1)
     rotation = Rotation.from_rotvec([0.7, -2.0, 1.1]).as_matrix()
     moved = at_rest(model, nodal, rotation, (3.0, -1.0, 2.0))

@@ -1,8 +1,10 @@
 """Steps and statics of the nodal kinematics, against the barb-curvature kinematics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from nodal_cases import LENGTH, at_rest, curved_kind, feather_models, flat_kind
+from nodal_cases import LENGTH, VANE, at_rest, curved_kind, feather_models, flat_kind
 
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.nodal import NodalSolver, barb_strain
@@ -57,6 +59,24 @@ def test_both_kinematics_converge_to_one_static_shape():
     assert errors[0] < 5e-3
     assert errors[1] < 5e-4
     assert errors[1] < errors[0] / 4.0
+
+
+@pytest.mark.verification
+def test_unequal_barbs_converge_where_sections_are_carried_in_both():
+    """Barbs ten times stiffer within the vane than out of it."""
+    loads = no_loads(1, (0.0, 0.0, -20.0 * 9.81))
+    kind = replace(flat_kind(), vane_material=VANE)
+    errors = []
+    for rows, columns, coefficients in GRIDS:
+        model, nodal = feather_models(kind, rows, columns, coefficients, section="carried")
+        straight = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+        smooth, status, _ = Solver(model, Settings(newton=1e-9)).equilibrium(straight, loads)
+        solver = NodalSolver(model, nodal, Settings(newton=1e-9))
+        points, nodal_status, _ = solver.equilibrium(at_rest(model, nodal), loads)
+        assert status[0] == nodal_status[0] == 0
+        errors.append(distance(points.points, smooth.points))
+    assert errors[1] < 1e-3
+    assert errors[1] < errors[0] / 2.5
 
 
 @pytest.mark.verification

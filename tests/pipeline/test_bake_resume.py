@@ -156,7 +156,7 @@ def test_other_settings_are_never_mixed(tmp_path, finished):
         featherfx.bake(SHOT, path, resume=True, **other)
     told = {problem.key: problem.message for problem in caught.value.problems}
     assert told["shot.quality.rows"] == "was 11, is 21 now"
-    assert told["up_axis"] == 'was not set, is "Y" now'
+    assert told["up_axis"] == 'was "Z", is "Y" now'
     assert "frames" not in told
     assert chunk_bytes(path) == before
     featherfx.bake(SHOT, path, resume=True, overwrite=True, **other)

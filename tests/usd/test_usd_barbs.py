@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdUtils
 from scipy.spatial.transform import Rotation
 
 import featherfx
@@ -75,6 +75,21 @@ def test_turned_feathers_keep_their_barbs_in_stage_units(cache):
     np.testing.assert_allclose(curves.GetWidthsAttr().Get(), 100 * barbs.widths.ravel(), rtol=1e-6)
 
 
+def test_barbs_take_the_texture_of_their_vane(cache):
+    """From the rachis (u = 0.5) to the edge of their side; v grows from barb to barb."""
+    path, _, barbs = cache
+    stage = Usd.Stage.Open(str(path))
+    prim = stage.GetPrimAtPath("/cache/barbs/moving_barbs")
+    st = np.array(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st").Get()).reshape(*barbs.widths.shape, 2)
+    np.testing.assert_allclose(st[:, 0, 0], 0.5)
+    np.testing.assert_allclose(st[:, -1, 0], np.where(barbs.side == 0, 1.0, 0.0))
+    for side in (0, 1):
+        along = st[barbs.side == side, :, 1]
+        assert (np.diff(along[:, 0]) > 0.0).all()
+        assert (along == along[:, :1]).all()
+        assert 0.0 < along.min() < along.max() <= 1.0
+
+
 def test_only_what_moves_has_samples(cache):
     stage = Usd.Stage.Open(str(cache[0]))
     assert not stage.GetPrimAtPath("/cache/barbs/bare_barbs")
@@ -95,3 +110,20 @@ def test_the_extent_of_the_root_covers_the_barbs(cache):
             corners = np.array(UsdGeom.BasisCurves(prim).GetExtentAttr().Get(code))
             assert np.all(corners[0] >= low - 1e-5)
             assert np.all(corners[1] <= high + 1e-5)
+
+
+@pytest.mark.parametrize("variant", ["vane", "barbs", "rachis"])
+def test_usd_finds_no_fault_in_any_representation(cache, variant):
+    """USD's validators, or the checker that older USDs have in their place."""
+    path = cache[0]
+    stage = Usd.Stage.Open(str(path))
+    stage.SetEditTarget(stage.GetSessionLayer())
+    stage.GetDefaultPrim().GetVariantSet("representation").SetVariantSelection(variant)
+    if hasattr(UsdUtils, "ComplianceChecker"):
+        checker = UsdUtils.ComplianceChecker(skipARKitRootLayerCheck=True)
+        checker.CheckCompliance(str(path))
+        assert [*checker.GetErrors(), *checker.GetFailedChecks()] == []
+    validation = pytest.importorskip("pxr.UsdValidation")
+    registry = validation.ValidationRegistry()
+    context = validation.ValidationContext(registry.GetOrLoadAllValidators())
+    assert [error.GetErrorAsString() for error in context.Validate(stage)] == []

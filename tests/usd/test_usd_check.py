@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, Vt
@@ -194,3 +196,26 @@ def test_files_that_are_no_usd(tmp_path):
     (tmp_path / "text.usda").write_text("not usd")
     assert "cannot open" in check_usd(tmp_path / "text.usda")[0].message
     assert "does not exist" in check_usd(tmp_path / "none.usda")[0].message
+
+
+def copied(caches, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(caches["clips"].parent, folder)
+    return folder / "clips.usda"
+
+
+@pytest.mark.parametrize("how", ["gone", "cut"])
+def test_a_missing_clip_is_named(caches, tmp_path, how):
+    path = copied(caches, tmp_path)
+    clip = next(path.parent.rglob("0001.usdc"))
+    if how == "gone":
+        clip.unlink()
+    else:
+        clip.write_bytes(clip.read_bytes()[:100])
+    assert any("0001.usdc" in str(problem) for problem in check_usd(path))
+
+
+def test_a_missing_payload_is_named(caches, tmp_path):
+    path = copied(caches, tmp_path)
+    (path.parent / "clips.payload.usdc").unlink()
+    assert any("clips.payload.usdc" in p.key for p in check_usd(path))

@@ -9,8 +9,10 @@ import pytest
 from pxr import Usd, UsdGeom
 from usdin_scenes import (
     TYPES,
+    add_curves,
     add_matrix,
     add_mesh,
+    arc,
     lifted,
     new_stage,
     rigid,
@@ -21,6 +23,7 @@ from usdin_scenes import (
 
 import featherfx
 from featherfx.errors import InputError
+from featherfx.pipeline import check, export_groom
 
 WIND = '[wind_usd]\nusd = "air.usda"\nprim = "/air"\n'
 
@@ -151,6 +154,48 @@ def test_a_bake_follows_the_skin_and_says_where_roots_sit(tmp_path):
     shaft = next(p for p in cache.Traverse() if p.IsA(UsdGeom.BasisCurves))
     roots = [UsdGeom.BasisCurves(shaft).GetPointsAttr().Get(f)[0] for f in (1, 2, 3)]
     np.testing.assert_allclose(np.diff([root[2] for root in roots]), 0.001, atol=1e-6)
+
+
+@pytest.mark.parametrize("asked", [{}, {"up_axis": "Z", "meters_per_unit": 1.0}])
+def test_a_bake_has_the_units_and_axis_of_its_skin(tmp_path, asked):
+    """A skin in centimetres with y up; a root stands where its skin point stands in the stage."""
+    stage = new_stage(tmp_path / "skin.usda", 0.01, "Y")
+    points, counts, quads = sheet()
+    turned = points[:, [0, 2, 1]] * [100.0, 100.0, -100.0]
+    add_mesh(stage, "/bird/skin", turned, counts, quads)
+    stage.Save()
+    shot = write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird/skin"', (1, 2))
+    report = featherfx.bake(shot, tmp_path / "out.usda", **asked)
+    assert set(report["seconds"]) == {"simulating", "waiting", "writing", "finishing"}
+    cache = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    unit, axis = UsdGeom.GetStageMetersPerUnit(cache), str(UsdGeom.GetStageUpAxis(cache))
+    assert (unit, axis) == ((1.0, "Z") if asked else (0.01, "Y"))
+    mesh = next(p for p in cache.Traverse() if p.IsA(UsdGeom.Mesh))
+    primvars = UsdGeom.PrimvarsAPI(mesh)
+    corners = list(primvars.GetPrimvar("skinPoints").Get())
+    weights = np.array(primvars.GetPrimvar("skinBarycentric").Get())
+    name = mesh.GetName() + "_rachis"
+    shaft = UsdGeom.BasisCurves(cache.GetPrimAtPath(f"/out/rachises/{name}"))
+    place = weights @ (points if asked else turned)[corners]
+    across = [0, 1] if asked else [0, 2]
+    root = np.array(shaft.GetPointsAttr().Get(1))[0]
+    np.testing.assert_allclose(root[across], place[across], atol=1e-5 if asked else 1e-3)
+
+
+def test_rest_feathers_have_the_units_of_the_groom_that_they_come_from(tmp_path):
+    stage = new_stage(tmp_path / "bird.usda", 0.01, "Y")
+    add_curves(stage, "/bird", [100.0 * arc()])
+    stage.Save()
+    count = export_groom(tmp_path / "bird.usda", tmp_path / "rest.usda", render_rows=9, barbs=5)
+    assert count == 1
+    cache = Usd.Stage.Open(str(tmp_path / "rest.usda"))
+    assert UsdGeom.GetStageMetersPerUnit(cache) == 0.01
+    assert UsdGeom.GetStageUpAxis(cache) == "Y"
+    rachis = UsdGeom.BasisCurves(cache.GetPrimAtPath("/rest/rachises/bird_rachis"))
+    barbs = UsdGeom.BasisCurves(cache.GetPrimAtPath("/rest/barbs/bird_barbs"))
+    assert len(rachis.GetPointsAttr().Get()) == 9
+    assert len(barbs.GetCurveVertexCountsAttr().Get()) > 5
+    assert check(tmp_path / "rest.usda") == []
 
 
 # anonymous memory only: pages of the file that USD maps are the system's to take back

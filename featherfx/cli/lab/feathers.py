@@ -21,6 +21,13 @@ from featherfx.cli.program import Command
     """,
 )
 @click.option("--preset", required=True, metavar="NAME", help="Feather preset.")
+@click.option(
+    "--kinematics",
+    type=click.Choice(["nodal", "barb-curvature"]),
+    default="barb-curvature",
+    show_default=True,
+    help="nodal: every node is free, the reference.",
+)
 @click.option("--rows", type=int, default=21, show_default=True, help="Rachis rows.")
 @click.option("--columns", type=int, default=6, show_default=True, help="Barb columns a side.")
 @click.option(

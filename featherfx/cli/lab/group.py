@@ -5,9 +5,13 @@ from __future__ import annotations
 import click
 
 from featherfx.cli.lab.feathers import feather
+from featherfx.cli.lab.full_feather import fullfeather
 from featherfx.cli.lab.report import listing, report
+from featherfx.cli.lab.ribbons import ribbon
 from featherfx.cli.lab.rods import modes, release, rod
 from featherfx.cli.lab.strips import strip
+from featherfx.cli.lab.unit_cell import unitcell
+from featherfx.cli.lab.vane import angles, calibrate, locking, mesoscale, traction
 from featherfx.cli.program import Group
 
 
@@ -42,5 +46,7 @@ def lab() -> None:
     """
 
 
-for experiment in (rod, modes, release, feather, strip, report):
+for experiment in (rod, modes, release, feather, strip, ribbon, fullfeather, unitcell, report):
+    lab.add_command(experiment)
+for experiment in (traction, locking, mesoscale, calibrate, angles):
     lab.add_command(experiment)

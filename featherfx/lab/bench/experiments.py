@@ -35,6 +35,7 @@ COMPARED: dict[str, Method] = {
     "nodal, textbook": nodal("textbook"),
 }
 RATIOS = tuple(10.0**k for k in range(2, 9))
+COST = "ms a simulated second"
 QUALITIES = ("draft", "preview", "final")
 
 
@@ -172,6 +173,7 @@ def preset_shake(kind: FeatherKind, name: str) -> Shake:
         coefficients=coefficients,
         step=0.0,
         tolerance=values["tolerance"],
+        radius=values["radius"],
         newton=NEWTON_SHARE * values["tolerance"],
         max_substeps=values["max_substeps"],
     )
@@ -184,7 +186,7 @@ def presets_table(kind: FeatherKind, reference: Run) -> Table:
         row = _front_row(
             kind, "barb-curvature", barb_curvature, preset_shake(kind, name), reference
         )
-        names = ("rows", "columns", "coefficients", "tolerance", "error", "ms a simulated second")
+        names = ("rows", "columns", "coefficients", "tolerance", "radius", "error", COST)
         rows.append({"preset": name, **{key: row[key] for key in names}, "steps": row["steps"]})
     note = (
         "The same shake and the same measure of error as below, with the steps that the presets'"

@@ -152,6 +152,14 @@ def write(
         "stress": stress,
     }
     files[f"{stem}.json"] = (json.dumps(record, indent=1) + "\n").encode()
+    return write_files(folder, files)
+
+
+def write_files(folder: Path, files: dict[str, bytes]) -> list[Path]:
+    """Write files by name to a folder, which is made where it is not there; returns them.
+
+    A file appears under its name only when it is complete.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         temporary = folder / f".{name}.part"

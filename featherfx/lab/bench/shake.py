@@ -146,7 +146,7 @@ def nodal(method: Literal["improved", "textbook"]) -> Method:
 
         feather = build_feather(kind, shake.rows, shake.columns)
         model = _model(kind, shake.rows, shake.columns, 0)
-        constants = nodal_model(model, [feather], [kind])
+        constants = nodal_model(model, [feather], [kind], section="carried")
         state = nodal_rest_state(model, constants, np.zeros((1, 3)), np.eye(3)[None])
         solver = NodalSolver(model, constants, _settings(shake), method)
         return _run(kind, shake, solver, state, int(constants.slot.max()) + 3)

@@ -6,20 +6,115 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.lab.experiments import bend
-from featherfx.lab.oracles import elastica_tip
+from featherfx.lab.experiments import bend, natural_frequencies, release
+from featherfx.lab.oracles import (
+    WAVE_NUMBERS,
+    elastica_tip,
+    kirchhoff_tip,
+    link_chain,
+    taper_frequencies,
+)
 from featherfx.lab.rod import Rod
-from featherfx.lab.study import StudyResult, bounded
+from featherfx.lab.study import StudyResult, bounded, compared, reported
 
 SEGMENTS = 40
+# Mattiasson 1981, table 1: F L^2 / EI: (shortening, deflection) / L
+MATTIASSON = {
+    1.0: (0.05643, 0.30172),
+    2.0: (0.16064, 0.49346),
+    5.0: (0.38763, 0.71379),
+    10.0: (0.55500, 0.81061),
+}
+# Simo and Vu-Quoc 1986, 45 degree bend with 8 elements: force: tip, out of plane last
+BEND_TIPS = {
+    300.0: (58.84, 22.33, 40.08),
+    450.0: (52.32, 18.62, 48.39),
+    600.0: (47.23, 15.79, 53.37),
+}
+ARC = 100.0 * np.pi / 4.0
+SWING, LINKS = 1.5, (8, 16)
 
 
 def elastica(folder: Path) -> StudyResult:
     """A clamped rod under a dead force across its tip."""
     rows = []
-    for load in (0.5, 1.0, 2.0, 5.0, 10.0):
-        x, drop = elastica_tip(load)
+    for load, (shortening, deflection) in MATTIASSON.items():
         tip = bend(Rod(1.0, 1.0, segments=SEGMENTS), (0.0, 0.0, -load)).tip
+        text = f"at F L^2 / EI = {load:g}"
+        rows.append(compared(f"shortening / L {text}", 1.0 - tip[0], shortening, 1e-3))
+        rows.append(compared(f"deflection / L {text}", -tip[2], deflection, 1e-3))
+        x, drop = elastica_tip(load)
         error = float(np.linalg.norm(tip - [x, 0.0, -drop]))
-        rows.append(bounded(f"tip error at F L^2 / EI = {load:g}", error, at_most=1e-3, unit="L"))
+        rows.append(bounded(f"tip from the closed form, over L, {text}", error, at_most=1e-4))
     return StudyResult(rows)
+
+
+def heavy(folder: Path) -> StudyResult:
+    """A clamped rod, uniform or tapered, under its weight."""
+    rows = []
+    for taper in (0.0, 0.7):
+        for load, allowed in ((1.0, 1e-3), (10.0, 1e-3), (100.0, 5e-3)):
+            tip = bend(Rod(1.0, 1.0, line_weight=load, taper=taper, segments=SEGMENTS)).tip
+            expected = kirchhoff_tip(1.0, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), load, taper)
+            text = f"tip error / L, weight {load:g} EI / L^2, taper {taper:g}"
+            error = float(np.linalg.norm(tip - expected))
+            rows.append(bounded(text, error, at_most=allowed, note="against shooting"))
+    return StudyResult(rows)
+
+
+def bend_of_45_degrees(folder: Path) -> StudyResult:
+    """An eighth of a circle, loaded out of its plane."""
+    rows = []
+    rod = Rod(ARC, ei=1e7 / 12.0, gj=0.5e7 / 6.0, rest_curvature=0.01, segments=SEGMENTS)
+    stiffness = (0.5e7 / 6.0, 1e7 / 12.0, 1e7 / 12.0)
+    note = "published with 8 elements, whose own error is 0.2 % of the length"
+    for force, published in BEND_TIPS.items():
+        tip = bend(rod, (0.0, 0.0, force)).tip
+        exact = kirchhoff_tip(ARC, stiffness, (0.0, 0.0, force), curvature=0.01)
+        for axis, ours, theirs in zip("xyz", tip, published, strict=True):
+            text = f"tip {axis} at force {force:g}"
+            rows.append(
+                compared(text, ours, theirs, 0.0025 * ARC, absolute=True, unit="m", note=note)
+            )
+        error = float(np.linalg.norm(tip - exact)) / ARC
+        rows.append(bounded(f"tip from shooting, over length, {force:g}", error, at_most=1e-3))
+    return StudyResult(rows)
+
+
+def frequencies(folder: Path) -> StudyResult:
+    """Natural frequencies of clamped rods, uniform and tapered."""
+    rows = []
+    for taper in (0.0, 0.7):
+        rod = Rod(0.3, ei=2e-3, line_mass=0.01, taper=taper, segments=SEGMENTS)
+        found = natural_frequencies(rod, 8)[::2]
+        if taper:
+            exact = taper_frequencies(0.3, 2e-3, 0.01, taper, 4)
+        else:
+            exact = WAVE_NUMBERS**2 * np.sqrt(2e-3 / 0.01) / 0.3**2 / (2.0 * np.pi)
+        note = "against Rayleigh and Ritz" if taper else "roots of cosh x cos x = -1"
+        for k, (ours, theirs) in enumerate(zip(found, exact, strict=True)):
+            text = f"frequency {k + 1}, taper {taper:g}"
+            allowed = 2e-3 if k == 0 else 1e-2
+            rows.append(compared(text, ours, theirs, allowed, unit="Hz", note=note))
+    return StudyResult(rows)
+
+
+def released(folder: Path) -> StudyResult:
+    """A rod let go from the horizontal, against a chain of rigid links."""
+    times = np.linspace(0.0, SWING, 31)
+    coarse, fine = (link_chain(count, 1.0, 1.0, 1.0, 10.0, times) for count in LINKS)
+    expected = fine + (fine - coarse) / 3.0
+    rod = Rod(1.0, 1.0, line_mass=1.0, line_weight=10.0, segments=SEGMENTS)
+    swing = release(rod, SWING, 1e-4, samples=30)
+    error = np.linalg.norm(swing.tip[:, [0, 2]] - expected, axis=1)
+    note = "the chain is extrapolated from 8 and 16 links, and its error dominates"
+    return StudyResult(
+        [
+            bounded(
+                "largest tip distance of the first swing, / L", error.max(), at_most=0.01, note=note
+            ),
+            compared("lowest tip / L", swing.tip[:, 2].min(), expected[:, 1].min(), 0.01),
+            reported("steps", swing.steps),
+            reported("seconds", swing.seconds, unit="s"),
+        ]
+    )

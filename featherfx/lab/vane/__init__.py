@@ -1,1 +1,1 @@
-"""Virtual experiments on rectangular samples of a vane: traction, locking, mesoscale, calibration."""
+"""Virtual experiments on rectangular samples of a vane."""

@@ -11,8 +11,8 @@ L sqrt(E_vw / E_vv), L the length of the barb; rows may be denser there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,13 @@ Indices = NDArray[np.int64]
 
 # relative to the sample's size: rows shorter than this are points
 TINY = 1e-9
+# relative to the barbs' length: no layer is resolved that is thinner
+THINNEST = 1e-4
 # of random steps of the unaligned mesh's nodes, as a share of a cell
 JITTER = 0.3
-# rows near the corners' barbs: a spacing of LAYER_ROWS per layer thickness, widening by GROWTH
-LAYER_ROWS, GROWTH = 1.5, 0.35
+# rows near the corners' barbs: the spacing starts with a share FINEST of the layer's thickness and
+# widens by GROWTH per distance; a share EVEN / (1 + EVEN) of all rows is spread evenly
+FINEST, GROWTH, EVEN = 0.04, 0.5, 0.2
 
 
 @dataclass(frozen=True)
@@ -74,17 +77,17 @@ def graded_rows(sample: Sample, count: int, layer: float) -> Array:
     span = corners[-1] - corners[0]
     inner = corners[np.concatenate([[True], np.diff(corners) > TINY * span])]
     inner[-1] = corners[-1]
-    thick = max(layer, 1e-4) * _longest(sample) / LAYER_ROWS
-    fine = np.concatenate([_bunched(a, b, 400) for a, b in zip(inner[:-1], inner[1:], strict=True)])
+    thick = FINEST * max(layer, THINNEST) * _longest(sample)
+    fine = np.concatenate([_bunched(a, b, 400) for a, b in pairwise(inner)])
     fine = np.unique(fine)
     middle = 0.5 * (fine[1:] + fine[:-1])
     near = np.min(np.abs(middle[:, None] - inner), axis=1)
     density = 1.0 / (thick + GROWTH * near)
-    # blended with an even spacing, so that coarse meshes do not spend all on the layers
-    share = density / (density @ np.diff(fine)) + 1.0 / span
+    # blended with an even spacing, so that coarse meshes do not spend all rows on the layers
+    share = density / (density @ np.diff(fine)) + EVEN / span
     total = np.concatenate([[0.0], np.cumsum(share * np.diff(fine))])
     rows = []
-    for a, b in zip(inner[:-1], inner[1:], strict=True):
+    for a, b in pairwise(inner):
         start, end = np.interp([a, b], fine, total)
         strips = max(2, round(count * (end - start) / total[-1]))
         rows.append(np.interp(np.linspace(start, end, strips + 1), total, fine)[:-1])
@@ -102,9 +105,9 @@ def aligned_mesh(sample: Sample, rows: Array, spacing: float) -> Mesh:
     spacing: m between nodes along a barb.
     """
     points: list[Array] = []
-    triangles: list[Array] = []
-    strip: list[Array] = []
-    chains: list[Array] = []
+    triangles: list[Indices] = []
+    strip: list[Indices] = []
+    chains: list[Indices] = []
     before: tuple[Indices, Array] | None = None
     start = 0
     for number, place in enumerate(rows):
@@ -214,8 +217,3 @@ def _doubled_area(points: Array, triangles: Indices) -> Array:
 def areas(mesh: Mesh) -> Array:
     """(M,) m^2, of the triangles."""
     return 0.5 * _doubled_area(mesh.points, mesh.triangles)
-
-
-def joined(groups: Sequence[Array]) -> Array:
-    """Sorted values of all groups, each once."""
-    return np.unique(np.concatenate(groups))

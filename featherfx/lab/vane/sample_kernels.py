@@ -98,7 +98,7 @@ def sample_system(
     volume: (M, Q) m^3. moduli: (M, 3) Pa. geometric: (M, Q, 3) Pa, stresses of the second
     variation. scratch: as in predicted_strains, then strain (3,) and lever (2 K, 3).
     """
-    point, change, gradient, line, table, strain, lever = scratch
+    point, _, gradient, line, table, strain, lever = scratch
     energy = 0.0
     count = nodes.shape[1]
     for m in range(nodes.shape[0]):

@@ -17,12 +17,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix, csr_matrix
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse import bmat, csc_matrix, csr_matrix
+from scipy.sparse.linalg import splu
 
 from featherfx.lab.vane.chain_kernels import chain_system
 from featherfx.lab.vane.descent import descend
 from featherfx.lab.vane.elements import Membrane
+from featherfx.lab.vane.pattern import Pattern, factorised
 from featherfx.lab.vane.sample_kernels import predicted_strains, sample_strains, sample_system
 
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ class Statics:
         stiff = membrane.moduli.max() * membrane.volume.max() ** (1 / 3)
         self._scale = stiff / self._inverse.mean() if len(self._chains) else 1.0
         self.size = float(np.ptp(membrane.points, axis=0).max())
-        self._pattern = _Pattern(membrane.nodes, free)
+        self._pattern = Pattern(membrane.nodes, free)
         count = membrane.nodes.shape[1]
         self._scratch = (*_scratch(), np.zeros(3), np.zeros((2 * count, 3)))
         self._blocks = np.zeros((len(membrane.nodes), 2 * count, 2 * count))
@@ -122,7 +123,7 @@ class Statics:
         stresses: (M, Q, 3) Pa, of the stiffness. shift: (N, 2) m, of the held nodes.
         """
         _, forces, stiffness = self._system(positions, stresses)
-        factor = _factor(self._pattern.inner(stiffness))
+        factor = factorised(self._pattern.inner(stiffness))
         definite = np.array_equal(factor.perm_r, factor.perm_c) and factor.U.diagonal().min() > 0.0
         if not definite:
             return None
@@ -212,7 +213,9 @@ class Statics:
         step = shift.ravel().copy()
         if not len(self._chains):
             try:
-                step[self._free] = _factor(self._pattern.inner(stiffness)).solve(load[self._free])
+                step[self._free] = factorised(self._pattern.inner(stiffness)).solve(
+                    load[self._free]
+                )
             except RuntimeError as error:
                 raise NoEquilibrium("the stiffness is singular") from error
             return step.reshape(-1, 2), pose.tensions
@@ -221,8 +224,6 @@ class Statics:
     def _chained_step(
         self, pose: Pose, stiffness: Array, load: Array, step: Array
     ) -> tuple[Array, Array]:
-        from scipy.sparse import bmat
-
         excess, jacobian = self._chain(pose)
         inner = self._pattern.inner(stiffness) + self._tension_stiffness(pose)
         coupled = jacobian[:, self._free]
@@ -286,38 +287,6 @@ class Statics:
             raise NoEquilibrium("elements are turned over")
 
 
-class _Pattern:
-    """Which pairs of coordinates a membrane couples, and how blocks are summed into them."""
-
-    def __init__(self, nodes: NDArray[np.int64], free: Bools) -> None:
-        unknown = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
-        rows = np.repeat(unknown, unknown.shape[1], axis=1).ravel()
-        columns = np.tile(unknown, (1, unknown.shape[1])).ravel()
-        self._size = len(free)
-        key, self._slot = np.unique(columns * self._size + rows, return_inverse=True)
-        self._columns, self._rows = np.divmod(key, self._size)
-        number = np.cumsum(free) - 1
-        self._inside = free[self._rows] & free[self._columns]
-        self._inner_rows = number[self._rows[self._inside]]
-        self._inner_starts = _starts(number[self._columns[self._inside]], int(free.sum()))
-        self._starts = _starts(self._columns, self._size)
-
-    def sum(self, blocks: Array) -> Array:
-        return np.bincount(self._slot.ravel(), blocks.ravel())
-
-    def matrix(self, values: Array) -> csc_matrix:
-        return csc_matrix((values, self._rows, self._starts), (self._size, self._size))
-
-    def inner(self, values: Array) -> csc_matrix:
-        count = len(self._inner_starts) - 1
-        data = (values[self._inside], self._inner_rows, self._inner_starts)
-        return csc_matrix(data, (count, count))
-
-
-def _starts(columns: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    return np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=size))])
-
-
 def _scratch() -> tuple[Array, ...]:
     return (
         np.zeros((3, 3)),
@@ -325,14 +294,4 @@ def _scratch() -> tuple[Array, ...]:
         np.zeros((2, 3, 3)),
         np.zeros(6),
         np.zeros((3, 2, 2)),
-    )
-
-
-def _factor(matrix: csc_matrix) -> SuperLU:
-    """Without pivoting, which a definite matrix does not need; the order of least fill."""
-    return splu(
-        matrix,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
     )

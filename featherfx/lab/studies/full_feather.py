@@ -1,0 +1,154 @@
+"""A whole feather pulled at its tip and at its vane, with three materials of the vane."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.lab.drawing import draw
+from featherfx.lab.full_feather import (
+    LEAST,
+    LENGTH,
+    MATERIALS,
+    FullPull,
+    Pulled,
+    pull_feather,
+)
+from featherfx.lab.study import Figure, Row, StudyResult, bounded, reported
+
+# s; one feather in the reference, on its authors' machine
+REFERENCE_SECONDS = 300.0
+SHAPE = "published as pictures only; held against bounds that tell the two behaviours apart"
+
+
+def side_pull(folder: Path) -> StudyResult:
+    """The edge of the vane is pulled: barbs that do not stretch bend the rachis and wrinkle."""
+    found = {name: pull_feather(FullPull("side", 0.1), name) for name in MATERIALS}
+    rows = _numbers(found)
+    ours, others = found["barbs"], [found["cloth"], found["isotropic"]]
+    softest = max(each.rachis_deflection for each in others)
+    rows += [
+        bounded(
+            "rachis deflection, barbs over the larger of the others",
+            ours.rachis_deflection / softest,
+            at_least=1.25,
+            note=SHAPE,
+        ),
+        bounded(
+            "barb strain, barbs", ours.barb_strain, at_most=1e-3, note="published: inextensible"
+        ),
+        bounded(
+            "barb strain, the smaller of the others",
+            min(each.barb_strain for each in others),
+            at_least=0.1,
+            note=SHAPE,
+        ),
+        bounded("wrinkle amplitude, barbs", ours.amplitude, at_least=LEAST, unit="m", note=SHAPE),
+        bounded(
+            "wrinkle amplitude, the larger of the others",
+            max(each.amplitude for each in others),
+            at_most=LEAST,
+            unit="m",
+            note=SHAPE,
+        ),
+    ]
+    nodal = pull_feather(FullPull("side", 0.1), "barbs", nodal=True)
+    rows += [
+        reported(
+            "rachis deflection / length, barbs in the nodal kinematics", nodal.rachis_deflection
+        ),
+        reported("wrinkle wavelength, the same", nodal.wavelength, unit="m"),
+        reported("barb strain, the same", nodal.barb_strain),
+    ]
+    caption = (
+        "The trailing edge pulled by a tenth of the feather's length, down the page; height above"
+        " the plane in colour. Left to right: barbs, cloth, isotropic."
+    )
+    return StudyResult(rows, _picture(folder / "full_feather_side.png", caption, found))
+
+
+def tip_pull(folder: Path) -> StudyResult:
+    """The rachis' tip is pulled: all three bend; does the vane wrinkle on the inner side?"""
+    found = {name: pull_feather(FullPull("tip", 0.2), name) for name in MATERIALS}
+    rows = _numbers(found)
+    others = [found["cloth"], found["isotropic"]]
+    rows += [
+        bounded(
+            "wrinkle amplitude, barbs",
+            found["barbs"].amplitude,
+            at_least=LEAST,
+            unit="m",
+            note=SHAPE,
+        ),
+        bounded(
+            "wrinkle amplitude, the larger of the others",
+            max(each.amplitude for each in others),
+            at_most=LEAST,
+            unit="m",
+            note=SHAPE,
+        ),
+        reported(
+            "wrinkle wavelength, barbs on 61 rows",
+            pull_feather(FullPull("tip", 0.2, rows=61), "barbs").wavelength,
+            unit="m",
+        ),
+    ]
+    caption = (
+        "The rachis' tip pulled by a fifth of the feather's length. Left to right: barbs, cloth,"
+        " isotropic."
+    )
+    return StudyResult(rows, _picture(folder / "full_feather_tip.png", caption, found))
+
+
+def _numbers(found: dict[str, Pulled]) -> list[Row]:
+    rows = []
+    for name, each in found.items():
+        rows += [
+            reported(f"rachis deflection / length, {name}", each.rachis_deflection),
+            reported(f"barb strain, {name}", each.barb_strain),
+            reported(f"force, {name}", each.force, unit="N"),
+            reported(
+                f"wrinkle wavelength, {name}",
+                each.wavelength,
+                unit="m",
+                note="" if each.amplitude > LEAST else "no wrinkles",
+            ),
+            reported(f"wrinkle amplitude, {name}", each.amplitude, unit="m"),
+        ]
+    seconds = found["barbs"].seconds
+    rows.append(
+        bounded(
+            "seconds of the whole scenario, barbs",
+            seconds,
+            at_most=REFERENCE_SECONDS,
+            unit="s",
+            note="published: 5 minutes for one feather on another machine, contact included",
+        )
+    )
+    return rows
+
+
+def _picture(file: Path, caption: str, found: dict[str, Pulled]) -> tuple[Figure, ...]:
+    def paint(canvas: Any) -> None:
+        for k, (name, each) in enumerate(found.items()):
+            axes = canvas.add_subplot(1, len(found), k + 1)
+            columns = (each.points.shape[1] - 1) // 2
+            largest = 1e3 * max(float(np.abs(each.points[:, :, 2]).max()), LEAST)
+            for side in range(2):
+                order = [0, *range(1 + side * columns, 1 + (side + 1) * columns)]
+                x, y, z = np.moveaxis(1e3 * each.points[:, order], -1, 0)
+                drawn = axes.pcolormesh(
+                    x, y, z, shading="gouraud", cmap="coolwarm", vmin=-largest, vmax=largest
+                )
+                axes.plot(x.T, y.T, color="k", lw=0.2)
+            axes.plot(*(1e3 * each.points[:, 0, :2]).T, "k-", lw=1.5)
+            axes.plot(*(1e3 * each.rest[:, 0, :2]).T, "k:", lw=0.8)
+            axes.set_aspect("equal")
+            axes.set_xlim(-5.0, 1e3 * LENGTH + 10.0)
+            axes.set_title(name, fontsize=9)
+            axes.tick_params(labelsize=6)
+            canvas.colorbar(drawn, ax=axes, shrink=0.5, label="mm")
+
+    return draw(file, caption, paint, (11.0, 4.0))

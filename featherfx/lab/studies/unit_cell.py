@@ -1,0 +1,193 @@
+"""The vane as a lattice of barbs and barbules, and the checks of its elements."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import root
+
+from featherfx.errors import SimulationError
+from featherfx.lab.drawing import draw
+from featherfx.lab.feather import feather_kind
+from featherfx.lab.study import StudyResult, bounded, compared, reported
+from featherfx.lab.unit_cell import UnitCell, barbule_nodes, cell_moduli, cell_network, cell_of
+from featherfx.mechanics.fibre_network import (
+    FibreNetwork,
+    chain,
+    held_displacements,
+    homogenised,
+    network_energy,
+)
+
+PRESET = "swan_primary"
+SEGMENTS = (4, 8, 16, 32)
+
+
+def elements(folder: Path) -> StudyResult:
+    """Cantilever of bend triplets; a planar network in space; bounds of a cell's energy."""
+    rows = []
+    for count in SEGMENTS:
+        force = np.zeros((count + 1, 2))
+        force[-1, 1] = 1.0
+        fibre = chain(count, 1.0, 1.0, 1.0)
+        moved = held_displacements(fibre, np.array([0]), np.zeros((1, 2)), force)
+        error = 3.0 * float(moved[-1, 1]) - 1.0
+        text = f"error of a cantilever of {count} segments over 1 / (2 n^2)"
+        rows.append(compared(text, 2.0 * count**2 * error, 1.0, 1e-6, note="published: close to 1"))
+    flat, space = crossing_fibres(2), crossing_fibres(3)
+    energies, heights = [], 0.0
+    for network in (flat, space):
+        held = np.arange(1, network.nodes)
+        moved = np.zeros((len(held), network.dimensions))
+        moved[:, 0] = 0.1 * np.array([0.0, 1.0, 0.3, -0.4])
+        moved[:, 1] = 0.1 * np.array([0.2, 0.0, -0.7, 0.1])
+        found = held_displacements(
+            network, held, moved, np.zeros((network.nodes, network.dimensions))
+        )
+        energies.append(network_energy(network, found))
+        heights = float(np.abs(found[:, 2:]).max(initial=0.0))
+    rows += [
+        compared(
+            "energy of a planar network in space over that in the plane",
+            energies[1] / energies[0],
+            1.0,
+            1e-12,
+        ),
+        bounded("height to which it leaves its plane", heights, at_most=1e-12, unit="m"),
+    ]
+    cell = cell_of(feather_kind(PRESET))
+    gradients = np.random.default_rng(5).normal(size=(20, 2, 2))
+    relaxed, affine = homogenised(cell_network(cell), gradients + gradients.transpose(0, 2, 1))
+    share = np.diag(relaxed) / np.diag(affine)
+    note = "of 20 random mean strains; published: between 0 and 1"
+    rows += [
+        bounded("energy over its affine bound, least", share.min(), at_least=0.0, note=note),
+        bounded("energy over its affine bound, largest", share.max(), at_most=1.0, note=note),
+    ]
+    return StudyResult(rows)
+
+
+def crossing_fibres(dimensions: int) -> FibreNetwork:
+    """Two fibres of two segments that cross at a hinge, node 0, in the xy plane."""
+    tips = np.array([[1.0, 0.2], [-1.5, -0.3], [0.3, 1.0], [-0.36, -1.2]])
+    span = np.zeros((4, dimensions))
+    span[:, :2] = [-tips[1], tips[0], -tips[3], tips[2]]
+    length = np.linalg.norm(span, axis=1)
+    return FibreNetwork(
+        nodes=5,
+        ends=np.array([[2, 0], [0, 1], [4, 0], [0, 3]]),
+        span=span,
+        stretch=np.array([3.0, 3.0, 2.0, 2.0]),
+        pairs=np.array([[0, 1], [2, 3]]),
+        reach=np.array([length[0] + length[1], length[2] + length[3]]),
+        bend=np.array([0.5, 0.7]),
+    )
+
+
+def fitted_cell(cell: UnitCell, across: float, shear: float) -> UnitCell:
+    """The cell whose angle and barbule diameter give two measured moduli (Pa).
+
+    The number of crossings is kept whole, so the angle is fitted with the barbule spacing that
+    keeps it. Raises SimulationError where there is none.
+    """
+    crossings = cell.crossings
+
+    def at(values: np.ndarray) -> UnitCell:
+        angle = float(np.degrees(np.arctan(np.exp(values[0]))))
+        spacing = cell.barb_spacing / np.tan(np.radians(angle)) / crossings
+        diameter = cell.barbule_diameter * float(np.exp(values[1]))
+        return replace(cell, angle=angle, barbule_spacing=spacing, barbule_diameter=diameter)
+
+    def miss(values: np.ndarray) -> np.ndarray:
+        found = cell_moduli(at(values))
+        return np.log([found.across / across, found.shear / shear])
+
+    solution = root(miss, np.zeros(2), method="hybr", tol=1e-10)
+    if not solution.success or np.abs(solution.fun).max() > 1e-6:
+        raise SimulationError("unit cell", 0.0, "no angle and diameter give these moduli")
+    return at(solution.x)
+
+
+def lattice(folder: Path) -> StudyResult:
+    """Moduli of the cell of a swan's primary, and the barbules that the measured ones ask for."""
+    kind = feather_kind(PRESET)
+    vane = kind.vane_material
+    cell = cell_of(kind)
+    found = cell_moduli(cell)
+    thin = (
+        "barbules of 5 micrometres that bend are far softer than the vane that was measured; the"
+        " modulus goes as the fourth power of the diameter, which the references do not tell"
+    )
+    rows = [
+        compared("modulus along the barbs", found.along, vane.along, 0.01, unit="Pa"),
+        reported("modulus across, barbules of 5 um at 45 deg", found.across, unit="Pa", note=thin),
+        reported("shear modulus, the same", found.shear, unit="Pa"),
+        compared(
+            "bending along the barbs",
+            found.bending_along,
+            vane.barb_bending_normal,
+            0.01,
+            unit="N m",
+        ),
+        bounded(
+            "contraction along over strain across",
+            found.poisson,
+            at_most=0.01,
+            note="measured: none",
+        ),
+    ]
+    fitted = fitted_cell(cell, vane.across, vane.shear)
+    moduli = cell_moduli(fitted)
+    note = "what the measured moduli across and in shear ask for"
+    rows += [
+        reported("barbule angle", fitted.angle, unit="deg", note=note),
+        reported("barbule diameter", fitted.barbule_diameter, unit="m", note=note),
+        compared("modulus across, fitted", moduli.across, vane.across, 1e-5, unit="Pa"),
+        compared("shear modulus, fitted", moduli.shear, vane.shear, 1e-5, unit="Pa"),
+        reported(
+            "bending across, fitted",
+            moduli.bending_across,
+            unit="N m",
+            note=f"the vane's value, chosen by eye in the reference, is {vane.bending_across:g}",
+        ),
+    ]
+    hooks = np.unique(np.geomspace(1, 2 * cell.crossings - 1, 9).round().astype(int))
+    swept = [cell_moduli(replace(fitted, hooks=int(each))) for each in hooks]
+
+    def paint(canvas: Any) -> None:
+        left, right = canvas.subplots(1, 2)
+        _paint_cell(left, fitted)
+        right.loglog(hooks, [each.across for each in swept], "o-", label="across")
+        right.loglog(hooks, [each.shear for each in swept], "s-", label="shear")
+        right.axhline(vane.across, color="C0", ls=":")
+        right.axhline(vane.shear, color="C1", ls=":")
+        right.set_xlabel("hooked crossings of a barbule")
+        right.set_ylabel("modulus, Pa")
+        right.legend()
+
+    caption = (
+        "Left: a gap between two barbs (black) with distal (blue) and proximal (orange) barbules."
+        " Right: moduli against the number of hooked crossings; dotted: measured."
+    )
+    return StudyResult(rows, draw(folder / "unit_cell.png", caption, paint, (9.0, 4.2)))
+
+
+def _paint_cell(axes: Any, cell: UnitCell) -> None:
+    distal, proximal, _ = barbule_nodes(cell)
+    width, rise = cell.barb_spacing, cell.crossings * cell.height
+    for k in range(4):
+        base = k * cell.height
+        for nodes, root_x, side, colour in (
+            (distal, 0.0, 1.0, "C0"),
+            (proximal, width, -1.0, "C1"),
+        ):
+            share = (len(nodes) - 1) / (2 * cell.crossings)
+            x = 1e6 * np.array([root_x, root_x + side * share * width])
+            axes.plot(x, 1e6 * np.array([base, base + share * rise]), color=colour, lw=0.7)
+    for x in (0.0, width):
+        axes.plot([1e6 * x] * 2, [0.0, 1e6 * (rise + 3 * cell.height)], "k-", lw=3)
+    axes.set_aspect("equal")
+    axes.set_xlabel("micrometres")

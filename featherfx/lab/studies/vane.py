@@ -1,0 +1,235 @@
+"""Studies of vane samples: traction, locking, mesoscale, calibration, angles, size effect."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from featherfx.lab.study import Row, StudyResult, bounded, compared, reported
+from featherfx.lab.vane import angles as tilted
+from featherfx.lab.vane import pictures
+from featherfx.lab.vane.calibrate import NAMES, calibrate
+from featherfx.lab.vane.curves import Curve
+from featherfx.lab.vane.locking import RATIOS, run_locking
+from featherfx.lab.vane.mesoscale import (
+    fitted_bands,
+    longitudinal_stress,
+    pull_bands,
+    swan_bands,
+    transverse_stress,
+    whole_periods,
+)
+from featherfx.lab.vane.sample import Moduli, Sample, strains
+from featherfx.lab.vane.size_effect import run_size_effect
+from featherfx.lab.vane.traction import Traction, pull_test
+
+SPACING = 5e-4
+# Jouve 2024, tables 5.1 and 5.2: barb fraction, barbules and barbs, shear modulus of the membrane
+TABLES = (
+    (0.12, 4.04e4, 2.8e9, 2.65e4),
+    (0.14, 3.92e4, 2.57e9, 2.78e4),
+    (0.16, 3.79e4, 2.25e9, 2.88e4),
+)
+# the same thesis, table D.2, for 0.14
+SHEAR_D2 = 2.27e4
+SWAN = Moduli(3.6e8, 4.8e4, 2.78e4)
+SIZE = (13e-3, 18e-3)
+SEED, NOISE = 11, 0.02
+
+
+def traction(folder: Path) -> StudyResult:
+    """Closed forms, and convergence of the slope at all angles below the bridging one."""
+    rows: list[Row] = []
+    moduli = Moduli(4.8e8, 4.8e4, 2.8e4)
+    for angle, modulus in ((0.0, moduli.across), (90.0, moduli.along)):
+        found = pull_test(Traction(Sample(angle, *SIZE), moduli, 0.05, 5, 2000)).slope
+        rows.append(compared(f"slope at {angle:g} degrees", found, modulus, 1e-8, unit="Pa"))
+    for angle, allowed in ((15.0, 0.01), (30.0, 0.01), (45.0, 0.02), (50.0, 0.02), (53.0, 0.02)):
+        test = Traction(Sample(angle, *SIZE), moduli, 1e-3, 1, 8000)
+        fine = pull_test(replace(test, elements=60_000)).slope
+        note = "ratio of moduli 1e4; beside an aligned mesh of 60,000 elements"
+        name = f"slope at {angle:g} degrees with 8,000 elements"
+        rows.append(compared(name, pull_test(test).slope, fine, allowed, unit="Pa", note=note))
+    return StudyResult(rows)
+
+
+def locking(folder: Path) -> StudyResult:
+    """Errors of aligned and unaligned meshes for all ratios."""
+    found = run_locking()
+    rows: list[Row] = []
+    for ratio in RATIOS:
+        count, error = found.error("aligned", ratio)[-1]
+        rows.append(
+            bounded(f"error, aligned, ratio {ratio:g}, {count} elements", error, at_most=0.02)
+        )
+        count, error = found.error("unaligned", ratio)[2]
+        name = f"error, unaligned, ratio {ratio:g}, {count} elements"
+        if ratio == 1.0:
+            rows.append(bounded(name, error, at_most=0.02))
+        else:
+            note = "locks: Jouve 2024, figure 4.4, shows the same, without a table"
+            rows.append(bounded(name, error, at_least=0.1, note=note))
+    count, error = found.error("aligned", math.inf)[-1]
+    rows.append(bounded(f"error, inextensible limit, {count} elements", error, at_most=0.02))
+    rows.append(
+        compared(
+            "barb-curvature kinematics: change of a feather's rest pose, modulus along times 1e6",
+            _change_with_ratio(1e6),
+            0.0,
+            0.0,
+            unit="m",
+            absolute=True,
+            note="swan primary under its weight; the modulus along the barbs is not in the model",
+        )
+    )
+    file = folder / "vane_locking.png"
+    return StudyResult(rows, pictures.locking_picture(file, found))
+
+
+def mesoscale(folder: Path) -> StudyResult:
+    """Closed forms of the bands, and table 5.1."""
+    rows: list[Row] = []
+    bands = swan_bands(0.14, SPACING)
+    for angle, largest, form, allowed, name in (
+        (90.0, 0.01, longitudinal_stress, 1e-8, "eq. 5.2"),
+        (0.0, 0.4, transverse_stress, 1e-4, "eq. 5.4"),
+    ):
+        sample, strain = whole_periods(Sample(angle, 6e-3, 6e-3), bands), strains(largest, 4)
+        ratio = pull_bands(sample, bands, strain).stress / form(bands, strain)
+        worst = ratio[np.argmax(np.abs(ratio - 1.0))]
+        rows.append(compared(f"stress over that of {name}, worst", worst, 1.0, allowed))
+    for fraction, barbule, barb, _ in TABLES:
+        ours = fitted_bands(SWAN.along, SWAN.across, fraction, SPACING)
+        rows.append(
+            compared(f"barbules, fraction {fraction}", ours.barbule, barbule, 0.01, unit="Pa")
+        )
+        parallel = fraction * barb + (1.0 - fraction) * barbule
+        note = (
+            f"Jouve 2024, table 5.1, whose value gives {parallel:.3g} Pa along the barbs by eq. 5.3"
+        )
+        rows.append(
+            compared(f"barbs, fraction {fraction}", ours.barb, barb, 0.01, unit="Pa", note=note)
+        )
+    return StudyResult(rows)
+
+
+def size_effect(folder: Path) -> StudyResult:
+    """Appendix A.3: stress in compression against the width of the barbs."""
+    found = run_size_effect()
+    rows = [
+        bounded(
+            "share of the stress that constant + quadratic / N^2 leaves unexplained",
+            found.unexplained,
+            at_most=0.01,
+            note="Jouve 2024, figure A.6: almost quadratic in the width",
+        ),
+        reported("constant over the barbs' modulus", found.constant, note="what barbules hold"),
+    ]
+    rows += [
+        reported(f"stress over the barbs' modulus, N = {count}", float(stresses[-1]))
+        for count, stresses in zip(found.counts, found.stress, strict=True)
+    ]
+    return StudyResult(rows, pictures.size_picture(folder / "vane_size.png", found))
+
+
+def shear_modulus(folder: Path) -> StudyResult:
+    """Table 5.2: shear modulus of the membrane from tilted tests of bands."""
+    rows: list[Row] = []
+    for fraction, _, _, published in TABLES:
+        bands = swan_bands(fraction, SPACING)
+        ours = tilted.fit_shear(bands)
+        note = (
+            f"table 5.2; differs because converged bands shear as in series"
+            f" ({ours.series:.4g} Pa) and hardly bend: fitted over series"
+            f" {ours.moduli.shear / ours.series:.3f}"
+        )
+        name = f"shear modulus, fraction {fraction}"
+        rows.append(compared(name, ours.moduli.shear, published, 0.05, unit="Pa", note=note))
+        if fraction == 0.14:
+            note = "the same thesis, table D.2"
+            rows.append(compared(name, ours.moduli.shear, SHEAR_D2, 0.05, unit="Pa", note=note))
+            stiff = tilted.fit_shear(bands, order=1).moduli.shear
+            note = "one layer of three-node triangles across each band, too stiff in bending"
+            rows.append(reported(f"{name}, bands of linear elements", stiff, unit="Pa", note=note))
+    return StudyResult(rows)
+
+
+def calibration(folder: Path) -> StudyResult:
+    """Round trips of the calibration, without noise and with 2 %."""
+    clean = [_curve(0.0, 0.3), _curve(90.0, 0.01), _curve(45.0, 0.1)]
+    generator = np.random.default_rng(SEED)
+    noisy = [
+        replace(c, stress=c.stress * (1.0 + NOISE * generator.standard_normal(c.stress.shape)))
+        for c in clean
+    ]
+    rows: list[Row] = []
+    for curves, allowed, name in ((clean, 1e-3, "no noise"), (noisy, 0.05, "2 % noise")):
+        found = calibrate(curves)
+        rows += [
+            compared(
+                f"{key}, {name}", getattr(found.moduli, key), getattr(SWAN, key), allowed, unit="Pa"
+            )
+            for key in NAMES
+        ]
+    return StudyResult(rows)
+
+
+def angles(folder: Path) -> StudyResult:
+    """Figures 5.11 and 5.12: slopes at all angles, and the shear band."""
+    bands = swan_bands(0.14, SPACING)
+    slopes = tilted.angle_slopes(bands)
+    note = "slope of the membrane over the bands'; at 5 % strain"
+    rows: list[Row] = [
+        compared(f"membrane over bands, {angle:g} degrees", ratio, 1.0, 0.05, note=note)
+        for angle, ratio in zip(slopes.angles, slopes.membrane / slopes.bands, strict=True)
+    ]
+    found = tilted.shear_bands(bands, slopes.fitted.moduli)
+    rows += [
+        compared(
+            f"width of the shear band, aspect {band.aspect:g}",
+            band.width_membrane,
+            band.width_bands,
+            SPACING,
+            unit="m",
+            absolute=True,
+            note="membrane beside bands; allowed is one barb spacing",
+        )
+        for band in found
+    ]
+    figures = (
+        *pictures.angles_picture(folder / "vane_angles.png", slopes, bands.barbule),
+        *pictures.band_picture(folder / "vane_bands.png", found),
+    )
+    return StudyResult(rows, figures)
+
+
+def _change_with_ratio(factor: float) -> float:
+    """m, largest change of a hanging feather when the modulus along its barbs grows."""
+    from featherfx.feather.build import build_feather
+    from featherfx.lab.feather import feather_kind
+    from featherfx.mechanics.batch import make_model
+    from featherfx.mechanics.model import no_loads
+    from featherfx.solver.state import rest_state
+    from featherfx.solver.step import Settings, Solver, raise_if_failed
+
+    kind = feather_kind("swan_primary")
+    feather = build_feather(kind, 11, 4)
+    poses = []
+    for scale in (1.0, factor):
+        vane = replace(kind.vane_material, along=scale * kind.vane_material.along)
+        model = make_model([feather], [replace(kind, vane_material=vane)], 2)
+        state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+        solver = Solver(model, Settings())
+        found, status, _ = solver.equilibrium(state, no_loads(1, (0.0, 0.0, -9.81)))
+        raise_if_failed(status, 0.0, [kind.name])
+        poses.append(found.points)
+    return float(np.abs(poses[1] - poses[0]).max())
+
+
+def _curve(angle: float, largest: float) -> Curve:
+    sample = Sample(angle, *SIZE)
+    pulled = pull_test(Traction(sample, SWAN, largest, 8, 8000))
+    return Curve(sample, pulled.strain, pulled.stress)

@@ -1,0 +1,186 @@
+"""The vane's membrane beside its bands: shear modulus, slopes at all angles, and the shear band.
+
+Jouve 2024, table 5.2 and figures 5.11 and 5.12. The shear modulus of the membrane is the one whose
+tilted test has the slope of the bands'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import Problem
+from featherfx.lab.vane.elements import Order
+from featherfx.lab.vane.mesoscale import (
+    Bands,
+    bands_problems,
+    effective_moduli,
+    mean_band_slope,
+    pull_bands,
+    series_shear,
+    transverse_stress,
+)
+from featherfx.lab.vane.sample import Moduli, Sample, require, sample_problems, slope, strains
+from featherfx.lab.vane.traction import Pulled, Traction, pull_test
+
+Array = NDArray[np.float64]
+
+WIDTH, ASPECT, STRAIN, STEPS = 13e-3, 1.3, 0.05, 1
+ANGLES = (0.0, 15.0, 30.0, 45.0)
+ASPECTS = (1.2, 1.6, 2.2)
+BAND_WIDTH = 9e-3
+ELEMENTS = 8000
+# the shear band lies where barbs have moved by these shares of the clamp's way along them
+EDGES = (0.1, 0.9)
+
+
+@dataclass(frozen=True)
+class FittedShear:
+    """moduli: of the membrane, Pa. bands_slope, slope: Pa, of both at the angle of the fit.
+    series: Pa, shear modulus of the bands in series."""
+
+    moduli: Moduli
+    bands_slope: float
+    slope: float
+    series: float
+
+
+@dataclass(frozen=True)
+class AngleSlopes:
+    """angles: degrees. bands, membrane: slopes, Pa. fitted: the membrane's moduli, of which only
+    the shear modulus is fitted, at 45 degrees."""
+
+    angles: tuple[float, ...]
+    bands: Array
+    membrane: Array
+    fitted: FittedShear
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values by key, SI units."""
+        fitted = self.fitted
+        return {
+            "angles": list(self.angles),
+            "slope_mesoscale": self.bands.tolist(),
+            "slope_macroscale": self.membrane.tolist(),
+            "along": fitted.moduli.along,
+            "across": fitted.moduli.across,
+            "shear": fitted.moduli.shear,
+            "shear_series_bound": fitted.series,
+        }
+
+
+@dataclass(frozen=True)
+class ShearBand:
+    """A tilted test of one aspect ratio (height over width) in both models. width_bands,
+    width_membrane: m, of the shear band across the barbs; width_corners: m, between the barbs
+    through the two corners. bands, membrane: the pulled samples, for pictures."""
+
+    aspect: float
+    width_bands: float
+    width_membrane: float
+    width_corners: float
+    bands: Pulled
+    membrane: Pulled
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values by key, SI units."""
+        return {
+            "aspect": self.aspect,
+            "width_mesoscale": self.width_bands,
+            "width_macroscale": self.width_membrane,
+            "width_between_corners": self.width_corners,
+        }
+
+
+def tilted_sample(angle: float = 45.0, width: float = WIDTH, aspect: float = ASPECT) -> Sample:
+    """The sample of the fits."""
+    return Sample(angle, width, width * aspect)
+
+
+def fit_shear(bands: Bands, order: Order = 2, angle: float = 45.0) -> FittedShear:
+    """Shear modulus of the membrane from a tilted test of bands.
+
+    order: of the bands' elements; 1, three-node triangles, for comparison only: they are too stiff
+    in bending. Raises InputError.
+    """
+    require(*bands_problems(bands))
+    sample, strain = tilted_sample(angle), strains(STRAIN, STEPS)
+    target = mean_band_slope(sample, bands, strain, order)
+    guesses = [series_shear(bands), 1.2 * series_shear(bands)]
+    found = [_membrane_slope(sample, effective_moduli(bands, each)) for each in guesses]
+    for _ in range(3):
+        rate = (found[-1] - found[-2]) / (guesses[-1] - guesses[-2])
+        guesses.append(guesses[-1] + (target - found[-1]) / rate)
+        found.append(_membrane_slope(sample, effective_moduli(bands, guesses[-1])))
+        if abs(found[-1] / target - 1.0) < 1e-5:
+            break
+    moduli = effective_moduli(bands, guesses[-1])
+    return FittedShear(moduli, target, found[-1], series_shear(bands))
+
+
+def angle_slopes(bands: Bands, angles: Sequence[float] = ANGLES) -> AngleSlopes:
+    """Slopes of bands and membrane at angles, the shear modulus fitted at 45 degrees.
+
+    Raises InputError for angles at which barbs join both clamps.
+    """
+    samples = [tilted_sample(float(angle)) for angle in angles]
+    problems = [problem for each in samples for problem in sample_problems(each)]
+    problems += [
+        Problem("", "angle", f"{each.angle:g}: barbs join both clamps, must be below the diagonal")
+        for each in samples
+        if each.regime != "free"
+    ]
+    require(*problems)
+    fitted = fit_shear(bands)
+    strain = strains(STRAIN, STEPS)
+    by_bands, by_membrane = [], []
+    for sample in samples:
+        if sample.angle == 0.0:
+            by_bands.append(slope(strain, transverse_stress(bands, strain, rigid=False)))
+        elif sample.angle == 45.0:
+            by_bands.append(fitted.bands_slope)
+        else:
+            by_bands.append(mean_band_slope(sample, bands, strain))
+        by_membrane.append(_membrane_slope(sample, fitted.moduli))
+    return AngleSlopes(tuple(angles), np.array(by_bands), np.array(by_membrane), fitted)
+
+
+def shear_bands(
+    bands: Bands, moduli: Moduli, aspects: Sequence[float] = ASPECTS
+) -> tuple[ShearBand, ...]:
+    """Tilted tests of several aspect ratios, above 1, in both models. Raises InputError."""
+    wrong = [each for each in aspects if not 1.0 < each <= 5.0]
+    require(*(Problem("", "aspect", f"{each:g}: must be above 1 to 5") for each in wrong))
+    found = []
+    for aspect in aspects:
+        sample = tilted_sample(45.0, BAND_WIDTH, aspect)
+        strain = strains(STRAIN, STEPS)
+        meso = pull_bands(sample, replace(bands, shift=0.25), strain)
+        macro = pull_test(Traction(sample, moduli, STRAIN, STEPS, ELEMENTS))
+        corners = sample.height * sample.across[1] + sample.width * sample.across[0]
+        widths = [band_width(sample, each) for each in (meso, macro)]
+        found.append(ShearBand(aspect, widths[0], widths[1], float(corners), meso, macro))
+    return tuple(found)
+
+
+def band_width(sample: Sample, pulled: Pulled) -> float:
+    """m, across the barbs, over which barbs go from one clamp's motion to the other's.
+
+    Measured between 10 and 90 % of the motion and scaled to the whole, as if it were even.
+    """
+    rest = pulled.statics.membrane.points
+    moved = (pulled.pose.positions - rest) @ sample.barb
+    place = rest @ sample.across
+    rows, inverse = np.unique(np.round(place / sample.height, 7), return_inverse=True)
+    mean = np.bincount(inverse, moved) / np.bincount(inverse)
+    share = np.maximum.accumulate(mean / mean.max())
+    low, high = np.interp(EDGES, share, rows * sample.height)
+    return float((high - low) / (EDGES[1] - EDGES[0]))
+
+
+def _membrane_slope(sample: Sample, moduli: Moduli) -> float:
+    return pull_test(Traction(sample, moduli, STRAIN, STEPS, ELEMENTS)).slope

@@ -1,0 +1,254 @@
+"""The three moduli of a vane from traction tests, with how well the tests determine them.
+
+Least squares in the logarithms of the moduli, by Gauss-Newton; each curve weighs by the inverse of
+its root mean square stress, so the noise is taken as a share of the stress. With J the derivative
+of the n weighted stresses by the three logarithms and r the residuals,
+
+    covariance = |r|^2 / (n - 3) (J^T J)^-1,      interval = modulus * exp(+- t sqrt(covariance))
+
+with t Student's quantile for 95 %. A modulus is identified if no change of the other two imitates
+its effect: 1 / sqrt(n (J^T J)^-1_ii), the stress that is left when it changes by the factor e, as a
+share of the whole.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.lab.vane.curves import Curve
+from featherfx.lab.vane.elements import membrane
+from featherfx.lab.vane.sample import Moduli, isotropic, slope
+from featherfx.lab.vane.statics import Statics
+from featherfx.lab.vane.traction import Traction, clamped, mesh_of, pull
+
+Array = NDArray[np.float64]
+
+NAMES = ("along", "across", "shear")
+# strains at which a tilted sample is solved; between them the secant modulus is interpolated
+KNOTS = 4
+COARSE, FINE = 600, 8000
+ROUNDS, CORRECTIONS = 8, 2
+CLOSE = 1e-5
+DIFFERENCE = 1e-3
+# least share of the stress that must be left to tell a modulus from the others
+IDENTIFIED = 0.02
+# degrees; below, a sample says nothing of shear
+TILTED = 5.0
+MISSING = {
+    "along": "a longitudinal test: barbs along the pull (angle 90), or steep enough to join both"
+    " clamps (tan angle > height / width)",
+    "across": "a transverse test: barbs across the pull (angle 0)",
+    "shear": "a tilted test: barbs at 30 to 45 degrees that do not join both clamps"
+    " (tan angle < height / width)",
+}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """moduli: Pa. low, high: their 95 % intervals, or None with no more points than moduli.
+    identified: (along, across, shear) shares as above. conditioning: ratio of the largest to the
+    smallest singular value of J. residual: root mean square, as a share of the stress. curves,
+    points: how many. iterations: of Gauss-Newton. seconds: wall."""
+
+    moduli: Moduli
+    low: Moduli | None
+    high: Moduli | None
+    identified: tuple[float, float, float]
+    conditioning: float
+    residual: float
+    curves: int
+    points: int
+    iterations: int
+    seconds: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values by key, SI units."""
+        found: dict[str, Any] = {
+            name: {
+                "value": getattr(self.moduli, name),
+                "low": None if self.low is None else getattr(self.low, name),
+                "high": None if self.high is None else getattr(self.high, name),
+                "identified": share,
+            }
+            for name, share in zip(NAMES, self.identified, strict=True)
+        }
+        for key in ("conditioning", "residual", "curves", "points", "iterations", "seconds"):
+            found[key] = getattr(self, key)
+        return found
+
+
+def calibrate(curves: Sequence[Curve], elements: int = FINE) -> Calibration:
+    """Moduli that fit the curves best.
+
+    elements: of the meshes of tilted samples. The fit uses coarser ones, corrected by the ratio of
+    fine to coarse stresses until it stays. Raises InputError for curves that cannot determine the
+    moduli, naming the tests that are missing.
+    """
+    begin = time.perf_counter()
+    _require_tests(curves)
+    scale = [float(np.sqrt(np.mean(curve.stress**2))) for curve in curves]
+    data = np.concatenate([c.stress / s for c, s in zip(curves, scale, strict=True)])
+    tests = [_Test(curve, size) for curve, size in zip(curves, scale, strict=True)]
+    guess, iterations = _first_guess(curves), 0
+    for _ in range(1 + CORRECTIONS):
+        before = guess
+        guess, jacobian, spent = _gauss_newton(tests, data, guess)
+        iterations += spent
+        for test in tests:
+            test.correct(_moduli(guess), elements)
+        if np.abs(guess - before).max() < CLOSE:
+            break
+    weighted: Array = np.concatenate([test.stress(_moduli(guess)) for test in tests])
+    residual = np.subtract(weighted, data)
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    low, high = _intervals(guess, inverse, residual)
+    singular = np.linalg.svd(jacobian, compute_uv=False)
+    return Calibration(
+        moduli=_moduli(guess),
+        low=low,
+        high=high,
+        identified=_identified(jacobian),
+        conditioning=float(singular[0] / singular[-1]),
+        residual=float(np.sqrt(np.mean(residual**2))),
+        curves=len(curves),
+        points=len(data),
+        iterations=iterations,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+class _Test:
+    """What the model says of one curve: weighted stresses at its strains."""
+
+    def __init__(self, curve: Curve, scale: float) -> None:
+        self._curve, self._scale = curve, scale
+        ends = curve.strain[np.argmax(np.abs(curve.strain))]
+        self._knots = ends * np.arange(1, KNOTS + 1) / KNOTS
+        self._correction = np.ones(KNOTS)
+        self._bodies: dict[int, Any] = {}
+
+    def stress(self, moduli: Moduli) -> Array:
+        """(n,) stresses over the curve's scale."""
+        secant = self._secants(moduli, COARSE) * self._correction
+        fit = np.polynomial.Polynomial.fit(self._knots, secant, KNOTS - 1)
+        return fit(self._curve.strain) * self._curve.strain / self._scale
+
+    def correct(self, moduli: Moduli, elements: int) -> None:
+        """Make the stresses at these moduli those of a finer mesh."""
+        if not self._uniform:
+            fine = self._secants(moduli, elements)
+            self._correction = fine / self._secants(moduli, COARSE)
+
+    @property
+    def _uniform(self) -> bool:
+        return abs(self._curve.sample.angle) in (0.0, 90.0)
+
+    def _secants(self, moduli: Moduli, elements: int) -> Array:
+        """(KNOTS,) Pa, stress over strain."""
+        sample = self._curve.sample
+        if self._uniform:
+            return np.full(KNOTS, moduli.across if sample.angle == 0.0 else moduli.along)
+        test = Traction(sample, moduli, 1.0, elements=elements)
+        body = membrane(sample, mesh_of(test, moduli), moduli.as_array())
+        statics = Statics(body, clamped(sample, body))
+        return pull(sample, statics, self._knots).stress / self._knots
+
+
+def _require_tests(curves: Sequence[Curve]) -> None:
+    """InputError unless there is a test for every modulus."""
+    problems = []
+    for number, curve in enumerate(curves):
+        if curve.sample.regime == "diagonal":
+            problems.append(
+                Problem(
+                    "",
+                    f"curve {number + 1}",
+                    "one barb joins both clamps from corner to corner;"
+                    " such a sample determines no modulus",
+                )
+            )
+        if not np.any(curve.strain):
+            problems.append(Problem("", f"curve {number + 1}", "has no strain other than zero"))
+        elif not slope(curve.strain, curve.stress) > 0.0:
+            problems.append(Problem("", f"curve {number + 1}", "stress falls with strain"))
+    regimes = {curve.sample.regime for curve in curves}
+    free = [abs(c.sample.angle) for c in curves if c.sample.regime == "free"]
+    missing = []
+    if "bridged" not in regimes:
+        missing.append("along")
+    if not free:
+        missing += ["across", "shear"]
+    elif max(free) < TILTED:
+        missing.append("shear")
+    elif len(set(free)) == 1 and len(free) == 1:
+        missing.append("across" if max(free) >= TILTED else "shear")
+    problems += [_missing(name) for name in missing]
+    if problems:
+        raise InputError(*problems)
+
+
+def _missing(name: str) -> Problem:
+    return Problem("", name, f"the curves do not determine it; missing is {MISSING[name]}")
+
+
+def _first_guess(curves: Sequence[Curve]) -> Array:
+    """(3,) logarithms."""
+    steep = max(curves, key=lambda c: abs(c.sample.angle))
+    flat = min(curves, key=lambda c: abs(c.sample.angle))
+    across = slope(flat.strain, flat.stress)
+    return np.log([slope(steep.strain, steep.stress), across, isotropic(across).shear])
+
+
+def _gauss_newton(tests: Sequence[_Test], data: Array, guess: Array) -> tuple[Array, Array, int]:
+    for iteration in range(ROUNDS):
+        base = np.concatenate([test.stress(_moduli(guess)) for test in tests])
+        jacobian = np.empty((len(data), 3))
+        for k in range(3):
+            moved = guess + DIFFERENCE * np.eye(3)[k]
+            shifted = np.concatenate([test.stress(_moduli(moved)) for test in tests])
+            jacobian[:, k] = (shifted - base) / DIFFERENCE
+        weak = [
+            n for n, share in zip(NAMES, _identified(jacobian), strict=True) if share < IDENTIFIED
+        ]
+        if weak:
+            raise InputError(*(_missing(name) for name in weak))
+        step = np.linalg.lstsq(jacobian, data - base, rcond=None)[0]
+        step = np.clip(step, -1.5, 1.5)
+        guess = guess + step
+        if np.abs(step).max() < CLOSE:
+            return guess, jacobian, iteration + 1
+    return guess, jacobian, ROUNDS
+
+
+def _identified(jacobian: Array) -> tuple[float, float, float]:
+    shares = []
+    for k in range(3):
+        others = np.delete(jacobian, k, axis=1)
+        own = jacobian[:, k]
+        rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
+        shares.append(float(np.linalg.norm(rest) / np.sqrt(len(jacobian))))
+    return shares[0], shares[1], shares[2]
+
+
+def _intervals(
+    guess: Array, inverse: Array, residual: Array
+) -> tuple[Moduli | None, Moduli | None]:
+    from scipy.stats import t as student
+
+    freedom = len(residual) - 3
+    if freedom < 1:
+        return None, None
+    variance = float(residual @ residual) / freedom * np.diag(inverse)
+    half = student.ppf(0.975, freedom) * np.sqrt(variance)
+    return _moduli(guess - half), _moduli(guess + half)
+
+
+def _moduli(logarithms: Array) -> Moduli:
+    return Moduli(*(float(each) for each in np.exp(logarithms)))

@@ -1,0 +1,126 @@
+"""Locking: error of a tilted test against the number of elements, for ratios of the moduli.
+
+45 degrees, 13 by 18 mm, 5 % strain: Jouve 2024, figures 4.4 and 4.7, and Jouve et al. 2024,
+figure 5. The reference of each ratio is an aligned mesh of about 40,000 elements.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from featherfx.errors import InputError, Problem
+from featherfx.lab.vane.sample import Moduli, Sample, require
+from featherfx.lab.vane.traction import Meshing, Model, Traction, pull_test, traction_problems
+
+SAMPLE = Sample(45.0, 13e-3, 18e-3, 1.2e-4)
+ACROSS, SHEAR, STRAIN = 4.8e4, 2.8e4, 0.05
+RATIOS = (1.0, 1e2, 1e4, 1e6)
+ELEMENTS = (128, 512, 2048, 8192)
+REFERENCE = 40_000
+# Descents on locked meshes pass thousands of shallow minima; they end when a step wins less than
+# this share of the energy, which moves their stress by 2 %, against errors of several times it.
+ACCURACY = 1e-3
+# unaligned meshes of a higher ratio take descents of minutes beyond this size
+STIFF, LARGEST_STIFF = 1e3, 2048
+
+
+@dataclass(frozen=True)
+class LockingPoint:
+    """ratio: of the moduli along and across. elements: of the mesh. stress: Pa at the strain; nan
+    where no equilibrium was found. error: relative to the reference of the ratio. turned: elements
+    that are turned over. model: "shell" or "inextensible", whose ratio is infinite."""
+
+    mesh: Meshing
+    model: Model
+    ratio: float
+    elements: int
+    stress: float
+    error: float
+    turned: int
+
+
+@dataclass(frozen=True)
+class Locking:
+    """points of all meshes; references: (ratio, stress in Pa, elements)."""
+
+    points: tuple[LockingPoint, ...]
+    references: tuple[tuple[float, float, int], ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values by key."""
+        names = ("mesh", "model", "elements", "turned")
+        rows = [
+            {
+                **{name: getattr(point, name) for name in names},
+                "ratio": point.ratio if math.isfinite(point.ratio) else None,
+                "stress": point.stress if math.isfinite(point.stress) else None,
+                "error": point.error if math.isfinite(point.error) else None,
+            }
+            for point in self.points
+        ]
+        keys = ("ratio", "stress", "elements")
+        references = [
+            {
+                key: value if value != math.inf else None
+                for key, value in zip(keys, each, strict=True)
+            }
+            for each in self.references
+        ]
+        return {"points": rows, "references": references}
+
+    def error(self, mesh: Meshing, ratio: float) -> list[tuple[int, float]]:
+        """(elements, error) of the shell on such meshes at a ratio; infinite: the limit."""
+        return [(p.elements, p.error) for p in self.points if (p.mesh, p.ratio) == (mesh, ratio)]
+
+
+def run_locking(
+    ratios: Sequence[float] = RATIOS,
+    elements: Sequence[int] = ELEMENTS,
+    reference: int = REFERENCE,
+) -> Locking:
+    """Errors on aligned and unaligned meshes, and of the inextensible limit on aligned ones.
+
+    Raises InputError for ratios below 1 or too few elements.
+    """
+    wrong = [each for each in ratios if not 1.0 <= each <= 1e9]
+    require(*(Problem("", "ratio", f"{each:g}: must be 1 to 1e9") for each in wrong))
+    for count in (*elements, reference):
+        require(*traction_problems(_test(1.0, count, "aligned", "shell")))
+    points: list[LockingPoint] = []
+    references = []
+    for ratio in ratios:
+        exact, found = _stress(ratio, reference, "aligned", "shell")[:2]
+        references.append((ratio, exact, found))
+        for count in elements:
+            points.append(_point(ratio, count, "aligned", "shell", exact))
+            if ratio < STIFF or count <= LARGEST_STIFF:
+                points.append(_point(ratio, count, "unaligned", "shell", exact))
+    exact, found = _stress(math.inf, reference // 2, "aligned", "inextensible")[:2]
+    references.append((math.inf, exact, found))
+    points += [_point(math.inf, count, "aligned", "inextensible", exact) for count in elements]
+    return Locking(tuple(points), tuple(references))
+
+
+def _test(ratio: float, elements: int, mesh: Meshing, model: Model) -> Traction:
+    along = ACROSS * (ratio if math.isfinite(ratio) else 1.0)
+    return Traction(SAMPLE, Moduli(along, ACROSS, SHEAR), STRAIN, 1, elements, mesh, model)
+
+
+def _stress(ratio: float, elements: int, mesh: Meshing, model: Model) -> tuple[float, int, int]:
+    """Pa, elements and turned elements; locked meshes may fold."""
+    free = mesh == "unaligned"
+    test = _test(ratio, elements, mesh, model)
+    pulled = pull_test(test, folding=free, accuracy=ACCURACY if free else 1e-10)
+    turned = pulled.statics.turned(pulled.pose.positions)
+    return float(pulled.stress[-1]), len(pulled.statics.membrane.nodes), turned
+
+
+def _point(ratio: float, elements: int, mesh: Meshing, model: Model, exact: float) -> LockingPoint:
+    try:
+        value, count, turned = _stress(ratio, elements, mesh, model)
+    except InputError:
+        value, count, turned = math.nan, elements, 0
+    return LockingPoint(mesh, model, ratio, count, value, abs(value / exact - 1.0), turned)

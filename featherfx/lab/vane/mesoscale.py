@@ -1,0 +1,249 @@
+"""The vane at the scale of its barbs: stiff and soft bands, isotropic and without Poisson effect.
+
+    longitudinal  s = (P E_B + (1 - P) E_b) e                                        (5.2)
+    transverse    s = E_b m (m^2 - 1) / (2 l),  m = (l - P) / (1 - P),  l = sqrt(1 + 2 e)
+
+P share of the barbs in the surface, E_B and E_b moduli of barbs and barbules, e and s strain and
+stress of traction; in the transverse case barbs are taken as rigid, and m is the stretch of the
+barbules: Jouve 2024, eq. 5.4 in other letters. With barbs of finite stiffness the stretches of both
+bands follow from P l_B + (1 - P) l_b = l and E_B l_B (l_B^2 - 1) = E_b l_b (l_b^2 - 1).
+
+The bands are meshed with six-node triangles, one layer across each, which bend as beams do:
+E_B w^3 / 12 per thickness.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import Problem
+from featherfx.lab.vane.elements import Order, membrane
+from featherfx.lab.vane.mesh import Mesh, aligned_mesh, corner_rows
+from featherfx.lab.vane.sample import (
+    Moduli,
+    Sample,
+    isotropic,
+    require,
+    sample_problems,
+    slope,
+    strain_problems,
+    strains,
+)
+from featherfx.lab.vane.statics import Statics
+from featherfx.lab.vane.traction import Pulled, clamped, pull
+
+Array = NDArray[np.float64]
+
+# strips thinner than this share of the barb spacing are merged with their neighbour
+SLIVER = 0.02
+# nodes along a barb, per barb spacing
+NODES = 1.5
+# strain to which the slopes of transverse tests were fitted, and the number of points of the fit
+TRANSVERSE_STRAIN, FIT_POINTS = 0.4, 200
+# Pa, slopes of a swan's longitudinal and transverse tests
+SWAN = (3.6e8, 4.8e4)
+
+
+@dataclass(frozen=True)
+class Bands:
+    """barb_fraction: share of the surface. barb_spacing: m, from barb to barb. barb, barbule:
+    Young's moduli, Pa. shift: of all bands across the barbs, as a share of the spacing, from the
+    place where the bands are symmetric about the middle of a sample."""
+
+    barb_fraction: float
+    barb_spacing: float
+    barb: float
+    barbule: float
+    shift: float = 0.0
+
+
+def bands_problems(bands: Bands) -> list[Problem]:
+    """Every value that is out of its range."""
+    problems = []
+    for key, low, high in (
+        ("barb_fraction", 0.01, 0.9),
+        ("barb_spacing", 1e-5, 0.02),
+        ("barb", 1.0, 1e13),
+        ("barbule", 1.0, 1e13),
+    ):
+        value = getattr(bands, key)
+        if not low <= value <= high:
+            message = f"{value:g} is not allowed, must be {low:g} to {high:g}"
+            problems.append(Problem("", key, message))
+    return problems
+
+
+def longitudinal_stress(bands: Bands, strain: Array) -> Array:
+    """Eq. 5.2; Pa, of strains (n,)."""
+    share = bands.barb_fraction
+    return (share * bands.barb + (1.0 - share) * bands.barbule) * strain
+
+
+def transverse_stress(bands: Bands, strain: Array, *, rigid: bool = True) -> Array:
+    """Pa, of strains (n,); rigid: eq. 5.4, else with barbs of finite stiffness."""
+    share = bands.barb_fraction
+    whole = np.sqrt(1.0 + 2.0 * strain)
+    soft = (whole - share) / (1.0 - share)
+    if not rigid:
+        for _ in range(50):
+            target = bands.barbule * soft * (soft**2 - 1.0) / bands.barb
+            stiff = _stretch_of(target)
+            soft = (whole - share * stiff) / (1.0 - share)
+    return bands.barbule * soft * (soft**2 - 1.0) / (2.0 * whole)
+
+
+def fitted_bands(longitudinal: float, transverse: float, fraction: float, spacing: float) -> Bands:
+    """Bands with the given slopes, Pa, of a longitudinal and of a transverse test up to 0.4."""
+    strain = np.linspace(0.0, TRANSVERSE_STRAIN, FIT_POINTS + 1)[1:]
+    unit = Bands(fraction, spacing, 1.0, 1.0)
+    barbule = transverse / slope(strain, transverse_stress(unit, strain))
+    barb = (longitudinal - (1.0 - fraction) * barbule) / fraction
+    return Bands(fraction, spacing, barb, barbule)
+
+
+def swan_bands(
+    fraction: float, spacing: float, barb: float | None = None, barbule: float | None = None
+) -> Bands:
+    """Bands with the given moduli, Pa, or those that have a swan's slopes. Raises InputError."""
+    require(*bands_problems(Bands(fraction, spacing, barb or 1.0, barbule or 1.0)))
+    fitted = fitted_bands(*SWAN, fraction, spacing)
+    return Bands(
+        fraction,
+        spacing,
+        fitted.barb if barb is None else barb,
+        fitted.barbule if barbule is None else barbule,
+    )
+
+
+def series_shear(bands: Bands) -> float:
+    """Pa, shear modulus of the two bands in series, without bending of barbs: a lower bound."""
+    share = bands.barb_fraction
+    return 0.5 / (share / bands.barb + (1.0 - share) / bands.barbule)
+
+
+def band_mesh(
+    sample: Sample, bands: Bands, order: Order = 2, layers: int = 1
+) -> tuple[Mesh, Array]:
+    """Mesh and moduli (M, 3), Pa, of a sample with a barb in the middle, or two about it.
+
+    order: 2 for six-node triangles, 1 for three-node ones. layers: of elements across each band.
+    """
+    rows, stiff = band_rows(sample, bands, layers)
+    step = bands.barb_spacing / NODES
+    mesh = aligned_mesh(sample, rows, step if order == 2 else 0.5 * step)
+    moduli = np.array([isotropic(bands.barbule).as_array(), isotropic(bands.barb).as_array()])
+    return mesh, moduli[stiff[mesh.strip].astype(int)]
+
+
+def band_rows(sample: Sample, bands: Bands, layers: int = 1) -> tuple[Array, NDArray[np.bool_]]:
+    """(R,) m, rows on all borders of bands and through all corners; (R - 1,) whether barb."""
+    corners = corner_rows(sample)
+    low, high = corners[0], corners[-1]
+    spacing, half = bands.barb_spacing, 0.5 * bands.barb_spacing * bands.barb_fraction
+    count = max(1, round((high - low) / spacing))
+    middle = 0.5 * (low + high)
+    places = middle + spacing * (np.arange(-1, count + 1) - 0.5 * (count - 1) + bands.shift)
+    borders = np.concatenate([places - half, places + half])
+    tiny = SLIVER * spacing * bands.barb_fraction
+    inner = borders[(borders > low + tiny) & (borders < high - tiny)]
+    inner = inner[np.min(np.abs(inner[:, None] - corners), axis=1) > tiny]
+    coarse = np.sort(np.concatenate([inner, _distinct(corners, tiny)]))
+    parts = np.linspace(0.0, 1.0, layers + 1)[:-1]
+    rows = (coarse[:-1, None] + np.diff(coarse)[:, None] * parts).ravel()
+    rows = np.concatenate([rows, coarse[-1:]])
+    centre = 0.5 * (rows[1:] + rows[:-1])
+    return rows, np.min(np.abs(centre[:, None] - places), axis=1) < half
+
+
+def pull_bands(
+    sample: Sample, bands: Bands, strain: Array, *, order: Order = 2, layers: int = 1
+) -> Pulled:
+    """Pull a sample of bands through the strains (n,)."""
+    mesh, moduli = band_mesh(sample, bands, order, layers)
+    body = membrane(sample, mesh, moduli, order)
+    return pull(sample, Statics(body, clamped(sample, body)), strain)
+
+
+@dataclass(frozen=True)
+class BandTest:
+    """A traction test of bands up to a largest strain, in equal steps."""
+
+    sample: Sample
+    bands: Bands
+    strain: float
+    steps: int
+
+
+def run_bands(test: BandTest) -> dict[str, Any]:
+    """Plain values by key, SI units: strain, stress, slope, closed_form (stress, at 0 and 90
+    degrees), and size of the problem. Raises InputError."""
+    problems = [*sample_problems(test.sample), *strain_problems(test.strain, test.steps)]
+    require(*problems, *bands_problems(test.bands))
+    begin, sample, closed = time.perf_counter(), test.sample, None
+    strain = strains(test.strain, test.steps)
+    if sample.regime == "diagonal":
+        require(Problem("", "angle", f"{sample.angle:g}: one barb joins both clamps; singular"))
+    if abs(sample.angle) in (0.0, 90.0):
+        sample = whole_periods(sample, test.bands)
+        form = transverse_stress if sample.angle == 0.0 else longitudinal_stress
+        closed = form(test.bands, strain).tolist()
+    pulled = pull_bands(sample, test.bands, strain)
+    return {
+        "strain": strain.tolist(),
+        "stress": pulled.stress.tolist(),
+        "slope": pulled.slope,
+        "closed_form": closed,
+        "barb": test.bands.barb,
+        "barbule": test.bands.barbule,
+        "regime": sample.regime,
+        "elements": len(pulled.statics.membrane.nodes),
+        "unknowns": pulled.statics.unknowns,
+        "iterations": pulled.pose.iterations,
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def mean_band_slope(sample: Sample, bands: Bands, strain: Array, order: Order = 2) -> float:
+    """Pa, slope of a traction test of bands, averaged over their places in the sample.
+
+    How many gaps lie between the last barb of one clamp and the first of the other depends on where
+    the barbs happen to lie; shifts of a quarter and three quarters mirror each other.
+    """
+    slopes = [
+        pull_bands(sample, replace(bands, shift=shift), strain, order=order).slope
+        for shift in (0.0, 0.25, 0.5)
+    ]
+    return 0.25 * slopes[0] + 0.5 * slopes[1] + 0.25 * slopes[2]
+
+
+def effective_moduli(bands: Bands, shear: float) -> Moduli:
+    """Moduli of the vane whose longitudinal and transverse slopes are those of the bands."""
+    strain = np.linspace(0.0, TRANSVERSE_STRAIN, FIT_POINTS + 1)[1:]
+    along = (bands.barb_fraction * bands.barb) + (1.0 - bands.barb_fraction) * bands.barbule
+    return Moduli(along, slope(strain, transverse_stress(bands, strain)), shear)
+
+
+def whole_periods(sample: Sample, bands: Bands) -> Sample:
+    """The sample with its height (angle 0) or width (angle 90) rounded to whole barb spacings, so
+    that the share of barbs in it is that of the bands."""
+    spacing = bands.barb_spacing
+    if sample.angle == 0.0:
+        return replace(sample, height=max(1, round(sample.height / spacing)) * spacing)
+    return replace(sample, width=max(1, round(sample.width / spacing)) * spacing)
+
+
+def _stretch_of(target: Array) -> Array:
+    """Root l > 0.6 of l (l^2 - 1) = target, near 1, by Newton's iterations."""
+    found = np.ones_like(target)
+    for _ in range(30):
+        found -= (found * (found**2 - 1.0) - target) / (3.0 * found**2 - 1.0)
+    return found
+
+
+def _distinct(values: Array, tiny: float) -> Array:
+    return values[np.concatenate([[True], np.diff(values) > tiny])]

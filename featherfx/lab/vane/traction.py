@@ -1,0 +1,227 @@
+"""Traction of a vane sample: clamped below and above, free at its sides, pulled along y.
+
+Two cases have a closed form, because they deform uniformly: barbs along x (transverse) give the
+modulus across, barbs along y (longitudinal) the modulus along. In all others the barbs that leave
+one clamp do not reach the other and shear against those that leave the other, unless they are
+steep enough to join both. Source: Jouve 2024, chapters 3 to 5.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.lab.vane.elements import Membrane, membrane
+from featherfx.lab.vane.mesh import Mesh, aligned_of_size, unaligned_of_size
+from featherfx.lab.vane.sample import (
+    Moduli,
+    Regime,
+    Sample,
+    displacement,
+    isotropic,
+    moduli_problems,
+    require,
+    sample_problems,
+    slope,
+    strain_problems,
+    strains,
+    stress,
+)
+from featherfx.lab.vane.statics import NoEquilibrium, Pose, Statics
+
+Array = NDArray[np.float64]
+Meshing = Literal["aligned", "unaligned"]
+Model = Literal["shell", "inextensible", "isotropic"]
+
+# a slope that changes by more than this share when the elements are four times as many is not
+# printed: it tells of the mesh
+MESH_CHANGE = 0.1
+FEWEST, MOST = 32, 200_000
+SINGULAR = (
+    "singular: one barb joins both clamps from corner to corner; the stress grows without bound"
+    " with the modulus along the barbs and depends on the mesh, so none is given"
+)
+BRIDGED = (
+    "barbs join both clamps: the stress is of the order of the modulus along the barbs, and says"
+    " little of the moduli across and in shear"
+)
+TAUT = "barbs of constant length join both clamps: the sample cannot be pulled, no stress is given"
+
+
+@dataclass(frozen=True)
+class Traction:
+    """One traction test.
+
+    sample, moduli: what is pulled. strain: the largest, in equal steps. elements: wished triangles.
+    mesh: "aligned" with the barbs or not. model: "shell", all three moduli; "inextensible", the
+    limit of barbs of constant length, aligned meshes only; "isotropic", the modulus across taken
+    for all directions, without Poisson effect. The limit and the finite modulus are different
+    models and give different numbers.
+    """
+
+    sample: Sample
+    moduli: Moduli
+    strain: float
+    steps: int = 10
+    elements: int = 8000
+    mesh: Meshing = "aligned"
+    model: Model = "shell"
+
+
+@dataclass(frozen=True)
+class TractionResult:
+    """strain, stress: (n,), Pa. slope: Pa, least squares through the origin. stress and slope are
+    None where no number can be given; note says why. mesh_change: the slope over that of a mesh
+    with a quarter of the elements, less one; None where that was not computed. regime: whether
+    barbs join the clamps. elements, unknowns, iterations (Newton's, of all steps), seconds (wall).
+    """
+
+    strain: Array
+    stress: Array | None
+    slope: float | None
+    elements: int
+    unknowns: int
+    iterations: int
+    seconds: float
+    regime: Regime
+    mesh_change: float | None
+    note: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values by key, SI units."""
+        return {
+            "strain": self.strain.tolist(),
+            "stress": None if self.stress is None else self.stress.tolist(),
+            "slope": self.slope,
+            "elements": self.elements,
+            "unknowns": self.unknowns,
+            "iterations": self.iterations,
+            "seconds": self.seconds,
+            "regime": self.regime,
+            "mesh_change": self.mesh_change,
+            "note": self.note,
+        }
+
+
+@dataclass(frozen=True)
+class Pulled:
+    """A sample pulled step by step. strain, stress: (n,), Pa. pose: the last. statics: solver."""
+
+    strain: Array
+    stress: Array
+    pose: Pose
+    statics: Statics
+
+    @property
+    def slope(self) -> float:
+        """Pa, least squares through the origin."""
+        return slope(self.strain, self.stress)
+
+
+def run_traction(test: Traction, *, check_mesh: bool = True) -> TractionResult:
+    """Run a test, and a coarser one to see whether its slope is of the sample or of the mesh.
+
+    Raises InputError for values out of range and where there is no equilibrium.
+    """
+    require(*traction_problems(test))
+    begin = time.perf_counter()
+    regime, found = test.sample.regime, strains(test.strain, test.steps)
+    limit = test.model == "inextensible"
+    note = "" if regime == "free" or test.model == "isotropic" else BRIDGED
+    if regime == "diagonal" and test.model == "shell":
+        note = SINGULAR
+    if limit and regime != "free":
+        note = TAUT
+    if note in (SINGULAR, TAUT):
+        return TractionResult(
+            found, None, None, 0, 0, 0, time.perf_counter() - begin, regime, None, note
+        )
+    pulled = pull_test(test)
+    change = None
+    if check_mesh:
+        coarse = pull_test(replace(test, elements=max(FEWEST // 2, test.elements // 4)))
+        change = pulled.slope / coarse.slope - 1.0
+    known = change is None or abs(change) <= MESH_CHANGE
+    if not known:
+        note = f"{note}; " if note else ""
+        note += "no number is given, because it depends on the mesh: see mesh_change"
+    return TractionResult(
+        strain=found,
+        stress=pulled.stress if known else None,
+        slope=pulled.slope if known else None,
+        elements=len(pulled.statics.membrane.nodes),
+        unknowns=pulled.statics.unknowns,
+        iterations=pulled.pose.iterations,
+        seconds=time.perf_counter() - begin,
+        regime=regime,
+        mesh_change=change,
+        note=note,
+    )
+
+
+def pull_test(test: Traction, *, folding: bool = False, accuracy: float = 1e-10) -> Pulled:
+    """The test itself, without checks of input or mesh; folding, accuracy: see Statics."""
+    moduli = isotropic(test.moduli.across) if test.model == "isotropic" else test.moduli
+    body = membrane(
+        test.sample,
+        mesh_of(test, moduli),
+        moduli.as_array(),
+        inextensible=test.model == "inextensible",
+    )
+    statics = Statics(body, clamped(test.sample, body), folding=folding, accuracy=accuracy)
+    return pull(test.sample, statics, strains(test.strain, test.steps))
+
+
+def mesh_of(test: Traction, moduli: Moduli) -> Mesh:
+    """Mesh of a test; aligned ones resolve the layers that follow from the moduli."""
+    if test.mesh == "unaligned":
+        return unaligned_of_size(test.sample, test.elements)
+    layer = 1.0 if test.model == "inextensible" else np.sqrt(moduli.shear / moduli.along)
+    return aligned_of_size(test.sample, test.elements, float(layer))
+
+
+def clamped(sample: Sample, body: Membrane) -> NDArray[np.bool_]:
+    """(N,) nodes in the clamps."""
+    height = body.points[:, 1]
+    return (height <= 0.0) | (height >= sample.height)
+
+
+def pull(sample: Sample, statics: Statics, strain: Array, pose: Pose | None = None) -> Pulled:
+    """Pull through the strains (n,), from `pose` or from rest. Raises InputError."""
+    pose = pose or statics.rest()
+    rest = statics.membrane.points
+    top = rest[:, 1] >= sample.height
+    stresses = []
+    for value in strain:
+        moved = displacement(float(value), sample.height)
+        try:
+            pose = statics.move(pose, rest + np.outer(top, [0.0, moved]))
+        except NoEquilibrium as error:
+            message = f"no equilibrium at {value:g}: {error}"
+            raise InputError(Problem("", "strain", message)) from error
+        force = float(statics.forces(pose)[top, 1].sum())
+        stresses.append(stress(force, moved, sample))
+    return Pulled(strain, np.array(stresses), pose, statics)
+
+
+def traction_problems(test: Traction) -> list[Problem]:
+    """Every value of the test that is out of its range."""
+    problems = [
+        *sample_problems(test.sample),
+        *moduli_problems(test.moduli),
+        *strain_problems(test.strain, test.steps),
+    ]
+    if not FEWEST <= test.elements <= MOST:
+        allowed = f"{FEWEST} to {MOST}"
+        problems.append(
+            Problem("", "elements", f"{test.elements} is not allowed, must be {allowed}")
+        )
+    if test.model == "inextensible" and test.mesh == "unaligned":
+        message = "'unaligned' has no edges along barbs to keep inextensible, must be aligned"
+        problems.append(Problem("", "mesh", message))
+    return problems

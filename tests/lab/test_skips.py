@@ -1,0 +1,38 @@
+"""The table of skipped work: its lines, and that it sees what a skip does."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from featherfx.cli.main import main
+from featherfx.lab.bench.skips import SKIPS, skips_table
+from featherfx.shot.read import read_shot
+
+SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
+
+
+def short():
+    shot = read_shot(SAMPLE)
+    quality = replace(shot.quality, rows=9, columns=3, coefficients=1)
+    return replace(shot, quality=quality, last_frame=shot.first_frame + 5)
+
+
+def test_every_skip_has_a_line_with_its_error():
+    seen = []
+    table = skips_table([short()], lambda done, total: seen.append((done, total)))
+    lines = {row["skip"]: row for row in table.rows}
+    # the tip is gripped, so the feather cannot be rigid
+    assert list(lines) == [skip.name for skip in SKIPS if skip.name != "detail rigid"]
+    assert seen[-1] == (len(lines), len(lines))
+    assert lines["detail coarse"]["error added %"] > 0.0
+    assert lines["detail rachis"]["grids"] == "6x1x0"
+    sleeping = lines["feathers at rest sleep"]
+    assert sleeping["skipped feather frames"] >= 3
+    assert sleeping["error added %"] < 1e-3
+
+
+def test_a_shot_that_is_not_there_is_wrong_usage():
+    result = CliRunner().invoke(main, ["bench", "--skips", "nowhere.toml"])
+    assert result.exit_code == 2
+    assert "nowhere.toml" in result.output

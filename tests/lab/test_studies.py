@@ -1,0 +1,161 @@
+"""Studies, their verdicts and the report."""
+
+import importlib
+import json
+import math
+
+import pytest
+from click.testing import CliRunner
+
+from featherfx.cli.main import main
+from featherfx.errors import InputError, SimulationError
+from featherfx.lab import drawing, registry, report
+from featherfx.lab.study import (
+    Study,
+    StudyResult,
+    bounded,
+    compared,
+    later,
+    reported,
+    run_study,
+)
+
+
+@pytest.mark.parametrize(
+    ("row", "verdict"),
+    [
+        (compared("a", 1.01, 1.0, 0.02), "agrees"),
+        (compared("a", 1.03, 1.0, 0.02), "differs"),
+        (compared("a", -1.03, -1.0, 0.02), "differs"),
+        (compared("a", 1.03, 1.0, 0.05, absolute=True), "agrees"),
+        (compared("a", math.nan, 1.0, 10.0), "differs"),
+        (bounded("a", 1.0, at_most=0.5), "differs"),
+        (bounded("a", 1.0, at_least=0.5), "agrees"),
+        (bounded("a", math.nan, at_least=0.5), "differs"),
+        (bounded("a", math.nan, at_most=0.5), "differs"),
+        (reported("a", 7.0), "no comparison"),
+    ],
+)
+def test_verdict_follows_from_the_numbers(row, verdict):
+    assert row.verdict == verdict
+
+
+def test_one_number_that_differs_makes_a_study_differ():
+    good, bad = bounded("a", 1.0, at_most=2.0), bounded("a", 3.0, at_most=2.0)
+    assert StudyResult([good, reported("b", 1.0)]).verdict == "agrees"
+    assert StudyResult([good, bad]).verdict == "differs"
+    assert StudyResult([reported("b", 1.0)]).verdict == "no comparison"
+
+
+def test_registry_names_are_unique_and_lead_to_functions():
+    names = [study.name for study in registry.STUDIES]
+    assert len(set(names)) == len(names)
+    for study in registry.STUDIES:
+        place = dict(zip(study.run.__code__.co_freevars, study.run.__closure__, strict=True))
+        module, name = (place[key].cell_contents for key in ("module", "name"))
+        assert callable(getattr(importlib.import_module(module), name))
+
+
+def trial(folder):
+    def paint(canvas):
+        canvas.add_subplot().plot([0, 1], [0, 1])
+
+    rows = [
+        compared("length <of> a | b", 1.0, 2.0, 0.1, unit="m", note="too short"),
+        reported("n", 3),
+    ]
+    return StudyResult(rows, drawing.draw(folder / "trial.png", "A line & more.", paint))
+
+
+def broken(folder):
+    raise SimulationError("feather", 1.0, "it did not converge")
+
+
+def entries(tmp_path, *functions):
+    chosen = [Study(f.__name__, f"The {f.__name__}", "nobody", f) for f in functions]
+    return report.run_all(chosen, tmp_path)
+
+
+def test_report_holds_every_number_and_picture(tmp_path):
+    pytest.importorskip("matplotlib")
+    done = entries(tmp_path, trial, broken)
+    files = report.write_report(tmp_path, done, "1.2.3")
+    assert [file.name for file in files] == ["validation.html", "validation.json", "validation.csv"]
+    page = files[0].read_text()
+    assert "length &lt;of&gt; a | b" in page
+    assert "data:image/png;base64," in page
+    assert "A line &amp; more." in page
+    assert "it did not converge" in page
+    studies = json.loads(files[1].read_text())["studies"]
+    assert studies["trial"]["rows"][0]["ours"] == 1.0
+    assert studies["trial"]["verdict"] == studies["broken"]["verdict"] == "differs"
+    assert files[2].read_text().splitlines()[1].startswith("trial,length <of> a | b,1.0,m,2.0,")
+    text = report.markdown(done, "1.2.3")
+    assert "| length <of> a \\| b | 1 | m | 2 | 10 % | differs | too short |" in text
+    assert "Of 3 numbers, 0 agree, 2 differ" in text
+
+
+def test_without_matplotlib_there_are_tables_and_it_says_so(tmp_path, monkeypatch):
+    for module in (drawing, report):
+        monkeypatch.setattr(module, "can_plot", lambda: False)
+    done = entries(tmp_path, trial)
+    assert done[0].result.figures == ()
+    assert report.NO_PLOTS in report.markdown(done, "1")
+
+
+def test_studies_are_timed_and_imported_late(tmp_path):
+    result = run_study(Study("x", "x", "x", later(f"{__name__}:trial")), tmp_path / "new")
+    assert 0.0 < result.seconds < 60.0
+    assert len(result.rows) == 2
+
+
+def test_unknown_study():
+    with pytest.raises(InputError, match="no_such"):
+        registry.studies(["no_such"])
+    result = CliRunner().invoke(main, ["lab", "report", "-o", "x", "--only", "no_such"])
+    assert result.exit_code == 1
+    assert "elastica" in result.stderr
+
+
+def test_report_from_the_command_line(tmp_path):
+    arguments = ["lab", "report", "-o", str(tmp_path / "out"), "--only", "fibre_elements"]
+    page = tmp_path / "docs" / "validation.md"
+    result = CliRunner().invoke(main, [*arguments, "--markdown", str(page)])
+    assert result.exit_code == 0, result.stderr
+    assert "fibre_elements" in page.read_text()
+    assert (tmp_path / "out" / "validation.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "keys"),
+    [
+        (
+            (
+                *("ribbon", "--length", "0", "--width", "-1"),
+                *("--rigidity", "nan", "--density", "1"),
+            ),
+            ("length", "width", "rigidity"),
+        ),
+        (("unitcell", "--preset", "swan_primary", "--angle", "95"), ("angle",)),
+        (("unitcell", "--preset", "swan_vane"), ("swan_vane",)),
+        (("fullfeather", "--scene", "tip", "--distance", "nan"), ("distance",)),
+    ],
+)
+def test_wrong_values_exit_with_one(arguments, keys):
+    result = CliRunner().invoke(main, ["lab", *arguments])
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    lines = result.stderr.splitlines()
+    assert len(lines) == len(keys)
+    for line, key in zip(lines, keys, strict=True):
+        assert key in line
+
+
+def test_ribbon_and_unit_cell_commands_give_their_keys():
+    strip = ("--length", "0.1", "--width", "0.01", "--rigidity", "2e-4", "--density", "0.1")
+    result = CliRunner().invoke(main, ["lab", "ribbon", *strip, "--json"])
+    found = json.loads(result.stdout)
+    assert found["tip"] == found["points"][-1]
+    assert found["stability"] > 0.0
+    result = CliRunner().invoke(main, ["lab", "unitcell", "--preset", "swan_primary", "--json"])
+    assert json.loads(result.stdout)["along"] == pytest.approx(3.6e8, rel=1e-2)

@@ -1,0 +1,41 @@
+"""`featherfx bench --peers`: its page, and what it says without the peer."""
+
+import importlib.util
+
+import pytest
+from click.testing import CliRunner
+
+from featherfx.cli.main import main
+from featherfx.lab.bench import peers
+
+
+def test_without_the_peer_the_command_says_what_to_install(monkeypatch, tmp_path):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *a: None if name == "mujoco" else found(name, *a)
+    )
+    result = CliRunner().invoke(main, ["bench", "--peers", "-o", str(tmp_path / "out")])
+    assert result.exit_code == 1
+    assert "featherfx[peers]" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_stress_and_peers_exclude_each_other():
+    assert CliRunner().invoke(main, ["bench", "--peers", "--stress"]).exit_code == 2
+
+
+def test_page_holds_what_was_measured():
+    rows = [peers._row("program", 80, peers.PeerRun([[0.0, 3.0, 4.0]], 0.5, 16), [[0.0, 0.0, 0.0]])]
+    table = peers.Table("peers_iso", "Isotropic strip", "note", rows)
+    assert rows[0][peers.ERROR] == 5.0
+    assert rows[0][peers.COST] == pytest.approx(2.5)
+    files = peers.peer_files([table], "0.1.0")
+    assert {"peers.md", "peers_iso.csv"} <= files.keys()
+    assert "| program | 80 | 16 | 5 | 2.5 |" in files["peers.md"].decode()
+
+
+def test_mujoco_falls_roughly_as_we_do():
+    pytest.importorskip("mujoco")
+    run = peers.mujoco_iso(1.0 / 240.0)
+    assert run.steps == 48
+    assert run.tip[1, 2] < -0.15

@@ -1,0 +1,227 @@
+"""Levels of detail, rows chosen by the solver, and feathers that coast: what they cost and keep."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherfx.errors import InputError
+from featherfx.feather.build import build_feather
+from featherfx.groom.kinds import adjusted
+from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.model import no_loads
+from featherfx.mechanics.resolution import ROWS, rachis_deflection, rows_for
+from featherfx.shot.read import check_file, read_shot
+from featherfx.shot.rigid import end_rates
+from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.types import Detail, Motion, Shot
+from featherfx.solver.state import rest_state
+from featherfx.solver.step import Settings, Solver
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+
+
+def shaken(frames: int = 6) -> Shot:
+    """A swan primary whose root swings, 13 rows."""
+    shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
+    swing = {"amplitude": 0.03, "frequency": 3.0, "direction": (0.0, 0.0, 1.0)}
+    return replace(
+        shot,
+        first_frame=0,
+        last_frame=frames,
+        grips=(),
+        gravity=np.array([0.0, 0.0, -9.81]),
+        motion=Motion("shake", swing),
+        quality=replace(shot.quality, rows=21, columns=4, coefficients=1, simulated_rows=0),
+    )
+
+
+def led(velocity: tuple[float, float, float], frames: int = 10, turn: float = 0.0) -> Shot:
+    """A root that moves evenly from the first frame on."""
+    shot = shaken(frames)
+    end = frames / shot.frames_per_second
+    keys = [
+        {"time": 0.0, "joint": "", "position": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0)},
+        {
+            "time": end,
+            "joint": "",
+            "position": tuple(end * v for v in velocity),
+            "rotation": (0.0, 0.0, turn),
+        },
+    ]
+    return replace(shot, motion=Motion("keys", {"keyframes": keys}))
+
+
+def run(shot: Shot) -> tuple[Simulation, np.ndarray]:
+    simulation = simulate(shot)
+    return simulation, np.stack([frame.points[0] for frame in simulation])
+
+
+def apart(first: np.ndarray, second: np.ndarray) -> float:
+    """Largest distance of any point, directors left out, m."""
+    return float(np.linalg.norm(np.delete(first - second, (1, 2), axis=2), axis=-1).max())
+
+
+def test_full_detail_and_no_detail_are_the_same_bytes() -> None:
+    plain, named = shaken(), replace(shaken(), details=(Detail("*", "full"),))
+    assert run(plain)[1].tobytes() == run(named)[1].tobytes()
+    many = replace(plain, quality=replace(plain.quality, simulated_rows=21))
+    assert run(plain)[1].tobytes() == run(many)[1].tobytes()
+
+
+@pytest.mark.parametrize(("level", "allowed"), [("coarse", 0.01), ("rachis", 0.02), ("rigid", 0.1)])
+def test_less_detail_keeps_the_mesh_and_stays_near(level: str, allowed: float) -> None:
+    shot = shaken()
+    _, full = run(shot)
+    simulation, less = run(replace(shot, details=(Detail("feat*", level),)))
+    assert less.shape == full.shape
+    assert simulation.feathers[0].rows == 21
+    assert simulation.resolutions[0].level == level
+    length = shot.groom.feathers[0].kind.length
+    assert 0.0 < apart(less, full) < allowed * length
+
+
+def test_lengths_choose_levels_and_patterns_win() -> None:
+    shot = shaken(1)
+    length = shot.groom.feathers[0].kind.length
+    for below, level in (
+        ({}, "full"),
+        ({"coarse_below": 1.1 * length}, "coarse"),
+        ({"coarse_below": 2.0, "rachis_below": 1.1 * length}, "rachis"),
+        ({"coarse_below": 2.0, "rachis_below": 0.9 * length}, "coarse"),
+        ({"rachis_below": 2.0, "rigid_below": 1.1 * length}, "rigid"),
+    ):
+        chosen = replace(shot, quality=replace(shot.quality, **below))
+        assert run(chosen)[0].resolutions[0].level == level
+    pinned = replace(chosen, details=(Detail("*", "rachis"), Detail("feather", "full")))
+    assert run(pinned)[0].resolutions[0].level == "full"
+
+
+def test_a_rigid_feather_is_its_rest_shape_with_the_rates_of_its_root() -> None:
+    shot = replace(led((1.0, 0.0, 0.5), turn=90.0), details=(Detail("*", "rigid"),))
+    simulation = simulate(shot)
+    frames = list(simulation)
+    fine = list(simulate(shot, subframes=32))
+    distances = np.linalg.norm(frames[-1].points[0][1:, 0] - frames[-1].points[0][0, 0], axis=1)
+    rest = simulation.feathers[0].points
+    assert distances == pytest.approx(np.linalg.norm(rest[1:, 0] - rest[0, 0], axis=1), rel=1e-12)
+    assert simulation.report["skipped"]["rigid feather frames"] == len(frames)
+    step = 1.0 / shot.frames_per_second / 32
+    before, now, after = (fine[128 + k].points[0] for k in (-1, 0, 1))
+    assert now == pytest.approx(frames[4].points[0], abs=1e-12)
+    for frame in (frames[4], fine[128]):
+        assert frame.velocities[0] == pytest.approx((after - before) / (2.0 * step), abs=1e-2)
+        bend = (after - 2.0 * now + before) / step**2
+        assert frame.accelerations[0] == pytest.approx(bend, abs=0.5)
+
+
+def test_rates_at_the_end_are_exact_for_polynomials() -> None:
+    times = np.linspace(0.3, 0.7, 5)
+    first, second = end_rates(times)
+    for power in range(5):
+        values = times**power
+        assert first @ values == pytest.approx(power * 0.7 ** max(power - 1, 0), abs=1e-9)
+        exact = power * (power - 1) * 0.7 ** max(power - 2, 0)
+        assert second @ values == pytest.approx(exact, abs=1e-8)
+
+
+def test_wrong_details_are_told(tmp_path: Path) -> None:
+    (tmp_path / "groom.toml").write_text((SAMPLES / "feather_pull" / "groom.toml").read_text())
+    text = (SAMPLES / "feather_pull" / "shot.toml").read_text()
+    detail = '[[detail]]\nfeathers = "covert_*"\nlevel = "rigid"\n[[detail]]\nlevel = "none"\n'
+    (tmp_path / "shot.toml").write_text(text + detail)
+    keys = sorted(problem.key for problem in check_file(tmp_path / "shot.toml"))
+    assert keys == ["detail[0].feathers", "detail[1].feathers", "detail[1].level"]
+
+
+def test_a_rigid_feather_cannot_be_pulled() -> None:
+    shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
+    with pytest.raises(InputError, match="'feather' is rigid, but a grip"):
+        list(simulate(replace(shot, details=(Detail("*", "rigid"),))))
+
+
+@pytest.mark.parametrize("stiffer", [1.0, 100.0])
+def test_rows_follow_stiffness_and_tolerance(stiffer: float) -> None:
+    """Fewer for stiff shafts and loose tolerances; the error stays below the tolerance."""
+    shot = shaken()
+    placement = shot.groom.feathers[0]
+    material = replace(
+        placement.kind.rachis_material, young=stiffer * placement.kind.rachis_material.young
+    )
+    kind = replace(placement.kind, rachis_material=material)
+    groom = replace(shot.groom, feathers=(replace(placement, kind=kind),))
+    shot = replace(shot, groom=groom, quality=replace(shot.quality, rows=41, tolerance=1e-4))
+    auto = replace(shot, quality=replace(shot.quality, simulated_rows=-1))
+    simulation, chosen = run(auto)
+    _, full = run(shot)
+    rows = simulation.resolutions[0].rows
+    assert rows == (15 if stiffer == 1.0 else 6)
+    assert chosen.shape == full.shape
+    assert apart(chosen, full) < 5e-4 * (1.0 if stiffer == 1.0 else 0.5)
+    loose = replace(auto, quality=replace(auto.quality, tolerance=1e-2))
+    assert run(loose)[0].resolutions[0].rows <= rows
+
+
+def test_rows_are_of_the_list_and_at_most_those_asked_for() -> None:
+    assert rows_for(0.0, 1e-4, 41) == ROWS[0]
+    assert rows_for(1.0, 1e-9, 41) == 41
+    assert rows_for(1.0, 1e-9, 30) == 30
+    assert rows_for(1.0, 1e-9, 4000) == 4000
+    picked = [rows_for(1e-2, tolerance, 400) for tolerance in (1e-2, 1e-3, 1e-4, 1e-5)]
+    assert picked == sorted(picked)
+    assert all(count in ROWS for count in picked)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.3])
+def test_the_estimated_deflection_is_that_of_a_settled_feather(scale: float) -> None:
+    """A cantilever's formula against statics; small loads, so within the vane's share of it."""
+    kind = adjusted(shaken().groom.feathers[0].kind, scale, 1.0, 0.0)
+    feather = build_feather(kind, 21, 4)
+    model = make_model([feather], [kind], 1)
+    start = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+    with Solver(model, Settings(newton=1e-9)) as solver:
+        loads = no_loads(1, (0.0, 0.0, -9.81))
+        state, status, _ = solver.equilibrium(start, loads)
+    assert status[0] == 0
+    sag = np.linalg.norm(state.points[0, -1, 0] - start.points[0, -1, 0])
+    assert rachis_deflection(feather, kind, 9.81, 0.0) == pytest.approx(sag, rel=0.3)
+
+
+@pytest.mark.parametrize("density", [0.0, 1.2])
+def test_a_feather_on_an_even_root_coasts_and_stays_where_the_full_result_is(
+    density: float,
+) -> None:
+    """Thirty keys on a line, and a stop at the end: the feather must wake for it."""
+    shot = shaken(72)
+    ends = np.linspace(0.0, 3.0, 36)
+    path = [{"time": t, "joint": "", "position": (2.0 * t, -t, 0.5 * t)} for t in ends]
+    shot = replace(shot, motion=Motion("keys", {"keyframes": path}))
+    damped = shot.groom.feathers[0]
+    material = replace(damped.kind.rachis_material, loss_factor=1.0)
+    vane = replace(damped.kind.vane_material, loss_factor=1.0)
+    kind = replace(damped.kind, rachis_material=material, vane_material=vane)
+    shot = replace(
+        shot,
+        groom=replace(shot.groom, feathers=(replace(damped, kind=kind),)),
+        quality=replace(shot.quality, rows=9, columns=3, tolerance=1e-2),
+        wind=replace(shot.wind, speed=0.0, gust=0.0, air_density=density),
+    )
+    coasting, points = run(shot)
+    stepped, full = run(replace(shot, coast=False))
+    skipped = coasting.report["skipped"]
+    assert skipped["coasting feather frames"] > 5
+    assert stepped.report["skipped"]["coasting feather frames"] == 0
+    assert points[-1, 0, 0] == pytest.approx(full[-1, 0, 0], abs=1e-12)
+    stopped = np.abs(full[-1] - full[-1, :1, :1] - full[40] + full[40, :1, :1])[:, 0].max()
+    assert stopped > 1e-3
+    # waking from exact rest and going on from almost-rest differ by what rest may move
+    assert apart(points, full) < 2e-2 * shot.quality.tolerance
+
+
+def test_a_turning_or_accelerated_root_never_coasts() -> None:
+    for shot in (led((1.0, 0.0, 0.0), turn=30.0), shaken()):
+        loose = replace(shot, quality=replace(shot.quality, tolerance=0.1, rows=9, columns=3))
+        assert run(loose)[0].report["skipped"]["coasting feather frames"] == 0
