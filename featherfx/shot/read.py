@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.errors import Problem
+from featherfx.errors import InputError, Problem
+from featherfx.feather.layout import lay_out
 from featherfx.groom.file_kind import file_kind
 from featherfx.groom.groom_keys import GROOM_FILE
 from featherfx.groom.library import Library, plain, sourced
@@ -164,7 +165,14 @@ def _groom(
         groom = collect_groom(path.parent / given, library, problems, readers, above)
     else:
         return None
-    return groom if len(problems) == count else None  # half a groom would mislead later checks
+    if groom is None or len(problems) > count:
+        return None  # half a groom would mislead later checks
+    try:
+        return lay_out(groom)
+    except InputError as error:
+        for problem in error.problems:
+            problems.add(problem.source, problem.key, problem.message)
+        return None
 
 
 def _setting(family: str, raw: dict[str, Any], library: Library, place: Place) -> Any:

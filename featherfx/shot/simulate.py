@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
-from featherfx.feather.build import build_feather
 from featherfx.feather.density import PointMap, density_map
+from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
@@ -82,8 +82,7 @@ class Simulation:
         self.resolutions: list[Resolution] = []
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
-            build_feather(p.kind, quality.rows, quality.columns, p.mirrored)
-            for p in shot.groom.feathers
+            feather_of(p, quality.rows, quality.columns) for p in shot.groom.feathers
         )
         self._reports: list[StepReport] = []
         self._slept, self._coasted, self._frames = 0, 0, 0
@@ -177,7 +176,7 @@ class Simulation:
         placements = [shot.groom.feathers[i] for i in members]
         kinds = [p.kind for p in placements]
         grid = resolution.rows, resolution.columns
-        feathers = [build_feather(p.kind, *grid, p.mirrored) for p in placements]
+        feathers = [feather_of(p, *grid) for p in placements]
         model = with_damping(make_model(feathers, kinds, resolution.coefficients), kinds)
         positions, rotations = motion.frames(0.0)
         state = rest_state(model, positions[members], rotations[members])
