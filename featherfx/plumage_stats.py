@@ -145,6 +145,6 @@ def _frame_seconds(simulation: Any) -> list[float]:
 
 def _unknowns(resolution: Any) -> int:
     """Of one feather: six a row, and two directions of coefficients for its two barbs."""
-    if resolution.level == "rigid":
+    if resolution.level in ("guided", "rigid"):
         return 0
     return int(resolution.rows * (6 + 4 * resolution.coefficients))

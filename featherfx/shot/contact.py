@@ -19,7 +19,7 @@ from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact_bodies import Bodies
 from featherfx.shot.contact_pairs import candidate_pairs, order_at_rest
-from featherfx.shot.detail import Resolution
+from featherfx.shot.detail import CARRIED, Resolution
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact import ContactReport, ContactSettings, ContactSolver
@@ -68,16 +68,18 @@ class Tally:
 
 
 def common_grid(shot: Shot, resolutions: Sequence[Resolution]) -> list[Resolution]:
-    """Resolutions of feathers that touch: all on the finest grid of any, rigid ones left as such.
+    """Resolutions of feathers that touch: all on the finest grid of any.
+
+    Those that are not simulated touch nothing and are left as they are.
 
     Raises InputError where a feather is to be simulated more coarsely than the others.
     """
-    moving = [each for each in resolutions if each.level != "rigid"]
+    moving = [each for each in resolutions if each.level not in CARRIED]
     if any(each.level != "full" for each in moving):
-        message = 'feathers that touch are simulated on one grid: use level "full" or "rigid" only'
+        message = "feathers that touch are simulated on one grid: use full, guided or rigid only"
         raise InputError(Problem(str(shot.source), "detail", message))
     rows = max((each.rows for each in moving), default=0)
-    return [each if each.level == "rigid" else replace(each, rows=rows) for each in resolutions]
+    return [each if each.level in CARRIED else replace(each, rows=rows) for each in resolutions]
 
 
 class ShotContact:

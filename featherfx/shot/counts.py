@@ -16,7 +16,7 @@ class Counts:
     """Sums over a shot so far.
 
     reports: one per batch and frame. slept, coasted: feather frames that were not stepped. frames:
-    frames yielded. rigid: feathers that are carried along only.
+    frames yielded. rigid, guided: feathers that follow their roots or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)
@@ -24,6 +24,7 @@ class Counts:
     coasted: int = 0
     frames: int = 0
     rigid: int = 0
+    guided: int = 0
 
     def summary(self) -> dict[str, Any]:
         """The figures of a bake's report: counts, and lengths in m."""
@@ -39,6 +40,7 @@ class Counts:
                 "sleeping feather frames": self.slept,
                 "coasting feather frames": self.coasted,
                 "rigid feather frames": self.frames * self.rigid,
+                "guided feather frames": self.frames * self.guided,
             },
         }
 

@@ -6,6 +6,7 @@ is carried over to them (featherfx/feather/density.py). Levels of detail:
     full      the quality's rows and columns
     coarse    half of both, one coefficient
     rachis    half the rows, one column of rigid barbs
+    guided    nothing is solved: follows simulated feathers of its region (guided.py)
     rigid     nothing is solved: the rest shape follows the root
 """
 
@@ -28,12 +29,15 @@ from featherfx.mechanics.resolution import (
     rachis_deflection,
     rows_for,
 )
+from featherfx.shot.guides import GuideRule, with_guides
 from featherfx.shot.motion import Roots
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Detail, Shot
 
 Array = NDArray[np.float64]
 
 CHOSEN_BY_SOLVER = -1
+# levels at which nothing is solved
+CARRIED = ("guided", "rigid")
 # accelerations beyond gravity that feathers see, in gravities
 LOAD_FACTOR = 3.0
 SAMPLES = 33
@@ -61,17 +65,16 @@ class _LoadEstimate(NamedTuple):
 def resolutions(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[Resolution]:
     """The resolution of every feather; feathers: as the meshes have them.
 
-    Raises InputError for rigid feathers that are to be pulled.
+    Raises InputError for feathers that are not simulated, but pulled, or that lack guides.
     """
     quality = shot.quality
     coefficients = barb_coefficients(shot, feathers, motion)
     rows = _simulated_rows(shot, feathers, motion)
     pulled = _pulled(shot)
     chosen, problems = [], []
-    for f, placement in enumerate(shot.groom.feathers):
-        level = _level(shot, placement)
-        if level == "rigid" and placement.id in pulled:
-            message = f"feather '{placement.id}' is rigid, but a grip or a force pulls it"
+    for f, (placement, level) in enumerate(zip(shot.groom.feathers, _levels(shot), strict=True)):
+        if level in CARRIED and placement.id in pulled:
+            message = f"feather '{placement.id}' is {level}, but a grip or a force pulls it"
             problems.append(Problem(str(shot.source), "detail", message))
         n, m, count = rows[f], quality.columns, coefficients[f]
         if level != "full":
@@ -90,16 +93,32 @@ def _pulled(shot: Shot) -> set[str]:
     return {grip.feather for grip in shot.grips} | {force.feather for force in shot.forces}
 
 
-def _level(shot: Shot, placement: Placement) -> str:
-    """By the last pattern that fits the id, else by the feather's length."""
+def _levels(shot: Shot) -> list[str]:
+    """Of every feather; some of those that were to be guided are guides instead."""
+    given = [_level(shot, placement) for placement in shot.groom.feathers]
+    return with_guides(shot, [level for level, _ in given], [rule for _, rule in given])
+
+
+def _level(shot: Shot, placement: Placement) -> tuple[str, GuideRule]:
+    """By the last pattern that fits the feather, else by its length."""
     for detail in reversed(shot.details):
-        if fnmatchcase(placement.id, detail.feathers):
-            return detail.level
+        if fits(detail, placement):
+            return detail.level, GuideRule(detail.every, detail.spacing)
     length, quality = placement.kind.length, shot.quality
-    for level in ("rigid", "rachis", "coarse"):
+    rule = GuideRule(quality.guided_every, None)
+    for level in ("rigid", "guided", "rachis", "coarse"):
         if length < getattr(quality, f"{level}_below"):
-            return level
-    return "full"
+            return level, rule
+    return "full", rule
+
+
+def fits(detail: Detail, placement: Placement) -> bool:
+    """Whether a detail is about a feather."""
+    return (
+        fnmatchcase(placement.id, detail.feathers)
+        and fnmatchcase(placement.region, detail.region)
+        and fnmatchcase(placement.kind.name, detail.kind)
+    )
 
 
 def _simulated_rows(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[int]:

@@ -13,7 +13,7 @@ from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
-from featherfx.shot.detail import Resolution
+from featherfx.shot.detail import CARRIED, Resolution
 from featherfx.shot.forces import force_weights
 from featherfx.shot.loads import frame_loads
 from featherfx.shot.motion import Roots
@@ -59,12 +59,12 @@ def make_groups(
 ) -> list[Group]:
     """Batches of feathers of one grid, barb taper and clamp, on their roots at the first frame.
 
-    drawn: all feathers of the groom on the meshes' grid. Rigid feathers are in no batch.
+    drawn: all feathers of the groom on the meshes' grid. Those that are not simulated are in none.
     """
     alike: dict[tuple[Resolution, float, bool], list[int]] = {}
     for index, placement in enumerate(shot.groom.feathers):
         resolution, kind = resolutions[index], placement.kind
-        if resolution.level != "rigid":
+        if resolution.level not in CARRIED:
             key = (resolution, kind.vane_material.barb_taper, has_elastic_clamp(kind))
             alike.setdefault(key, []).append(index)
     return [

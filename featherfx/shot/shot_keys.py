@@ -6,7 +6,7 @@ from featherfx.groom.groom_keys import GROOM, USD
 from featherfx.groom.preset_keys import Preset, is_table, is_text, vector
 from featherfx.groom.schema import Array, Either, Flag, Key, Number, Table, Text
 
-LEVELS = ("full", "coarse", "rachis", "rigid")
+LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
 
 GRIP = {
     "feather": Key(Text(), "Id of the feather."),
@@ -48,11 +48,26 @@ FORCE = {
 }
 
 DETAIL = {
-    "feathers": Key(Text(), "Ids, with * and ? as wild cards."),
+    "feathers": Key(Text(), "Ids, with * and ? as wild cards.", "*"),
+    "region": Key(Text(), "Regions, with * and ? as wild cards.", "*"),
+    "kind": Key(Text(), "Kinds, with * and ? as wild cards.", "*"),
     "level": Key(
         Text(LEVELS),
         "full: as the quality says; coarse: half the rows and columns, one coefficient; rachis: "
-        "the shaft alone, with rigid barbs; rigid: not simulated, follows its root.",
+        "the shaft alone, with rigid barbs; guided: follows simulated feathers of its region; "
+        "rigid: not simulated, follows its root.",
+    ),
+    "every": Key(
+        Number(0, 100_000, whole=True),
+        "Of guided feathers, every n-th of each region is simulated and guides the others; 0: "
+        "only feathers that are simulated anyway guide.",
+        8,
+    ),
+    "spacing": Key(
+        Number(1e-6, 100, "m"),
+        "Of guided feathers, no more guides than leave none farther from one; `every = 1` lets the "
+        "spacing alone decide.",
+        None,
     ),
 }
 

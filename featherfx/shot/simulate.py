@@ -12,14 +12,15 @@ from featherfx.errors import SimulationError
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
+from featherfx.shot.carried import Carried
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.contact import ShotContact, common_grid
 from featherfx.shot.counts import Counts
-from featherfx.shot.detail import Resolution, resolutions
+from featherfx.shot.detail import CARRIED, Resolution, resolutions
 from featherfx.shot.groups import Group, loads_within, make_groups, pose_of
 from featherfx.shot.loads import root_path
 from featherfx.shot.motion import Roots, root_motion
-from featherfx.shot.rigid import rigid_poses
+from featherfx.shot.rigid import FeatherPose
 from featherfx.shot.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.step import RootPath, raise_if_failed
@@ -50,7 +51,7 @@ class Simulation:
         self._range = frames or (shot.first_frame, shot.last_frame)
         self._groups: list[Group] = []
         self._index = -1
-        self._rigid: dict[int, Feather] = {}
+        self._carried: Carried | None = None
         self.resolutions: list[Resolution] = []
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
@@ -118,9 +119,11 @@ class Simulation:
         self.resolutions = resolutions(self.shot, self.feathers, motion)
         if self.shot.contact is not None:
             self.resolutions = common_grid(self.shot, self.resolutions)
-        levels = enumerate(self.resolutions)
-        self._rigid = {k: self.feathers[k] for k, each in levels if each.level == "rigid"}
-        self._counts.rigid = len(self._rigid)
+        levels = np.array([each.level for each in self.resolutions], dtype=object)
+        rigid, guided = np.flatnonzero(levels == "rigid"), np.flatnonzero(levels == "guided")
+        simulated = np.flatnonzero(~np.isin(levels, CARRIED))
+        self._carried = Carried(self.shot, self.feathers, rigid, guided, simulated)
+        self._counts.rigid, self._counts.guided = len(rigid), len(guided)
         return make_groups(self.shot, self.feathers, self.resolutions, motion, self._jobs)
 
     def _time(self, index: int) -> float:
@@ -215,12 +218,14 @@ class Simulation:
     def _frame(self, index: int, motion: Roots) -> Frame:
         time, before = self._time(index), self._time(max(index - 1, 0))
         self._counts.frames += 1
-        poses = rigid_poses(self._rigid, motion.frames, before, time) if self._rigid else {}
+        poses: dict[int, FeatherPose] = {}
         for group in self._groups:
             for k, member in enumerate(group.members):
                 poses[int(member)] = pose_of(group, k)
                 if not np.isfinite(poses[int(member)].points).all():
                     raise SimulationError(group.names[k], time, "a point is not finite")
+        if self._carried is not None:
+            poses |= self._carried.poses(poses, motion.frames, before, time)
         ordered = [poses[f] for f in range(len(self.feathers))]
         return Frame(
             number=sample_number(self.shot.first_frame, index, self._subframes),

@@ -23,27 +23,45 @@ Indices = NDArray[np.int64]
 _NEAR_ROOTS = 12
 # corners of one point of the skin may differ by rounding, m
 _WELD_DIGITS = 9
+# rows of distances that are held at once
+_SOURCES_AT_ONCE = 256
 
 
-def root_distances(roots: Array, sources: Indices, corners: Array | None, reach: float) -> Any:
-    """(S, F) m, from each of the sources, numbers of roots, to all roots (F, 3) m.
+def root_distances(
+    roots: Array, sources: Indices, corners: Array | None, reach: float
+) -> tuple[Indices, Indices, Array]:
+    """Ways from some of the roots, by their numbers, to all roots (F, 3) m that are within reach.
 
-    corners: (T, 3, 3) m of the skin, or None for straight distances. reach: m, farther ones and
-    those of parts of a skin that do not hang together are infinite.
+    Returns source (K,), its place in sources; root (K,); and distance (K,) m. corners: (T, 3, 3) m
+    of the skin, or None for straight distances. reach: m. Parts of a skin that do not hang
+    together are out of reach of each other.
     """
-    if corners is None or not len(corners):
-        from scipy.spatial.distance import cdist
+    graph = None if corners is None or not len(corners) else _graph(roots, corners)
+    found = []
+    for start in range(0, len(sources), _SOURCES_AT_ONCE):
+        some = sources[start : start + _SOURCES_AT_ONCE]
+        ways = _straight(roots, some) if graph is None else _along(*graph, some, reach)
+        source, root = np.nonzero(ways <= reach)
+        found.append((start + source, root, ways[source, root]))
+    source, root, way = (np.concatenate(part) for part in zip(*found, strict=True))
+    return source, root, way
 
-        straight = cdist(roots[sources], roots)
-        return np.where(straight <= reach, straight, np.inf)
+
+def _straight(roots: Array, sources: Indices) -> Array:
+    from scipy.spatial.distance import cdist
+
+    return np.asarray(cdist(roots[sources], roots))
+
+
+def _along(graph: Any, first: int, sources: Indices, reach: float) -> Array:
     from scipy.sparse.csgraph import dijkstra
 
-    graph, first = _graph(roots, corners)
-    return dijkstra(graph, directed=False, indices=first + sources, limit=reach)[:, first:]
+    ways = dijkstra(graph, directed=False, indices=first + sources, limit=reach)
+    return np.asarray(ways[:, first:])
 
 
 def _graph(roots: Array, corners: Array) -> tuple[Any, int]:
-    """Symmetric sparse graph of lengths, and the number of the first root's node."""
+    """Sparse graph of lengths, and the number of the first root's node."""
     from scipy import sparse
     from scipy.spatial import cKDTree
 
@@ -53,13 +71,13 @@ def _graph(roots: Array, corners: Array) -> tuple[Any, int]:
     triangles = number.reshape(-1, 3)
     on, _ = closest(roots, corners)
     first, count = len(points), len(points) + len(roots)
-    every = first + np.arange(len(roots))
-    own = triangles[on]
+    every, own = first + np.arange(len(roots)), triangles[on]
     ends = [triangles[:, (k, (k + 1) % 3)] for k in range(3)]
     ends += [np.column_stack([every, own[:, k]]) for k in range(3)]
     _, near = cKDTree(roots).query(roots, k=min(_NEAR_ROOTS + 1, len(roots)))
-    near = near.reshape(len(roots), -1)[:, 1:]
+    near = near.reshape(len(roots), -1)
     pairs = np.column_stack([np.repeat(np.arange(len(roots)), near.shape[1]), near.ravel()])
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     shared = (own[pairs[:, 0], :, None] == own[pairs[:, 1], None, :]).any(axis=(1, 2))
     ends.append(first + pairs[shared])
     edges = np.unique(np.sort(np.concatenate(ends), axis=1), axis=0)

@@ -25,8 +25,9 @@ class Quality:
     barbs; -1: chosen by the solver). tolerance: m, error per frame that the sub-stepping aims at.
     max_substeps: most sub-steps per frame. radius: of the integrator, 0 to 0.9
     (featherfx/solver/step.py). simulated_rows: 0: as the meshes; -1: chosen by the
-    solver, at most as many. coarse_below, rachis_below, rigid_below: m, feathers shorter than that
-    are simulated with less detail (featherfx/shot/detail.py).
+    solver, at most as many. coarse_below, rachis_below, guided_below, rigid_below: m, feathers
+    shorter than that are simulated with less detail (featherfx/shot/detail.py). guided_every: of
+    those that are guided by their length, every n-th is a guide.
     """
 
     name: str
@@ -40,17 +41,25 @@ class Quality:
     rachis_below: float = 0.0
     rigid_below: float = 0.0
     radius: float = 0.0
+    guided_below: float = 0.0
+    guided_every: int = 8
 
 
 @dataclass(frozen=True)
 class Detail:
     """How finely some feathers are simulated, whatever their length.
 
-    feathers: id, * and ? as wild cards. level: "full", "coarse", "rachis" or "rigid".
+    feathers, region, kind: patterns with * and ? as wild cards; all three must fit. level: "full",
+    "coarse", "rachis", "guided" or "rigid". every, spacing: of guided feathers, every n-th is a
+    guide (0: none), and, with a spacing (m), no more guides than leave no feather farther from one.
     """
 
     feathers: str
     level: str
+    region: str = "*"
+    kind: str = "*"
+    every: int = 8
+    spacing: float | None = None
 
 
 @dataclass(frozen=True)

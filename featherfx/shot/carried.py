@@ -1,0 +1,129 @@
+"""Feathers that are not simulated: rigid ones follow their roots, guided ones their guides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.types import Feather
+from featherfx.shot.guided import Followers, Shapes
+from featherfx.shot.guides import guide_weights
+from featherfx.shot.rigid import FeatherPose, Frames, end_rates, rigid_poses
+from featherfx.shot.types import Shot
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_SAMPLES = 5
+
+
+class Carried:
+    """All feathers of a shot that nothing is solved for.
+
+    drawn: all feathers on the meshes' grid. rigid, guided, simulated: numbers in the groom.
+    """
+
+    def __init__(
+        self,
+        shot: Shot,
+        drawn: Sequence[Feather],
+        rigid: Indices,
+        guided: Indices,
+        simulated: Indices,
+    ) -> None:
+        self.guided = guided
+        self._rigid = {int(f): drawn[f] for f in rigid}
+        self._followers: Followers | None = None
+        if len(guided):
+            self._guides, weights = guide_weights(shot, guided, simulated)
+            placements = shot.groom.feathers
+            own, guides = (
+                Shapes([drawn[f] for f in members], [placements[f].mirrored for f in members])
+                for members in (guided, self._guides)
+            )
+            self._followers = Followers(own, guides, weights)
+
+    def poses(
+        self, simulated: Mapping[int, FeatherPose], frames: Frames, start: float, end: float
+    ) -> dict[int, FeatherPose]:
+        """Poses at a time `end` (s), by numbers in the groom; start: s, of the sample before.
+
+        simulated: poses of at least the guides. frames: root positions (F, 3) m and rotations
+        (F, 3, 3) at a time.
+        """
+        found = rigid_poses(self._rigid, frames, start, end) if self._rigid else {}
+        if self._followers is None:
+            return found
+        poses = [simulated[int(f)] for f in self._guides]
+        given = [
+            np.stack([getattr(pose, name) for pose in poses])
+            for name in ("points", "velocities", "accelerations")
+        ]
+        roots = _root_rates(frames, start, end)
+        local = _seen_from_roots(given, [(p[self._guides], r[self._guides]) for p, r in roots])
+        moved = self._followers.motion(*local, end - start)
+        world = _in_world(moved, [(p[self.guided], r[self.guided]) for p, r in roots])
+        for f, *pose in zip(self.guided, *world, strict=True):
+            found[int(f)] = FeatherPose(*pose)
+        return found
+
+
+Roots = list[tuple[Array, Array]]
+
+
+def _root_rates(frames: Frames, start: float, end: float) -> Roots:
+    """Root positions (F, 3) and rotations (F, 3, 3) at end, then their first and second rates."""
+    now = frames(end)
+    if not end > start:
+        return [now, *[(np.zeros_like(now[0]), np.zeros_like(now[1]))] * 2]
+    times = np.linspace(start, end, _SAMPLES)
+    samples = [frames(float(time)) for time in times[:-1]] + [now]
+    rates = []
+    for weights in end_rates(times):
+        rates.append(
+            tuple(
+                np.tensordot(weights, np.stack([s[k] - now[k] for s in samples]), 1) for k in (0, 1)
+            )
+        )
+    return [now, *rates]
+
+
+def _seen_from_roots(world: Sequence[Array], roots: Roots) -> list[Array]:
+    """Points (F, n, P, 3) and their first and second rates in moving root frames.
+
+    With x = p + R y:  R y' = x' - p' - R' y,  R y'' = x'' - p'' - R'' y - 2 R' y'.
+    """
+    (p, r), (p1, r1), (p2, r2) = roots
+    y = _back(world[0] - _shift(p, world[0]), r)
+    y1 = _back(world[1] - _shift(p1, y) - _turned(r1, y), r)
+    y2 = _back(world[2] - _shift(p2, y) - _turned(r2, y) - 2.0 * _turned(r1, y1), r)
+    return [y, y1, y2]
+
+
+def _in_world(local: Sequence[Array], roots: Roots) -> list[Array]:
+    """The inverse of _seen_from_roots."""
+    (p, r), (p1, r1), (p2, r2) = roots
+    y, y1, y2 = local
+    return [
+        _shift(p, y) + _turned(r, y),
+        _shift(p1, y) + _turned(r1, y) + _turned(r, y1),
+        _shift(p2, y) + _turned(r2, y) + 2.0 * _turned(r1, y1) + _turned(r, y2),
+    ]
+
+
+def _shift(vectors: Array, like: Array) -> Array:
+    """Vectors (F, 3) for all material points (F, n, P, 3); directors do not move."""
+    shifts = np.repeat(vectors[:, None, None], like.shape[2], axis=2)
+    shifts[:, :, 1:3] = 0.0
+    return shifts
+
+
+def _turned(matrices: Array, points: Array) -> Array:
+    flat = points.reshape(len(points), -1, 3)
+    return np.asarray(flat @ matrices.swapaxes(1, 2)).reshape(points.shape)
+
+
+def _back(points: Array, rotations: Array) -> Array:
+    return _turned(rotations.swapaxes(1, 2), points)
