@@ -112,4 +112,9 @@ def scene_readers() -> SceneReaders:
 
         return open_wind(*arguments)
 
-    return SceneReaders(feathers, skin, meshes, wind)
+    def camera(*arguments: Any) -> Any:
+        from featherfx.usd.read_camera import open_camera
+
+        return open_camera(*arguments)
+
+    return SceneReaders(feathers, skin, meshes, wind, camera)

@@ -1,4 +1,4 @@
-"""Feathers that are not simulated: rigid ones follow their roots, guided ones their guides."""
+"""Guided feathers in the world: their guides seen from moving roots, and back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from featherfx.feather.types import Feather
 from featherfx.shot.guided import Followers, Shapes
 from featherfx.shot.guides import guide_weights
-from featherfx.shot.rigid import FeatherPose, Frames, end_rates, rigid_poses
+from featherfx.shot.rigid import FeatherPose, Frames, end_rates
 from featherfx.shot.types import Shot
 
 Array = NDArray[np.float64]
@@ -20,54 +20,45 @@ _SAMPLES = 5
 
 
 class Carried:
-    """All feathers of a shot that nothing is solved for.
+    """The guided feathers of a shot.
 
-    drawn: all feathers on the meshes' grid. rigid, guided, simulated: numbers in the groom.
+    drawn: all feathers on the meshes' grid. guided, simulated: numbers in the groom, of those that
+    are ever guided and those that may guide. guides: numbers of those that do.
     """
 
     def __init__(
-        self,
-        shot: Shot,
-        drawn: Sequence[Feather],
-        rigid: Indices,
-        guided: Indices,
-        simulated: Indices,
+        self, shot: Shot, drawn: Sequence[Feather], guided: Indices, simulated: Indices
     ) -> None:
-        self.guided = guided
-        self._rigid = {int(f): drawn[f] for f in rigid}
-        self._followers: Followers | None = None
-        if len(guided):
-            self._guides, weights = guide_weights(shot, guided, simulated)
-            placements = shot.groom.feathers
-            own, guides = (
-                Shapes([drawn[f] for f in members], [placements[f].mirrored for f in members])
-                for members in (guided, self._guides)
-            )
-            self._followers = Followers(own, guides, weights)
+        self.guided, self.guides = guided, np.zeros(0, dtype=np.int64)
+        if not len(guided):
+            return
+        guides, weights = guide_weights(shot, guided, simulated)
+        placements = shot.groom.feathers
+        own, others = (
+            Shapes([drawn[f] for f in members], [placements[f].mirrored for f in members])
+            for members in (guided, guides)
+        )
+        self.guides = guides
+        self._followers = Followers(own, others, weights)
 
     def poses(
-        self, simulated: Mapping[int, FeatherPose], frames: Frames, start: float, end: float
+        self, guides: Mapping[int, FeatherPose], frames: Frames, start: float, end: float
     ) -> dict[int, FeatherPose]:
-        """Poses at a time `end` (s), by numbers in the groom; start: s, of the sample before.
+        """Poses of the guided at a time `end` (s), by numbers in the groom.
 
-        simulated: poses of at least the guides. frames: root positions (F, 3) m and rotations
-        (F, 3, 3) at a time.
+        guides: poses of the guides. frames: root positions (F, 3) m and rotations (F, 3, 3) at a
+        time. start: s, of the sample before.
         """
-        found = rigid_poses(self._rigid, frames, start, end) if self._rigid else {}
-        if self._followers is None:
-            return found
-        poses = [simulated[int(f)] for f in self._guides]
+        poses = [guides[int(f)] for f in self.guides]
         given = [
             np.stack([getattr(pose, name) for pose in poses])
             for name in ("points", "velocities", "accelerations")
         ]
         roots = _root_rates(frames, start, end)
-        local = _seen_from_roots(given, [(p[self._guides], r[self._guides]) for p, r in roots])
+        local = _seen_from_roots(given, [(p[self.guides], r[self.guides]) for p, r in roots])
         moved = self._followers.motion(*local, end - start)
         world = _in_world(moved, [(p[self.guided], r[self.guided]) for p, r in roots])
-        for f, *pose in zip(self.guided, *world, strict=True):
-            found[int(f)] = FeatherPose(*pose)
-        return found
+        return {int(f): FeatherPose(*pose) for f, *pose in zip(self.guided, *world, strict=True)}
 
 
 Roots = list[tuple[Array, Array]]

@@ -15,16 +15,20 @@ from featherfx.solver.step import StepReport
 class Counts:
     """Sums over a shot so far.
 
-    reports: one per batch and frame. slept, coasted: feather frames that were not stepped. frames:
-    frames yielded. rigid, guided: feathers that follow their roots or guides only.
+    reports: one per batch and frame. slept, coasted: feather frames that were not stepped; rigid,
+    guided: those of feathers that follow their roots or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)
     slept: int = 0
     coasted: int = 0
-    frames: int = 0
     rigid: int = 0
     guided: int = 0
+
+    def frame(self, rigid: int, guided: int) -> None:
+        """Count a frame that is handed out."""
+        self.rigid += rigid
+        self.guided += guided
 
     def summary(self) -> dict[str, Any]:
         """The figures of a bake's report: counts, and lengths in m."""
@@ -39,8 +43,8 @@ class Counts:
             "skipped": {
                 "sleeping feather frames": self.slept,
                 "coasting feather frames": self.coasted,
-                "rigid feather frames": self.frames * self.rigid,
-                "guided feather frames": self.frames * self.guided,
+                "rigid feather frames": self.rigid,
+                "guided feather frames": self.guided,
             },
         }
 

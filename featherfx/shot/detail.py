@@ -29,7 +29,7 @@ from featherfx.mechanics.resolution import (
     rachis_deflection,
     rows_for,
 )
-from featherfx.shot.guides import GuideRule, with_guides
+from featherfx.shot.guides import GuideRule
 from featherfx.shot.motion import Roots
 from featherfx.shot.types import Detail, Shot
 
@@ -62,30 +62,43 @@ class _LoadEstimate(NamedTuple):
     pressure: Array
 
 
-def resolutions(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[Resolution]:
-    """The resolution of every feather; feathers: as the meshes have them.
+class Detailer:
+    """What is simulated of the feathers of a shot, at any level.
 
-    Raises InputError for feathers that are not simulated, but pulled, or that lack guides.
+    feathers: as the meshes have them. levels: of every feather by [[detail]] and length, where
+    nothing is seen; rules: how its guides would be chosen; pinned: (F,) whether no camera changes
+    its level. Raises InputError for feathers that are not simulated, but pulled.
     """
-    quality = shot.quality
-    coefficients = barb_coefficients(shot, feathers, motion)
-    rows = _simulated_rows(shot, feathers, motion)
-    pulled = _pulled(shot)
-    chosen, problems = [], []
-    for f, (placement, level) in enumerate(zip(shot.groom.feathers, _levels(shot), strict=True)):
-        if level in CARRIED and placement.id in pulled:
-            message = f"feather '{placement.id}' is {level}, but a grip or a force pulls it"
-            problems.append(Problem(str(shot.source), "detail", message))
-        n, m, count = rows[f], quality.columns, coefficients[f]
+
+    def __init__(self, shot: Shot, feathers: Sequence[Feather], motion: Roots) -> None:
+        self._quality = shot.quality
+        self._coefficients = barb_coefficients(shot, feathers, motion)
+        self._rows = _simulated_rows(shot, feathers, motion)
+        given = [_level(shot, placement) for placement in shot.groom.feathers]
+        self.levels = [level for level, _, _ in given]
+        self.rules = [rule for _, rule, _ in given]
+        pulled = _pulled(shot)
+        problems = []
+        pinned = []
+        for placement, (level, _, named) in zip(shot.groom.feathers, given, strict=True):
+            is_pulled = placement.id in pulled
+            pinned.append(named or is_pulled)
+            if level in CARRIED and is_pulled:
+                message = f"feather '{placement.id}' is {level}, but a grip or a force pulls it"
+                problems.append(Problem(str(shot.source), "detail", message))
+        if problems:
+            raise InputError(*problems)
+        self.pinned = np.array(pinned, dtype=np.bool_)
+
+    def resolution(self, f: int, level: str) -> Resolution:
+        """Of one feather at a level."""
+        n, m, count = self._rows[f], self._quality.columns, self._coefficients[f]
         if level != "full":
             n = min(n, max(LEAST_ROWS, (n + 1) // 2))
             m, count = min(m, max(LEAST_COLUMNS, (m + 1) // 2)), min(count, 1)
         if level == "rachis":
             m, count = 1, 0
-        chosen.append(Resolution(level, n, m, count))
-    if problems:
-        raise InputError(*problems)
-    return chosen
+        return Resolution(level, n, m, count)
 
 
 def _pulled(shot: Shot) -> set[str]:
@@ -93,23 +106,17 @@ def _pulled(shot: Shot) -> set[str]:
     return {grip.feather for grip in shot.grips} | {force.feather for force in shot.forces}
 
 
-def _levels(shot: Shot) -> list[str]:
-    """Of every feather; some of those that were to be guided are guides instead."""
-    given = [_level(shot, placement) for placement in shot.groom.feathers]
-    return with_guides(shot, [level for level, _ in given], [rule for _, rule in given])
-
-
-def _level(shot: Shot, placement: Placement) -> tuple[str, GuideRule]:
-    """By the last pattern that fits the feather, else by its length."""
+def _level(shot: Shot, placement: Placement) -> tuple[str, GuideRule, bool]:
+    """By the last detail that fits the feather, else by its length; and whether by a detail."""
     for detail in reversed(shot.details):
         if fits(detail, placement):
-            return detail.level, GuideRule(detail.every, detail.spacing)
+            return detail.level, GuideRule(detail.every, detail.spacing), True
     length, quality = placement.kind.length, shot.quality
     rule = GuideRule(quality.guided_every, None)
     for level in ("rigid", "guided", "rachis", "coarse"):
         if length < getattr(quality, f"{level}_below"):
-            return level, rule
-    return "full", rule
+            return level, rule, False
+    return "full", rule, False
 
 
 def fits(detail: Detail, placement: Placement) -> bool:

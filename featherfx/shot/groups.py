@@ -35,9 +35,10 @@ CONTACT_NEWTON_SHARE = 1e-3
 class Group:
     """Feathers that share a grid: their places in the groom, solver, state and loads.
 
-    feathers: as simulated. maps: to the meshes' grid, where that is another one.
+    level: of detail. feathers: as simulated. maps: to the meshes' grid, where that is another one.
     """
 
+    level: str
     members: NDArray[np.int64]
     feathers: list[Feather]
     maps: list[PointMap | None]
@@ -53,20 +54,22 @@ class Group:
 def make_groups(
     shot: Shot,
     drawn: Sequence[Feather],
-    resolutions: Sequence[Resolution],
+    resolutions: Sequence[Sequence[Resolution]],
     motion: Roots,
     jobs: int,
 ) -> list[Group]:
     """Batches of feathers of one grid, barb taper and clamp, on their roots at the first frame.
 
-    drawn: all feathers of the groom on the meshes' grid. Those that are not simulated are in none.
+    drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
+    each feather ever has; it is in a batch for each at which something is solved.
     """
     alike: dict[tuple[Resolution, float, bool], list[int]] = {}
     for index, placement in enumerate(shot.groom.feathers):
-        resolution, kind = resolutions[index], placement.kind
-        if resolution.level not in CARRIED:
-            key = (resolution, kind.vane_material.barb_taper, has_elastic_clamp(kind))
-            alike.setdefault(key, []).append(index)
+        kind = placement.kind
+        for resolution in resolutions[index]:
+            if resolution.level not in CARRIED:
+                key = (resolution, kind.vane_material.barb_taper, has_elastic_clamp(kind))
+                alike.setdefault(key, []).append(index)
     return [
         _group(shot, drawn, np.array(members), resolution, motion, jobs)
         for (resolution, _, _), members in alike.items()
@@ -99,6 +102,7 @@ def _group(
         radius=quality.radius,
     )
     return Group(
+        level=resolution.level,
         members=members,
         feathers=feathers,
         maps=_maps(feathers, [drawn[i] for i in members]),

@@ -152,7 +152,7 @@ def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any
         own, other = shapes.shares[f], guides.shares[g]
         key = own.tobytes(), other.tobytes(), guides.grown[g].tobytes()
         if key not in known:
-            maps = [_overlaps(own, other)]
+            maps = [overlaps(own, other)]
             maps += [_interpolation(own, other, grown) for grown in guides.grown[g]]
             known[key] = [sparse.coo_array(each) for each in maps]
         for part, each, size in zip(parts, known[key], (rows - 1, rows, rows), strict=True):
@@ -165,7 +165,7 @@ def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any
     return found[0], found[1:]
 
 
-def _overlaps(own: Array, other: Array) -> Array:
+def overlaps(own: Array, other: Array) -> Array:
     """(n - 1, n - 1) share of each of the other's intervals that lies within each of the own."""
     low = np.maximum(own[:-1, None], other[None, :-1])
     high = np.minimum(own[1:, None], other[None, 1:])

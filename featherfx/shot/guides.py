@@ -77,7 +77,10 @@ def with_guides(shot: Shot, levels: Sequence[str], rules: Sequence[GuideRule]) -
 
 def uses_guides(shot: Shot) -> bool:
     """Whether a shot asks for guided feathers."""
-    return shot.quality.guided_below > 0.0 or any(d.level == "guided" for d in shot.details)
+    rules = shot.level_of_detail
+    seen = rules is not None and (rules.guided_below > 0.0 or rules.outside == "guided")
+    by_length = shot.quality.guided_below > 0.0
+    return seen or by_length or any(each.level == "guided" for each in shot.details)
 
 
 def guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> tuple[Indices, Any]:

@@ -12,15 +12,15 @@ from featherfx.errors import SimulationError
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
-from featherfx.shot.carried import Carried
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.contact import ShotContact, common_grid
 from featherfx.shot.counts import Counts
-from featherfx.shot.detail import CARRIED, Resolution, resolutions
-from featherfx.shot.groups import Group, loads_within, make_groups, pose_of
+from featherfx.shot.detail import Resolution
+from featherfx.shot.groups import Group, loads_within, make_groups
+from featherfx.shot.level_run import LevelRun
+from featherfx.shot.levels import level_plan
 from featherfx.shot.loads import root_path
 from featherfx.shot.motion import Roots, root_motion
-from featherfx.shot.rigid import FeatherPose
 from featherfx.shot.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.step import RootPath, raise_if_failed
@@ -51,7 +51,7 @@ class Simulation:
         self._range = frames or (shot.first_frame, shot.last_frame)
         self._groups: list[Group] = []
         self._index = -1
-        self._carried: Carried | None = None
+        self._levels: LevelRun | None = None
         self.resolutions: list[Resolution] = []
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
@@ -79,15 +79,19 @@ class Simulation:
         wanted, end = ((number - self.shot.first_frame) * self._subframes for number in self._range)
         try:
             for index in range(self._continue(motion), end + 1):
+                levels = self._leveled()
+                if index:
+                    levels.begin(index)
                 if self._contact is not None and index:
                     self._advance_together(motion, index)
                 else:
                     for group in self._groups:
                         self._advance(group, motion, index)
                     self._settle_together(motion, index)
+                levels.finish(index)
                 self._index = index
                 if index >= wanted:
-                    yield self._frame(index, motion)
+                    yield self._frame(index)
         finally:
             for group in self._groups:
                 group.solver.__exit__()
@@ -99,7 +103,12 @@ class Simulation:
             tuple(group.state for group in self._groups),
             tuple(group.start for group in self._groups),
             {} if self._contact is None else self._contact.memory(),
+            self._leveled().fades.memory(),
         )
+
+    def _leveled(self) -> LevelRun:
+        assert self._levels is not None
+        return self._levels
 
     def _continue(self, motion: Roots) -> int:
         """Take over the checkpoint, if there is one; return the sample to compute next."""
@@ -112,19 +121,20 @@ class Simulation:
                 group.loads = self._loads(group, motion, begin.index)
         if self._contact is not None:
             self._contact.restore(begin.contact)
+        self._leveled().fades.restore(begin.levels)
         return begin.index + 1
 
     def _make_groups(self, motion: Roots) -> list[Group]:
-        """All batches; those that are carried along only are noted."""
-        self.resolutions = resolutions(self.shot, self.feathers, motion)
+        """All batches, and the levels at which feathers go through the shot."""
+        plan = level_plan(self.shot, self.feathers, motion)
+        every = plan.resolutions
+        self.resolutions = [each[0] for each in every]
         if self.shot.contact is not None:
             self.resolutions = common_grid(self.shot, self.resolutions)
-        levels = np.array([each.level for each in self.resolutions], dtype=object)
-        rigid, guided = np.flatnonzero(levels == "rigid"), np.flatnonzero(levels == "guided")
-        simulated = np.flatnonzero(~np.isin(levels, CARRIED))
-        self._carried = Carried(self.shot, self.feathers, rigid, guided, simulated)
-        self._counts.rigid, self._counts.guided = len(rigid), len(guided)
-        return make_groups(self.shot, self.feathers, self.resolutions, motion, self._jobs)
+            every = tuple((each,) for each in self.resolutions)
+        groups = make_groups(self.shot, self.feathers, every, motion, self._jobs)
+        self._levels = LevelRun(self.shot, plan, self.feathers, groups, motion, self._subframes)
+        return groups
 
     def _time(self, index: int) -> float:
         """s since the first frame."""
@@ -140,14 +150,18 @@ class Simulation:
         loads = self._loads(group, motion, index)
         if index == 0:
             if self.shot.settle:
-                group.state, status, _ = group.solver.equilibrium(group.state, loads)
+                active = np.flatnonzero(self._leveled().active(group)).tolist()
+                group.state, status, _ = group.solver.equilibrium(
+                    group.state, loads, feathers=active
+                )
                 raise_if_failed(status, group.state.time, group.names)
                 group.start = group.state.points.copy()
             return
         duration = self._time(1)
         path = root_path(motion, group.members, self._time(index - 1), self._time(index))
+        path, active = self._leveled().held(group, path), self._leveled().active(group)
         sleeping = self._sleeping(group, path, loads, duration)
-        awake = np.flatnonzero(~sleeping).tolist()
+        awake = np.flatnonzero(active & ~sleeping).tolist()
         group.state, report = group.solver.step(group.state, loads, path, duration, awake)
         if sleeping.any():
             group.state = asleep(group.state, sleeping, path, duration)
@@ -210,29 +224,25 @@ class Simulation:
         coast = tolerance if self.shot.coast else None
         sleeping = undisturbed(group.state, path, loads, group.loads, coast)
         sleeping &= at_rest(group.state, path, tolerance, duration)
+        sleeping &= self._leveled().active(group) & ~self._leveled().fresh(group)
         moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
         self._counts.slept += int((sleeping & ~moving).sum())
         self._counts.coasted += int((sleeping & moving).sum())
         return sleeping
 
-    def _frame(self, index: int, motion: Roots) -> Frame:
-        time, before = self._time(index), self._time(max(index - 1, 0))
-        self._counts.frames += 1
-        poses: dict[int, FeatherPose] = {}
-        for group in self._groups:
-            for k, member in enumerate(group.members):
-                poses[int(member)] = pose_of(group, k)
-                if not np.isfinite(poses[int(member)].points).all():
-                    raise SimulationError(group.names[k], time, "a point is not finite")
-        if self._carried is not None:
-            poses |= self._carried.poses(poses, motion.frames, before, time)
-        ordered = [poses[f] for f in range(len(self.feathers))]
+    def _frame(self, index: int) -> Frame:
+        time = self._time(index)
+        self._counts.frame(*self._leveled().counts())
+        poses = self._leveled().shown(index)
+        for placement, pose in zip(self.shot.groom.feathers, poses, strict=True):
+            if not np.isfinite(pose.points).all():
+                raise SimulationError(placement.id, time, "a point is not finite")
         return Frame(
             number=sample_number(self.shot.first_frame, index, self._subframes),
             time=time,
-            points=tuple(pose.points for pose in ordered),
-            velocities=tuple(pose.velocities for pose in ordered),
-            accelerations=tuple(pose.accelerations for pose in ordered),
+            points=tuple(pose.points for pose in poses),
+            velocities=tuple(pose.velocities for pose in poses),
+            accelerations=tuple(pose.accelerations for pose in poses),
         )
 
 

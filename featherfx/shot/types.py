@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from featherfx.groom.types import Groom
 from featherfx.shot.scenes import Surface, TimedWind
 from featherfx.shot.skin_motion import BoundSkin
+from featherfx.shot.view import TimedCamera
 
 Array = NDArray[np.float64]
 
@@ -60,6 +61,29 @@ class Detail:
     kind: str = "*"
     every: int = 8
     spacing: float | None = None
+
+
+@dataclass(frozen=True)
+class LevelOfDetail:
+    """How levels of detail follow what is seen (featherfx/shot/levels.py).
+
+    camera: None: all feathers are seen at pixels_per_metre. image_height: pixels. coarse_below,
+    rachis_below, guided_below, rigid_below: pixels of a feather's length in the picture. outside:
+    level of feathers outside the picture, widened by margin (share of it) on every side. motion:
+    weight of the root's acceleration in gravities. fade: frames of a change, at least.
+    """
+
+    camera: TimedCamera | None
+    pixels_per_metre: float
+    image_height: float
+    coarse_below: float
+    rachis_below: float
+    guided_below: float
+    rigid_below: float
+    outside: str
+    margin: float
+    motion: float
+    fade: int
 
 
 @dataclass(frozen=True)
@@ -149,7 +173,7 @@ class Shot:
 
     skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
     wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
-    through each other and through colliders.
+    through each other and through colliders. level_of_detail: None: levels do not change.
     """
 
     name: str
@@ -172,6 +196,7 @@ class Shot:
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()
     contact: Contact | None = None
+    level_of_detail: LevelOfDetail | None = None
 
 
 @dataclass(frozen=True)
