@@ -56,7 +56,8 @@ class Carried:
         ]
         roots = _root_rates(frames, start, end)
         local = _seen_from_roots(given, [(p[self.guides], r[self.guides]) for p, r in roots])
-        moved = self._followers.motion(*local, end - start)
+        points, rates, seconds = local
+        moved = self._followers.motion(points, rates, seconds, end - start)
         world = _in_world(moved, [(p[self.guided], r[self.guided]) for p, r in roots])
         return {int(f): FeatherPose(*pose) for f, *pose in zip(self.guided, *world, strict=True)}
 
@@ -71,14 +72,12 @@ def _root_rates(frames: Frames, start: float, end: float) -> Roots:
         return [now, *[(np.zeros_like(now[0]), np.zeros_like(now[1]))] * 2]
     times = np.linspace(start, end, _SAMPLES)
     samples = [frames(float(time)) for time in times[:-1]] + [now]
-    rates = []
-    for weights in end_rates(times):
-        rates.append(
-            tuple(
-                np.tensordot(weights, np.stack([s[k] - now[k] for s in samples]), 1) for k in (0, 1)
-            )
-        )
-    return [now, *rates]
+    positions = np.stack([sample[0] - now[0] for sample in samples])
+    rotations = np.stack([sample[1] - now[1] for sample in samples])
+    return [now] + [
+        (np.tensordot(weights, positions, 1), np.tensordot(weights, rotations, 1))
+        for weights in end_rates(times)
+    ]
 
 
 def _seen_from_roots(world: Sequence[Array], roots: Roots) -> list[Array]:

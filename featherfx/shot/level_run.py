@@ -155,7 +155,7 @@ class LevelRun:
             moved = rigid_poses(rigid, self._motion.frames, start, end)
             found |= {(f, _RIGID): pose for f, pose in moved.items()}
         if self.fades.active(every, _GUIDED).any():
-            guides = {f: self.fades.blended(f, found) for f in self._carried.guides}
+            guides = {f: self.fades.blended(f, found) for f in self._carried.guides.tolist()}
             found |= self._guided(guides, start, end)
         return found
 

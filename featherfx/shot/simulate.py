@@ -150,9 +150,9 @@ class Simulation:
         loads = self._loads(group, motion, index)
         if index == 0:
             if self.shot.settle:
-                active = np.flatnonzero(self._leveled().active(group)).tolist()
+                chosen = np.flatnonzero(self._leveled().active(group)).tolist()
                 group.state, status, _ = group.solver.equilibrium(
-                    group.state, loads, feathers=active
+                    group.state, loads, feathers=chosen
                 )
                 raise_if_failed(status, group.state.time, group.names)
                 group.start = group.state.points.copy()

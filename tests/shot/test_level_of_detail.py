@@ -1,4 +1,4 @@
-"""Levels that follow a camera: chosen by frame alone, changed without a pop, kept by checkpoints."""
+"""Levels that follow a camera: chosen by frame, changed without a pop, kept by checkpoints."""
 
 from __future__ import annotations
 
@@ -105,8 +105,8 @@ def test_sizes_in_the_picture() -> None:
     assert found[:2] == pytest.approx(0.5 / (10.0 * 0.45))
     assert found[2:4].tolist() == [0.0, 0.0]
     assert found[4] == pytest.approx(1.0 / 0.45)
-    # the right rim at 10 m is at 4 m: a root at 5 m is within a margin of an eighth of 8 m
-    beside = np.array([(10.0, -5.6, 0.0)])
+    # the rim at 10 m is at 4 m and the feather 0.5 m long; an eighth of the width is 1 m
+    beside = np.array([(10.0, -5.4, 0.0)])
     assert shares_of_height(view, beside, lengths[:1], 0.0)[0] == 0.0
     assert shares_of_height(view, beside, lengths[:1], 0.125)[0] > 0.0
     flat = replace(view, orthographic=True, width=2.0, height=1.0)
@@ -131,35 +131,39 @@ def test_motion_makes_feathers_count_for_more() -> None:
 
 
 def test_a_change_adds_less_than_the_bound_however_far_levels_are_apart() -> None:
-    table = np.array([[0]] + [[4]] * 300, dtype=np.int8)
-    fades = Fades(LevelPlan(table, ()), np.array([0.2]), 4, 2, 1.0 / 48.0)
+    """What is shown moves by the levels' own motion, in the shares of before, and dw (b - a)."""
+    length, per_frame = 0.2, 2
+    fades = Fades(
+        LevelPlan(np.array([[0]] + [[4]] * 500, dtype=np.int8), ()),
+        np.array([length]),
+        4,
+        per_frame,
+        1.0 / 48.0,
+    )
     rng = np.random.default_rng(2)
-    place = np.zeros((2, 5, 4, 3))
-    before = place[0]
-    shares = []
-    for index in range(1, 200):
-        fades.begin(index)
-        place = (
-            place + rng.normal(0.0, 1e-3, place.shape) + (np.arange(2) * 1e-3)[:, None, None, None]
-        )
+    now = np.zeros((2, 5, 4, 3))
+    now[1] += 0.05
+    shares, added = [0.0], []
+    while fades.now[0] == 0:
+        fades.begin(len(shares))
+        before, now = now, now + rng.normal(0.0, 1e-4, now.shape)
         poses = {
             (0, level): FeatherPose(each, np.zeros_like(each), np.zeros_like(each))
-            for level, each in zip((0, 4), place, strict=True)
+            for level, each in zip((0, 4), now, strict=True)
         }
         if fades.fading.size:
             fades.grow([0], poses)
-        share = fades.share[0] if fades.fading.size else float(fades.now[0] == 4)
-        old = (1.0 - shares[-1]) * last[0] + shares[-1] * last[1] if shares else before
-        assert np.array_equal(fades.blended(0, poses).points, fades.blended(0, poses).points)
-        if shares and share > shares[-1]:
-            own = (1.0 - shares[-1]) * (place[0] - last[0]) + shares[-1] * (place[1] - last[1])
-            added = fades.blended(0, poses).points - old - own
-            worst = np.linalg.norm(np.delete(added, (1, 2), axis=1), axis=-1).max()
-            assert worst <= JUMP * 0.2 / 2 * (1.0 + 1e-9)
-        shares.append(share)
-        last = place
+            w = shares[-1]
+            shown = (1.0 - w) * before[0] + w * before[1]
+            own = (1.0 - w) * (now[0] - before[0]) + w * (now[1] - before[1])
+            jump = fades.blended(0, poses).points - shown - own
+            added.append(np.linalg.norm(np.delete(jump, (1, 2), axis=1), axis=-1).max())
+            shares.append(float(fades.share[0]))
+        assert len(shares) < 500
     assert shares[-1] == 1.0
-    assert len([s for s in shares if 0.0 < s < 1.0]) > 8
+    assert max(added) <= JUMP * length / per_frame * (1.0 + 1e-9)
+    # it takes as long as the distance asks for: 0.0866 m at 0.4 mm a sample
+    assert len(added) == pytest.approx(0.0866 / 4e-4, rel=0.05)
 
 
 @pytest.mark.parametrize("level", ["coarse", "rachis", "rigid"])
