@@ -125,6 +125,13 @@ def bake(
         f" in {result['wall_seconds']:.1f} s",
         err=True,
     )
+    if result.get("substeps_over_tolerance"):
+        click.echo(
+            f"warning: {result['substeps_over_tolerance']} sub-steps were accepted above the"
+            f" tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
+            " raise max_substeps or choose a finer quality",
+            err=True,
+        )
 
 
 def _given(ctx: click.Context, left_out: Collection[str]) -> list[str]:
@@ -181,6 +188,12 @@ def join(output: Path, shares: int, overwrite: bool) -> None:
 )
 @quality_option("Quality preset that gives rows and columns.  [default: final]")
 @presets_option
+@click.option(
+    "--instances/--no-instances",
+    default=None,
+    help="Feathers of one shape as instances, or each a mesh of its own.  [default: instances where"
+    " at least half of them repeat and no barbs are drawn]",
+)
 @drawn_options
 @stage_options
 def groom(groom: Path, quality: str | None, **options: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -25,6 +26,7 @@ QUICK_ROWS, MOST_ROWS = 40, 200
     featherfx bench --stress --cases 1000 -o measured
     featherfx bench --peers -o measured
     featherfx bench --skips samples/swan_wing/shot.toml
+    featherfx bench --stress --cases 1000 --seed 1000 -o measured
     """,
 )
 @click.option("--quick", is_flag=True, help="A smaller set of settings, in about a minute.")
@@ -66,6 +68,9 @@ def bench(
 
     Times only mean something on a machine that does nothing else; ratios within one run hold
     better. Plots need matplotlib (extra "plots"). Exit code 1 if a stress case breaks a promise.
+
+    Outcomes of stress cases are kept in the output folder as they come: a run that was broken off
+    goes on where it stood, and the report is about all cases in the folder.
     """
     if stress + peers + bool(skips) > 1:
         raise click.UsageError("--stress, --peers and --skips exclude each other")
@@ -85,12 +90,8 @@ def bench(
         with Progress("skips") as progress:
             tables.append(skips_table(shots, progress))
     elif stress:
-        from featherfx.lab.bench.stress import run_seeds, summary
-
-        count = cases or (QUICK_STRESS_CASES if quick else STRESS_CASES)
-        most_rows = QUICK_ROWS if quick else MOST_ROWS
-        with Progress("cases") as progress:
-            outcome = summary(run_seeds(range(seed, seed + count), jobs, most_rows, progress))
+        seeds = range(seed, seed + (cases or (QUICK_STRESS_CASES if quick else STRESS_CASES)))
+        outcome = _stress(seeds, jobs, QUICK_ROWS if quick else MOST_ROWS, output)
     else:
         from featherfx.lab.bench.experiments import all_tables
         from featherfx.lab.bench.extent import FULL, QUICK
@@ -122,3 +123,20 @@ def _beside_peers(quick: bool, output: Path | None) -> None:
         return
     for file in write_files(output, peer_files(tables, __version__)):
         click.echo(file)
+
+
+def _stress(seeds: range, jobs: int, most_rows: int, folder: Path | None) -> dict[str, Any]:
+    """Run the cases that the folder does not have yet; the summary of all that it then has."""
+    from featherfx.lab.bench.stress import Outcome, as_record, run_seeds
+    from featherfx.lab.bench.stress_records import append_record, read_records, summary
+
+    records = read_records(folder) if folder is not None else {}
+
+    def keep(outcome: Outcome) -> None:
+        records[outcome.seed] = as_record(outcome)
+        if folder is not None:
+            append_record(folder, records[outcome.seed])
+
+    with Progress("cases") as progress:
+        run_seeds([s for s in seeds if s not in records], jobs, most_rows, progress, keep)
+    return summary([records[seed] for seed in sorted(records)])

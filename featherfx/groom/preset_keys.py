@@ -156,6 +156,12 @@ QUALITY = {
     ),
     "tolerance": Key(Number(1e-9, 0.1, "m"), "Error per frame that the sub-stepping aims at."),
     "max_substeps": Key(Number(1, 4096, whole=True), "Most sub-steps per frame."),
+    "radius": Key(
+        Number(0, 0.9),
+        "Spectral radius of the time integration at infinite frequency: 0 damps at once what a "
+        "step does not resolve, 0.9 keeps nearly all of its energy.",
+        0.0,
+    ),
     "simulated_rows": Key(
         Number(-1, 400, whole=True),
         "Rows that are simulated, at most `rows`, which the meshes have anyhow; 0: all of them, "

@@ -15,11 +15,8 @@ differences in the tests)
     dm = (u_a + u_b)/2 + tan(w/4)/2 (u_b - u_a) x (R a)     rotation of the halfway frame
     dv = R^T (dr_b - dr_a - dm x (r_b - r_a)) / l
 
-both smooth up to a relative turn of 2 pi of two neighbouring rows. With the world force N and
-moment M in the element, D = r_b - r_a and m = (u_a + u_b)/2 the second variation beyond the
-squares of dv and dp is, to leading order in the turn over the element (derived here),
-
-    N.(m x (m x D)) - 2 N.(m x dD) - M.(u_a x u_b)
+both smooth up to a relative turn of 2 pi of two neighbouring rows. The second variation is in
+rachis_variation_kernels.
 """
 
 from math import sin, sqrt, tan
@@ -97,53 +94,26 @@ def rachis_gradient(point_a, point_b, length, halfway, strain, gradient):
 
 
 @kernel
-def rachis_geometric(point_a, point_b, length, halfway, stress, signed, matrix):
-    """Geometric stiffness of one element, added to the lower part of matrix (12, 12).
+def rachis_tension(point_a, point_b, length, halfway, stress, matrix):
+    """What tension adds to an element's stiffness against turning, to the lower part of (12, 12).
 
-    stress: (6,) derivative of the energy by the strains. signed: the whole second variation, which
-    may be indefinite; otherwise only what the tension adds against turning, which is not.
+    stress: (6,) derivative of the energy by the strains. Nothing is added under compression: this
+    is the part of rachis_variation that never destabilises.
     """
-    n0, n1, n2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(3):
-        n0 += halfway[0, k] * stress[k] / length
-        n1 += halfway[1, k] * stress[k] / length
-        n2 += halfway[2, k] * stress[k] / length
-        m0 += halfway[0, k] * stress[3 + k]
-        m1 += halfway[1, k] * stress[3 + k]
-        m2 += halfway[2, k] * stress[3 + k]
-    force, moment = (n0, n1, n2), (m0, m1, m2)
+    work, square = 0.0, 0.0
     d = (point_b[0] - point_a[0], point_b[1] - point_a[1], point_b[2] - point_a[2])
-    square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
-    work = n0 * d[0] + n1 * d[1] + n2 * d[2]
-    if not signed:
-        if work <= 0.0 or square == 0.0:
-            return
-        for i in range(3):
-            for j in range(3):
-                value = -work / square * d[i] * d[j] / square
-                if i == j:
-                    value += work / square
-                if j <= i:
-                    matrix[i, j] += value
-                    matrix[6 + i, 6 + j] += value
-                matrix[6 + i, j] -= value
+    for i in range(3):
+        square += d[i] * d[i]
+        for k in range(3):
+            work += halfway[i, k] * stress[k] / length * d[i]
+    if work <= 0.0 or square == 0.0:
         return
     for i in range(3):
         for j in range(3):
-            # [N]x and [M]x, entry (i, j)
-            k = 3 - i - j
-            sign = 0.0 if i == j else (1.0 if (j - i) % 3 == 2 else -1.0)
-            cross_force = 0.0 if i == j else sign * force[k]
-            cross_moment = 0.0 if i == j else sign * moment[k]
-            turn = 0.125 * (force[i] * d[j] + d[i] * force[j])
+            value = -work / square * d[i] * d[j] / square
             if i == j:
-                turn -= 0.25 * work
+                value += work / square
             if j <= i:
-                matrix[3 + i, 3 + j] += turn
-                matrix[9 + i, 9 + j] += turn
-            matrix[9 + i, 3 + j] += turn - 0.5 * cross_moment
-            matrix[3 + i, j] -= 0.5 * cross_force
-            matrix[9 + i, j] -= 0.5 * cross_force
-            matrix[9 + i, 6 + j] += 0.5 * cross_force
-            # block (r_b, u_a) is the transpose of (u_a, r_b)
-            matrix[6 + j, 3 + i] += 0.5 * cross_force
+                matrix[i, j] += value
+                matrix[6 + i, 6 + j] += value
+            matrix[6 + i, j] -= value

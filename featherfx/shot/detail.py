@@ -22,7 +22,12 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
-from featherfx.mechanics.resolution import coefficients_for, rachis_deflection, rows_for
+from featherfx.mechanics.resolution import (
+    GRID_SHARE,
+    coefficients_for,
+    rachis_deflection,
+    rows_for,
+)
 from featherfx.shot.motion import Roots
 from featherfx.shot.types import Shot
 
@@ -112,22 +117,23 @@ def _simulated_rows(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> l
         sag = max(sag, min(reach.get(placement.id, 0.0), kind.length))
         if placement.id in forced:
             sag = kind.length
-        rows.append(rows_for(sag, quality.tolerance, quality.rows))
+        rows.append(rows_for(sag, GRID_SHARE * quality.tolerance, quality.rows))
     return rows
 
 
 def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[int]:
     """Curvature coefficients per barb and direction of every feather.
 
-    The quality's number, or, where that is -1, the fewest whose error stays below the quality's
-    tolerance under the shot's load: three times gravity and inertia of the roots' acceleration,
-    and the pressure of the wind with its gusts and of the roots' speed through the air. At least
-    one, because the vane's shear bends barbs as well, and two where a grip or a force pulls.
+    The quality's number, or, where that is -1, the fewest whose error stays below three times the
+    quality's tolerance under the shot's load: three times gravity and inertia of the roots'
+    acceleration, and the pressure of the wind with its gusts and of the roots' speed through the
+    air. At least one, because the vane's shear bends barbs as well, and two where a grip or a
+    force pulls.
     """
     quality = shot.quality
     if quality.coefficients != CHOSEN_BY_SOLVER:
         return [quality.coefficients] * len(feathers)
-    loads = _loads(shot, motion)
+    loads, allowed = _loads(shot, motion), GRID_SHARE * quality.tolerance
     pulled = _pulled(shot)
     chosen: dict[tuple[int, int], int] = {}
     counts = []
@@ -139,7 +145,7 @@ def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) ->
         doublings = int(np.ceil(np.log2(max(pressure, 1e-9))))
         key = (id(feather), doublings)
         if key not in chosen:
-            chosen[key] = coefficients_for(feather, kind, 2.0**doublings, quality.tolerance)
+            chosen[key] = coefficients_for(feather, kind, 2.0**doublings, allowed)
         least = 2 if placement.id in pulled else 1
         counts.append(max(chosen[key], least))
     return counts

@@ -23,7 +23,8 @@ class Quality:
     rows: rachis rows, columns: barb columns a side, of the meshes and, where nothing else is said,
     of what is simulated. coefficients: curvature coefficients per barb and direction (0: rigid
     barbs; -1: chosen by the solver). tolerance: m, error per frame that the sub-stepping aims at.
-    max_substeps: most sub-steps per frame. simulated_rows: 0: as the meshes; -1: chosen by the
+    max_substeps: most sub-steps per frame. radius: of the integrator, 0 to 0.9
+    (featherfx/solver/step.py). simulated_rows: 0: as the meshes; -1: chosen by the
     solver, at most as many. coarse_below, rachis_below, rigid_below: m, feathers shorter than that
     are simulated with less detail (featherfx/shot/detail.py).
     """
@@ -38,6 +39,7 @@ class Quality:
     coarse_below: float = 0.0
     rachis_below: float = 0.0
     rigid_below: float = 0.0
+    radius: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,20 @@ class Grip:
 
 
 @dataclass(frozen=True)
+class Contact:
+    """How feathers touch each other.
+
+    thickness: m, distance of two vanes' middle surfaces that touch; None: by the vanes' materials.
+    friction: Coulomb's coefficient. steps: common steps of all feathers per frame; 0: by the
+    quality's tolerance.
+    """
+
+    thickness: float | None
+    friction: float
+    steps: int
+
+
+@dataclass(frozen=True)
 class Force:
     """A dead force: it keeps its direction, however the feather turns.
 
@@ -123,7 +139,8 @@ class Shot:
     """All that a bake needs. frames: first and last, inclusive. gravity: (3,) m/s^2.
 
     skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
-    wind. colliders: meshes; the solver has no contact with them yet.
+    wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
+    through each other and through colliders.
     """
 
     name: str
@@ -145,6 +162,7 @@ class Shot:
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()
+    contact: Contact | None = None
 
 
 @dataclass(frozen=True)

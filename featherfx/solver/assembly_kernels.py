@@ -1,10 +1,11 @@
 """Gradient and Hessian of step_energy in generalised coordinates, as a band."""
 
 from featherfx.compiled import kernel
+from featherfx.mechanics.contact_kernels import add_contact_forces
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
-from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
+from featherfx.mechanics.rachis_variation_kernels import rachis_variation
 from featherfx.mechanics.rotations_kernels import cross
-from featherfx.solver.guard_kernels import add_guard_forces
 from featherfx.solver.vane_assembly_kernels import add_rows
 from featherfx.solver.vane_force_kernels import add_vane_forces, damped_stress
 
@@ -56,7 +57,10 @@ def _add_rachis_element(i, pose, length, stiffness, reference, damping, signed, 
             scaled = weight * gradient[k, a]
             for b in range(a + 1):
                 matrix[a, b] += scaled * gradient[k, b]
-    rachis_geometric(start, end, length, halfway, stress, signed, matrix)
+    if signed:
+        rachis_variation(start, end, length, halfway, pose.rachis[i], stress, matrix)
+    else:
+        rachis_tension(start, end, length, halfway, stress, matrix)
     for a in range(12):
         to = at + a if a < 6 else at + row_size + a - 6
         for b in range(a + 1):
@@ -127,18 +131,10 @@ def assemble(model, loads, f, share, factors, signed, work):
         work.stiff,
     )
     add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
-    vane = model.retardation[f, 1] * factors[2]
+    add_contact_forces(loads.contacts, f, share, pose.points, work.force, work.stiff)
+    damping = model.retardation[f, 1] * factors[2]
     if model.joints.shape[3] > 0:
-        add_vane_forces(model, f, vane, pose, around.reference, work.block, work.force)
-        cells_at = (rows - 1) * 6 + 2 * rows * pose.coefficient.shape[2]
-        add_guard_forces(
-            model.cell_guard[f],
-            model.cell_rest[f],
-            pose.points,
-            pose.strains[cells_at:],
-            work.block.triangle,
-            work.force,
-        )
+        add_vane_forces(model, f, damping, signed, pose, around.reference, work.vane, work.force)
     for i in range(rows):
         _add_rachis_nodes(i, pose.points, work.force, work.stiff, row_size, system)
     for i in range(rows - 1):
@@ -157,14 +153,14 @@ def assemble(model, loads, f, share, factors, signed, work):
         add_rows(
             model,
             f,
-            vane,
+            damping,
             signed,
             pose,
             around.reference,
             work.force,
             work.stiff,
             work.jacobian,
-            work.block,
+            work.vane,
             system,
         )
     if model.held[f]:

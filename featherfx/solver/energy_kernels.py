@@ -4,14 +4,17 @@ Every strain s has a stiffness k and, where the material is damped, a reference 
 
     W = sum 1/2 k s^2 + 1/2 k q (s - s_r)^2,      q = retardation time * rate of the integrator
 
-(Kelvin-Voigt; s measured from rest). The rest is in node_kernels.
+(Kelvin-Voigt; s measured from rest). Those of a hinge are angles, and their energy is multiplied by
+the square of its share w (vane_bending_kernels), which follows behind the strains. The rest is in
+node_kernels.
 """
 
 from math import ceil
 
 from featherfx.compiled import kernel
+from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.node_kernels import dead_energy, node_energy
-from featherfx.mechanics.vane_bending_kernels import hinge_angle
+from featherfx.mechanics.vane_bending_kernels import hinge_angle, opening, uncrushed
 from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 
@@ -30,7 +33,7 @@ def wrapped(angle):
 
 @kernel
 def feather_strains(model, f, coefficient, points, rachis, reference, strains):
-    """All strains of feather f, measured from rest, written to strains (S,).
+    """All strains of feather f, measured from rest, and the shares of hinges, to strains (S,).
 
     reference: (S,) strains of before; dihedral angles are those within half a turn of them, so
     that a fold that closes completely and goes on has no jump.
@@ -68,7 +71,7 @@ def feather_strains(model, f, coefficient, points, rachis, reference, strains):
     for side in range(2):
         for i in range(rows):
             for j in range(columns):
-                angle = 0.0
+                angle, share = 0.0, 1.0
                 if model.hinge_stiffness[f, side, i, j] != 0.0:
                     near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
                     angle = wrapped(
@@ -79,7 +82,16 @@ def feather_strains(model, f, coefficient, points, rachis, reference, strains):
                         - reference[at]
                     )
                     angle += reference[at]
+                    share = uncrushed(
+                        points[i, near],
+                        points[i, far],
+                        points[i + 1, near],
+                        points[i - 1, far],
+                        opening(rest[side, i, j, 0]),
+                        opening(rest[side, i - 1, j, 1]),
+                    )
                 strains[at] = angle
+                strains[at + 2 * rows * columns] = share
                 at += 1
 
 
@@ -123,7 +135,8 @@ def elastic_energy(model, f, strains, reference, strain_rate):
     for side in range(2):
         for i in range(rows):
             for j in range(columns):
-                stiffness = model.hinge_stiffness[f, side, i, j]
+                share = strains[at + 2 * rows * columns]
+                stiffness = model.hinge_stiffness[f, side, i, j] * share * share
                 total += _quadratic(strains[at], reference[at], stiffness, vane)
                 at += 1
     return total
@@ -160,6 +173,7 @@ def step_energy(model, loads, f, share, factors, pose, around):
             pose.points,
         )
         + dead_energy(pose.points, loads.force[f], loads.force_change[f], share)
+        + contact_energy(loads.contacts, f, share, pose.points)
         + node_energy(
             pose.points,
             around.target,

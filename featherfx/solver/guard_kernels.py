@@ -1,4 +1,4 @@
-"""Forces of the vane's compression guard, and its stiffness in the barb-curvature kinematics.
+"""Forces of the vane's compression guard, and the lines of its stiffness.
 
 Only triangles that have lost area take part. Their stiffness is that of J, d2W/dJ2 dJ dJ^T, and
 the geometric stiffness along the normal of the guard's own stresses, as the membrane's.
@@ -69,47 +69,3 @@ def guard_lines(start, end, tip, rest, stiffness, across, shear, signed, weight,
     if not signed:
         weight[2] = 0.0
     return True
-
-
-@kernel
-def add_guard_cells(i, side, points, guard, rest, strains, signed, jacobian, block):
-    """Guard stiffness of the cells between rows i and i + 1, added to block.matrix.
-
-    guard: (m, 2), rest: (m, 2, 3) and strains: (4 m,) of these cells. jacobian as in add_rows.
-    """
-    columns, wide = guard.shape[0], jacobian.shape[2]
-    weight, gradient, lines = block.hinge[0], block.triangle, block.lines
-    for j in range(columns):
-        near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-        for half in range(2):
-            at = 4 * j + 2 * half
-            row, other, column, opposite = cell_nodes(i, half, j, near, far)
-            if not guard_lines(
-                points[row, near],
-                points[row, far],
-                points[other, opposite],
-                rest[j, half],
-                guard[j, half],
-                strains[at],
-                strains[at + 1],
-                signed,
-                weight,
-                gradient,
-            ):
-                continue
-            edge, tip = jacobian[row, side], jacobian[other, side]
-            edge_at, tip_at = (0, wide) if half == 0 else (wide, 0)
-            for line in range(3):
-                g = gradient[line]
-                for a in range(wide):
-                    lines[edge_at + a, line] = 0.0
-                    lines[tip_at + a, line] = 0.0
-                    for k in range(3):
-                        on_edge = edge[a, k, j] * g[0, k] + edge[a, k, j + 1] * g[1, k]
-                        lines[edge_at + a, line] += on_edge
-                        lines[tip_at + a, line] += tip[a, k, column] * g[2, k]
-            for a in range(2 * wide):
-                for line in range(3):
-                    scaled = weight[line] * lines[a, line]
-                    for b in range(a + 1):
-                        block.matrix[wide + a, wide + b] += scaled * lines[b, line]

@@ -1,4 +1,9 @@
-"""Minimise the energy of one implicit step: Gauss-Newton with a line search on the full energy."""
+"""Minimise the energy of one implicit step: Newton with a line search on the full energy.
+
+It stops where the distance to the minimum is below the tolerance. With moves d_1, d_2, ... of full
+steps that shrink by t = d_k / d_(k-1) < 1/2, that distance is at most d_k t / (1 - t) if they go on
+to shrink like that (Newton's shrink faster); else it is taken as d_k itself.
+"""
 
 from math import isfinite, sqrt
 
@@ -14,7 +19,7 @@ from featherfx.solver.pose_kernels import (
     rachis_strains,
 )
 
-CONVERGED, NOT_CONVERGED, NOT_FINITE, NOT_DEFINITE = 0, 1, 2, 3
+CONVERGED, NOT_CONVERGED, NOT_FINITE, NOT_DEFINITE, TOO_MUCH_WORK = 0, 1, 2, 3, 4
 HALVINGS = 8
 
 
@@ -63,14 +68,15 @@ def copy_pose(source, target):
 def minimise(model, loads, f, share, factors, tolerance, limit, work):
     """Bring the pose work.now to the minimum of step_energy.
 
-    factors: (inertia, rate, strain rate) of the integrator. tolerance: m, the move of a Newton
-    step that counts as converged. limit: most iterations. Returns (status, iterations, last move).
+    factors: (inertia, rate, strain rate) of the integrator. tolerance: m, distance from the
+    minimum that counts as converged. limit: most iterations. Returns (status, iterations, distance
+    as estimated).
     """
     now, trial, system = work.now, work.trial, work.system
     energy = evaluate(model, loads, f, share, factors, now, work.around)
     if not isfinite(energy):
         return NOT_FINITE, 0, 0.0
-    move = 0.0
+    move, before, left = 0.0, 0.0, 0.0
     for iteration in range(1, limit + 1):
         barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
         # all of the geometric stiffness, and only its stabilising part where that is indefinite
@@ -98,6 +104,11 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
             return NOT_CONVERGED, iteration, move
         copy_pose(trial, now)
         energy = new
-        if move < tolerance:
-            return CONVERGED, iteration, move
-    return NOT_CONVERGED, limit, move
+        full = scale == 1.0
+        left = move
+        if full and move < 0.5 * before:
+            left = move * move / (before - move)
+        before = move if full else 0.0
+        if left < tolerance:
+            return CONVERGED, iteration, left
+    return NOT_CONVERGED, limit, left

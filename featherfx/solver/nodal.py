@@ -20,6 +20,7 @@ from featherfx.solver.step_kernels import (
     ERROR,
     FAILED,
     FALLBACKS,
+    FORCED,
     ITERATIONS,
     MOVE,
     REJECTED,
@@ -98,7 +99,7 @@ class NodalSolver:
                 self._work,
                 counters[f],
             )
-        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, ERROR, MOVE, STATUS)
+        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
         return new, StepReport(*(counters[:, column] for column in columns))
 
     def equilibrium(

@@ -15,7 +15,8 @@ from featherfx.mechanics.barb_carried_kernels import begin_barb, begin_twist, ca
 from featherfx.mechanics.barb_clamp_kernels import clamp_gradient
 from featherfx.mechanics.barb_stretch_kernels import stretch_gradient
 from featherfx.mechanics.nodal_kernels import bend_nodes
-from featherfx.mechanics.rachis_kernels import rachis_geometric, rachis_gradient
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
+from featherfx.mechanics.rachis_variation_kernels import rachis_variation
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.solver.energy_kernels import node_index
 from featherfx.solver.nodal_energy_kernels import sections
@@ -148,7 +149,11 @@ def add_rachis(model, f, slot, pose, before, reference, damping, signed, element
         for a in range(12):
             for b in range(12):
                 matrix[a, b] = 0.0
-        rachis_geometric(start, end, length, pose.halfway[i], element.stress, signed, matrix)
+        halfway, stress = pose.halfway[i], element.stress
+        if signed:
+            rachis_variation(start, end, length, halfway, pose.rachis[i], stress, matrix)
+        else:
+            rachis_tension(start, end, length, halfway, stress, matrix)
         for a in range(12):
             for b in range(a + 1):
                 row, column = slots[a // 3], slots[b // 3]

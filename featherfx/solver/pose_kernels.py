@@ -40,18 +40,17 @@ def material_points(model, f, turn, centre, coefficient, points):
 def barb_jacobians(model, f, pose, frame, spin, jacobian):
     """Derivatives of the nodes of all barbs by their row's increments.
 
-    Written: jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): increment (dr, u and the coefficients of
-    this side), axis, and four times over the nodes, of which 0 is the rachis point: once for each
-    kind of line of a triangle, so that the assembly runs along all of them at once.
+    Written: jacobian (n, 2, 6 + 2 C, 3 S): increment (dr, u and the coefficients of this side),
+    then axis by axis the nodes, of which 0 is the rachis point; what follows the m + 1 nodes is not
+    touched and stays zero.
     frame: (3, 3) and spin: (3, 2 C) are scratch.
     """
-    columns = model.joints.shape[3]
+    columns, wide, size = model.joints.shape[3], jacobian.shape[2], jacobian.shape[3] // 3
     for i in range(pose.turn.shape[0]):
         for side in range(2):
             start = 3 + side * columns
-            root_jacobian(
-                pose.points[i, 0], pose.points[i, start : start + columns], jacobian[i, side]
-            )
+            barb = jacobian[i, side].reshape((wide, 3, size))
+            root_jacobian(pose.points[i, 0], pose.points[i, start : start + columns], barb)
             barb_jacobian(
                 pose.turn[i],
                 model.clamp[f, side, i],
@@ -61,19 +60,8 @@ def barb_jacobians(model, f, pose, frame, spin, jacobian):
                 pose.coefficient[side, i],
                 frame,
                 spin,
-                jacobian[i, side],
+                barb,
             )
-            _repeat(columns + 1, jacobian[i, side])
-
-
-@kernel
-def _repeat(nodes, jacobian):
-    """Copy the first nodes of jacobian (w, 3, S) three times behind themselves."""
-    for a in range(jacobian.shape[0]):
-        for k in range(3):
-            line = jacobian[a, k]
-            for s in range(nodes, 4 * nodes):
-                line[s] = line[s - nodes]
 
 
 @kernel

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
-from featherfx.solver.newton_kernels import CONVERGED, minimise
+from featherfx.solver.newton_kernels import CONVERGED, NOT_CONVERGED, minimise
 from featherfx.solver.pose_kernels import load_pose
 from featherfx.solver.state import State
 from featherfx.solver.work import Work
@@ -51,6 +51,9 @@ def settle(
         if h >= LAST:
             break
         h *= GROWTH
+    else:
+        # in a wind that no pose can stand in, steps grow and fail in turn
+        status = NOT_CONVERGED if status == CONVERGED else status
     state.strains[f, :] = now.strains
     return int(status), int(iterations)
 

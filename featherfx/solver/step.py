@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.cut import carry_to
-from featherfx.solver.newton_kernels import CONVERGED, NOT_DEFINITE, NOT_FINITE
+from featherfx.solver.newton_kernels import (
+    CONVERGED,
+    NOT_DEFINITE,
+    NOT_FINITE,
+    TOO_MUCH_WORK,
+)
 from featherfx.solver.root_path import RootPath as RootPath
 from featherfx.solver.root_path import hold_roots as hold_roots
 from featherfx.solver.settle import settle
@@ -24,6 +29,7 @@ from featherfx.solver.step_kernels import (
     ERROR,
     FAILED,
     FALLBACKS,
+    FORCED,
     ITERATIONS,
     MOVE,
     REJECTED,
@@ -40,23 +46,28 @@ REASONS = {
     NOT_DEFINITE: "the linear system is not positive definite",
 }
 NEWTON_ITERATIONS = 40
+# of one feather in one frame; bakes of the samples need 3 to 100
+MOST_ITERATIONS = 2000
 
 
 @dataclass(frozen=True)
 class Settings:
     """How a batch is stepped.
 
-    tolerance: m, local error of a step that the sub-stepping keeps to. newton: m, last Newton
-    move that counts as converged. max_substeps: regular sub-steps of a frame at most (a step that
-    Newton cannot solve is cut further). radius: spectral radius at infinite frequency, 0 (most
-    damping of what a step does not resolve) to 0.9 (energy is nearly conserved). At 1 nothing
-    damps the constraint of inextensible barbs and shafts, and the steps become unstable.
+    tolerance: m, local error of a step that the sub-stepping keeps to. newton: m, distance from a
+    step's solution that counts as converged. max_substeps: regular sub-steps of a frame at most (a
+    step that Newton cannot solve is cut further). max_iterations: Newton iterations of one feather
+    in one frame; one that needs more stops with a status. radius: spectral radius at infinite
+    frequency, 0 (most damping of what a step does not resolve) to 0.9 (energy is nearly conserved).
+    At 1 nothing damps the constraint of inextensible barbs and shafts, and the steps become
+    unstable.
     """
 
     tolerance: float = 1e-4
     newton: float = 1e-6
     max_substeps: int = 64
     radius: float = 0.0
+    max_iterations: int = MOST_ITERATIONS
 
 
 @dataclass(frozen=True)
@@ -65,7 +76,9 @@ class StepReport:
 
     steps, iterations, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
     iterations, steps repeated for their error, attempts that Newton gave up, implicit Euler steps.
-    error: m, largest accepted local error. move: m, largest last Newton move. status: 0, or why
+    forced: steps accepted above the tolerance because none shorter is allowed. error: m, largest
+    accepted local error. move: m, largest distance of a step from its solution, as Newton's last
+    moves tell. status: 0, or why
     the feather stopped (featherfx/solver/newton_kernels.py).
     """
 
@@ -74,6 +87,7 @@ class StepReport:
     rejected: Array
     failed: Array
     fallbacks: Array
+    forced: Array
     error: Array
     move: Array
     status: Array
@@ -120,7 +134,14 @@ class Solver:
         settings = self.settings
         shortest = duration / settings.max_substeps
         values = np.array(
-            [settings.radius, settings.newton, NEWTON_ITERATIONS, settings.tolerance, shortest]
+            [
+                settings.radius,
+                settings.newton,
+                NEWTON_ITERATIONS,
+                settings.tolerance,
+                shortest,
+                settings.max_iterations,
+            ]
         )
 
         def one(f: int) -> None:
@@ -138,9 +159,13 @@ class Solver:
                 self._work(),
                 counters[f],
             )
+            if counters[f, STATUS] != CONVERGED and counters[f, STEPS] == 0:
+                # not even where its path begins
+                for array, given in zip(new, state, strict=True):
+                    array[f] = given[f]
 
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
-        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, ERROR, MOVE, STATUS)
+        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
         return new, StepReport(*(counters[:, column] for column in columns))
 
     def equilibrium(
@@ -185,13 +210,25 @@ class Solver:
                 pass
 
 
-def raise_if_failed(status: Array, time: Array, names: Sequence[str]) -> None:
-    """SimulationError for the first feather with a status; it tells how many more there are."""
+def reason_of(status: int, most: int = MOST_ITERATIONS) -> str:
+    """Why a feather stopped, in words. most: Settings.max_iterations."""
+    if status == TOO_MUCH_WORK:
+        return f"more than {most} Newton iterations in one frame"
+    return REASONS.get(status, "Newton did not converge at the shortest step")
+
+
+def raise_if_failed(
+    status: Array, time: Array, names: Sequence[str], most: int = MOST_ITERATIONS
+) -> None:
+    """SimulationError for the first feather with a status; it tells how many more there are.
+
+    most: Settings.max_iterations.
+    """
     bad = np.flatnonzero(status != CONVERGED)
     if len(bad) == 0:
         return
     first = int(bad[0])
-    reason = REASONS.get(int(status[first]), "Newton did not converge at the shortest step")
+    reason = reason_of(int(status[first]), most)
     if len(bad) > 1:
         reason += f" (and {len(bad) - 1} more feathers)"
     raise SimulationError(names[first], float(time[first]), reason)

@@ -11,17 +11,23 @@ from featherfx.solver.integrator_kernels import (
     integrator_coefficients,
     step_error,
 )
-from featherfx.solver.newton_kernels import CONVERGED, minimise
+from featherfx.solver.newton_kernels import CONVERGED, TOO_MUCH_WORK, minimise
 from featherfx.solver.pose_kernels import chain, load_pose, material_points, turn_by
 from featherfx.solver.root_kernels import root_at
 
 # columns of a feather's counters
-STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, ERROR, MOVE, STATUS = 0, 1, 2, 3, 4, 5, 6, 7
-COUNTERS = 8
+STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(9)
+COUNTERS = 9
+# error over tolerance beyond which a step that may not be shorter is taken by implicit Euler
+LOST = 30.0
+# and as a share of the feather's length: beyond it even such a step is cut
+COARSE = 0.01
+# Newton iterations beyond which the next step is not made longer
+HARD = 12
 # how a step is tried, in this order
 GO_ON, FOLLOW, BACKWARD = 0, 1, 2
-# a regular step may be cut this far when Newton fails
-SMALLEST_SHARE = 4096.0
+# a regular step may be cut this far when Newton fails, by this share each time
+SMALLEST_SHARE, CUT = 1e6, 0.25
 
 
 @kernel
@@ -77,7 +83,7 @@ def _follow_root(before, length, pose):
 def _strain_rate(h, before, strains, reference):
     """Rate of the backward difference of strains (2, S); its reference is written (S,).
 
-    before: s, length of the last step, 0 if there was none.
+    before: s, length of the last step, 0 for the one-step difference.
     """
     if before <= 0.0:
         copy_values(strains[0], reference)
@@ -122,7 +128,9 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
         around.target,
         around.past,
     )
-    strain_rate = _strain_rate(h, state.step[f], state.strains[f], around.reference)
+    # the two-step difference may put energy into strains that relax within a step
+    before = 0.0 if radius == EULER else state.step[f]
+    strain_rate = _strain_rate(h, before, state.strains[f], around.reference)
     if model.held[f]:
         turn_by(state.turn[f, 0], state.spin[f, 0], h, work.trial.turn[0])
         root_at(path, base, share, now.turn[0], now.centre[0])
@@ -186,18 +194,29 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
     """Bring feather f of the state through one frame of the given duration (s), in place.
 
     path (K, 6), base (4,): root_kernels. settings: (spectral radius, Newton tolerance m, most
-    iterations, error tolerance per step m, shortest regular step s). counters: (COUNTERS,), added
-    to. Returns the Newton status; if it is not CONVERGED the state is that of the last good step.
+    iterations of an attempt, error tolerance per step m, shortest regular step s, most iterations
+    of the call). counters: (COUNTERS,), added to. Returns the Newton status; if it is not
+    CONVERGED the state is that of the last good step.
 
     A step is tried from the predicted pose, then from the rigidly moved one, then by implicit
-    Euler, and then cut in half.
+    Euler, and is then cut. Steps that were cut grow again from their own length, by implicit Euler
+    if that was needed, because where Newton failed it mostly fails again at once. Implicit Euler is
+    also taken where the shortest step misses the tolerance by far: the other method may gain energy
+    from motions that it does not resolve.
     """
     shortest = min(settings[4], duration)
     h = state.proposal[f]
     if h <= 0.0 or h > duration:
         h = duration
-    done, option = 0.0, GO_ON
+    coarse = 0.0
+    for i in range(model.length.shape[1]):
+        coarse += COARSE * model.length[f, i]
+    done, option, spent = 0.0, GO_ON, 0
     while done < duration * (1.0 - 1e-9):
+        limit = min(int(settings[2]), int(settings[5]) - spent)
+        if limit <= 0:
+            counters[STATUS] = TOO_MUCH_WORK
+            return TOO_MUCH_WORK
         left = duration - done
         step = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
         share = 1.0 if step == left else (done + step) / duration
@@ -207,24 +226,23 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
             option = max(option, FOLLOW)
         if option == BACKWARD:
             radius = EULER
-            counters[FALLBACKS] += 1
         factors = _predict(
-            model, loads, f, share, step, radius, option == FOLLOW, path, base, state, work
+            model, loads, f, share, step, radius, option != GO_ON, path, base, state, work
         )
         status, iterations, move = minimise(
-            model, loads, f, share, factors, settings[1], int(settings[2]), work
+            model, loads, f, share, factors, settings[1], limit, work
         )
+        spent += iterations
         counters[ITERATIONS] += iterations
         if status != CONVERGED:
             counters[FAILED] += 1
-            option += 1
+            option = BACKWARD if step < 0.999 * shortest and option < BACKWARD else option + 1
             if option > BACKWARD:
-                h, option = 0.5 * step, GO_ON
+                h, option = CUT * step, GO_ON
                 if h < shortest / SMALLEST_SHARE:
                     counters[STATUS] = status
                     return status
             continue
-        option = GO_ON
         error = step_error(
             radius,
             step,
@@ -236,13 +254,26 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         change = 0.9 * (settings[3] / max(error, 1e-30)) ** (1.0 / 3.0)
         if error > settings[3] and step > 1.001 * shortest:
             counters[REJECTED] += 1
-            h = max(shortest, step * max(0.2, change))
+            h, option = max(shortest, step * max(0.2, change)), GO_ON
+            continue
+        lost = error > LOST * settings[3]
+        if lost and option != BACKWARD:
+            counters[REJECTED] += 1
+            option = BACKWARD
+            continue
+        if lost and error > coarse and CUT * step > shortest / SMALLEST_SHARE:
+            counters[REJECTED] += 1
+            h = CUT * step
             continue
         _accept(f, step, radius, state, work.now, work.around)
         done += step
         counters[STEPS] += 1
+        counters[FALLBACKS] += 1 if option == BACKWARD else 0
+        counters[FORCED] += 1 if error > settings[3] else 0
         counters[ERROR] = max(counters[ERROR], error)
         counters[MOVE] = max(counters[MOVE], move)
-        h = max(shortest, step * min(2.0, max(0.5, change)))
+        option = BACKWARD if option == BACKWARD and step < 0.999 * shortest else GO_ON
+        most = 1.0 if iterations > HARD or lost else 2.0
+        h = max(min(shortest, most * step), step * min(most, max(0.5, change)))
     state.proposal[f] = h
     return CONVERGED

@@ -66,23 +66,22 @@ def make_system(unknowns: int, width: int) -> System:
     )
 
 
-class Block(NamedTuple):
-    """Sums of one row and side, w = 6 + 2 C.
+class Vane(NamedTuple):
+    """Stiffness of a vane's nodes, and sums of one row and side, w = 6 + 2 C.
 
-    matrix: (3 w, 3 w). right: (3 w,). lines, weighted: (3 w, 8 (m + 1)) projected gradients,
-    and times their weights. weight: (2, 4, m + 1), membrane: (2, 3, 3, 4, m + 1), tension: (m,):
-    of a strip. triangle: (4, 3, 3), hinge: (4, 3): of one stencil.
+    blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane_force_kernels), S at least m + 2 and a
+    multiple of four. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
+    (vane_assembly_kernels). tension: (m,) N. triangle: (4, 3, 3), hinge: (3, 4, 3), pair:
+    (3, 3): of one stencil.
     """
 
-    matrix: Array
-    right: Array
-    lines: Array
-    weighted: Array
-    weight: Array
-    membrane: Array
+    blocks: Array
+    product: Array
+    tiles: Array
     tension: Array
     triangle: Array
     hinge: Array
+    pair: Array
 
 
 class Beam(NamedTuple):
@@ -94,8 +93,8 @@ class Beam(NamedTuple):
 
 
 class Work(NamedTuple):
-    """now, trial: poses. around: Surroundings. system, block: sums. force (n, P, 3), stiff
-    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3, 4 (m + 1) + 1): of the barbs.
+    """now, trial: poses. around: Surroundings. system, vane: sums. force (n, P, 3), stiff
+    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis.
     beam: sums of one rachis element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
     """
 
@@ -103,7 +102,7 @@ class Work(NamedTuple):
     trial: Pose
     around: Surroundings
     system: System
-    block: Block
+    vane: Vane
     force: Array
     stiff: Array
     jacobian: Array
@@ -114,9 +113,9 @@ class Work(NamedTuple):
 
 
 def strain_count(model: Model) -> int:
-    """Length S of a feather's strain vector: rachis, barbs, membrane, hinges."""
+    """Length S of a feather's strain vector: rachis, barbs, membrane, hinges, shares of hinges."""
     n, m, c = model.rows, model.columns, model.coefficients
-    return (n - 1) * 6 + 2 * n * 2 * c + 2 * (n - 1) * m * 4 + 2 * n * m
+    return (n - 1) * 6 + 2 * n * 2 * c + 2 * (n - 1) * m * 4 + 4 * n * m
 
 
 def _make_pose(model: Model) -> Pose:
@@ -135,7 +134,7 @@ def _make_pose(model: Model) -> Pose:
 def make_work(model: Model) -> Work:
     """Scratch for one thread working on feathers of this batch."""
     n, m, c = model.rows, model.columns, model.coefficients
-    size, wide = 3 + 2 * m, 3 * (6 + 2 * c)
+    size, wide, padded = 3 + 2 * m, 6 + 2 * c, 4 * ((m + 1) // 4 + 1)
     return Work(
         now=_make_pose(model),
         trial=_make_pose(model),
@@ -148,20 +147,18 @@ def make_work(model: Model) -> Work:
             speed=np.zeros((n, size)),
         ),
         system=make_system(model.unknowns, 3 * (6 + 4 * c)),
-        block=Block(
-            matrix=np.zeros((wide, wide)),
-            right=np.zeros(wide),
-            lines=np.zeros((wide, 8 * m + 8)),
-            weighted=np.zeros((wide, 8 * m + 8)),
-            weight=np.zeros((2, 4, m + 1)),
-            membrane=np.zeros((2, 3, 3, 4, m + 1)),
+        vane=Vane(
+            blocks=np.zeros((n, 2, 5, 3, 3 * padded)),
+            product=np.zeros((wide, 3 * padded)),
+            tiles=np.zeros((wide, 3, 3 * padded + 1)),
             tension=np.zeros(m),
             triangle=np.zeros((4, 3, 3)),
-            hinge=np.zeros((4, 3)),
+            hinge=np.zeros((3, 4, 3)),
+            pair=np.zeros((3, 3)),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
-        jacobian=np.zeros((n, 2, 6 + 2 * c, 3, 4 * m + 5)),
+        jacobian=np.zeros((n, 2, wide, 3 * padded)),
         beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
         frame=np.zeros((3, 3)),
         spin=np.zeros((3, 2 * c)),

@@ -82,13 +82,14 @@ def missing_files(path: Path) -> list[Problem]:
             Sdf.Layer.OpenAsAnonymous(name)
         except Tf.ErrorException as error:
             found[name] = f"USD cannot open it: {_reason(error)}"
-    try:
-        _, _, unresolved = UsdUtils.ComputeAllDependencies(str(path))
-    except Tf.ErrorException as error:
-        found = found or {"": f"USD cannot open a file that it names: {_reason(error)}"}
-    else:
-        names = [str(each) for each in unresolved]
-        found |= {name: "is missing" for name in names if Path(name).suffix in SCENE_SUFFIXES}
+    if not found:  # USD 24.3 ends the process where it looks into a file that it cannot open
+        try:
+            _, _, unresolved = UsdUtils.ComputeAllDependencies(str(path))
+            names = [str(each) for each in unresolved]
+        except Tf.ErrorException as error:
+            reason = f"USD cannot open a file that it names: {_reason(error)}"
+            return [Problem(str(path), "", reason)]
+        found = {name: "is missing" for name in names if Path(name).suffix in SCENE_SUFFIXES}
     return [Problem(str(path), name, message) for name, message in sorted(found.items())]
 
 

@@ -65,9 +65,7 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
     _author_stage(stage, cache, target)
-    codes: list[float] = []
-    if cache.has_frames:
-        codes = [float(code) for code in range(int(cache.frames[0]), int(cache.frames[1]) + 1)]
+    codes = cache.codes()
     root = stage.GetDefaultPrim().GetPath()
     for index, (feather, grid) in enumerate(zip(cache.feathers, grids, strict=True)):
         name = feather.path.rpartition("/")[2]

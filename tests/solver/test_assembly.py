@@ -193,3 +193,20 @@ def test_a_held_root_has_no_equation():
     assert not gradient[:6].any()
     assert (band[:6, 0] == 1.0).all()
     assert not band[:6, 1:].any()
+
+
+def test_the_whole_hessian_is_the_derivative_of_the_gradient_at_rest():
+    rng = np.random.default_rng(22)
+    _, model = preset_batch("swan_primary", rows=7, columns=3)
+    model = model._replace(held=np.array([False]))
+    trial = Trial(model, at_origin(model), no_loads(1), STILL)
+    trial.assembled(signed=True)
+    band = trial.work.system.band.copy()
+    size, width = band.shape
+    matrix = np.zeros((size, size))
+    for d in range(width):
+        inside = np.arange(max(size - d, 0))
+        matrix[inside + d, inside] = matrix[inside, inside + d] = band[inside, d]
+    for _ in range(5):
+        x = 1e-4 * scales(model) * rng.normal(size=size)
+        assert trial.energy(x) == pytest.approx(0.5 * x @ matrix @ x, rel=1e-2)

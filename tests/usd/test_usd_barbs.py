@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdUtils
 from scipy.spatial.transform import Rotation
 
 import featherfx
@@ -110,3 +110,20 @@ def test_the_extent_of_the_root_covers_the_barbs(cache):
             corners = np.array(UsdGeom.BasisCurves(prim).GetExtentAttr().Get(code))
             assert np.all(corners[0] >= low - 1e-5)
             assert np.all(corners[1] <= high + 1e-5)
+
+
+@pytest.mark.parametrize("variant", ["vane", "barbs", "rachis"])
+def test_usd_finds_no_fault_in_any_representation(cache, variant):
+    """USD's validators, or the checker that older USDs have in their place."""
+    path = cache[0]
+    stage = Usd.Stage.Open(str(path))
+    stage.SetEditTarget(stage.GetSessionLayer())
+    stage.GetDefaultPrim().GetVariantSet("representation").SetVariantSelection(variant)
+    if hasattr(UsdUtils, "ComplianceChecker"):
+        checker = UsdUtils.ComplianceChecker(skipARKitRootLayerCheck=True)
+        checker.CheckCompliance(str(path))
+        assert [*checker.GetErrors(), *checker.GetFailedChecks()] == []
+    validation = pytest.importorskip("pxr.UsdValidation")
+    registry = validation.ValidationRegistry()
+    context = validation.ValidationContext(registry.GetOrLoadAllValidators())
+    assert [error.GetErrorAsString() for error in context.Validate(stage)] == []

@@ -27,11 +27,15 @@ def test_memory_does_not_grow_with_frames(tmp_path):
 
 @pytest.mark.slow
 def test_writing_a_hundred_feathers(tmp_path):
-    """At most three times a raw write of the same bytes, in less than 300 MiB; see docs/usd.md."""
+    """At most three times a raw write of the same bytes; docs/usd.md has the figures.
+
+    The time asks for a quiet machine: computing competes for processors, a raw write hardly does.
+    Of the peak 240 MiB are libraries.
+    """
     cost(tmp_path / "warm", 1, 1)
     figures = cost(tmp_path / "large", 100, 240)
     print(figures)
     assert figures["points"] > 3000
     assert figures["bytes"] > 4e9
-    assert figures["peak"] < 300 * 2**20
+    assert figures["peak"] < 320e6
     assert figures["seconds"] < 3 * figures["raw"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import feathers
@@ -17,6 +18,7 @@ from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.usd.read import Cache
+from featherfx.usd.write import CacheWriter
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
@@ -64,6 +66,20 @@ def test_condensed_feathers_carry_the_barbs(tmp_path, caches):
             barbs = np.array(primvar.Get(code)).reshape(feathers.ROWS, feathers.COLUMNS, 3)
             nodes = material[:, first : first + feathers.COLUMNS]
             np.testing.assert_allclose(barbs, nodes, atol=1e-7)
+
+
+def test_condensed_feathers_keep_subframes(tmp_path):
+    path = tmp_path / "half.usdc"
+    with CacheWriter(path, feathers.entries()[:1], (1, 2), 24.0, subframes=2) as writer:
+        for code in (1, 1.5, 2):
+            frame = feathers.frame(code)
+            writer.write(replace(frame, points=frame.points[:1], velocities=frame.velocities[:1]))
+    pipeline.export(path, tmp_path / "condensed.usda", condensed=True)
+    stage = Usd.Stage.Open(str(tmp_path / "condensed.usda"))
+    points = UsdGeom.BasisCurves.Get(stage, "/condensed/primary_1").GetPointsAttr()
+    assert points.GetTimeSamples() == [1.0, 1.5, 2.0]
+    wanted = feathers.frame(1.5).points[0][:, 0]
+    np.testing.assert_allclose(points.Get(1.5), wanted, atol=1e-7)
 
 
 def test_condensed_feathers_are_a_groom_again(tmp_path, wing):

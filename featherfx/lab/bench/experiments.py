@@ -23,7 +23,7 @@ from featherfx.lab.bench.shake import (
     trajectory_error,
 )
 from featherfx.lab.bench.tables import Row, Table
-from featherfx.mechanics.resolution import coefficients_for
+from featherfx.mechanics.resolution import GRID_SHARE, coefficients_for
 from featherfx.shot.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.simulate import NEWTON_SHARE
 
@@ -35,6 +35,7 @@ COMPARED: dict[str, Method] = {
     "nodal, textbook": nodal("textbook"),
 }
 RATIOS = tuple(10.0**k for k in range(2, 9))
+COST = "ms a simulated second"
 QUALITIES = ("draft", "preview", "final")
 
 
@@ -165,13 +166,14 @@ def preset_shake(kind: FeatherKind, name: str) -> Shake:
     if coefficients == CHOSEN_BY_SOLVER:
         feather = build_feather(kind, values["rows"], values["columns"])
         pressure = kind.vane_material.surface_density * ACCELERATION
-        coefficients = coefficients_for(feather, kind, pressure, values["tolerance"])
+        coefficients = coefficients_for(feather, kind, pressure, GRID_SHARE * values["tolerance"])
     return Shake(
         rows=values["rows"],
         columns=values["columns"],
         coefficients=coefficients,
         step=0.0,
         tolerance=values["tolerance"],
+        radius=values["radius"],
         newton=NEWTON_SHARE * values["tolerance"],
         max_substeps=values["max_substeps"],
     )
@@ -184,7 +186,7 @@ def presets_table(kind: FeatherKind, reference: Run) -> Table:
         row = _front_row(
             kind, "barb-curvature", barb_curvature, preset_shake(kind, name), reference
         )
-        names = ("rows", "columns", "coefficients", "tolerance", "error", "ms a simulated second")
+        names = ("rows", "columns", "coefficients", "tolerance", "radius", "error", COST)
         rows.append({"preset": name, **{key: row[key] for key in names}, "steps": row["steps"]})
     note = (
         "The same shake and the same measure of error as below, with the steps that the presets'"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ ENERGY_SLACK = 1e-6
 # distance of a state's points from those that its coordinates give, share of the length
 POSE_SLACK = 1e-9
 WORST = 5
+COUNTED = ("steps", "iterations", "rejected", "failed", "fallbacks", "forced")
 
 
 @dataclass
@@ -32,9 +33,9 @@ class Outcome:
     """What became of a case.
 
     seed, numbers: of the case. status: 0 or why the solver stopped; frame: in which frame.
-    steps, iterations, rejected, failed, fallbacks: sums over the frames (StepReport).
+    steps, iterations, rejected, failed, fallbacks, forced: sums over the frames (StepReport).
     energy_gain: largest growth of energy over a frame, share of all there is; None where work is
-    done. violations: what must never happen and did. seconds: wall time.
+    done. violations: what must never happen and did. seconds: processor time.
     """
 
     seed: int
@@ -46,6 +47,7 @@ class Outcome:
     rejected: int = 0
     failed: int = 0
     fallbacks: int = 0
+    forced: int = 0
     energy_gain: float | None = None
     violations: list[str] = field(default_factory=list)
     seconds: float = 0.0
@@ -72,7 +74,7 @@ def energies(model: Model, state: State, loads: Loads) -> tuple[float, float, fl
 def run_case(case: Case) -> Outcome:
     """Simulate a case and judge every frame."""
     outcome = Outcome(case.seed, case.numbers)
-    start = perf_counter()
+    start = thread_time()
     state = case.state
     gains = []
     with Solver(case.model, case.settings) as solver:
@@ -91,12 +93,12 @@ def run_case(case: Case) -> Outcome:
         outcome.energy_gain = max(gains)
         if not outcome.energy_gain <= ENERGY_SLACK:
             outcome.violations.append("energy grew")
-    outcome.seconds = perf_counter() - start
+    outcome.seconds = thread_time() - start
     return outcome
 
 
 def _count(outcome: Outcome, report: StepReport) -> None:
-    for name in ("steps", "iterations", "rejected", "failed", "fallbacks"):
+    for name in COUNTED:
         setattr(outcome, name, getattr(outcome, name) + int(getattr(report, name)[0]))
     outcome.status = int(report.status[0])
 
@@ -146,44 +148,29 @@ def run_seeds(
     jobs: int = 1,
     most_rows: int = 200,
     progress: Callable[[int, int], None] | None = None,
+    keep: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:
-    """Outcomes of the cases of the seeds, in their order. progress: called as (done, total)."""
+    """Outcomes of the cases of the seeds, in their order.
+
+    progress: called as (done, total). keep: called with each outcome as soon as it is there.
+    """
     listed = list(seeds)
 
     def one(seed: int) -> Outcome:
         return run_case(draw_case(seed, most_rows))
 
-    outcomes = []
     with ThreadPoolExecutor(jobs) as pool:
-        for outcome in pool.map(one, listed):
-            outcomes.append(outcome)
-            if progress is not None:
-                progress(len(outcomes), len(listed))
-    return outcomes
-
-
-def summary(outcomes: list[Outcome]) -> dict[str, Any]:
-    """Counts, and the worst cases: violations first, then stopped ones, then the dearest."""
-    ranked = sorted(
-        outcomes,
-        key=lambda o: (bool(o.violations), o.status != CONVERGED, o.iterations),
-        reverse=True,
-    )
-    gains = [o.energy_gain for o in outcomes if o.energy_gain is not None]
-    return {
-        "cases": len(outcomes),
-        "ok": sum(o.verdict == "ok" for o in outcomes),
-        "sub_stepped": sum(o.verdict == "sub-stepped" for o in outcomes),
-        "stopped": sum(o.verdict == "stopped" for o in outcomes),
-        "violations": sum(bool(o.violations) for o in outcomes),
-        "still_cases": len(gains),
-        "largest_energy_gain": max(gains, default=0.0),
-        "implicit_euler_steps": sum(o.fallbacks for o in outcomes),
-        "steps": sum(o.steps for o in outcomes),
-        "iterations": sum(o.iterations for o in outcomes),
-        "seconds": sum(o.seconds for o in outcomes),
-        "worst": [as_record(o) for o in ranked[:WORST]],
-    }
+        futures = [pool.submit(one, seed) for seed in listed]
+        try:
+            for done, future in enumerate(as_completed(futures), 1):
+                if keep is not None:
+                    keep(future.result())
+                if progress is not None:
+                    progress(done, len(listed))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return [future.result() for future in futures]
 
 
 def as_record(outcome: Outcome) -> dict[str, Any]:
@@ -194,10 +181,7 @@ def as_record(outcome: Outcome) -> dict[str, Any]:
         "status": outcome.status,
         "violations": outcome.violations,
         "energy_gain": outcome.energy_gain,
-        "iterations": outcome.iterations,
-        "steps": outcome.steps,
-        "failed": outcome.failed,
-        "fallbacks": outcome.fallbacks,
+        **{name: getattr(outcome, name) for name in COUNTED},
         "seconds": outcome.seconds,
         "case": outcome.numbers,
     }

@@ -74,6 +74,17 @@ def locking(folder: Path) -> StudyResult:
             rows.append(bounded(name, error, at_least=0.1, note=note))
     count, error = found.error("aligned", math.inf)[-1]
     rows.append(bounded(f"error, inextensible limit, {count} elements", error, at_most=0.02))
+    rows.append(
+        compared(
+            "barb-curvature kinematics: change of a feather's rest pose, modulus along times 1e6",
+            _change_with_ratio(1e6),
+            0.0,
+            0.0,
+            unit="m",
+            absolute=True,
+            note="swan primary under its weight; the modulus along the barbs is not in the model",
+        )
+    )
     file = folder / "vane_locking.png"
     return StudyResult(rows, pictures.locking_picture(file, found))
 
@@ -193,6 +204,29 @@ def angles(folder: Path) -> StudyResult:
         *pictures.band_picture(folder / "vane_bands.png", found),
     )
     return StudyResult(rows, figures)
+
+
+def _change_with_ratio(factor: float) -> float:
+    """m, largest change of a hanging feather when the modulus along its barbs grows."""
+    from featherfx.feather.build import build_feather
+    from featherfx.lab.feather import feather_kind
+    from featherfx.mechanics.batch import make_model
+    from featherfx.mechanics.model import no_loads
+    from featherfx.solver.state import rest_state
+    from featherfx.solver.step import Settings, Solver, raise_if_failed
+
+    kind = feather_kind("swan_primary")
+    feather = build_feather(kind, 11, 4)
+    poses = []
+    for scale in (1.0, factor):
+        vane = replace(kind.vane_material, along=scale * kind.vane_material.along)
+        model = make_model([feather], [replace(kind, vane_material=vane)], 2)
+        state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+        solver = Solver(model, Settings())
+        found, status, _ = solver.equilibrium(state, no_loads(1, (0.0, 0.0, -9.81)))
+        raise_if_failed(status, found.time, [kind.name])
+        poses.append(found.points)
+    return float(np.abs(poses[1] - poses[0]).max())
 
 
 def _curve(angle: float, largest: float) -> Curve:

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 NAMES = ("along", "across", "shear")
 # strains at which a tilted sample is solved; between them the secant modulus is interpolated
 KNOTS = 4
-COARSE, FINE = 1500, 8000
+COARSE, FINE = 600, 8000
 ROUNDS, CORRECTIONS = 8, 2
 CLOSE = 1e-5
 DIFFERENCE = 1e-3
@@ -105,8 +105,9 @@ def calibrate(curves: Sequence[Curve], elements: int = FINE) -> Calibration:
             test.correct(_moduli(guess), elements)
         if np.abs(guess - before).max() < CLOSE:
             break
-    residual: Any = np.concatenate([test.stress(_moduli(guess)) for test in tests]) - data
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    weighted: Array = np.concatenate([test.stress(_moduli(guess)) for test in tests])
+    residual = np.asarray(weighted - data, dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
     low, high = _intervals(guess, inverse, residual)
     singular = np.linalg.svd(jacobian, compute_uv=False)
     return Calibration(

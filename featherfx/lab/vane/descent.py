@@ -30,6 +30,10 @@ SHORTEST = 1e-6
 ARMIJO = 1e-4
 
 
+class NoEquilibrium(Exception):
+    """No equilibrium was found; holds the reason."""
+
+
 def tensile(stresses: Array) -> Array:
     """Stresses (..., 3) of (vv, ww, vw) without their negative principal parts."""
     mean = 0.5 * (stresses[..., 0] + stresses[..., 1])
@@ -44,7 +48,8 @@ def tensile(stresses: Array) -> Array:
 
 
 def descend(statics: Statics, pose: Pose, shift: Array) -> tuple[Array, int] | None:
-    """Positions (N, 2) of a minimum and the iterations taken, or None.
+    """Positions (N, 2) of a minimum and the iterations taken, or None. Raises
+    NoEquilibrium.
 
     pose: where it begins. shift: (N, 2) m, of the held nodes; zero elsewhere.
     """
@@ -73,7 +78,7 @@ def _direction(
             break
         weight = min(1.0, weight + MORE) if weight > 0.0 else FIRST
     if found is None:
-        raise ArithmeticError("the stiffness of a stretched membrane is not definite")
+        raise NoEquilibrium("the stiffness is singular")
     step, forces = found
     return step, -float((forces * step).sum()), weight
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from featherfx.lab.drawing import draw
 from featherfx.lab.study import Figure
@@ -16,6 +17,7 @@ from featherfx.lab.vane.locking import Locking
 from featherfx.lab.vane.size_effect import SizeEffect
 from featherfx.lab.vane.traction import Meshing, Pulled, TractionResult
 
+Array = NDArray[np.float64]
 MARKS: tuple[tuple[Meshing, str], ...] = (("aligned", "o-"), ("unaligned", "s--"))
 
 
@@ -95,30 +97,36 @@ def band_picture(file: Path, bands: Sequence[ShearBand]) -> tuple[Figure, ...]:
     def paint(canvas: Any) -> None:
         grid = canvas.subplots(2, len(bands), squeeze=False)
         for column, band in enumerate(bands):
+            most = float(np.quantile(_shear(band.bands), 0.98))
             for axes, pulled, name in (
                 (grid[0, column], band.bands, "mesoscale"),
                 (grid[1, column], band.membrane, "macroscale"),
             ):
-                _deformed(axes, pulled)
+                _deformed(axes, pulled, most)
                 axes.set_title(f"{name}, aspect {band.aspect:g}", fontsize=8)
 
     caption = (
-        "Tilted tests in both models, coloured by the size of the shear 2 e_vw: the shear band"
-        " between what the two clamps hold widens with the aspect ratio."
+        "Tilted tests in both models, coloured by the size of the shear 2 e_vw, on one scale for"
+        " each aspect ratio: the shear band between what the two clamps hold widens with it."
     )
     return draw(file, caption, paint, (2.6 * len(bands), 7.0))
 
 
-def _deformed(axes: Any, pulled: Pulled) -> None:
-    statics, where = pulled.statics, 1e3 * pulled.pose.positions
-    shear = np.abs(statics.strains(pulled.pose.positions)[..., 2]).mean(axis=1)
+def _shear(pulled: Pulled) -> Array:
+    """(M,) size of 2 e_vw in each element."""
+    strain = pulled.statics.strains(pulled.pose.positions)
+    mean: Array = np.abs(strain[..., 2]).mean(axis=1)
+    return mean
+
+
+def _deformed(axes: Any, pulled: Pulled, most: float) -> None:
     axes.tripcolor(
-        *where.T,
-        statics.membrane.nodes[:, :3],
-        facecolors=shear,
+        *pulled.pose.positions.T,
+        pulled.statics.membrane.nodes[:, :3],
+        facecolors=_shear(pulled),
         cmap="viridis",
         vmin=0.0,
-        vmax=float(np.quantile(shear, 0.98)) or 1.0,
+        vmax=most,
     )
     axes.set_aspect("equal")
     axes.set_axis_off()

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import Problem
+from featherfx.errors import InputError, Problem
+from featherfx.lab.vane.descent import NoEquilibrium
 from featherfx.lab.vane.elements import membrane
 from featherfx.lab.vane.mesoscale import Bands, band_mesh
 from featherfx.lab.vane.sample import Sample, displacement, require, stress
@@ -89,7 +90,11 @@ def _press(count: int, fraction: float, strain: Array) -> Array:
     found = []
     for value in strain:
         moved = displacement(float(value), sample.height)
-        pose = statics.descend(pose, rest + np.outer(top, [0.0, moved]))
+        try:
+            pose = statics.descend(pose, rest + np.outer(top, [0.0, moved]))
+        except NoEquilibrium as error:
+            message = f"{count}: no equilibrium at the strain {value:g}: {error}"
+            raise InputError(Problem("", "counts", message)) from error
         force = float(statics.forces(pose)[top, 1].sum())
         found.append(stress(force, moved, sample))
     return np.array(found)

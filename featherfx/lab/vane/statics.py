@@ -21,7 +21,7 @@ from scipy.sparse import bmat, csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
 from featherfx.lab.vane.chain_kernels import chain_system
-from featherfx.lab.vane.descent import descend
+from featherfx.lab.vane.descent import NoEquilibrium, descend
 from featherfx.lab.vane.elements import Membrane
 from featherfx.lab.vane.pattern import Pattern, factorised
 from featherfx.lab.vane.sample_kernels import predicted_strains, sample_strains, sample_system
@@ -37,10 +37,6 @@ ITERATIONS = 25
 PARTS = 8
 # a step that moves a node by more than this share of the size has gone astray
 ASTRAY = 1.0
-
-
-class NoEquilibrium(Exception):
-    """The iterations did not converge; holds the reason."""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
+from featherfx.lab.vane.descent import NoEquilibrium
 from featherfx.lab.vane.elements import Membrane, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_of_size, unaligned_of_size
 from featherfx.lab.vane.sample import (
@@ -32,7 +33,7 @@ from featherfx.lab.vane.sample import (
     strains,
     stress,
 )
-from featherfx.lab.vane.statics import NoEquilibrium, Pose, Statics
+from featherfx.lab.vane.statics import Pose, Statics
 
 Array = NDArray[np.float64]
 Meshing = Literal["aligned", "unaligned"]

@@ -1,0 +1,49 @@
+"""The share of a hinge whose triangles are crushed: its range, and its gradient."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from featherfx.mechanics.vane_bending_kernels import CRUSHED, crush_gradient, opening, uncrushed
+
+# unit edge, triangles of height 1 at rest
+REST = np.array([1.0, 0.0, 1.0])
+
+
+def nodes(height, seed=0):
+    """Nodes of a hinge whose upper triangle has lost all but a share of its area."""
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    flat = np.array([[0, 0, 0], [1, 0, 0], [0.3, height, 0], [0.6, -0.15, 0.05]], dtype=float)
+    return flat @ turn
+
+
+def share(points):
+    return uncrushed(*points, opening(REST), opening(REST))
+
+
+@pytest.mark.parametrize("height", [CRUSHED, 0.5, -1.0])
+def test_a_triangle_that_keeps_enough_area_bends_as_ever(height):
+    points = nodes(height)
+    points[3] = points[0] + 2.0 * (points[3] - points[0])
+    assert share(points) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_the_share_of_one_that_turns_over_passes_through_zero():
+    heights = np.linspace(-0.2, 0.2, 41)
+    shares = [share(nodes(height)) for height in heights]
+    assert shares[20] == pytest.approx(0.0, abs=1e-25)
+    assert np.all(np.diff(shares[20:]) > 0.0)
+    assert shares == pytest.approx(shares[::-1])
+
+
+@pytest.mark.parametrize("height", [0.19, 0.1, 0.03, 1e-3])
+def test_its_gradient_is_the_derivative(height):
+    points, gradient = nodes(height, 1), np.zeros((4, 3))
+    crush_gradient(*points, opening(REST), opening(REST), gradient)
+    rng = np.random.default_rng(2)
+    for _ in range(6):
+        x, step = rng.normal(size=(4, 3)), 1e-7
+        slope = (share(points + step * x) - share(points - step * x)) / (2.0 * step)
+        assert np.sum(gradient * x) == pytest.approx(slope, rel=1e-5, abs=1e-6)
