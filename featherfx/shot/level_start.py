@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.density import density_map
-from featherfx.feather.types import Feather
+from featherfx.feather.types import LEADING, TRAILING, Feather
 from featherfx.mechanics.batch import has_elastic_clamp
 from featherfx.shot.groups import Group
 from featherfx.shot.guided import Shapes, Turns, overlaps
@@ -40,9 +39,9 @@ def take_level_up(
     position, rotation = root
     local = pose.points - position
     local[:, 1:3] = pose.points[:, 1:3]
-    taken = Shapes([drawn], mirrored).turns((local @ rotation)[None])
-    own = Shapes([feather], mirrored)
-    blend = overlaps(own.shares[0], Shapes([drawn], mirrored).shares[0])
+    given, own = Shapes([drawn], mirrored), Shapes([feather], mirrored)
+    taken = given.turns((local @ rotation)[None])
+    blend = overlaps(own.shares[0], given.shares[0])
     rows, columns = own.size
     along = (blend @ taken.along[0])[None]
     world = place(
@@ -50,12 +49,35 @@ def take_level_up(
     )
     second, third = world[:, 1], world[:, 2]
     frames = np.stack([np.cross(second, third), second, third], axis=-1)
-    same = feather.points.shape == drawn.points.shape
-    velocity = pose.velocities if same else density_map(drawn, feather)(pose.velocities)
+    velocity = _resampled(pose.velocities, drawn, feather)
     coefficients = np.zeros_like(group.state.coefficient[k])
     if source is not None:
         coefficients = _coefficients(group, k, source, has_elastic_clamp(placement.kind))
     take_up(group.solver.model, group.state, k, frames, world[:, 0], coefficients, velocity, time)
+
+
+def _resampled(values: Array, given: Feather, wanted: Feather) -> Array:
+    """Rates (n, P, 3) of one grid on another, linear between rows and between barb nodes.
+
+    The density maps (featherfx/feather/density.py) would be exact for turning feathers as well,
+    but take longer to make than a feather to step.
+    """
+    if given.points.shape == wanted.points.shape:
+        return values
+    rows = _linear(*(each.station / each.station[-1] for each in (wanted, given)))
+    across = _linear(*(np.linspace(0.0, 1.0, each.columns + 1) for each in (wanted, given)))
+    along = np.einsum("ni,ipc->npc", rows, values)
+    parts = [along[:, :3]]
+    for side in (LEADING, TRAILING):
+        first = 3 + side * given.columns
+        barb = np.concatenate([along[:, :1], along[:, first : first + given.columns]], axis=1)
+        parts.append(np.einsum("mj,njc->nmc", across[1:], barb))
+    return np.concatenate(parts, axis=1)
+
+
+def _linear(places: Array, knots: Array) -> Array:
+    """(K, n) weights of values at knots (n,) at places (K,)."""
+    return np.stack([np.interp(places, knots, unit) for unit in np.eye(len(knots))], axis=1)
 
 
 def _coefficients(group: Group, k: int, source: tuple[Group, int], clamp: bool) -> Array:
