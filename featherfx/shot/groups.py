@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.density import PointMap, density_map
+from featherfx.feather.build import build_feather
+from featherfx.feather.density import PointMap, density_map, scaled_map
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
+from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
 from featherfx.shot.detail import CARRIED, Resolution
@@ -105,7 +107,7 @@ def _group(
         level=resolution.level,
         members=members,
         feathers=feathers,
-        maps=_maps(feathers, [drawn[i] for i in members]),
+        maps=_maps(placements, feathers, [drawn[i] for i in members]),
         names=[p.id for p in placements],
         grips=[(place[g.feather], g) for g in shot.grips if g.feather in place],
         forces=[
@@ -141,12 +143,26 @@ def pose_of(group: Group, k: int) -> FeatherPose:
     return FeatherPose(*(values if to_mesh is None else map(to_mesh, values)))
 
 
-def _maps(simulated: list[Feather], drawn: list[Feather]) -> list[PointMap | None]:
+def _maps(
+    placements: Sequence[Placement], simulated: list[Feather], drawn: list[Feather]
+) -> list[PointMap | None]:
     """From the simulated grids to the drawn ones; None where they are the same."""
-    known: dict[tuple[int, int], PointMap | None] = {}
-    for pair in zip(simulated, drawn, strict=True):
-        key = (id(pair[0]), id(pair[1]))
+    known: dict[tuple[int, bool], PointMap] = {}
+    found: list[PointMap | None] = []
+    for placement, coarse, fine in zip(placements, simulated, drawn, strict=True):
+        if coarse.points.shape == fine.points.shape:
+            found.append(None)
+            continue
+        # one map for all feathers that differ in size only
+        shape = placement.prototype or placement.kind
+        key = id(shape), placement.mirrored
         if key not in known:
-            same = pair[0].points.shape == pair[1].points.shape
-            known[key] = None if same else density_map(*pair)
-    return [known[id(a), id(b)] for a, b in zip(simulated, drawn, strict=True)]
+            known[key] = density_map(
+                *(
+                    build_feather(shape, f.rows, f.columns, placement.mirrored)
+                    for f in (coarse, fine)
+                )
+            )
+        size = placement.size if placement.prototype is not None else 1.0
+        found.append(scaled_map(known[key], size, coarse.points.shape[1]))
+    return found

@@ -168,9 +168,12 @@ def test_a_change_adds_less_than_the_bound_however_far_levels_are_apart() -> Non
 
 @pytest.mark.parametrize("level", ["coarse", "rachis", "rigid"])
 def test_a_hanging_feather_changes_without_a_pop(level: str) -> None:
-    """Nothing moves but the change itself, both ways: under 0.5 % of the length a frame."""
+    """Nothing moves but the change itself, both ways: under 0.5 % of the length a frame.
+
+    Under twenty gravities the feather sags by more than 3 % of its length.
+    """
     near, far = 1.0, 60.0
-    shot = feathers(1, 90)
+    shot = replace(feathers(1, 90), gravity=np.array([0.0, 0.0, -200.0]))
     below = {f"{level}_below": 40.0}
     away = railed(shot, (near,) * 8 + (far,) * 35 + (near,) * 60, **below)
     assert {"full", level} == {row[0] for row in names(away)}
@@ -180,7 +183,8 @@ def test_a_hanging_feather_changes_without_a_pop(level: str) -> None:
     places = np.delete(points, (1, 2), axis=2)
     steps = np.linalg.norm(np.diff(places, axis=0), axis=-1).max(axis=(1, 2))
     assert steps.max() < 0.005 * length
-    assert np.abs(points - full).max() > 1e-5
+    apart = np.linalg.norm(np.delete(points - full, (1, 2), axis=2), axis=-1).max()
+    assert apart > {"coarse": 2e-4, "rachis": 2e-3, "rigid": 0.03}[level] * length
     assert points[-1] == pytest.approx(full, abs=5e-3 * length)
 
 
