@@ -19,7 +19,16 @@ if TYPE_CHECKING:
     from featherfx.feather.types import Feather
     from featherfx.groom.types import Groom
 
-__all__ = ["bake", "check", "export", "export_groom", "join", "plan", "plumage_stats"]
+__all__ = [
+    "bake",
+    "check",
+    "export",
+    "export_groom",
+    "join",
+    "plan",
+    "plumage_stats",
+    "read_shot",
+]
 
 
 def export_groom(

@@ -90,8 +90,8 @@ def bench(
     jobs = jobs or os.cpu_count() or 1
     tables, outcome = [], None
     if skips:
-        from featherfx.api import read_shot
         from featherfx.lab.bench.skips import skips_table
+        from featherfx.pipeline import read_shot
 
         shots = [read_shot(path) for path in skips]
         with Progress("skips") as progress:
