@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.shot.guided_kernels import chains
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -56,9 +57,9 @@ class Shapes:
         self._mirrored = np.array(mirrored, dtype=np.bool_)
         rest = self._unmirrored(np.stack([feather.points for feather in feathers]))
         frames = _row_frames(rest)
-        self._origin = rest[:, 0, 0]
+        self._origin = np.ascontiguousarray(rest[:, 0, 0])
         self._steps = _transposed(frames[:, :-1]) @ frames[:, 1:]
-        self._chords, self._segments = _pieces(rest, frames)
+        self._chords, self._segments = (np.ascontiguousarray(p) for p in _pieces(rest, frames))
         self.shares = [np.round(each.station / each.station[-1], _DIGITS) for each in feathers]
         self.grown = [np.asarray(each.barb_length > 0.0) for each in feathers]
         self.size = rest.shape[1], (rest.shape[2] - 3) // 2
@@ -77,20 +78,17 @@ class Shapes:
         """(F, n, P, 3) material points in the root frames."""
         count, (rows, columns) = len(self._origin), self.size
         points = np.empty((count, rows, 3 + 2 * columns, 3))
-        frames = np.empty((count, rows, 3, 3))
-        frames[:, 0] = np.eye(3)
-        steps = self._steps @ _rotations(turns.along[..., :3])
-        for i in range(rows - 1):
-            np.matmul(frames[:, i], steps[:, i], out=frames[:, i + 1])
-        chords = _applied(frames[:, :-1], _turned(turns.along[..., 3:], self._chords))
-        points[:, 0, 0] = self._origin
-        points[:, 1:, 0] = self._origin[:, None] + np.cumsum(chords, axis=1)
-        points[:, :, 1], points[:, :, 2] = frames[..., 1], frames[..., 2]
-        segments = np.cumsum(_turned(turns.barbs, self._segments), axis=3)
-        for side in (LEADING, TRAILING):
-            first = 3 + side * columns
-            nodes = segments[:, side] @ _transposed(frames)
-            points[:, :, first : first + columns] = points[:, :, :1] + nodes
+        chains(
+            turns.along,
+            turns.barbs,
+            self._origin,
+            self._steps,
+            self._chords,
+            self._segments,
+            np.zeros((2, 3, 3)),
+            np.zeros((3, 3)),
+            points,
+        )
         return self._unmirrored(points)
 
     def _unmirrored(self, points: Array) -> Array:
@@ -217,31 +215,6 @@ def _rotation_vectors(frames: Array) -> Array:
     from featherfx.mechanics.turns import rotation_vectors
 
     return rotation_vectors(np.ascontiguousarray(frames))
-
-
-def _factors(vectors: Array) -> tuple[Array, Array]:
-    """sin a / a and (1 - cos a) / a^2 of the vectors' angles a, (..., 1)."""
-    square = np.einsum("...k,...k->...", vectors, vectors)[..., None]
-    half = 0.5 * np.sqrt(square)
-    # numpy's sinc is sin(pi x) / (pi x)
-    return np.sinc(2.0 * half / np.pi), 0.5 * np.sinc(half / np.pi) ** 2
-
-
-def _rotations(vectors: Array) -> Array:
-    """(..., 3, 3) rotation matrices of rotation vectors (..., 3)."""
-    sine, versine = _factors(vectors)
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    none = np.zeros_like(x)
-    skew = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1)
-    skew = skew.reshape(*vectors.shape[:-1], 3, 3)
-    return np.eye(3) + sine[..., None] * skew + versine[..., None] * (skew @ skew)
-
-
-def _turned(vectors: Array, pieces: Array) -> Array:
-    """Pieces (..., 3) turned by rotation vectors (..., 3)."""
-    sine, versine = _factors(vectors)
-    first = np.cross(vectors, pieces)
-    return np.asarray(pieces + sine * first + versine * np.cross(vectors, first))
 
 
 def _turn_between(before: Array, after: Array) -> Array:
