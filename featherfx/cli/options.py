@@ -31,6 +31,26 @@ class FrameRange(click.ParamType):
         return first, last
 
 
+class Names(click.ParamType):
+    """Some of the allowed names, with commas between."""
+
+    name = "NAMES"
+
+    def __init__(self, *allowed: str) -> None:
+        self._allowed = allowed
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[str]:
+        if isinstance(value, list):
+            return value
+        found = [name.strip() for name in value.split(",") if name.strip()]
+        for name in found:
+            if name not in self._allowed:
+                self.fail(f"'{name}' is not one of {', '.join(self._allowed)}", param, ctx)
+        return sorted(set(found))
+
+
 class Share(click.ParamType):
     """i/n, the i-th of n shares."""
 
