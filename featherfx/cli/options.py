@@ -85,7 +85,7 @@ class Size(click.ParamType):
 
 def readable_path() -> click.Path:
     """A path that the command reads; whether it can is told with the other problems."""
-    return click.Path(path_type=Path)
+    return click.Path(path_type=Path, readable=False)
 
 
 def stage_options(command: Decorated) -> Decorated:
