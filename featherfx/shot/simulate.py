@@ -21,6 +21,7 @@ from featherfx.shot.forces import force_weights
 from featherfx.shot.loads import frame_loads, root_path
 from featherfx.shot.motion import Roots, root_motion
 from featherfx.shot.rigid import FeatherPose, rigid_poses
+from featherfx.shot.settled import settled
 from featherfx.shot.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.types import Force, Frame, Grip, Shot, sample_number
 from featherfx.solver.modes import with_damping
@@ -205,8 +206,7 @@ class Simulation:
         loads = self._loads(group, motion, index)
         if index == 0:
             if self.shot.settle:
-                group.state, status, _ = group.solver.equilibrium(group.state, loads)
-                raise_if_failed(status, group.state.time, group.names)
+                group.state = settled(group.solver, group.state, loads, group.names)
                 group.start = group.state.points.copy()
             return
         duration = self._time(1)

@@ -79,10 +79,7 @@ def _factorised(model, loads, f, share, factors, last, work):
     stiffness is in the matrix; NONE: not even that is definite.
     """
     system = work.system
-    if last != STABLE:
-        shift = last / GROWTH if last > FIRST_SHIFT * GROWTH else 0.0
-    else:
-        shift = 0.0
+    shift = last / GROWTH if last > FIRST_SHIFT * GROWTH else 0.0
     while True:
         assemble(model, loads, f, share, factors, shift != STABLE, max(shift, 0.0), work)
         if factorise(system.band, system.panel):
