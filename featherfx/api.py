@@ -28,9 +28,10 @@ def read_groom(path: str | Path, preset_folders: Folders = ()) -> Groom:
     preset_folders: searched before the user's and the shipped presets. Raises InputError with all
     problems of the file, of the tables and scenes that it names, and of the presets.
     """
+    from featherfx.feather.layout import lay_out
     from featherfx.groom import read
 
-    return read.read_groom(path, preset_folders, scene_readers())
+    return lay_out(read.read_groom(path, preset_folders, scene_readers()))
 
 
 def read_shot(path: str | Path, preset_folders: Folders = ()) -> Shot:
@@ -60,13 +61,13 @@ def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]
     quality: gives rows and columns; a name is one of the presets on the default search path.
     Raises InputError with the problems of all feathers that cannot be built.
     """
-    from featherfx.feather.build import build_feather
+    from featherfx.feather.scaled import feather_of
 
     grid = read_quality(quality) if isinstance(quality, str) else quality
     feathers, problems = [], dict[Problem, None]()
     for each in groom.feathers:
         try:
-            feathers.append(build_feather(each.kind, grid.rows, grid.columns, each.mirrored))
+            feathers.append(feather_of(each, grid.rows, grid.columns))
         except InputError as error:
             problems |= dict.fromkeys(error.problems)
     if problems:

@@ -16,8 +16,9 @@ from featherfx.api import Folders
 from featherfx.bake_task import BakeOptions, Drawn, Task, all_of, prepare, sample_count
 
 if TYPE_CHECKING:
+    from featherfx.feather.density import PointMap
     from featherfx.feather.types import Feather
-    from featherfx.groom.types import Groom
+    from featherfx.groom.types import Groom, Placement
     from featherfx.shot.skin_motion import BoundSkin
     from featherfx.shot.types import Quality
     from featherfx.usd.types import FeatherEntry
@@ -122,14 +123,12 @@ def drawn_entries(
 
     quality: of the simulation. names: prim name per feather.
     """
-    from featherfx.feather.render import barb_curves, render_feather
+    from featherfx.feather.render import barb_curves
 
     grid, count = (quality.rows, quality.columns), drawn.barbs
+    meshes = drawn.grid(quality)
     built = all_of(
-        *(
-            partial(render_feather, each.kind, grid, drawn.grid(quality), each.mirrored)
-            for each in groom.feathers
-        )
+        *(partial(_drawn_feather, placement, grid, meshes) for placement in groom.feathers)
     )
     entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
     for index, placement in enumerate(groom.feathers):
@@ -142,6 +141,18 @@ def drawn_entries(
             entries[index], name=names[index], points_map=built[index][1], barbs=barbs
         )
     return entries
+
+
+def _drawn_feather(
+    placement: Placement, grid: tuple[int, int], meshes: tuple[int, int]
+) -> tuple[Feather, PointMap | None]:
+    """The feather to draw, and the map to it from a simulated one of another grid."""
+    from featherfx.feather.render import render_feather
+    from featherfx.feather.scaled import feather_of
+
+    if grid == meshes:
+        return feather_of(placement, *grid), None
+    return render_feather(placement.kind, grid, meshes, placement.mirrored)
 
 
 def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:

@@ -6,15 +6,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_readers
 from featherfx.bake_task import Drawn, StageOptions, all_of, part_path, stage_space
 from featherfx.baking import bake, drawn_entries, metadata_of
 from featherfx.errors import InputError, Problem
+from featherfx.plumage_stats import plumage_stats
 from featherfx.work_plan import plan
 
-__all__ = ["bake", "check", "export", "export_groom", "join", "plan"]
+if TYPE_CHECKING:
+    from featherfx.feather.types import Feather
+    from featherfx.groom.types import Groom
+
+__all__ = ["bake", "check", "export", "export_groom", "join", "plan", "plumage_stats"]
 
 
 def export_groom(
@@ -23,6 +28,7 @@ def export_groom(
     *,
     quality: str = "final",
     preset_folders: Folders = (),
+    instances: bool | None = None,
     render_rows: int | None = None,
     render_columns: int | None = None,
     barbs: int | None = None,
@@ -30,9 +36,12 @@ def export_groom(
 ) -> int:
     """Write the rest feathers of a groom to USD, without time samples; return their number.
 
-    quality: name of the preset that gives rows and columns. render_rows, render_columns, barbs:
-    as in bake. Raises InputError with every problem.
+    quality: name of the preset that gives rows and columns. instances: whether feathers of one
+    shape are instances of a prototype, or each a mesh and a curve of its own; None: instances
+    where at least half of the feathers repeat and no barbs are drawn. render_rows, render_columns,
+    barbs: as in bake. Raises InputError with every problem.
     """
+    from featherfx.feather.scaled import repeated_shapes
     from featherfx.usd.names import unique_prim_names
     from featherfx.usd.output import check_output
 
@@ -43,16 +52,34 @@ def export_groom(
         lambda: check_output(output, stage.get("overwrite", False), stage.get("layout", "flat")),
         drawn.check,
     )
+    if instances and barbs:
+        raise InputError(Problem("groom", "barbs", "are not drawn of instances; leave one out"))
+    options = {**stage, **stage_space(stage, groom, None)}
+    metadata = metadata_of(groom, grid)
+    first, chosen = repeated_shapes(groom.feathers)
+    if instances or (instances is None and not barbs and 2 * len(first) <= len(chosen)):
+        from featherfx.usd.instances import write_instances
+
+        shapes = _prototypes(groom, first, drawn.grid(grid))
+        write_instances(path, groom.feathers, shapes, chosen, metadata=metadata, **options)
+        return len(chosen)
     names = unique_prim_names([each.id for each in groom.feathers])
     moving = drawn_entries(groom, grid, drawn, names, None)
     entries = [replace(entry, static=True) for entry in moving]
-    options = {**stage, **stage_space(stage, groom, None)}
 
     from featherfx.usd.write import CacheWriter
 
-    with CacheWriter(path, entries, None, metadata=metadata_of(groom, grid), **options):
+    with CacheWriter(path, entries, None, metadata=metadata, **options):
         pass
     return len(entries)
+
+
+def _prototypes(groom: Groom, first: Sequence[int], grid: tuple[int, int]) -> list[Feather]:
+    """Rest geometry of every shape, at the size of its prototype."""
+    from featherfx.feather.scaled import feather_of
+
+    placements = [replace(groom.feathers[k], size=1.0) for k in first]
+    return all_of(*(partial(feather_of, placement, *grid) for placement in placements))
 
 
 def export(
@@ -127,7 +154,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
     """Problems that show only when feathers are built and moved; path holds no wrong value."""
     import tomllib
 
-    from featherfx.feather.build import build_feather
+    from featherfx.feather.scaled import feather_of, repeated_shapes
     from featherfx.shot.motion import root_motion
 
     keys = tomllib.loads(path.read_text(encoding="utf-8-sig"))
@@ -136,12 +163,12 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
         shot = read_shot(path, folders)
         groom, grid = shot.groom, shot.quality
         tasks.append(lambda: root_motion(shot))
-    elif {"feather", "row", "table", "usd"} & keys.keys():
+    elif {"feather", "row", "table", "usd", "region"} & keys.keys():
         groom, grid = read_groom(path, folders), read_quality("final", folders)
     else:
         return []
-    kinds = dict.fromkeys(feather.kind for feather in groom.feathers)
-    tasks += [partial(build_feather, kind, grid.rows, grid.columns) for kind in kinds]
+    first, _ = repeated_shapes(groom.feathers)
+    tasks += [partial(feather_of, groom.feathers[k], grid.rows, grid.columns) for k in first]
     try:
         all_of(*tasks)
     except InputError as error:

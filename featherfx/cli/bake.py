@@ -188,6 +188,12 @@ def join(output: Path, shares: int, overwrite: bool) -> None:
 )
 @quality_option("Quality preset that gives rows and columns.  [default: final]")
 @presets_option
+@click.option(
+    "--instances/--no-instances",
+    default=None,
+    help="Feathers of one shape as instances, or each a mesh of its own.  [default: instances where"
+    " at least half of them repeat and no barbs are drawn]",
+)
 @drawn_options
 @stage_options
 def groom(groom: Path, quality: str | None, **options: Any) -> None:

@@ -13,6 +13,7 @@ from featherfx.cli.lab.group import lab
 from featherfx.cli.presets import presets
 from featherfx.cli.preview import preview
 from featherfx.cli.program import Program
+from featherfx.cli.stats import stats
 
 
 @click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
@@ -24,5 +25,5 @@ def main() -> None:
     """
 
 
-for command in (bake, join, export, groom, check, presets, preview, lab, bench):
+for command in (bake, join, export, groom, check, stats, presets, preview, lab, bench):
     main.add_command(command)

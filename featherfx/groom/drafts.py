@@ -43,7 +43,8 @@ class Draft:
 
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
     scale, width: factors. place: where it was written, for problems. shape: of a drawn feather.
-    skin, skin_uv, layer: as in Placement. curl: deg, added to the kind's camber.
+    skin, skin_uv, layer, stack: as in Placement. curl, hollow: deg, added to the camber of the
+    shaft and of the barbs.
     """
 
     id: str
@@ -61,7 +62,9 @@ class Draft:
     skin: str = ""
     skin_uv: tuple[float, float] | None = None
     curl: float = 0.0
+    hollow: float = 0.0
     layer: int = 0
+    stack: int = 0
 
 
 def other_side(name: str) -> str | None:
@@ -207,6 +210,7 @@ def row(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]:
             roll=entry["roll"],
             place=place,
             layer=entry["layer"],
+            stack=(number + 1) * int(np.sign(entry["overlap"])),
         )
         for number in range(count)
     ]

@@ -84,12 +84,18 @@ class KindStore:
         return None if finished is None else kind_of(name, finished, at)
 
     def adjusted(
-        self, kind: FeatherKind, scale: float, width: float, camber: float, sweep: float = 0.0
+        self,
+        kind: FeatherKind,
+        scale: float,
+        width: float,
+        camber: float,
+        sweep: float = 0.0,
+        hollow: float = 0.0,
     ) -> FeatherKind:
         """The kind scaled, widened and bent; one object for equal requests."""
-        if (scale, width, camber, sweep) == (1.0, 1.0, 0.0, 0.0):
+        if (scale, width, camber, sweep, hollow) == (1.0, 1.0, 0.0, 0.0, 0.0):
             return kind
-        key = (id(kind), scale, width, camber, sweep)
+        key = (id(kind), scale, width, camber, sweep, hollow)
         if key not in self._adjusted:
-            self._adjusted[key] = adjusted(kind, scale, width, camber, sweep)
+            self._adjusted[key] = adjusted(kind, scale, width, camber, sweep, hollow)
         return self._adjusted[key]

@@ -106,9 +106,17 @@ def _outline_faults(vane: VaneShape) -> list[tuple[str, str]]:
 
 
 def adjusted(
-    kind: FeatherKind, scale: float, width: float, camber: float, sweep: float = 0.0
+    kind: FeatherKind,
+    scale: float,
+    width: float,
+    camber: float,
+    sweep: float = 0.0,
+    hollow: float = 0.0,
 ) -> FeatherKind:
-    """The kind `scale` times as large, `width` times as wide, camber and sweep (deg) added."""
+    """The kind `scale` times as large, `width` times as wide, camber and sweep (deg) added.
+
+    hollow: deg, added to the camber of all barbs.
+    """
     rachis = replace(
         kind.rachis,
         diameter_base=kind.rachis.diameter_base * scale,
@@ -120,9 +128,16 @@ def adjusted(
         kind,
         length=kind.length * scale,
         rachis=rachis,
-        leading=_widened(kind.leading, width),
-        trailing=_widened(kind.trailing, width),
+        leading=_hollowed(_widened(kind.leading, width), hollow),
+        trailing=_hollowed(_widened(kind.trailing, width), hollow),
     )
+
+
+def _hollowed(vane: VaneShape, hollow: float) -> VaneShape:
+    if hollow == 0.0:
+        return vane
+    guides = tuple(replace(guide, camber=guide.camber + hollow) for guide in vane.guides)
+    return replace(vane, guides=guides)
 
 
 def _widened(vane: VaneShape, width: float) -> VaneShape:

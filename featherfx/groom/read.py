@@ -295,7 +295,7 @@ def _placements(
         scale = draft.scale * drawn[0] * (1.0 + change[0])
         width = draft.width * (1.0 + change[1])
         camber = drawn[1] + draft.curl + change[2]
-        prototype = store.adjusted(kind, 1.0, width, camber, drawn[2])
+        prototype = store.adjusted(kind, 1.0, width, camber, drawn[2], draft.hollow)
         placements.append(
             Placement(
                 id=draft.id,
@@ -310,6 +310,7 @@ def _placements(
                 prototype=prototype,
                 size=scale,
                 layer=draft.layer,
+                stack=draft.stack,
             )
         )
     return tuple(placements)

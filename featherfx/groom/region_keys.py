@@ -106,6 +106,11 @@ REGION = {
     "length": Key(Number(1e-4, 10, "m"), "Length of the feathers; default: the kind's.", None),
     "width": Key(Number(0.01, 100), "Factor of the vanes' widths.", 1.0),
     "curl": Key(Number(-360, 360, "deg"), "Added to the camber of the shafts.", 0.0),
+    "follow": Key(
+        Number(0, 1),
+        "How far shafts and barbs bend as the skin beneath them does (1), not as the kind's (0).",
+        0.0,
+    ),
     "tilt": Key(Number(-90, 90, "deg"), "Angle between the shaft and the skin at the root.", 5.0),
     "roll": Key(
         Number(-360, 360, "deg"),

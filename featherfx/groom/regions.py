@@ -19,6 +19,7 @@ from featherfx.groom.region_rules import Rule, along_skin, flow, presence
 from featherfx.groom.scatter import Scattered, expected_count, hashed, scatter, uniform
 from featherfx.groom.schema import Place
 from featherfx.groom.surface_points import Array, Indices, SkinSource, SkinSurface, SurfacePoints
+from featherfx.groom.types import FeatherKind
 
 # (checked keys of [skin], paths of meshes, folder, place) to the meshes; None after problems.
 SkinReader = Callable[
@@ -28,14 +29,18 @@ SkinReader = Callable[
 LIMIT = 3.0  # standard deviations
 # steps in which a blend between regions passes, so that shapes repeat there, too
 _WIDTH_STEP = 0.1
-_CURL_STEP = 5.0  # deg
+_CURL_STEP = 10.0  # deg
+_HOLLOW_STEP = 10.0  # deg
+# a skin that falls off further is not followed; and where a vane's side is, in feather lengths
+_MOST_TURNING = 45.0  # deg
+_SIDE = 0.2
 _STREAMS = {"length": 10, "width": 12, "curl": 14, "tilt": 16, "turn": 18, "roll": 20}
 _VARIANT_STREAM = 22
 
 
 @dataclass(frozen=True)
 class _Region:
-    """One region, ready to grow. length: m, of its kind where none is given. label: prim path."""
+    """One region, ready to grow."""
 
     entry: dict[str, Any]
     place: Place
@@ -43,11 +48,11 @@ class _Region:
     choice: KindChoice
     presence: Rule
     flow: Rule
-    kind_length: float
+    kind: FeatherKind
 
     @property
     def length(self) -> float:
-        return float(self.entry["length"] or self.kind_length)
+        return float(self.entry["length"] or self.kind.length)
 
     def density(self, points: SurfacePoints) -> Array:
         """(N,) feathers per m^2, 1 where the region is whole if it has a count instead."""
@@ -115,7 +120,7 @@ def _region(
             f"{surface.diagonal:.3g} m; are its units right?"
         )
         return None
-    return _Region(entry, place, surface, choice, where, along, kind.length)
+    return _Region(entry, place, surface, choice, where, along, kind)
 
 
 def _count(region: _Region) -> int:
@@ -151,15 +156,16 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
         return []
     blend = _blended(region, [r for r in regions if r.surface is region.surface], points)
     draws = {name: _normal(entry, name, found.number) for name in _STREAMS}
-    shapes = _shapes(region, blend, found)
     direction = _directions(region, blend["flow"], points, draws["turn"])
+    shapes = _shapes(region, blend, direction, found)
     tilt = np.radians(np.clip(blend["tilt"] + draws["tilt"], -89.0, 89.0))[:, None]
     shaft = np.cos(tilt) * direction + np.sin(tilt) * points.normal
     dorsal = np.cos(tilt) * points.normal - np.sin(tilt) * direction
     rotations = frames_from(shaft, dorsal)
-    scales = blend["length"] * (1.0 + draws["length"]) / region.kind_length
-    is_left = np.full(len(points), entry["side"] == "left")
-    left = points.position[:, 1] > 0.0 if entry["side"] == "auto" else is_left
+    scales = blend["length"] * (1.0 + draws["length"]) / region.kind.length
+    left = np.full(len(points), entry["side"] == "left")
+    if entry["side"] == "auto":
+        left = np.asarray(points.position[:, 1] > 0.0)
     return [
         Draft(
             id=f"{entry['id']}_{found.number[k]:06d}",
@@ -175,6 +181,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
             place=region.place,
             skin=prim,
             curl=float(shapes[1][k]),
+            hollow=float(shapes[2][k]),
             layer=entry["layer"],
         )
         for k in range(len(points))
@@ -204,21 +211,57 @@ def _normal(entry: dict[str, Any], name: str, numbers: Indices) -> Array:
     return np.asarray(entry["variation"][name] * np.clip(radius * wave, -LIMIT, LIMIT))
 
 
-def _shapes(region: _Region, blend: dict[str, Array], found: Scattered) -> tuple[Array, Array]:
-    """Factors of the width and changes of the camber (deg), of few values where asked for."""
-    entry, variants = region.entry, region.entry["variants"]
-    own = found.number
+def _shapes(
+    region: _Region, blend: dict[str, Array], direction: Array, found: Scattered
+) -> tuple[Array, Array, Array]:
+    """Factors of the width, changes of the camber of shafts and of barbs (deg).
+
+    They take few different values where the region has variants.
+    """
+    entry, variants, follow = region.entry, region.entry["variants"], region.entry["follow"]
+    own, points, length = found.number, found.points, blend["length"]
     width, curl = blend["width"], blend["curl"]
+    hollow = np.zeros(len(points))
+    if follow:
+        along, across = _turning(points, direction, length)
+        curl = curl + follow * (along - region.kind.rachis.camber)
+        hollow = follow * (across - _mean_barb_camber(region.kind))
     if variants:
         own = (hashed(entry["seed"], _VARIANT_STREAM, own) % np.uint64(variants)).astype(np.int64)
         width = entry["width"] + _stepped(width - entry["width"], _WIDTH_STEP)
         curl = entry["curl"] + _stepped(curl - entry["curl"], _CURL_STEP)
+        hollow = _stepped(hollow, _HOLLOW_STEP)
     width = width * (1.0 + _normal(entry, "width", own))
-    return np.maximum(width, 0.01), curl + _normal(entry, "curl", own)
+    return np.maximum(width, 0.01), curl + _normal(entry, "curl", own), hollow
+
+
+def _mean_barb_camber(kind: FeatherKind) -> float:
+    """deg, of the guides of both vanes."""
+    return float(np.mean([guide.camber for guide in kind.leading.guides + kind.trailing.guides]))
 
 
 def _stepped(values: Array, step: float) -> Array:
     return np.asarray(step * np.round(values / step))
+
+
+def _turning(points: SurfacePoints, direction: Array, length: Array) -> tuple[Array, Array]:
+    """(N,) deg, by which the skin falls off beneath feathers: to the tip, and to their sides.
+
+    At least 0. Where the skin ends before the tip does, what the first half shows counts.
+    """
+    half = _fall(points, 0.5 * length[:, None] * direction)
+    along = np.minimum(_fall(points, length[:, None] * direction), 2.0 * half)
+    side = _SIDE * length[:, None] * np.cross(points.normal, direction)
+    across = 0.5 * (_fall(points, side) + _fall(points, -side))
+    return along, across
+
+
+def _fall(points: SurfacePoints, way: Array) -> Array:
+    """(N,) deg, by which the skin's normal leans towards a way (N, 3) m, at its end."""
+    normals = points.surface.normals_near(points.position + way)
+    ahead = np.einsum("nc,nc->n", normals, way) / np.linalg.norm(way, axis=1)
+    up = np.einsum("nc,nc->n", normals, points.normal)
+    return np.clip(np.degrees(np.arctan2(ahead, up)), 0.0, _MOST_TURNING)
 
 
 def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Array) -> Array:
@@ -236,6 +279,6 @@ def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Arr
         _, near = cKDTree(points.position[known]).query(points.position[missing])
         borrowed = along_skin(flat[known[near]], points.normal[missing])
         across = along_skin(np.cross(flat[known[near]], [0.6, 0.64, 0.48]), points.normal[missing])
-        flat[missing] = np.where(borrowed.any(axis=1)[:, None], borrowed, across)
+        flat[missing] = np.where(np.asarray(borrowed.any(axis=1))[:, None], borrowed, across)
     angle = np.radians(turn)[:, None]
     return np.asarray(np.cos(angle) * flat + np.sin(angle) * np.cross(points.normal, flat))

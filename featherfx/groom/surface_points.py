@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,18 @@ class SkinSurface:
             np.add.at(summed, self.source.triangles[:, corner], self._products)
         length = np.linalg.norm(summed, axis=1, keepdims=True)
         return summed / np.where(length > 0.0, length, 1.0)
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.corners.mean(axis=1))
+
+    def normals_near(self, points: Array) -> Array:
+        """(N, 3) unit normals of the triangles whose middles are nearest to points (N, 3) m."""
+        _, near = self._tree.query(points)
+        found = self._products[near]
+        return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
     @cached_property
     def diagonal(self) -> float:

@@ -171,6 +171,9 @@ class Placement:
     prototype, size: the kind is the prototype `size` times as large; feathers that share a
         prototype differ in size only (None: kind itself).
     layer: feathers of a higher layer lie over those of a lower one.
+    rank: place in the order in which the layout laid all feathers, a higher one over a lower; -1
+        where there was none.
+    stack: within a region's layer, a higher stack lies over a lower one; 0: where roots lie tells.
     """
 
     id: str
@@ -185,6 +188,8 @@ class Placement:
     prototype: FeatherKind | None = None
     size: float = 1.0
     layer: int = 0
+    stack: int = 0
+    rank: int = -1
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ the barbules pass each other. Barbules are clamped in their barb.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,7 @@ class CellModuli:
     affine: Array
 
 
-def cell_of(kind: FeatherKind, **changes: float) -> UnitCell:
+def cell_of(kind: FeatherKind, **changes: Any) -> UnitCell:
     """The cell of a feather kind: its barbs as the vane's material says. changes: other values."""
     vane = kind.vane_material
     width = kind.barb_spacing

@@ -76,6 +76,36 @@ class Model(NamedTuple):
         return self.rows * (6 + 4 * self.coefficients)
 
 
+class Contacts(NamedTuple):
+    """K contacts of single material points with moving planes (contact_kernels), by feather.
+
+    first: (F + 1,) contacts first[f] to first[f + 1] are feather f's. node: (K, 2) row and
+    material point. normal: (K, 3) unit, out of the other body. offset: (K, 2) m, of the plane at
+    the step's start and end. target: (K, 2, 3) m, where the point would be had it gone along with
+    the other body. strength: (K, 4) stiffness N/m, force of the iteration before N, bound of the
+    friction force N, slip over which friction sets in m.
+    """
+
+    first: NDArray[np.int64]
+    node: NDArray[np.int64]
+    normal: Array
+    offset: Array
+    target: Array
+    strength: Array
+
+
+def no_contacts(feathers: int) -> Contacts:
+    """The contacts of a batch that touches nothing."""
+    return Contacts(
+        first=np.zeros(feathers + 1, dtype=np.int64),
+        node=np.zeros((0, 2), dtype=np.int64),
+        normal=np.zeros((0, 3)),
+        offset=np.zeros((0, 2)),
+        target=np.zeros((0, 2, 3)),
+        strength=np.zeros((0, 4)),
+    )
+
+
 class Loads(NamedTuple):
     """What acts on a batch during a step.
 
@@ -86,7 +116,7 @@ class Loads(NamedTuple):
     grip_start, grip_end: (F, G, 3) m, target at the frame's start and end. grip_stiffness: (F, G)
     N/m. force: (F, n, P, 3) N, dead loads on the material points (N m on directors) at the frame's
     start, or (F, 0, 0, 3) where there are none. force_change: as force, what is added to it
-    linearly up to the frame's end, or (0, 0, 0, 3).
+    linearly up to the frame's end, or (0, 0, 0, 3). contacts: with other bodies.
     """
 
     gravity: Array
@@ -101,6 +131,7 @@ class Loads(NamedTuple):
     grip_end: Array
     grip_stiffness: Array
     force: Array
+    contacts: Contacts
     force_change: Array = np.zeros((0, 0, 0, 3))
 
 
@@ -125,4 +156,5 @@ def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0
         grip_end=np.zeros((feathers, 0, 3)),
         grip_stiffness=np.zeros((feathers, 0)),
         force=np.zeros((feathers, 0, 0, 3)),
+        contacts=no_contacts(feathers),
     )

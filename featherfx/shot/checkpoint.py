@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +23,13 @@ class Checkpoint:
 
     index: number of the sample, 0 at the first frame, counted in frames times subframes.
     states: one per group of feathers. starts: per group (F, n, P, 3) m, material points at the
-    first frame, from which grips count.
+    first frame, from which grips count. contact: arrays that contact keeps between frames.
     """
 
     index: int
     states: tuple[State, ...]
     starts: tuple[Array, ...]
+    contact: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def save(self, path: Path) -> None:
         """Write it to an .npz file, whole or not at all."""
@@ -35,6 +37,7 @@ class Checkpoint:
         for k, (state, start) in enumerate(zip(self.states, self.starts, strict=True)):
             arrays |= {f"{k}.{name}": value for name, value in state._asdict().items()}
             arrays[f"{k}.start"] = start
+        arrays |= {f"contact.{name}": value for name, value in self.contact.items()}
         write_whole(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
     @staticmethod
@@ -47,6 +50,11 @@ class Checkpoint:
                     State(*(file[f"{k}.{name}"] for name in State._fields)) for k in groups
                 )
                 starts = tuple(file[f"{k}.start"] for k in groups)
-                return Checkpoint(int(file["index"]), states, starts)
+                contact = {
+                    name.removeprefix("contact."): file[name]
+                    for name in file.files
+                    if name.startswith("contact.")
+                }
+                return Checkpoint(int(file["index"]), states, starts, contact)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
-from featherfx.mechanics.model import Loads
+from featherfx.mechanics.model import Loads, no_contacts
 from featherfx.mechanics.turns import frames_to_turns, rotation_vectors
 from featherfx.shot.forces import force_at
 from featherfx.shot.motion import Roots
@@ -93,6 +93,7 @@ def frame_loads(
         grip_end=targets[1],
         grip_stiffness=stiffness,
         force=force,
+        contacts=no_contacts(count),
         force_change=change,
     )
 

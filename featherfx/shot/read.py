@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.errors import Problem
+from featherfx.errors import InputError, Problem
+from featherfx.feather.layout import lay_out
 from featherfx.groom.file_kind import file_kind
 from featherfx.groom.groom_keys import GROOM_FILE
 from featherfx.groom.library import Library, plain, sourced
@@ -22,7 +23,7 @@ from featherfx.shot.read_loads import read_details, read_forces, read_grips
 from featherfx.shot.read_scenes import read_colliders, read_skin, read_wind
 from featherfx.shot.scenes import SceneReaders
 from featherfx.shot.shot_keys import GROOM_USD, SHOT, SHOT_FILE
-from featherfx.shot.types import Motion, Quality, Shot, Wind
+from featherfx.shot.types import Contact, Motion, Quality, Shot, Wind
 
 
 def read_shot(
@@ -107,7 +108,14 @@ def _collect(
         skin=skin,
         wind_source=wind_source,
         colliders=colliders,
+        contact=_contact(checked["contact"]),
     )
+
+
+def _contact(values: dict[str, Any] | None) -> Contact | None:
+    if values is None or not values["enabled"]:
+        return None
+    return Contact(values["thickness"], values["friction"], values["steps"])
 
 
 def _check_frames(raw: dict[str, Any], place: Place) -> None:
@@ -157,7 +165,14 @@ def _groom(
         groom = collect_groom(path.parent / given, library, problems, readers, above)
     else:
         return None
-    return groom if len(problems) == count else None  # half a groom would mislead later checks
+    if groom is None or len(problems) > count:
+        return None  # half a groom would mislead later checks
+    try:
+        return lay_out(groom)
+    except InputError as error:
+        for problem in error.problems:
+            problems.add(problem.source, problem.key, problem.message)
+        return None
 
 
 def _setting(family: str, raw: dict[str, Any], library: Library, place: Place) -> Any:

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from featherfx.groom import groom_keys, preset_keys
+from featherfx.groom import groom_keys, preset_keys, region_keys
 from featherfx.groom.schema import REQUIRED, Key
 from featherfx.shot import shot_keys
 
@@ -44,6 +44,7 @@ _SHOT_PARTS = {
     "skin": ("[skin]", shot_keys.SKIN),
     "wind_usd": ("[wind_usd]", shot_keys.WIND_USD),
     "collider": ("[[collider]]", shot_keys.COLLIDER),
+    "contact": ("[contact]", shot_keys.CONTACT),
     "grip": ("[[grip]]", shot_keys.GRIP),
     "force": ("[[force]]", shot_keys.FORCE),
     "detail": ("[[detail]]", shot_keys.DETAIL),
@@ -56,6 +57,12 @@ _GROOM_PARTS = {
     "table": ("[[table]]", groom_keys.TABLE),
     "usd": ("[[usd]]", groom_keys.USD),
     "names": ("names of [[usd]]", groom_keys.USD_NAMES),
+    "skin": ("[skin] of a groom", region_keys.SKIN),
+    "region": ("[[region]]", region_keys.REGION),
+    "where": ("where of a [[region]]", region_keys.WHERE),
+    "flow": ("flow of a [[region]]", region_keys.FLOW),
+    "spread": ("variation of a [[region]]", region_keys.SPREAD),
+    "layout": ("[layout]", region_keys.LAYOUT),
     "variation": ("[variation]", groom_keys.VARIATION),
 }
 
@@ -109,6 +116,8 @@ def _default(value: Any) -> str:
         return "*required*"
     if value is None or value == () or value == {}:
         return "none"
+    if isinstance(value, dict):
+        return "that of its keys"
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, tuple):

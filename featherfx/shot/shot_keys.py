@@ -99,6 +99,21 @@ COLLIDER = {
     "collection": Key(Text(), "Collection, such as /Bird.collection:colliders.", None),
 }
 
+CONTACT = {
+    "enabled": Key(Flag(), "Whether feathers touch each other.", True),
+    "thickness": Key(
+        Number(1e-6, 0.1, "m"),
+        "Distance of the middle surfaces of two vanes that touch; default: the vanes' thickness.",
+        None,
+    ),
+    "friction": Key(Number(0, 2), "Coulomb's coefficient of friction.", 0.3),
+    "steps": Key(
+        Number(0, 10_000, whole=True),
+        "Steps per frame that all feathers take together; 0: by the quality's tolerance.",
+        0,
+    ),
+}
+
 SHOT = {
     "name": Key(Text(), "Name of the shot."),
     "groom": Key(
@@ -135,6 +150,9 @@ SHOT = {
         Flag(), "Whether feathers hang in balance at the first frame, instead of at rest.", True
     ),
     "wind_usd": Key(Table(WIND_USD, "table"), "Wind of a USD scene, added to `wind`.", None),
+    "contact": Key(
+        Table(CONTACT, "table"), "Contact of feathers with each other and colliders.", None
+    ),
     "collider": Key(Array(Table(COLLIDER, "table"), 0, 10_000), "Meshes of USD scenes.", ()),
     "grip": Key(Array(Table(GRIP, "table"), 0, 10_000), "Points led along a path.", ()),
     "detail": Key(

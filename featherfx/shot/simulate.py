@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
-from featherfx.feather.build import build_feather
 from featherfx.feather.density import PointMap, density_map
+from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.contact import ShotContact, common_grid
 from featherfx.shot.detail import Resolution, resolutions
 from featherfx.shot.forces import force_weights
 from featherfx.shot.loads import frame_loads, root_path
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 
 # Newton stops at this share of the step's tolerance from the step's solution
 NEWTON_SHARE = 1e-2
+# the same where forces of contact follow from the poses, so that feathers in balance come to rest
+CONTACT_NEWTON_SHARE = 1e-3
 
 
 @dataclass
@@ -80,11 +83,11 @@ class Simulation:
         self.resolutions: list[Resolution] = []
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
-            build_feather(p.kind, quality.rows, quality.columns, p.mirrored)
-            for p in shot.groom.feathers
+            feather_of(p, quality.rows, quality.columns) for p in shot.groom.feathers
         )
         self._reports: list[StepReport] = []
         self._slept, self._coasted, self._frames = 0, 0, 0
+        self._contact: ShotContact | None = None
 
     @property
     def report(self) -> dict[str, Any]:
@@ -101,16 +104,27 @@ class Simulation:
                 "coasting feather frames": self._coasted,
                 "rigid feather frames": self._frames * len(self._rigid),
             },
-        }
+        } | ({} if self._contact is None else {"contact": self._contact.report()})
 
     def __iter__(self) -> Iterator[Frame]:
         motion = root_motion(self.shot)
         self._groups = self._make_groups(motion)
+        if self.shot.contact is not None and self._groups:
+            self._contact = ShotContact(
+                self.shot,
+                [group.solver for group in self._groups],
+                [group.members for group in self._groups],
+                [feather for group in self._groups for feather in group.feathers],
+            )
         wanted, end = ((number - self.shot.first_frame) * self._subframes for number in self._range)
         try:
             for index in range(self._continue(motion), end + 1):
-                for group in self._groups:
-                    self._advance(group, motion, index)
+                if self._contact is not None and index:
+                    self._advance_together(motion, index)
+                else:
+                    for group in self._groups:
+                        self._advance(group, motion, index)
+                    self._settle_together(motion, index)
                 self._index = index
                 if index >= wanted:
                     yield self._frame(index, motion)
@@ -124,6 +138,7 @@ class Simulation:
             self._index,
             tuple(group.state for group in self._groups),
             tuple(group.start for group in self._groups),
+            {} if self._contact is None else self._contact.memory(),
         )
 
     def _continue(self, motion: Roots) -> int:
@@ -135,11 +150,15 @@ class Simulation:
             group.state, group.start = state, start
             if begin.index:
                 group.loads = self._loads(group, motion, begin.index)
+        if self._contact is not None:
+            self._contact.restore(begin.contact)
         return begin.index + 1
 
     def _make_groups(self, motion: Roots) -> list[_Group]:
         """Batches of feathers of one grid, barb taper and clamp, on their roots."""
         self.resolutions = resolutions(self.shot, self.feathers, motion)
+        if self.shot.contact is not None:
+            self.resolutions = common_grid(self.shot, self.resolutions)
         alike: dict[tuple[Resolution, float, bool], list[int]] = {}
         for index, placement in enumerate(self.shot.groom.feathers):
             resolution, kind = self.resolutions[index], placement.kind
@@ -158,15 +177,17 @@ class Simulation:
         placements = [shot.groom.feathers[i] for i in members]
         kinds = [p.kind for p in placements]
         grid = resolution.rows, resolution.columns
-        feathers = [build_feather(p.kind, *grid, p.mirrored) for p in placements]
+        feathers = [feather_of(p, *grid) for p in placements]
         model = with_damping(make_model(feathers, kinds, resolution.coefficients), kinds)
         positions, rotations = motion.frames(0.0)
         state = rest_state(model, positions[members], rotations[members])
         place = {p.id: k for k, p in enumerate(placements)}
+        newton = NEWTON_SHARE if shot.contact is None else CONTACT_NEWTON_SHARE
         settings = Settings(
             tolerance=quality.tolerance,
-            newton=NEWTON_SHARE * quality.tolerance,
-            max_substeps=quality.max_substeps,
+            newton=newton * quality.tolerance,
+            # feathers that touch take common steps
+            max_substeps=quality.max_substeps if shot.contact is None else 1,
             radius=quality.radius,
         )
         return _Group(
@@ -191,13 +212,20 @@ class Simulation:
 
     def _loads(self, group: _Group, motion: Roots, index: int) -> Loads:
         """What acts on a group on the way to the sample with this index."""
+        return self._loads_within(
+            group, motion, self._time(max(index - 1, 0)), self._time(index), index > 0
+        )
+
+    def _loads_within(
+        self, group: _Group, motion: Roots, start: float, end: float, gripped: bool
+    ) -> Loads:
+        """What acts on a group from start to end (s)."""
         shot = self.shot
-        start, end = self._time(max(index - 1, 0)), self._time(index)
         roots = None
         if shot.wind_source is not None:
             roots = motion.frames(0.5 * (start + end))[0][group.members]
         # grips take hold of the settled feathers, so they do not act while those settle
-        grips = group.grips if index else []
+        grips = group.grips if gripped else []
         points = list(group.start)
         return frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
 
@@ -219,6 +247,51 @@ class Simulation:
         group.loads = loads
         self._reports.append(report)
         raise_if_failed(report.status, group.state.time, group.names)
+
+    def _advance_together(self, motion: Roots, index: int) -> None:
+        """Bring all groups, whose feathers touch, to the sample with this index."""
+        assert self._contact is not None
+        groups, start, end = self._groups, self._time(index - 1), self._time(index)
+        if self._all_asleep(motion, index):
+            return
+
+        def loads_of(begin: float, stop: float) -> list[Loads]:
+            return [self._loads_within(group, motion, begin, stop, True) for group in groups]
+
+        def paths_of(begin: float, stop: float) -> list[RootPath]:
+            return [root_path(motion, group.members, begin, stop) for group in groups]
+
+        states = [group.state for group in groups]
+        states, reports = self._contact.advance(states, loads_of, paths_of, start, end)
+        for group, state, report in zip(groups, states, reports, strict=True):
+            group.state, group.loads = state, self._loads(group, motion, index)
+            self._reports.append(report)
+
+    def _all_asleep(self, motion: Roots, index: int) -> bool:
+        """Whether no feather stirs; then the frame passes. One that moves may push any other."""
+        if not self.shot.sleep:
+            return False
+        for group in self._groups:
+            path = root_path(motion, group.members, self._time(index - 1), self._time(index))
+            loads = self._loads(group, motion, index)
+            quiet = at_rest(group.state, path, self.shot.quality.tolerance, self._time(1))
+            if not (quiet & undisturbed(group.state, path, loads, group.loads)).all():
+                return False
+        for group in self._groups:
+            everyone = np.ones(len(group.members), dtype=np.bool_)
+            path = root_path(motion, group.members, self._time(index - 1), self._time(index))
+            group.state = asleep(group.state, everyone, path, self._time(1))
+            self._slept += len(group.members)
+        return True
+
+    def _settle_together(self, motion: Roots, index: int) -> None:
+        """At the first frame, bring the feathers into balance against each other."""
+        if self._contact is None or index or not self.shot.settle:
+            return
+        loads = [self._loads(group, motion, 0) for group in self._groups]
+        settled = self._contact.settle([group.state for group in self._groups], loads)
+        for group, state in zip(self._groups, settled, strict=True):
+            group.state, group.start = state, state.points.copy()
 
     def _sleeping(
         self, group: _Group, path: RootPath, loads: Loads, duration: float

@@ -92,6 +92,20 @@ class Grip:
 
 
 @dataclass(frozen=True)
+class Contact:
+    """How feathers touch each other.
+
+    thickness: m, distance of two vanes' middle surfaces that touch; None: by the vanes' materials.
+    friction: Coulomb's coefficient. steps: common steps of all feathers per frame; 0: by the
+    quality's tolerance.
+    """
+
+    thickness: float | None
+    friction: float
+    steps: int
+
+
+@dataclass(frozen=True)
 class Force:
     """A dead force: it keeps its direction, however the feather turns.
 
@@ -125,7 +139,8 @@ class Shot:
     """All that a bake needs. frames: first and last, inclusive. gravity: (3,) m/s^2.
 
     skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
-    wind. colliders: meshes; the solver has no contact with them yet.
+    wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
+    through each other and through colliders.
     """
 
     name: str
@@ -147,6 +162,7 @@ class Shot:
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()
+    contact: Contact | None = None
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Gradient and Hessian of step_energy in generalised coordinates, as a band."""
 
 from featherfx.compiled import kernel
+from featherfx.mechanics.contact_kernels import add_contact_forces
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
 from featherfx.mechanics.rachis_variation_kernels import rachis_variation
@@ -142,6 +143,7 @@ def assemble(model, loads, f, share, factors, signed, shift, work):
         work.stiff,
     )
     add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
+    add_contact_forces(loads.contacts, f, share, pose.points, work.force, work.stiff)
     damping = model.retardation[f, 1] * factors[2]
     if model.joints.shape[3] > 0:
         add_vane_forces(model, f, damping, signed, pose, around.reference, work.vane, work.force)

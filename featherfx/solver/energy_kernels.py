@@ -12,6 +12,7 @@ node_kernels.
 from math import ceil
 
 from featherfx.compiled import kernel
+from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.node_kernels import dead_energy, node_energy
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, opening, uncrushed
 from featherfx.mechanics.vane_guard_kernels import guard_total
@@ -172,6 +173,7 @@ def step_energy(model, loads, f, share, factors, pose, around):
             pose.points,
         )
         + dead_energy(pose.points, loads.force[f], loads.force_change[f], share)
+        + contact_energy(loads.contacts, f, share, pose.points)
         + node_energy(
             pose.points,
             around.target,

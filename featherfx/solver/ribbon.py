@@ -8,6 +8,7 @@ is left along its direction of negative curvature, so the shape that is returned
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,9 @@ from featherfx.mechanics.ribbon_curve import (
 )
 
 Array = NDArray[np.float64]
+# scaled energy, gradient and Hessian of unknowns; the energy alone
+System = Callable[[Array], tuple[float, Array, Array]]
+Energy = Callable[[Array], float]
 
 ITERATIONS, ESCAPES, HALVINGS = 300, 6, 30
 # a gradient that ends the search, and an eigenvalue that counts as negative, as shares of D w / L
@@ -113,7 +117,9 @@ def settle_ribbon(
     )
 
 
-def _descend(ribbon, unknowns, scale, at, energy_at):  # type: ignore[no-untyped-def]
+def _descend(
+    ribbon: Ribbon, unknowns: Array, scale: Array, at: System, energy_at: Energy
+) -> tuple[Array, int]:
     """Newton steps to a stationary shape; returns it with the number of iterations."""
     energy, gradient, matrix = at(unknowns)
     for count in range(ITERATIONS):
@@ -149,7 +155,9 @@ def _longest(ribbon: Ribbon, unknowns: Array, step: Array) -> float:
     return float(min(1.0, TO_BOUND * (room[moving] / np.abs(change[moving])).min()))
 
 
-def _leave(ribbon, unknowns, direction, energy, energy_at):  # type: ignore[no-untyped-def]
+def _leave(
+    ribbon: Ribbon, unknowns: Array, direction: Array, energy: float, energy_at: Energy
+) -> Array:
     """A shape of less energy than the saddle, along its direction of negative curvature."""
     size = ESCAPE
     for _ in range(HALVINGS):

@@ -10,6 +10,7 @@ from pxr import Usd, UsdGeom
 
 from featherfx.errors import InputError, Problem
 from featherfx.usd.check_geometry import GeometryCheck
+from featherfx.usd.check_instances import instancer_problems
 from featherfx.usd.check_scene import check_scene, missing_files
 from featherfx.usd.read import open_stage
 from featherfx.usd.resume import layer_metadata
@@ -55,6 +56,9 @@ def check_usd(path: str | Path) -> list[Problem]:
         return problems  # what is in them would be missed everywhere
     problems += [Problem(str(path), key, message) for key, message in _stage_problems(stage)]
     for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.PointInstancer):
+            for attribute, message in instancer_problems(prim):
+                problems.append(Problem(str(path), f"{prim.GetPath()}.{attribute}", message))
         if prim.IsA(UsdGeom.PointBased):
             for attribute, message in GeometryCheck(prim).problems():
                 key = f"{prim.GetPath()}.{attribute}"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from pxr import Tf, Usd, UsdGeom
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING
 from featherfx.usd import arrays
+from featherfx.usd.drawn_meshes import DrawnMesh, drawn_meshes
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -76,7 +77,8 @@ def open_stage(path: str | Path) -> Any:
 class Cache:
     """A USD file with its meshes; purposes other than default and render are left out.
 
-    feathers: one entry per mesh, in the order of the stage. frames: start and end time code.
+    feathers: one entry per mesh, or instance of one, in the order of the stage. frames: start and
+    end time code.
     Raises InputError if the file cannot be opened or holds no mesh.
     """
 
@@ -87,10 +89,12 @@ class Cache:
         self.frames_per_second = self._stage.GetTimeCodesPerSecond()
         self.meters_per_unit = UsdGeom.GetStageMetersPerUnit(self._stage)
         self.up_axis = str(UsdGeom.GetStageUpAxis(self._stage))
-        self._meshes = [UsdGeom.Mesh(prim) for prim in self._stage.Traverse() if _is_drawn(prim)]
-        if not self._meshes:
+        drawn = list(drawn_meshes(self._stage))
+        if not drawn:
             raise InputError(Problem(str(path), "", "holds no visible mesh"))
-        self.feathers = tuple(_constant_part(mesh) for mesh in self._meshes)
+        self._meshes = [each.mesh for each in drawn]
+        self._matrices = [each.matrix for each in drawn]
+        self.feathers = tuple(_constant_parts(drawn))
 
     def codes(self) -> list[float]:
         """All time codes at which any mesh has points; whole frames where none has samples."""
@@ -110,7 +114,7 @@ class Cache:
         code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
         if time is None and mesh.GetPointsAttr().Get(code) is None:
             code = Usd.TimeCode.EarliestTime()
-        matrix = np.array(UsdGeom.Xformable(mesh).ComputeLocalToWorldTransform(code))
+        matrix = self._matrices[index](code)
         points = _get(mesh.GetPointsAttr(), code, None)
         if points is None:
             raise InputError(Problem(feather.path, "points", f"no value at {code}"))
@@ -133,14 +137,19 @@ class Cache:
         )
 
 
-def _is_drawn(prim: Any) -> bool:
-    if not prim.IsA(UsdGeom.Mesh):
-        return False
-    image = UsdGeom.Imageable(prim)
-    drawn = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-    return image.ComputePurpose() in drawn and (
-        image.ComputeVisibility() != UsdGeom.Tokens.invisible
-    )
+def _constant_parts(drawn: Sequence[DrawnMesh]) -> Iterator[CachedFeather]:
+    """Of all meshes; what instances share is read once."""
+    known: dict[str, CachedFeather] = {}
+    for each in drawn:
+        path = str(each.mesh.GetPath())
+        if path not in known:
+            known[path] = _constant_part(each.mesh)
+        labels = each.labels
+        yield (
+            known[path]
+            if labels is None
+            else replace(known[path], id=labels.id, kind=labels.kind, region=labels.region)
+        )
 
 
 def _get(attribute: Any, code: Any, count: int | None) -> Any:

@@ -111,6 +111,16 @@ def test_overlap_lifts_each_root_over_the_one_before(tmp_path: Path) -> None:
     np.testing.assert_allclose([each.position[2] for each in feathers], 0.002 * np.arange(5))
 
 
+def test_spacing_of_a_row(tmp_path):
+    even = groom_of(tmp_path, ROW).feathers
+    wide = groom_of(tmp_path, ROW + "spacing = 3.0\n").feathers
+    gaps = np.linalg.norm(np.diff([f.position for f in wide], axis=0), axis=1)
+    assert gaps[-1] / gaps[0] == pytest.approx(3.0)
+    assert np.allclose(np.diff(gaps), (gaps[-1] - gaps[0]) / (len(gaps) - 1))
+    for end in (0, -1):
+        assert np.allclose(even[end].position, wide[end].position)
+
+
 def test_row_along_a_path(tmp_path: Path) -> None:
     feathers = groom_of(tmp_path, ROW + "path = [[0, 0, 0], [1, 0, 0], [1, -3, 0]]\n").feathers
     expected = [[0, 0, 0], [1, 0, 0], [1, -1, 0], [1, -2, 0], [1, -3, 0]]

@@ -1,0 +1,83 @@
+"""`featherfx stats`: what a groom or shot holds, and what a bake will cost."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+
+from featherfx.cli.options import presets_option, quality_option, readable_path
+from featherfx.cli.program import Command
+
+
+@click.command(
+    cls=Command,
+    short_help="Counts, overlap, penetration and expected cost.",
+    epilog="""
+    featherfx stats samples/pigeon/shot.toml
+    featherfx stats samples/pigeon/groom.toml --json
+    """,
+)
+@click.argument("file", metavar="SHOT|GROOM", type=readable_path())
+@click.option("--jobs", type=click.IntRange(min=1), help="Of the bake.  [default: all cores]")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object; SI units, bytes.")
+@quality_option("Quality preset.  [default: the shot's, or final]")
+@presets_option
+def stats(
+    file: Path,
+    jobs: int | None,
+    as_json: bool,
+    quality: str | None,
+    preset_folders: tuple[Path, ...],
+) -> None:
+    """Tell what a SHOT or GROOM (a TOML file) holds.
+
+    Feathers by region and kind, how they overlap and where they pass through each other at rest;
+    of a shot also what its bake will cost, measured on a few of its feathers.
+    """
+    from featherfx.pipeline import plumage_stats
+
+    found = plumage_stats(
+        file, quality=quality, jobs=jobs or os.cpu_count() or 1, preset_folders=preset_folders
+    )
+    click.echo(json.dumps(found, indent=2) if as_json else "\n".join(_lines(found)))
+
+
+def _lines(stats: dict[str, Any]) -> list[str]:
+    """The figures for people."""
+    overlap, penetration = stats["overlap"], stats["penetration"]
+    lines = [f"{stats['name']}: {stats['feathers']} feathers of {stats['shapes']} shapes"]
+    lines += [f"  region {name or '(none)'}: {count}" for name, count in stats["regions"].items()]
+    lines += [f"  kind {name}: {count}" for name, count in stats["kinds"].items()]
+    low, high = (1e3 * stats["length"][key] for key in ("least", "greatest"))
+    lines.append(f"length: {low:.3g} to {high:.3g} mm")
+    lines.append(
+        f"mesh points at quality {stats['quality']}: {stats['mesh_points']}"
+        f" ({stats['mesh_points_of_shapes']} where shapes are instanced)"
+    )
+    lines.append(
+        f"overlap: {overlap['feathers_over_a_point']:.2f} feathers over a point,"
+        f" {overlap['neighbours_of_each']:.1f} neighbours a feather, {overlap['pairs']} pairs"
+    )
+    lines.append(
+        f"penetration at rest: {penetration['pairs']} pairs,"
+        f" the deepest {1e3 * penetration['deepest']:.3g} mm"
+    )
+    for each in penetration["worst"]:
+        lines.append(f"  {each['feather']} under {each['under']}: {1e3 * each['depth']:.3g} mm")
+    if "bake" in stats:
+        lines += _bake_lines(stats["bake"])
+    return lines
+
+
+def _bake_lines(bake: dict[str, Any]) -> list[str]:
+    return [
+        f"bake of {bake['frames']} frames: {bake['unknowns']} unknowns,"
+        f" {1e3 * bake['seconds_of_a_feather_and_frame']:.3g} ms a feather and frame"
+        f" (by {bake['tried_feathers']} feathers and {bake['tried_frames']} frames)",
+        f"  about {bake['wall_seconds']:.3g} s with {bake['jobs']} jobs,"
+        f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples",
+    ]

@@ -1,0 +1,178 @@
+"""Which feathers may lie over which, at rest: pairs in the order of shingles.
+
+A feather lies over another if its layer is higher, else if its root is upstream, as water would run
+off the plumage; rows whose roots are lifted one over the other keep that order. Feathers are taken
+as strips about their shafts for this; what is found may meet, what is left out cannot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.curve import turn
+from featherfx.groom.types import Placement
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# cosine of the angle between two dorsal sides from which on feathers do not count as layered
+_LEAST_FACING = 0.5
+# of a stacked pair against one that flows, and of the hold against a pair
+_STACK_WEIGHT, _HOLD = 10.0, 1e-7
+
+
+@dataclass(frozen=True)
+class Strips:
+    """F feathers as straight strips.
+
+    root: (F, 3) m. shaft: (F, 3) m, root to tip. dorsal: (F, 3) unit. reach: (F,) m, how far the
+    vanes go from the straight line to the tip. layer: (F,). group, stack:
+    (F,) within a group, a higher stack lies over a lower one; group -1 for none. rank: (F,) the
+    order of a layout, which goes before all else, -1 where there is none.
+    """
+
+    root: Array
+    shaft: Array
+    dorsal: Array
+    reach: Array
+    layer: Indices
+    group: Indices
+    stack: Indices
+    rank: Indices
+
+
+def strips_of(placements: Sequence[Placement]) -> Strips:
+    """The feathers of a groom as strips."""
+    kinds = [p.kind for p in placements]
+    labels = {name: k for k, name in enumerate(dict.fromkeys(p.region for p in placements))}
+    outlines = [k.leading.outline + k.trailing.outline for k in kinds]
+    widest = [max((y for _, y in outline), default=0.0) for outline in outlines]
+    rates = [(k.rachis.twist, k.rachis.camber, -k.rachis.sweep) for k in kinds]
+    total = np.radians(rates).reshape(-1, 3) * [
+        [-1.0 if p.mirrored else 1.0, 1.0, 1.0] for p in placements
+    ]
+    total[:, 2] *= [-1.0 if p.mirrored else 1.0 for p in placements]
+    _, straight = turn(total)
+    length = np.array([k.length for k in kinds])
+    rotation = np.array([p.rotation for p in placements]).reshape(-1, 3, 3)
+    # an arc leaves the line to its end by an eighth of its turning times its length
+    bow = 0.125 * np.linalg.norm(total[:, 1:], axis=1)
+    return Strips(
+        root=np.array([p.position for p in placements]).reshape(-1, 3),
+        shaft=length[:, None] * np.einsum("fij,fj->fi", rotation, straight),
+        dorsal=rotation[:, :, 2],
+        reach=length * (np.array(widest) + bow),
+        layer=np.array([p.layer for p in placements], dtype=np.int64),
+        group=np.array([labels[p.region] if p.stack else -1 for p in placements], dtype=np.int64),
+        stack=np.array([p.stack for p in placements], dtype=np.int64),
+        rank=np.array([p.rank for p in placements], dtype=np.int64),
+    )
+
+
+def shingle_pairs(strips: Strips) -> tuple[Indices, Indices]:
+    """(K, 2) feathers that may meet, the one that lies over the other first; sorted by it.
+
+    And (F,) all feathers in an order in which those beneath come first.
+
+    Neighbours come from search trees by classes of length, so that the work grows with the number
+    of pairs.
+    """
+    pairs = _near(strips)
+    first, second = pairs.T
+    facing = np.einsum("kc,kc->k", strips.dorsal[first], strips.dorsal[second])
+    pairs = pairs[facing > _LEAST_FACING]
+    first, second = pairs.T
+    shaft = strips.shaft
+    distance = segment_distance(
+        strips.root[first], shaft[first], strips.root[second], shaft[second]
+    )
+    pairs = pairs[distance <= strips.reach[first] + strips.reach[second]]
+    if len(strips.rank) and strips.rank.min() >= 0:
+        beneath = np.argsort(strips.rank, kind="stable")
+    else:
+        beneath = np.lexsort((-flow_potential(strips, pairs), strips.layer))
+    rank = np.empty(len(beneath), dtype=np.int64)
+    rank[beneath] = np.arange(len(beneath))
+    over = rank[pairs[:, 0]] > rank[pairs[:, 1]]
+    ordered = np.where(over[:, None], pairs, pairs[:, ::-1])
+    return ordered[np.lexsort((ordered[:, 1], ordered[:, 0]))], beneath
+
+
+def flow_potential(strips: Strips, pairs: Indices) -> Array:
+    """(F,) m, how far downstream every root is, by least squares over neighbours.
+
+    Between two neighbours it grows as their roots lie apart along their shafts; so it is an order
+    without rings wherever the shafts flow. Rows that are stacked count by their stack instead.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.linalg import cg
+
+    first, second = pairs.T
+    shaft = strips.shaft / np.linalg.norm(strips.shaft, axis=1, keepdims=True)
+    count = len(shaft)
+    way = strips.root[second] - strips.root[first]
+    ahead = 0.5 * np.einsum("kc,kc->k", way, shaft[first] + shaft[second])
+    stacked = (strips.group[first] == strips.group[second]) & (strips.group[first] >= 0)
+    higher = (strips.stack[first] - strips.stack[second]) * np.linalg.norm(way, axis=1)
+    ahead = np.where(stacked, higher, ahead)
+    weight = np.where(stacked, _STACK_WEIGHT, 1.0)
+    rows = np.concatenate([first, second, first, second])
+    columns = np.concatenate([first, second, second, first])
+    values = np.concatenate([weight, weight, -weight, -weight])
+    # a faint hold of every value at 0 makes the matrix regular
+    held = np.arange(count)
+    matrix = csr_array(
+        (
+            np.concatenate([values, np.full(count, _HOLD)]),
+            (np.concatenate([rows, held]), np.concatenate([columns, held])),
+        ),
+        shape=(count, count),
+    )
+    right = np.zeros(count)
+    np.add.at(right, second, weight * ahead)
+    np.add.at(right, first, -weight * ahead)
+    potential, _ = cg(matrix, right, rtol=1e-6, maxiter=2000)
+    return np.asarray(potential)
+
+
+def _near(strips: Strips) -> Indices:
+    """(K, 2) pairs, the smaller number first, whose bounding spheres meet."""
+    from scipy.spatial import cKDTree
+
+    middle = strips.root + 0.5 * strips.shaft
+    radius = 0.5 * np.linalg.norm(strips.shaft, axis=1) + strips.reach
+    sizes = np.floor(2.0 * np.log2(radius))
+    members = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    trees = [cKDTree(middle[each]) for each in members]
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    for i, larger in enumerate(members):
+        for j, smaller in enumerate(members[: i + 1]):
+            reach = float(radius[larger].max() + radius[smaller].max())
+            near = trees[i].sparse_distance_matrix(trees[j], reach, output_type="ndarray")
+            a, b = larger[near["i"]], smaller[near["j"]]
+            kept = (near["v"] <= radius[a] + radius[b]) & ((i != j) | (a < b))
+            found.append(np.sort(np.stack([a[kept], b[kept]], axis=1), axis=1))
+    return np.concatenate(found)
+
+
+def segment_distance(first: Array, along: Array, second: Array, across: Array) -> Array:
+    """(K,) distance of segments from first to first + along and from second to second + across."""
+
+    def dot(a: Array, b: Array) -> Array:
+        return np.asarray(np.einsum("kc,kc->k", a, b))
+
+    gap = first - second
+    aa, bb, ab = dot(along, along), dot(across, across), dot(along, across)
+    ag, bg = dot(along, gap), dot(across, gap)
+    determinant = aa * bb - ab * ab
+    slanted = determinant > 1e-12 * aa * bb
+    s = np.where(slanted, (ab * bg - bb * ag) / np.where(slanted, determinant, 1.0), 0.0)
+    s = np.clip(s, 0.0, 1.0)
+    t = np.clip((ab * s + bg) / bb, 0.0, 1.0)
+    s = np.clip((ab * t - ag) / aa, 0.0, 1.0)
+    apart = gap + s[:, None] * along - t[:, None] * across
+    return np.sqrt(dot(apart, apart))

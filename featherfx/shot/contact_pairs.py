@@ -1,0 +1,125 @@
+"""Which feathers of a groom may touch, and which of two lies over the other.
+
+At rest the groom's layers tell the order: where one feather's nodes lie over another's vane, their
+sides are counted, and the clear majority holds for the shot. What does not overlap at rest gets its
+order through feathers between (over the one that is over the other), else none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.solver.contact_list_kernels import PAIR, SIDE
+from featherfx.solver.contact_surfaces import Scene, Skin, list_contacts, no_memory
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# feathers are paired where their boxes at rest are nearer than this share of their length
+REACH_SHARE = 0.5
+# nodes within this share of the length count for the order at rest
+NEAR_SHARE = 0.1
+# part of the nodes by which one side must lead
+CLEAR = 0.2
+
+
+def candidate_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
+    """(N, 2) guest and host of feathers that may meet, each pair in both roles.
+
+    rest: per feather (n, P, 3) m, world points at rest. lengths: (F,) m.
+    """
+    from scipy.spatial import cKDTree
+
+    low = np.stack([_nodes(points).min(axis=0) for points in rest])
+    high = np.stack([_nodes(points).max(axis=0) for points in rest])
+    centre, reach = 0.5 * (low + high), 0.5 * np.linalg.norm(high - low, axis=1)
+    near = cKDTree(centre).query_pairs(float(2.0 * reach.max() + REACH_SHARE * lengths.max()))
+    pairs = np.array(sorted(near), dtype=np.int64).reshape(-1, 2)
+    margin = REACH_SHARE * lengths[pairs].max(axis=1)[:, None]
+    first, second = pairs.T
+    meet = ((low[first] <= high[second] + margin) & (low[second] <= high[first] + margin)).all(
+        axis=1
+    )
+    pairs = pairs[meet]
+    return np.concatenate([pairs, pairs[:, ::-1]])
+
+
+def _nodes(points: Array) -> Array:
+    """(k, 3) positions among material points (n, P, 3): all but the directors."""
+    return np.delete(points, (1, 2), axis=1).reshape(-1, 3)
+
+
+def order_at_rest(pairs: Indices, rest: Array, skin: Skin, lengths: Array) -> Indices:
+    """(N,) side of the host where the guest belongs, 0 where it is not clear.
+
+    pairs: from `candidate_pairs`. rest: (F, n, P, 3) m.
+    """
+    votes = _votes(pairs, rest, skin, NEAR_SHARE * float(lengths.max()))
+    half = len(pairs) // 2
+    agree = _normals_agree(pairs[:half], rest)
+    # the guest is over its host where the host is under the guest, seen from equal normals
+    both = votes[:half] - agree[:, None] * votes[half:]
+    side, total = both[:, 0], np.abs(votes[:half, 1]) + np.abs(votes[half:, 1])
+    clear = np.abs(side) > CLEAR * np.maximum(total, 1.0)
+    order = np.where(clear, np.sign(side), 0.0).astype(np.int64)
+    order = _through_others(pairs[:half], order, agree)
+    return np.concatenate([order, -agree * order])
+
+
+def _votes(pairs: Indices, rest: Array, skin: Skin, margin: float) -> Array:
+    """(N, 2) per pair: sum of the guest's nodes' sides over the host, and their number."""
+    bodies, rows, _ = skin.present.shape
+    scene = Scene(
+        start=rest,
+        ahead=rest,
+        boxes=np.zeros((bodies, rows, 6)),
+        bounds=np.zeros((bodies, 6)),
+        impedance=np.ones(rest.shape[:3]),
+    )
+    memory = no_memory(len(pairs), skin)
+    free = np.zeros(len(pairs), dtype=np.int64)
+    touch, count = list_contacts(pairs, free, skin, scene, memory, margin, 0.0)
+    votes = np.zeros((len(pairs), 2))
+    np.add.at(votes[:, 0], touch.who[:count, PAIR], touch.who[:count, SIDE])
+    np.add.at(votes[:, 1], touch.who[:count, PAIR], 1.0)
+    return votes
+
+
+def _normals_agree(pairs: Indices, rest: Array) -> Indices:
+    """(N,) 1 where both feathers' surfaces are oriented alike, -1 where they are opposite."""
+    m = (rest.shape[2] - 3) // 2
+    across = rest[:, :, 2 + m] - rest[:, :, 2 + 2 * m]
+    along = np.gradient(rest[:, :, 0], axis=1)
+    normal = np.cross(along, across).sum(axis=1)
+    dots = np.einsum("pk,pk->p", normal[pairs[:, 0]], normal[pairs[:, 1]])
+    return np.where(dots >= 0.0, 1, -1)
+
+
+def _through_others(pairs: Indices, order: Indices, agree: Indices) -> Indices:
+    """Orders of pairs that have none, by the feathers between where all are oriented alike."""
+    over: dict[int, set[int]] = {}
+    for (guest, host), side, same in zip(
+        pairs.tolist(), order.tolist(), agree.tolist(), strict=True
+    ):
+        if side and same > 0:
+            upper, lower = (guest, host) if side > 0 else (host, guest)
+            over.setdefault(upper, set()).add(lower)
+    below = {upper: _reachable(upper, over) for upper in over}
+    found = order.copy()
+    for k in np.flatnonzero((order == 0) & (agree > 0)):
+        guest, host = pairs[k].tolist()
+        down, up = host in below.get(guest, ()), guest in below.get(host, ())
+        found[k] = int(down) - int(up)
+    return found
+
+
+def _reachable(start: int, over: dict[int, set[int]], steps: int = 8) -> set[int]:
+    found: set[int] = set()
+    edge = {start}
+    for _ in range(steps):
+        edge = {lower for upper in edge for lower in over.get(upper, ())} - found
+        found |= edge
+    return found

@@ -1,0 +1,195 @@
+"""Surfaces of feathers as contact sees them, and the search for what touches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.mechanics.model import Model
+from featherfx.solver.contact_find_kernels import find_contacts
+from featherfx.solver.contact_list_kernels import INTEGERS, VALUES
+from featherfx.solver.contact_search_kernels import RIM_PARTS, row_boxes
+from featherfx.solver.contact_wall import Wall
+from featherfx.solver.contact_wall_kernels import find_wall_contacts
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Bytes = NDArray[np.int8]
+
+FIRST_ROOM = 1024
+# FIT for a wall, which does not yield, over that of the node
+WALL_FIT = 4.0
+
+
+class Skin(NamedTuple):
+    """Constant surfaces of B bodies. present: (B, n, 2 m + 1), which nodes a triangle has. guests:
+    (B, n, W) points that may touch others (contact_search_kernels.guest_point). exists:
+    (B, 2, n-1, m, 2) triangles. half: (B, n, P) m, half thickness at the material points."""
+
+    present: Bytes
+    guests: Bytes
+    exists: Bytes
+    half: Array
+
+
+class Scene(NamedTuple):
+    """B bodies in an interval. start: (B, n, P, 3) m, its begin; ahead: where they will be about
+    its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, P) N/m."""
+
+    start: Array
+    ahead: Array
+    boxes: Array
+    bounds: Array
+    impedance: Array
+
+
+class Memory(NamedTuple):
+    """What is kept between intervals, for N pairs and the nodes of their guests. force: (N, n,
+    W, 2) N, on guest and host. side: (N, n, W) of the host, 0 where there is none.
+    wall: (B, n, W) N, forces of walls. inside: (B, n, W), those grown into one."""
+
+    force: Array
+    side: Bytes
+    wall: Array
+    inside: Bytes
+
+
+def no_memory(pairs: int, skin: Skin) -> Memory:
+    """Nothing touched yet."""
+    bodies, rows, strip = skin.guests.shape
+    return Memory(
+        force=np.zeros((pairs, rows, strip, 2)),
+        side=np.zeros((pairs, rows, strip), dtype=np.int8),
+        wall=np.zeros((bodies, rows, strip)),
+        inside=np.zeros((bodies, rows, strip), dtype=np.int8),
+    )
+
+
+class Touch(NamedTuple):
+    """Room for K contacts (contact_list_kernels): who (K, 8), corner (K, 3, 2) row and material
+    point, weight (K, 3), normal (K, 3), value (K, 9), place_start and place_now (K, 3) m, of the
+    host's point; place (4,), guest and guest_ahead (3,) are scratch."""
+
+    who: Indices
+    corner: Indices
+    weight: Array
+    normal: Array
+    value: Array
+    place_start: Array
+    place_now: Array
+    place: Indices
+    guest: Array
+    guest_ahead: Array
+
+
+def skin_of(models: Sequence[Model], halves: Sequence[float] | Array) -> Skin:
+    """Surfaces of all feathers of some batches. halves: m, half thickness of each body's vane."""
+    exists = np.concatenate([model.cell_stiffness[..., 0] != 0.0 for model in models])
+    bodies, _, cells, m, _ = exists.shape
+    present = np.zeros((bodies, cells + 1, 2 * m + 1), dtype=np.int8)
+    for side in range(2):
+        node = np.zeros((bodies, cells + 1, m + 1), dtype=bool)
+        first, second = exists[:, side, :, :, 0], exists[:, side, :, :, 1]
+        node[:, :-1, :-1] |= first
+        node[:, :-1, 1:] |= first | second
+        node[:, 1:, :-1] |= first | second
+        node[:, 1:, 1:] |= second
+        if side == 0:
+            present[:, :, m:] |= node
+        else:
+            present[:, :, m::-1] |= node
+    half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, cells + 1, 3 + 2 * m))
+    return Skin(present, _guests(present), exists.astype(np.int8), np.array(half, dtype=float))
+
+
+def _guests(present: Bytes) -> Bytes:
+    """(B, n, W): all nodes, and points of the rims between rows that both have one."""
+    parts = []
+    for end in (0, -1):
+        rim = np.zeros(present.shape[:2], dtype=np.int8)
+        rim[:, :-1] = present[:, :-1, end] & present[:, 1:, end]
+        parts.append(np.repeat(rim[:, :, None], RIM_PARTS - 1, axis=2))
+    return np.concatenate([present, *parts], axis=2)
+
+
+def elastic_stiffness(model: Model) -> Array:
+    """(F, n, P) N/m, how stiff a feather is at its nodes, apart from inertia.
+
+    Between that of a single force, 3 B / s^3 on a barb at s from its root, and that of a force on
+    all nodes of the barb, 8 B / (L^3 m): their geometric mean; shaft and barb in series.
+    """
+    m, count = model.columns, model.coefficients
+    station = np.cumsum(model.length, axis=1)
+    bending = (model.rachis_stiffness[:, :, 4:] * model.length[:, :, None]).min(axis=2)
+    shaft = np.full(model.mass.shape[:2], np.inf)
+    shaft[:, 1:] = 3.0 * bending[:, :1] / station**3
+    stiffness = np.repeat(shaft[:, :, None], 3 + 2 * m, axis=2)
+    if m and count:
+        length = model.segment * m
+        root = model.barb_stiffness[..., 0] / np.where(length > 0.0, length, np.inf) ** 2
+        nodes = np.arange(1, m + 1)
+        barb = np.sqrt(24.0 * m**2 / nodes**3) * root[..., None]
+        for side in range(2):
+            part = stiffness[:, :, 3 + side * m : 3 + (side + 1) * m]
+            soft = barb[:, side]
+            with np.errstate(divide="ignore"):
+                part[...] = 1.0 / (1.0 / part + 1.0 / soft)
+    return np.where(np.isfinite(stiffness), stiffness, 0.0)
+
+
+def list_contacts(
+    pairs: Indices,
+    order: Indices,
+    skin: Skin,
+    scene: Scene,
+    memory: Memory,
+    margin: float,
+    recovery: float,
+    touch: Touch | None = None,
+    walls: Sequence[Wall] = (),
+) -> tuple[Touch, int]:
+    """Contacts of pairs (N, 2), guest and host, and how many; boxes of the scene are refitted.
+
+    order, margin, touch as in ContactSolver. recovery: m, that a depth is reduced by.
+    """
+    touch = touch or new_touch()
+    _refit(scene, skin)
+    limits = np.array([margin, recovery, WALL_FIT])
+    while True:
+        count = int(find_contacts(pairs, order, skin, scene, memory, limits, touch))
+        for wall in walls:
+            if count <= len(touch.who):
+                count = int(find_wall_contacts(wall, skin, scene, memory, limits, touch, count))
+        if count <= len(touch.who):
+            return touch, count
+        touch = new_touch(2 * count)
+
+
+def new_touch(count: int = FIRST_ROOM) -> Touch:
+    """Room for that many contacts."""
+    return Touch(
+        who=np.zeros((count, INTEGERS), dtype=np.int64),
+        corner=np.zeros((count, 3, 2), dtype=np.int64),
+        weight=np.zeros((count, 3)),
+        normal=np.zeros((count, 3)),
+        value=np.zeros((count, VALUES)),
+        place_start=np.zeros((count, 3)),
+        place_now=np.zeros((count, 3)),
+        place=np.zeros(4, dtype=np.int64),
+        guest=np.zeros(3),
+        guest_ahead=np.zeros(3),
+    )
+
+
+def _refit(scene: Scene, skin: Skin) -> None:
+    """Boxes around each body's rows at both ends of the interval."""
+    boxes, bounds = np.zeros_like(scene.boxes), np.zeros_like(scene.bounds)
+    for body in range(len(scene.start)):
+        row_boxes(scene.start[body], skin.present[body], boxes[body], bounds[body])
+        row_boxes(scene.ahead[body], skin.present[body], scene.boxes[body], scene.bounds[body])
+    for mine, other in ((scene.boxes, boxes), (scene.bounds, bounds)):
+        np.minimum(mine[..., :3], other[..., :3], out=mine[..., :3])
+        np.maximum(mine[..., 3:], other[..., 3:], out=mine[..., 3:])

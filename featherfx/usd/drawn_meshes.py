@@ -1,0 +1,92 @@
+"""The meshes of a stage that are drawn: those that stand for themselves, and instanced ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from featherfx.usd.instances import Instances
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Id, kind and region of a feather."""
+
+    id: str
+    kind: str
+    region: str
+
+
+@dataclass(frozen=True)
+class DrawnMesh:
+    """A mesh, or one instance of it.
+
+    matrix: from its own space to the world at a time code, (4, 4), row vectors. labels: what an
+    instance says of itself, None for a mesh.
+    """
+
+    mesh: Any
+    matrix: Callable[[Any], Array]
+    labels: Labels | None
+
+
+def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
+    """In the order of the stage; invisible prims and purposes of no picture are left out."""
+    walk = iter(stage.Traverse())
+    for prim in walk:
+        if prim.IsA(UsdGeom.PointInstancer):
+            # prototypes below an instancer are drawn by it only
+            walk.PruneChildren()
+            if _is_drawn(prim):
+                yield from _instanced(prim)
+        elif prim.IsA(UsdGeom.Mesh) and _is_drawn(prim):
+            yield DrawnMesh(UsdGeom.Mesh(prim), partial(_local_to_world, prim), None)
+
+
+def _instanced(prim: Any) -> Iterator[DrawnMesh]:
+    instances = Instances(prim)
+    below: dict[Any, list[tuple[Any, Array]]] = {}
+    for index, root in enumerate(instances.prims):
+        path = root.GetPath()
+        if path not in below:
+            below[path] = list(_meshes_below(root))
+        for mesh, inner in below[path]:
+            labels = Labels(
+                instances.label("featherId", index, f"{prim.GetName()}_{index}"),
+                instances.label("featherKind", index, ""),
+                instances.label("region", index, ""),
+            )
+            yield DrawnMesh(mesh, partial(_of_instance, instances, index, inner), labels)
+
+
+def _meshes_below(root: Any) -> Iterator[tuple[Any, Array]]:
+    """Meshes at or below a prototype with their transforms to its root's own space (4, 4)."""
+    outer = np.linalg.inv(_local_to_world(root, Usd.TimeCode.Default()))
+    for prim in Usd.PrimRange(root, Usd.TraverseInstanceProxies()):
+        if prim.IsA(UsdGeom.Mesh):
+            to_root = _local_to_world(prim, Usd.TimeCode.Default()) @ outer
+            yield UsdGeom.Mesh(prim), to_root
+
+
+def _of_instance(instances: Instances, index: int, inner: Array, code: Any) -> Array:
+    return inner @ instances.matrix(index, code)
+
+
+def _local_to_world(prim: Any, code: Any) -> Array:
+    return np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code))
+
+
+def _is_drawn(prim: Any) -> bool:
+    image = UsdGeom.Imageable(prim)
+    drawn = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+    return image.ComputePurpose() in drawn and (
+        image.ComputeVisibility() != UsdGeom.Tokens.invisible
+    )

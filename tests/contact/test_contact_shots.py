@@ -1,0 +1,190 @@
+"""Contact in whole shots: order at rest, calm start, bodies, files, resume, what it costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from contact_cases import crossings
+
+from featherfx.errors import InputError
+from featherfx.shot.read import read_shot
+from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.types import Contact, Frame, Motion, Shot
+
+SAMPLE = Path(__file__).parents[2] / "samples" / "flapping_bird" / "shot.toml"
+THICKNESS = 1.2e-4
+
+
+@cache
+def bird() -> Shot:
+    """The sample on a coarse grid."""
+    shot = read_shot(SAMPLE)
+    return replace(shot, quality=replace(shot.quality, rows=11, columns=4, coefficients=1))
+
+
+def half_wing(shot: Shot) -> Shot:
+    """The primaries of the right wing alone."""
+    kept = [f for f in shot.groom.feathers if f.id.startswith("right_primary")]
+    return replace(shot, groom=replace(shot.groom, feathers=tuple(kept)))
+
+
+def baked(shot: Shot, last: int, jobs: int = 1) -> tuple[Simulation, list[Frame]]:
+    simulation = simulate(shot, jobs, (shot.first_frame, last))
+    return simulation, list(simulation)
+
+
+def meshes(simulation: Simulation, frame: Frame):
+    found = []
+    for feather, points in zip(simulation.feathers, frame.points, strict=True):
+        surface = feather.surface
+        found.append((surface.points(points), surface.triangles[surface.part < 2]))
+    return found
+
+
+def all_crossings(surfaces) -> int:
+    boxes = [(p.min(axis=0), p.max(axis=0)) for p, _ in surfaces]
+    total = 0
+    for a, (low, high) in enumerate(boxes):
+        for b, (other_low, other_high) in enumerate(boxes):
+            if a != b and (low <= other_high).all() and (other_low <= high).all():
+                total += crossings(surfaces[a], surfaces[b])
+    return total
+
+
+@cache
+def beat() -> tuple[Simulation, list[Frame]]:
+    """The first quarter of the beat, where air and inertia press the wing hardest."""
+    return baked(bird(), 10, 2)
+
+
+@pytest.mark.verification
+def test_flapping_bird_keeps_its_feathers_apart():
+    simulation, frames = beat()
+    contact = simulation.report["contact"]
+    assert contact["steps"] == 9 * 12
+    assert contact["most_contacts"] > 20
+    # what is asked: below one thickness; what is got: a fifth of it
+    assert contact["worst_depth"] < 0.5 * THICKNESS
+    assert contact["depth_after_settling"] < 0.1 * THICKNESS
+    assert contact["depth_at_rest"] > 10.0 * THICKNESS
+    assert all_crossings(meshes(simulation, frames[0])) == 0
+    assert all_crossings(meshes(simulation, frames[-1])) == 0
+
+
+def test_without_contact_the_same_feathers_cut_through_each_other():
+    simulation, frames = baked(replace(bird(), contact=None), 10)
+    assert "contact" not in simulation.report
+    assert all_crossings(meshes(simulation, frames[-1])) > 50
+
+
+def test_neighbours_lie_as_the_rows_say():
+    """Each feather of a row lies below the one before it (overlap = -0.001)."""
+    simulation, _ = baked(half_wing(bird()), 1)
+    solver = simulation._contact.solver
+    pairs = [tuple(pair) for pair in solver.pairs.tolist()]
+    sides = dict(zip(pairs, solver.order.tolist(), strict=True))
+    for k in range(4):
+        # normals are dorsal on the right wing
+        assert sides[k, k + 1] == 1
+        assert sides[k + 1, k] == -1
+
+
+def test_a_calm_layered_wing_starts_without_a_jump_and_stays():
+    shot = replace(half_wing(bird()), motion=Motion("hold", {}), sleep=False)
+    _, frames = baked(shot, 4)
+    rest = [np.delete(points, (1, 2), axis=1) for points in frames[0].points]
+    for frame in frames[1:]:
+        for before, points in zip(rest, frame.points, strict=True):
+            assert np.abs(np.delete(points, (1, 2), axis=1) - before).max() < 5e-4
+    speeds = [np.abs(np.delete(v, (1, 2), axis=1)).max() for v in frames[-1].velocities]
+    assert max(speeds) < 0.02
+
+
+def test_threads_change_nothing():
+    first, second = baked(half_wing(bird()), 3, 1)[1], baked(half_wing(bird()), 3, 2)[1]
+    for a, b in zip(first, second, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
+
+
+def test_a_checkpoint_goes_on_bit_by_bit(tmp_path):
+    from featherfx.shot.checkpoint import Checkpoint
+
+    shot = half_wing(bird())
+    simulation = simulate(shot, 1, (1, 4))
+    whole = []
+    for frame in simulation:
+        whole.append(frame)
+        if frame.number == 2:
+            simulation.checkpoint().save(tmp_path / "state.npz")
+    start = Checkpoint.load(tmp_path / "state.npz")
+    rest = list(simulate(shot, 1, (1, 4), start=start))
+    assert [frame.number for frame in rest] == [3, 4]
+    for a, b in zip(whole[2:], rest, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
+
+
+@dataclass(frozen=True)
+class Board:
+    """A square below the wing that rises by 2 cm in the shot."""
+
+    path: str = "/board"
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    face = np.zeros(2, dtype=np.int64)
+    rest = np.array([[-1.0, -1, -0.06], [1, -1, -0.06], [1, 1, -0.06], [-1, 1, -0.06]])
+    st = None
+    sampled = (0.0, 100.0)
+    time_codes_per_second: float = 1.0
+    origin: tuple = ("board", ())
+
+    def points(self, code: float) -> np.ndarray:
+        return self.rest + np.array([0.0, 0.0, 0.02 * min(code / 0.1, 1.0)])
+
+
+def test_feathers_are_carried_by_a_body_that_moves():
+    shot = replace(half_wing(bird()), motion=Motion("hold", {}), colliders=(Board(),))
+    free, _ = baked(replace(shot, colliders=()), 1)
+    simulation, frames = baked(shot, 8)
+    assert free.report["contact"]["bodies"] == 0
+    contact = simulation.report["contact"]
+    assert contact["bodies"] == 1
+    first = shot.first_frame / shot.frames_per_second
+    for frame in frames:
+        level = Board().points(first + frame.time)[0, 2]
+        for feather, points in zip(simulation.feathers, frame.points, strict=True):
+            surface = feather.surface
+            vane = np.unique(surface.triangles[surface.part < 2])
+            assert surface.points(points)[vane, 2].min() > level
+
+
+@pytest.mark.parametrize(
+    ("keys", "what"),
+    [
+        ("thickness = 0", "thickness"),
+        ("friction = -1", "friction"),
+        ("friction = 3", "friction"),
+        ("steps = 1.5", "steps"),
+        ("enabled = 1", "enabled"),
+        ("stiffness = 3", "stiffness"),
+    ],
+)
+def test_wrong_keys_are_named(tmp_path, keys, what):
+    text = f'name = "x"\ngroom = "{SAMPLE.parent / "groom.toml"}"\nframes = [1, 2]\n'
+    (tmp_path / "shot.toml").write_text(text + f"[contact]\n{keys}\n")
+    with pytest.raises(InputError) as caught:
+        read_shot(tmp_path / "shot.toml")
+    assert [problem.key for problem in caught.value.problems] == [f"contact.{what}"]
+
+
+def test_the_table_is_read_and_can_be_switched_off(tmp_path):
+    text = f'name = "x"\ngroom = "{SAMPLE.parent / "groom.toml"}"\nframes = [1, 2]\n'
+    path = tmp_path / "shot.toml"
+    path.write_text(text)
+    assert read_shot(path).contact is None
+    path.write_text(text + "[contact]\n")
+    assert read_shot(path).contact == Contact(None, 0.3, 0)
+    path.write_text(text + "[contact]\nenabled = false\nfriction = 0.1\n")
+    assert read_shot(path).contact is None

@@ -1,0 +1,128 @@
+"""A feather on bodies whose motion is given: weight, friction, speed, what is inside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from contact_cases import (
+    GRAVITY,
+    THICKNESS,
+    free_feathers,
+    positions_of,
+    run,
+    solver_of,
+    vane_nodes,
+    velocity_of,
+)
+
+from featherfx.solver.contact_list_kernels import COLUMN, ROW
+from featherfx.solver.contact_wall import outward, wall_of
+
+GRID = {"rows": 9, "columns": 4}
+FLOOR = np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def floor(shift=(0.0, 0.0, 0.0)):
+    return wall_of(FLOOR, FLOOR + shift, HALVES, 0.02 + abs(shift[2]))
+
+
+def test_a_feather_comes_to_rest_on_the_floor():
+    """What carries it is its momentum that stays zero; no gap is off by more than the tolerance."""
+    model, state = free_feathers("body_contour", [[0, 0, 0.017]], **GRID)
+    contact = solver_of(model, rounds=20)
+    for _state, report in run(contact, state, 4e-3, 300, (0, 0, -GRAVITY), [floor()]):
+        assert report.depth < contact.settings.tolerance + THICKNESS * 0.1
+    assert np.abs(velocity_of(model, _state)).max() < 1e-3
+
+
+@pytest.mark.verification
+@pytest.mark.parametrize(("friction", "degrees"), [(0.3, 30.0), (0.7, 30.0), (0.3, 14.0)])
+def test_on_an_incline_it_slides_if_the_slope_is_steeper_than_the_friction(friction, degrees):
+    """Coulomb: it slides where tan(slope) > mu, with the acceleration g (sin - mu cos)."""
+    slope = np.radians(degrees)
+    gravity = GRAVITY * np.array([np.sin(slope), 0.0, -np.cos(slope)])
+    model, state = free_feathers("body_contour", [[0, 0, 0.006]], **GRID)
+    contact = solver_of(model, friction=friction, smoothing=1e-3, rounds=20)
+    step, count = 2e-3, 240
+    speeds = [
+        velocity_of(model, new)[0]
+        for new, _ in run(contact, state, step, count, gravity, [floor()])
+    ]
+    # the mean over the second half, after the landing
+    gained = (speeds[-1] - speeds[count // 2]) / (step * (count - 1 - count // 2))
+    if np.tan(slope) > friction:
+        expected = GRAVITY * (np.sin(slope) - friction * np.cos(slope))
+        assert gained == pytest.approx(expected, rel=0.02)
+    else:
+        # it creeps within the slip speed over which friction sets in
+        assert abs(speeds[-1]) < contact.settings.smoothing
+
+
+@pytest.mark.parametrize("speed", [1.0, 50.0])
+def test_a_wall_that_strikes_drives_the_feather_before_it(speed):
+    """However far the wall goes in a step, no node is behind it afterwards."""
+    model, state = free_feathers("body_contour", [[0, 0, 0.02]], **GRID)
+    contact, step = solver_of(model, rounds=30), 1e-3
+    height = 0.0
+    for _ in range(40):
+        shift = np.array([0.0, 0.0, speed * step])
+        start = FLOOR + np.array([0.0, 0.0, height])
+        wall = wall_of(start, start + shift, HALVES, 0.02 + 3.0 * speed * step)
+        ((state, _),) = run(contact, state, step, 1, walls=[wall])
+        height += speed * step
+        # the middle surface of the vane stays half a thickness before the wall
+        assert vane_nodes(contact, state)[:, 2].min() > height
+    assert height > 0.02
+    # it leaves at the wall's speed or faster
+    assert velocity_of(model, state)[2] > 0.8 * speed
+
+
+def test_a_feather_slides_off_a_ball_without_entering_it():
+    import trimesh
+
+    radius, centre = 0.03, np.array([0.02, 0.004, -0.035])
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=radius)
+    points = np.asarray(ball.vertices) + centre
+    model, state = free_feathers("body_contour", [[0, 0, 0]], **GRID)
+    contact = solver_of(model, rounds=20, friction=0.1)
+    wall = wall_of(points, points, np.asarray(ball.faces, dtype=np.int64), 0.02)
+    touched = 0
+    for _state, report in run(contact, state, 2e-3, 80, (0, 0, -GRAVITY), [wall]):
+        touched = max(touched, report.contacts)
+        away = np.linalg.norm(vane_nodes(contact, _state) - centre, axis=1)
+        # facets lie inside the sphere by 1 - cos of half the angle of an edge
+        inner = np.linalg.norm(ball.triangles_center, axis=1).min()
+        assert away.min() > inner
+    assert touched >= 2
+
+
+def test_what_is_inside_a_body_at_first_is_left_alone_until_it_comes_out():
+    model, state = free_feathers("body_contour", [[0, 0, 0.0]], **GRID)
+    nodes = positions_of(state)[0][:, 2]
+    level = float(np.median(nodes))
+    contact = solver_of(model)
+    raised = FLOOR + np.array([0.0, 0.0, level])
+    wall = wall_of(raised, raised, HALVES, 0.05, True)
+    ((after, _),) = run(contact, state, 1e-3, 1, walls=[wall])
+    assert contact.memory.inside.sum() > 5
+    index = contact._touch.who[: contact._count]
+    assert len(index) > 0  # those just above the wall do touch it
+    assert not contact.memory.inside[0, index[:, ROW], index[:, COLUMN]].any()
+    assert np.abs(after.velocity).max() < 1.0
+    # the wall is taken away and comes back below: the nodes count again
+    gone = wall_of(FLOOR - 1.0, FLOOR - 1.0, HALVES, 0.05)
+    list(run(contact, after, 1e-3, 1, walls=[gone]))
+    assert contact.memory.inside.sum() == 0
+
+
+def test_a_closed_body_that_is_inside_out_is_turned():
+    import trimesh
+
+    box = trimesh.creation.box()
+    right = np.asarray(box.faces, dtype=np.int64)
+    points = np.asarray(box.vertices)
+    assert np.array_equal(outward(right, points), right)
+    assert np.array_equal(outward(right[:, ::-1], points), right)
+    # an open one tells nothing
+    assert np.array_equal(outward(right[1:, ::-1], points), right[1:, ::-1])

@@ -1,0 +1,192 @@
+"""Feathers laid over each other at rest."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import minimize
+
+from featherfx.errors import InputWarning
+from featherfx.feather.build import build_feather
+from featherfx.feather.layout import cover, laid_out, lay_out, measured
+from featherfx.feather.overlap import segment_distance, shingle_pairs, strips_of
+from featherfx.feather.scaled import feather_of, repeated_shapes, scaled
+from featherfx.groom.frames import frames_from
+from featherfx.groom.kinds import adjusted, kind_of
+from featherfx.groom.presets import load_preset
+from featherfx.groom.schema import Place, Problems
+from featherfx.groom.types import Groom, Layout, Placement
+
+CLEARANCE = 2e-4
+
+
+@pytest.fixture(scope="module")
+def kind():
+    _, tree = load_preset("feather/body_contour")
+    found = kind_of("body_contour", tree, Place("", "", Problems()))
+    # 3 cm long, flat
+    return adjusted(found, 0.5, 1.0, -found.rachis.camber, 0.0, -8.0)
+
+
+def placed(kind, name, position, direction=(-1, 0, 0), **more):
+    rotation = frames_from(direction, (0, 0, 1))
+    return Placement(name, kind, "body", np.array(position, float), rotation, **more)
+
+
+def groom_of(*feathers, skin=None, **limits):
+    layout = Layout(**{"clearance": CLEARANCE, "most_tilt": 30.0, "most_lift": 1e-3} | limits)
+    return Groom("g", Path("g.toml"), tuple(feathers), layout=layout, skin=skin)
+
+
+def field(kind, rows=8, columns=6, step=0.008):
+    """Feathers on a plane in staggered rows, combed along -x."""
+    return [
+        placed(kind, f"f{i}_{j}", (-step * i, 0.9 * step * (j + 0.5 * (i % 2)), 0.0))
+        for i in range(rows)
+        for j in range(columns)
+    ]
+
+
+def test_the_upstream_feather_lies_over(kind):
+    feathers = [placed(kind, "down", (-0.01, 0, 0)), placed(kind, "up", (0, 0.001, 0))]
+    pairs, order = shingle_pairs(strips_of(feathers))
+    assert pairs.tolist() == [[1, 0]]
+    assert order.tolist() == [0, 1]
+
+
+def test_layers_and_stacks_go_before_places(kind):
+    feathers = [
+        placed(kind, "down", (-0.01, 0, 0), layer=1),
+        placed(kind, "up", (0, 0.001, 0)),
+    ]
+    assert shingle_pairs(strips_of(feathers))[0].tolist() == [[0, 1]]
+    feathers = [placed(kind, f"row{k}", (-0.001 * k, 0.004 * k, 0), stack=k + 1) for k in range(4)]
+    assert all(upper > lower for upper, lower in shingle_pairs(strips_of(feathers))[0])
+
+
+def test_an_order_without_rings_and_no_far_pairs(kind):
+    feathers = field(kind)
+    pairs, order = shingle_pairs(strips_of(feathers))
+    rank = np.argsort(order)
+    assert (rank[pairs[:, 0]] > rank[pairs[:, 1]]).all()
+    positions = np.array([f.position for f in feathers])
+    way = positions[pairs[:, 1]] - positions[pairs[:, 0]]
+    assert np.linalg.norm(way, axis=1).max() < 2 * kind.length
+    # rows are 8 mm apart: whoever is a row further upstream lies over
+    apart = np.abs(way[:, 0]) > 0.004
+    assert (way[apart, 0] < 0).all()
+
+
+def test_opposite_sides_of_a_wing_do_not_lie_over_each_other(kind):
+    above = placed(kind, "above", (0, 0, 0.001))
+    rotation = frames_from((-1, 0, 0), (0, 0, -1))
+    below = replace(above, id="below", position=np.array([0, 0, -0.001]), rotation=rotation)
+    assert len(shingle_pairs(strips_of([above, below]))[0]) == 0
+
+
+def test_feathers_are_cleared(kind):
+    before = measured(groom_of(*field(kind)))
+    assert (before.gaps < 0.5 * CLEARANCE).sum() > 100
+    groom, report = laid_out(groom_of(*field(kind)))
+    assert report.unresolved == ()
+    assert report.gaps.min() > 0.9 * CLEARANCE
+    assert np.abs(report.raised).max() < 30.0
+    # the report is that of the groom that comes out
+    assert np.allclose(np.sort(measured(groom).gaps), np.sort(report.gaps), atol=1e-9)
+
+
+def test_cleared_feathers_do_not_meet_as_meshes(kind):
+    groom, _ = laid_out(groom_of(*field(kind, 4, 3)))
+    meshes = []
+    for feather in groom.feathers:
+        built = feather_of(feather, 21, 6)
+        vanes = built.surface.triangles[built.surface.part != 2]
+        points = built.surface.points(built.points) @ feather.rotation.T + feather.position
+        meshes.append(trimesh.Trimesh(points, vanes, process=False))
+    depths = []
+    for upper, lower in measured(groom).pairs:
+        # rays straight up from the lower feather's points have to meet the upper one above
+        start, up = meshes[lower].vertices, groom.feathers[lower].rotation[:, 2]
+        hits, rays, _ = meshes[upper].ray.intersects_location(
+            start - 0.01 * up, np.tile(up, (len(start), 1))
+        )
+        depths.append(((hits - start[rays]) @ up).min(initial=np.inf))
+    assert np.isfinite(depths).any()
+    # the layout sees shapes on a coarser grid; the meshes are clear to a fifth of the clearance
+    assert min(depths) > 0.2 * CLEARANCE
+
+
+def test_the_skin_is_cleared(kind):
+    sphere = trimesh.creation.icosphere(4, radius=0.1)
+    corners = np.array(sphere.vertices)[np.array(sphere.faces)]
+    bent = adjusted(kind, 1.0, 1.0, 60.0)
+    feather = placed(bent, "a", (0, 0, 0.1))
+    before = measured(groom_of(feather, skin=corners))
+    assert before.skin_gaps[0] < -1e-3
+    _, report = laid_out(groom_of(feather, skin=corners))
+    assert report.skin_gaps[0] > 0.8 * CLEARANCE
+    assert report.raised[0] > 5.0
+
+
+def test_what_cannot_be_resolved_is_reported(kind):
+    feathers = field(kind)
+    limits = {"most_tilt": 0.0, "most_lift": 0.0}
+    groom, report = laid_out(groom_of(*feathers, **limits))
+    assert len(report.unresolved) == (report.gaps < 0).sum() > 0
+    assert report.unresolved[0].depth == pytest.approx(-report.gaps.min())
+    assert all(
+        np.array_equal(a.rotation, b.rotation)
+        for a, b in zip(groom.feathers, feathers, strict=True)
+    )
+    with pytest.warns(InputWarning, match="still pass through each other"):
+        lay_out(groom_of(*feathers, **limits))
+
+
+def test_no_layout_changes_nothing(kind):
+    groom = replace(groom_of(*field(kind, 2, 2)), layout=None)
+    assert laid_out(groom) == (groom, None)
+
+
+def test_cover_of_one_and_of_two(kind):
+    one, two = placed(kind, "a", (0, 0, 0)), placed(kind, "b", (0, 0, 0.001))
+    assert cover(groom_of(one)) == 1.0
+    # the vanes' maps leave out a rim of less than a node
+    assert 1.9 < cover(groom_of(one, two)) <= 2.0
+
+
+def test_distance_of_segments():
+    random = np.random.default_rng(4)
+    first, along, second, across = random.normal(size=(4, 20, 3))
+    found = segment_distance(first, along, second, across)
+    for k in range(20):
+
+        def apart(s, k=k):
+            return np.linalg.norm(first[k] + s[0] * along[k] - second[k] - s[1] * across[k])
+
+        starts = [(0.1, 0.1), (0.9, 0.1), (0.1, 0.9), (0.9, 0.9)]
+        least = min(minimize(apart, s, bounds=[(0, 1)] * 2).fun for s in starts)
+        assert found[k] == pytest.approx(least, abs=1e-6)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_scaled_feather_is_the_feather_of_the_scaled_kind(kind, mirrored):
+    wanted = build_feather(adjusted(kind, 1.7, 1.0, 0.0), 11, 4, mirrored)
+    found = scaled(build_feather(kind, 11, 4, mirrored), 1.7)
+    for name in ("points", "station", "width", "height", "barb_length", "barb_share"):
+        assert np.allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12, atol=1e-15)
+    for mine, theirs in zip((found,), (wanted,), strict=True):
+        assert np.allclose(mine.surface.points(mine.points), theirs.surface.points(theirs.points))
+    assert np.array_equal(found.surface.triangles, wanted.surface.triangles)
+
+
+def test_repeated_shapes(kind):
+    other = adjusted(kind, 1.0, 1.2, 0.0)
+    feathers = [
+        placed(kind, "a", (0, 0, 0)),
+        placed(kind, "b", (0, 0, 0), prototype=kind, size=1.0),
+        placed(other, "c", (0, 0, 0)),
+        placed(kind, "d", (0, 0, 0), mirrored=True),
+    ]
+    assert repeated_shapes(feathers) == ([0, 2, 3], [0, 0, 1, 2])

@@ -1,0 +1,132 @@
+"""Blue noise on a skin: distances, densities, and what stays when the density changes."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+from featherfx.groom.scatter import expected_count, hashed, scatter, uniform
+from featherfx.groom.skin_faults import crossing_triangles, skin_faults
+from featherfx.groom.surface_points import SkinSurface
+
+RADIUS = 0.2
+
+
+def surface_of(mesh):
+    triangles = np.array(mesh.faces, dtype=np.int64)
+    source = SimpleNamespace(
+        path="/skin", points=np.array(mesh.vertices, dtype=float), triangles=triangles, st=None
+    )
+    return SkinSurface(source)
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return surface_of(trimesh.creation.icosphere(3, radius=RADIUS))
+
+
+def everywhere(points):
+    return np.ones(len(points))
+
+
+def test_points_lie_on_the_skin_with_its_normals(sphere):
+    points = scatter(sphere, everywhere, 300, 5).points
+    radii = np.linalg.norm(points.position, axis=1)
+    assert (radii <= RADIUS).all()
+    # an icosphere's faces lie inside the sphere by their sagitta
+    assert (radii > 0.99 * RADIUS).all()
+    outward = points.position / radii[:, None]
+    assert np.einsum("nc,nc->n", outward, points.normal).min() > 0.999
+
+
+def test_spacing_is_that_of_blue_noise(sphere):
+    count = 2000
+    points = scatter(sphere, everywhere, count, 1).points.position
+    nearest = cKDTree(points).query(points, k=2)[0][:, 1]
+    # a full dart-throwing pattern has 0.7 points per squared distance; random points are at
+    # 0.5 / sqrt(density) on average, and as near as chance has it
+    full = np.sqrt(0.7 * sphere.areas.sum() / count)
+    assert nearest.min() > 0.75 * full
+    assert nearest.mean() > 0.5 / np.sqrt(count / sphere.areas.sum()) * 1.5
+
+
+def test_a_denser_scatter_keeps_the_points_of_a_sparser_one(sphere):
+    sparse, dense = (scatter(sphere, everywhere, count, 3) for count in (400, 1500))
+    assert np.array_equal(dense.number[:400], sparse.number)
+    assert np.array_equal(dense.points.position[:400], sparse.points.position)
+
+
+def test_density_follows_its_map(sphere):
+    def share(points):
+        return 0.5 + 0.5 * points.position[:, 2] / RADIUS
+
+    found = scatter(sphere, share, 4000, 2).points.position[:, 2] / RADIUS
+    # z is uniform on a sphere: below -0.5, 0 and 0.5 lie the integrals of (1 + z) / 2 over dz
+    for height in (-0.5, 0.0, 0.5):
+        expected = (height + 1.0) ** 2 / 4.0
+        assert abs((found < height).mean() - expected) < 0.015
+
+
+def test_integral_of_a_density(sphere):
+    def density(points):
+        return 1e4 * (1.0 + points.position[:, 0] / RADIUS)
+
+    # the odd part cancels
+    assert expected_count(sphere, density) == pytest.approx(1e4 * sphere.areas.sum(), rel=1e-6)
+
+
+def test_no_room_gives_what_there_is(sphere):
+    assert len(scatter(sphere, lambda points: np.zeros(len(points)), 50, 1).number) == 0
+    assert len(scatter(sphere, everywhere, 0, 1).number) == 0
+
+
+def test_both_sides_of_a_thin_plate_are_covered():
+    plate = surface_of(trimesh.creation.box((0.2, 0.2, 0.001)))
+    points = scatter(plate, everywhere, 800, 4).points
+    assert abs((points.normal[:, 2] > 0.5).mean() - 0.5) < 0.05
+
+
+def test_hashes_are_the_same_on_every_machine():
+    # splitmix64 of seed 0 and stream 0 has the finaliser of the published generator
+    words = hashed(0, 0, np.array([1, 2, 3]))
+    assert [f"{int(word):016x}" for word in words] == [
+        "e220a8397b1dcdaf",
+        "6e789e6aa1b965f4",
+        "06c45d188009454f",
+    ]
+    values = uniform(1, 2, np.arange(10_000))
+    assert 0.0 < values.min() < values.max() < 1.0
+    assert abs(values.mean() - 0.5) < 0.02
+
+
+def test_faults_of_a_skin():
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    points, faces = np.array(box.vertices), np.array(box.faces, dtype=np.int64)
+    number = np.arange(len(faces))
+    assert skin_faults(points, faces, number) == ([], [])
+    problems, _ = skin_faults(points, faces[:, ::-1], number)
+    assert "inside out" in problems[0]
+    _, doubts = skin_faults(points, faces[1:], number[1:])
+    assert "is not closed: 3 edges" in doubts[0]
+    turned = faces.copy()
+    turned[0] = turned[0, ::-1]
+    _, doubts = skin_faults(points, turned, number)
+    assert "disagree" in doubts[0]
+
+
+def test_faces_that_pass_through_each_other():
+    first, second = trimesh.creation.box((1.0, 1.0, 1.0)), trimesh.creation.box((1.0, 1.0, 1.0))
+    second.apply_translation((0.7, 0.13, 0.17))
+    both = trimesh.util.concatenate(first, second)
+    points, faces = np.array(both.vertices), np.array(both.faces, dtype=np.int64)
+    pairs = crossing_triangles(points, faces)
+    assert len(pairs)
+    half = len(first.faces)
+    assert ((pairs < half).sum(axis=1) == 1).all()
+    _, doubts = skin_faults(points, faces, np.arange(len(faces)))
+    assert "passes through itself" in doubts[0]
+    second.apply_translation((2.0, 0.0, 0.0))
+    apart = trimesh.util.concatenate(first, second)
+    assert len(crossing_triangles(np.array(apart.vertices), np.array(apart.faces))) == 0

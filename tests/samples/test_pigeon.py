@@ -1,0 +1,86 @@
+"""The pigeon: its skin, how it walks, and its plumage."""
+
+import importlib.util
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherfx.api import read_groom
+from featherfx.errors import InputWarning
+from featherfx.feather.layout import measured
+from featherfx.groom.schema import Place, Problems
+from featherfx.groom.skin_faults import signed_volume, skin_faults
+from featherfx.pipeline import check
+from featherfx.usd.animated_mesh import open_mesh
+from featherfx.usd.scene import open_scene
+
+PIGEON = Path(__file__).resolve().parents[2] / "samples/pigeon"
+
+
+def skin_of(path):
+    problems = Problems()
+    mesh = open_mesh(
+        open_scene(path, Place("", "", problems)), "/pigeon/body", None, Place("", "", problems)
+    )
+    problems.raise_any()
+    return mesh
+
+
+@pytest.fixture(scope="module")
+def skin():
+    return skin_of(PIGEON / "body.usdc")
+
+
+@pytest.fixture(scope="module")
+def groom():
+    with pytest.warns(InputWarning, match="layout"):
+        return read_groom(PIGEON / "groom.toml")
+
+
+def test_the_skin_is_closed_and_does_not_cross_itself(skin):
+    assert skin_faults(skin.rest, skin.triangles, skin.face) == ([], [])
+    # m^3: a plump bird, 35 cm long
+    assert 5e-4 < signed_volume(skin.rest[skin.triangles]) < 3e-3
+    assert check(PIGEON / "body.usdc") == []
+
+
+def test_the_script_makes_the_skin_that_is_there(skin, tmp_path):
+    spec = importlib.util.spec_from_file_location("make_body", PIGEON / "make_body.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.make(tmp_path / "body.usdc")
+    made = skin_of(tmp_path / "body.usdc")
+    assert np.abs(made.rest - skin.rest).max() < 1e-6
+    for code in (1.0, 40.0, 96.0):
+        assert np.abs(made.points(code) - skin.points(code)).max() < 1e-5
+
+
+def test_it_stands_then_walks_with_a_nodding_head(skin):
+    rest = skin.points(1.0)
+    assert np.abs(skin.points(1.0) - skin.rest).max() < 1e-3
+    poses = np.array([skin.points(float(code)) for code in range(1, 97)])
+    speeds = np.linalg.norm(np.diff(poses, axis=0), axis=2).max(axis=1)
+    assert speeds[0] < 0.1 * speeds.max()
+    head, tail = rest[:, 0].argmax(), rest[:, 0].argmin()
+    swing = np.ptp(poses[48:, head, 0])
+    assert 0.01 < swing < 0.05
+    assert np.ptp(poses[48:, tail, 0]) < 0.5 * swing
+
+
+def test_more_than_two_thousand_feathers_in_regions(groom):
+    regions = Counter(feather.region for feather in groom.feathers)
+    assert sum(regions.values()) >= 2000
+    wanted = {"head", "neck", "breast", "back", "wing_coverts", "primaries", "secondaries", "tail"}
+    assert wanted <= regions.keys()
+    assert min(regions[name] for name in wanted) >= 12
+
+
+def test_most_of_the_plumage_is_laid_out(groom):
+    report = measured(groom)
+    layered = np.array([f.region in ("head", "back") for f in groom.feathers])
+    same = layered[report.pairs[:, 0]] & layered[report.pairs[:, 1]]
+    # crown and back are open to all sides; armpits and thighs are not, and do not come clear
+    assert (report.gaps[same] < 0).mean() < 0.05
+    assert (report.gaps < 0).mean() < 0.2

@@ -1,0 +1,257 @@
+"""Feathers that grow in regions of a USD skin."""
+
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+from pxr import Sdf, UsdGeom, Vt
+from usdin_scenes import new_stage
+
+from featherfx.api import read_groom
+from featherfx.errors import InputError, InputWarning
+
+RADIUS = 0.1
+FLOAT, VECTOR = Sdf.ValueTypeNames.FloatArray, Sdf.ValueTypeNames.Vector3fArray
+
+
+def write_skin(folder, mesh=None, meters_per_unit=1.0):
+    mesh = mesh or trimesh.creation.icosphere(3, radius=RADIUS)
+    stage = new_stage(folder / "skin.usda", meters_per_unit)
+    skin = UsdGeom.Mesh.Define(stage, "/skin")
+    points = np.array(mesh.vertices) / meters_per_unit
+    faces = np.array(mesh.faces)
+    skin.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
+    skin.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
+    skin.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
+    api = UsdGeom.PrimvarsAPI(skin)
+    height = (points[:, 2] * meters_per_unit / RADIUS).astype(np.float32)
+    api.CreatePrimvar("top", FLOAT, "vertex").Set(Vt.FloatArray.FromNumpy(np.clip(height, 0, 1)))
+    flow = np.tile(np.float32([0, 1, 0]), (len(points), 1))
+    api.CreatePrimvar("flow", VECTOR, "vertex").Set(Vt.Vec3fArray.FromNumpy(flow))
+    back = np.flatnonzero(points[faces].mean(axis=1)[:, 0] < 0)
+    UsdGeom.Subset.CreateGeomSubset(
+        skin, "back", "face", Vt.IntArray.FromNumpy(back.astype(np.int32)), "regions"
+    )
+    guide = UsdGeom.BasisCurves.Define(stage, "/guides/line")
+    guide.CreateTypeAttr("linear")
+    guide.CreateCurveVertexCountsAttr([3])
+    guide.CreatePointsAttr(Vt.Vec3fArray([(0, 0, 0.1), (-0.05, 0, 0.1), (-0.1, 0, 0.1)]))
+    stage.GetRootLayer().Save()
+    return stage
+
+
+def region(name="body", keys="count = 200", flow="direction = [-1, 0, 0]"):
+    return f"[[region]]\nid = '{name}'\nkind = 'body_contour'\n{keys}\nflow = {{ {flow} }}\n"
+
+
+SKIN = "name = 'bird'\n[skin]\nusd = 'skin.usda'\nprim = '/skin'\n"
+
+
+def grown(folder, *regions, skin=SKIN):
+    path = folder / "groom.toml"
+    path.write_text(skin + "".join(regions))
+    return read_groom(path)
+
+
+def problems(folder, *regions, skin=SKIN):
+    with pytest.raises(InputError) as caught:
+        grown(folder, *regions, skin=skin)
+    return "\n".join(map(str, caught.value.problems))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_skin(tmp_path)
+    return tmp_path
+
+
+def roots(groom):
+    return np.array([f.position for f in groom.feathers])
+
+
+def test_roots_stand_on_the_skin_tilted_and_combed(folder):
+    groom = grown(folder, region(keys="count = 200\ntilt = 12\nlength = 0.03"))
+    assert len(groom.feathers) == 200
+    positions = roots(groom)
+    normals = positions / np.linalg.norm(positions, axis=1)[:, None]
+    shafts = np.array([f.rotation[:, 0] for f in groom.feathers])
+    lifted = np.degrees(np.arcsin(np.einsum("nc,nc->n", shafts, normals)))
+    assert np.abs(lifted - 12).max() < 1.0
+    # combed along -x wherever the skin does not face it
+    aside = np.abs(normals[:, 0]) < 0.9
+    assert (shafts[aside, 0] < 0).all()
+    assert {round(f.kind.length, 9) for f in groom.feathers} == {0.03}
+    assert all(f.mirrored == (f.position[1] > 0) for f in groom.feathers)
+
+
+def test_units_of_the_skin(tmp_path):
+    write_skin(tmp_path, meters_per_unit=0.01)
+    assert np.linalg.norm(roots(grown(tmp_path, region())), axis=1).max() < 1.01 * RADIUS
+
+
+def test_editing_one_region_leaves_the_other_alone(folder):
+    front = "count = 100\nwhere = [{ x = [0, 1], soft = 0.02 }]"
+    back = "count = 100\nwhere = [{ x = [-1, 0], soft = 0.02 }]"
+    first = grown(folder, region("front", front), region("back", back))
+    other = grown(
+        folder,
+        region("front", front.replace("100", "333") + "\nlength = 0.02\nseed = 9"),
+        region("back", back),
+    )
+
+    def of_back(groom):
+        return {f.id: tuple(f.position) for f in groom.feathers if f.region == "back"}
+
+    assert of_back(first) == of_back(other)
+
+
+def test_a_higher_density_keeps_roots_and_ids(folder):
+    sparse = grown(folder, region(keys="density = 1000"))
+    dense = grown(folder, region(keys="density = 3000"))
+    # the sphere's area times the density
+    assert len(sparse.feathers) == pytest.approx(4 * np.pi * RADIUS**2 * 1000, rel=0.02)
+    kept = {f.id: tuple(f.position) for f in dense.feathers}
+    assert all(kept[f.id] == tuple(f.position) for f in sparse.feathers)
+
+
+@pytest.mark.parametrize(
+    ("rule", "inside"),
+    [
+        ("subset = 'back'", lambda p: p[:, 0] < 0.01),
+        ("primvar = 'top'", lambda p: p[:, 2] > -0.01),
+        ("box = [[-1, -1, 0.05], [1, 1, 1]]", lambda p: p[:, 2] >= 0.05),
+        ("sphere = [0, 0, 0.1, 0.05]", lambda p: np.linalg.norm(p - [0, 0, 0.1], axis=1) <= 0.05),
+        ("y = [0.0, 1.0]", lambda p: p[:, 1] >= 0),
+        ("y = [0.0, 1.0], invert = true", lambda p: p[:, 1] <= 0),
+        ("facing = [0, 0, 1], angle = 60, soft_angle = 0", lambda p: p[:, 2] > 0.48 * RADIUS),
+    ],
+)
+def test_where(folder, rule, inside):
+    positions = roots(grown(folder, region(keys=f"count = 60\nwhere = [{{ {rule} }}]")))
+    assert len(positions) == 60
+    assert inside(positions).all()
+
+
+def test_density_from_a_picture(folder):
+    from PIL import Image
+
+    stage = write_skin(folder)
+    points = np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/skin")).GetPointsAttr().Get())
+    st = np.stack([points[:, 0] / 0.2 + 0.5, points[:, 2] / 0.2 + 0.5], axis=1)
+    api = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/skin"))
+    kind = Sdf.ValueTypeNames.TexCoord2fArray
+    api.CreatePrimvar("st", kind, "vertex").Set(Vt.Vec2fArray.FromNumpy(st.astype(np.float32)))
+    stage.GetRootLayer().Save()
+    picture = np.zeros((64, 64), np.uint8)
+    picture[:32] = 255  # the upper half: t above 0.5, z above 0
+    Image.fromarray(picture).save(folder / "map.png")
+    positions = roots(grown(folder, region(keys="count = 80\nwhere = [{ image = 'map.png' }]")))
+    assert positions[:, 2].min() > -0.005
+
+
+@pytest.mark.parametrize(
+    ("flow", "wanted"),
+    [
+        ("away = [0, 0, 0.2]", lambda p: p - [0, 0, 0.2]),
+        ("towards = [0, 0, 0.2]", lambda p: [0, 0, 0.2] - p),
+        ("primvar = 'flow'", lambda p: np.tile([0.0, 1.0, 0.0], (len(p), 1))),
+        ("curves = ['/guides']", lambda p: np.tile([-1.0, 0.0, 0.0], (len(p), 1))),
+        ("direction = [-1, 0, 0], turn = 90", lambda p: np.cross(p, [-1.0, 0.0, 0.0])),
+    ],
+)
+def test_flow(folder, flow, wanted):
+    keys = "count = 60\ntilt = 0\nwhere = [{ z = [0.03, 0.08] }]"
+    groom = grown(folder, region(keys=keys, flow=flow))
+    positions = roots(groom)
+    normals = positions / np.linalg.norm(positions, axis=1)[:, None]
+    along = np.asarray(wanted(positions), dtype=float)
+    along = along - np.einsum("nc,nc->n", along, normals)[:, None] * normals
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    shafts = np.array([f.rotation[:, 0] for f in groom.feathers])
+    assert np.einsum("nc,nc->n", shafts, along).min() > 0.995
+
+
+def test_regions_blend_where_they_overlap(folder):
+    where = "where = [{{ x = [{0}], soft = 0.1 }}]"
+    front = f"count = 300\nlength = 0.02\n{where.format('0, 1')}"
+    back = f"count = 300\nlength = 0.04\n{where.format('-1, 0')}"
+    groom = grown(folder, region("front", front), region("back", back))
+    x = roots(groom)[:, 0]
+    length = np.array([f.kind.length for f in groom.feathers])
+    assert np.allclose(length[x > 0.055], 0.02)
+    assert np.allclose(length[x < -0.055], 0.04)
+    # both regions agree on the length at a place: smoothstep of x over the border's width
+    share = np.clip(x / 0.1 + 0.5, 0, 1)
+    expected = 0.04 - 0.02 * share**2 * (3 - 2 * share)
+    assert np.allclose(length, expected, atol=1e-9)
+    alone = grown(folder, region("front", front + "\nblend = false"), region("back", back))
+    assert {round(f.kind.length, 9) for f in alone.feathers if f.region == "front"} == {0.02}
+
+
+def test_variants_repeat_and_lengths_do_not(folder):
+    spread = "variation = { length = 0.1, width = 0.1, curl = 5 }\n"
+    groom = grown(folder, region(keys=f"count = 200\n{spread}variants = 5"))
+    assert len({id(f.prototype) for f in groom.feathers}) == 5
+    assert len({f.kind.length for f in groom.feathers}) > 150
+    free = grown(folder, region(keys=f"count = 200\n{spread}variants = 0"))
+    assert len({id(f.prototype) for f in free.feathers}) == 200
+    lengths = np.array([f.kind.length for f in free.feathers])
+    assert lengths.std() / lengths.mean() == pytest.approx(0.1, rel=0.2)
+
+
+def test_shafts_follow_the_skin(folder):
+    groom = grown(folder, region(keys="count = 100\nlength = 0.04\nfollow = 1\nvariants = 0"))
+    # an arc of 0.04 m on a sphere of 0.1 m turns by 0.4 rad; the straight way to the tip by less
+    expected = np.degrees(np.arctan(0.4))
+    cambers = np.array([f.kind.rachis.camber for f in groom.feathers])
+    assert np.median(cambers) == pytest.approx(expected, abs=3.0)
+
+
+BAD = [
+    ("count = 10\ndensity = 5", "direction = [1, 0, 0]", "expects either density or count"),
+    ("count = 10", "turn = 5", "holds none, expects one of direction"),
+    ("count = 10\nlength = 0.5", "direction = [1, 0, 0]", "longer than the whole skin /skin"),
+    ("density = 1e8", "direction = [1, 0, 0]", "lower a density or raise most"),
+    ("count = 10\nwhere = [{ primvar = 'toop' }]", "direction = [1, 0, 0]", "did you mean 'top'"),
+    ("count = 10\nwhere = [{ subset = 'front' }]", "direction = [1, 0, 0]", "known: back"),
+    ("count = 10\nwhere = [{ image = 'a.png' }]", "direction = [1, 0, 0]", "no primvars:st"),
+    ("count = 10\nwhere = [{ x = [1, 0] }]", "direction = [1, 0, 0]", "the lower bound comes"),
+    ("count = 10\nwhere = [{ soft = 1 }]", "direction = [1, 0, 0]", "expects one of primvar"),
+    ("count = 10", "curves = ['/nothing']", "no prim /nothing"),
+    ("count = 10\nprim = '/body'", "direction = [1, 0, 0]", "no prim /body"),
+]
+
+
+@pytest.mark.parametrize(("keys", "flow", "message"), BAD)
+def test_bad_regions(folder, keys, flow, message):
+    assert message in problems(folder, region(keys=keys, flow=flow))
+
+
+def test_all_problems_come_at_once(folder):
+    regions = [region(f"r{k}", keys, flow) for k, (keys, flow, _) in enumerate(BAD[:3])]
+    found = problems(folder, *regions)
+    assert all(message in found for _, _, message in BAD[:3])
+
+
+def test_a_region_needs_a_skin_and_a_name_of_its_own(folder):
+    assert "grows on a skin" in problems(folder, region(), skin="name = 'a'\n")
+    assert "is taken by region[0]" in problems(folder, region(), region())
+
+
+def test_skins_inside_out_are_refused_and_open_ones_warned_of(tmp_path):
+    inverted = trimesh.creation.icosphere(2, radius=RADIUS)
+    inverted.invert()
+    write_skin(tmp_path, inverted)
+    assert "inside out" in problems(tmp_path, region())
+    opened = trimesh.creation.icosphere(2, radius=RADIUS)
+    opened.update_faces(np.arange(len(opened.faces)) > 5)
+    write_skin(tmp_path, opened)
+    with pytest.warns(InputWarning, match="is not closed"):
+        grown(tmp_path, region())
+
+
+def test_a_place_that_hardly_exists_warns(folder):
+    keys = "count = 20\nwhere = [{ sphere = [0, 0, 5, 0.1] }]"
+    with pytest.warns(InputWarning, match="0 of 20 feathers"), warnings.catch_warnings():
+        grown(folder, region("none", keys), region())
