@@ -18,12 +18,14 @@ from featherfx.bake_task import BakeOptions, Drawn, Task, all_of, prepare, sampl
 if TYPE_CHECKING:
     from featherfx.feather.density import PointMap
     from featherfx.feather.types import Feather
-    from featherfx.groom.types import Groom, Placement
+    from featherfx.groom.types import FeatherKind, Groom, Placement
     from featherfx.shot.skin_motion import BoundSkin
-    from featherfx.shot.types import Quality
+    from featherfx.shot.types import Quality, Shot
     from featherfx.usd.types import FeatherEntry
 
 OnFrame = Callable[[int, int], None]
+# Frames that wait for the writer: at most so many, and about so many bytes beyond the first two.
+_MOST_WAITING, _WAITING_BYTES = 16, 32_000_000
 NOTHING_DONE = {"mean": 0.0, "max": 0.0}
 
 
@@ -111,9 +113,16 @@ def entries_of(
             rest_points=place(feather.points, placement.position, placement.rotation),
             static=static,
             root=None if skin is None else skin.roots[index],
+            vane_stiffness=_vane_stiffness(placement.kind),
         )
         for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
     ]
+
+
+def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:
+    """N/m, thickness times modulus across the barbs and in shear."""
+    vane = kind.vane_material
+    return vane.thickness * vane.across, vane.thickness * vane.shear
 
 
 def drawn_entries(
@@ -191,7 +200,7 @@ def _simulate(
         notify(done, samples)
         start = Checkpoint.load(writer.state) if writer.state else None
         simulation = simulate(shot, jobs, task.frames, options.get("subframes", 1), start)
-        sink, mark = Background(writer.write), time.perf_counter()
+        sink, mark = Background(writer.write, _room(shot)), time.perf_counter()
         try:
             with sink:
                 for frame in simulation if done < samples else ():
@@ -209,6 +218,17 @@ def _simulate(
         seconds["writing"] = sink.seconds
     _spent(seconds, "finishing", mark)
     return taken_over, simulation.report | {"seconds": seconds}
+
+
+def _room(shot: Shot) -> int:
+    """Frames that may wait for the writer.
+
+    It takes a chunk's last frame far longer than the others: a few waiting ones bridge that.
+    """
+    rows, columns = shot.quality.rows, shot.quality.columns
+    numbers = len(shot.groom.feathers) * rows * (3 + 2 * columns) * 3
+    # positions, velocities and accelerations, and the state for the chunk's end
+    return max(2, min(_MOST_WAITING, _WAITING_BYTES // (6 * 8 * numbers)))
 
 
 def _spent(seconds: dict[str, float], what: str, since: float) -> float:
