@@ -97,24 +97,22 @@ def laid_out(groom: Groom) -> tuple[Groom, LayoutReport | None]:
     if groom.layout is None or not groom.feathers:
         return groom, None
     skin = None if groom.skin is None else Skin(groom.skin)
-    pose, (pairs, order) = pose_of(groom.feathers), shingle_pairs(strips_of(groom.feathers))
-    size = pose.size.copy()
-    solve(pose, pairs, order, skin, groom.layout)
+    pose = pose_of(groom.feathers)
+    pairs, order = solve(pose, strips_of(groom.feathers), skin, groom.layout)
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
     feathers = tuple(
-        _moved(groom.feathers[k], pose, k, float(size[k]), int(rank[k]))
-        for k in np.flatnonzero(pose.kept).tolist()
+        _moved(groom.feathers[k], pose, k, int(rank[k])) for k in np.flatnonzero(pose.kept).tolist()
     )
-    report = _report(groom, pose, pairs, skin, size)
+    report = _report(groom, pose, pairs, skin)
     return replace(groom, feathers=feathers), report
 
 
-def _moved(feather: Placement, pose: Pose, k: int, length: float, rank: int) -> Placement:
-    """The feather as feather k of a pose; length (m): what it had."""
+def _moved(feather: Placement, pose: Pose, k: int, rank: int) -> Placement:
+    """The feather as feather k of a pose."""
     place, turned = pose.place[k].copy(), pose.turned[k].copy()
     moved = replace(feather, position=place, rotation=turned, rank=rank)
-    share = float(pose.size[k]) / length
+    share = float(pose.size[k] / pose.placed_size[k])
     if abs(share - 1.0) < _UNCHANGED:
         return moved
     prototype, size = feather.prototype or feather.kind, feather.size * share
@@ -126,7 +124,7 @@ def measured(groom: Groom) -> LayoutReport:
     skin = None if groom.skin is None else Skin(groom.skin)
     pairs, _ = shingle_pairs(strips_of(groom.feathers))
     pose = pose_of(groom.feathers)
-    return _report(groom, pose, pairs, skin, pose.size)
+    return _report(groom, pose, pairs, skin)
 
 
 def cover(groom: Groom) -> float:
@@ -141,10 +139,8 @@ def cover(groom: Groom) -> float:
     return 1.0 + float(counts[within].sum() / inner.sum())
 
 
-def _report(
-    groom: Groom, pose: Pose, pairs: Indices, skin: Skin | None, size: Array
-) -> LayoutReport:
-    """Of the feathers that are kept. size: (F,) m, lengths before the layout."""
+def _report(groom: Groom, pose: Pose, pairs: Indices, skin: Skin | None) -> LayoutReport:
+    """Of the feathers that are kept."""
     kept = np.flatnonzero(pose.kept)
     number = np.cumsum(pose.kept) - 1
     pairs = pairs[pose.kept[pairs].all(axis=1)]
@@ -165,7 +161,7 @@ def _report(
         raised=np.degrees(pose.moves[kept, 0]),
         rolled=np.degrees(pose.moves[kept, 1]),
         lifted=pose.moves[kept, 2],
-        shortened=pose.size[kept] / size[kept],
+        shortened=pose.size[kept] / pose.placed_size[kept],
         dropped=tuple(groom.feathers[k].id for k in np.flatnonzero(~pose.kept)),
         unresolved=tuple(sorted(left, key=lambda each: (-each.depth, each.upper, each.lower))),
     )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.height_map import HeightMaps, height_maps
+from featherfx.feather.overlap import Strips
 from featherfx.feather.scaled import repeated_shapes
 from featherfx.groom.types import Placement
 
@@ -35,6 +36,7 @@ class Pose:
     shape: Indices
     grown: Mask
     kept: Mask
+    placed_size: Array
 
     @property
     def shapes(self) -> tuple[Any, ...]:
@@ -51,6 +53,23 @@ class Pose:
         """(F, Q, 3) m, the samples."""
         samples = self.maps.samples[self.shape] * self.size[:, None, None]
         return self.place[:, None] + np.einsum("fij,fqj->fqi", self.turned, samples)
+
+    def put_back(self) -> None:
+        """As placed, though as short as they are now."""
+        self.moves[:] = 0.0
+        self.place[:], self.turned[:] = self.root, self.frame
+
+    def moved(self, strips: Strips) -> Strips:
+        """Strips of the feathers as placed, moved and shortened as they are."""
+        turn = self.turned @ self.frame.transpose(0, 2, 1)
+        share = self.size / self.placed_size
+        return replace(
+            strips,
+            root=self.place,
+            shaft=share[:, None] * np.einsum("fij,fj->fi", turn, strips.shaft),
+            dorsal=self.turned[:, :, 2],
+            reach=share * strips.reach,
+        )
 
     def heights(self, skin: Skin | None) -> Array:
         """(F,) m, least height over the skin; NaN without one."""
@@ -78,6 +97,7 @@ def pose_of(feathers: Sequence[Placement]) -> Pose:
     shapes = [(feathers[k].prototype or feathers[k].kind, feathers[k].mirrored) for k in first]
     frame = np.array([feather.rotation for feather in feathers])
     root = np.array([feather.position for feather in feathers])
+    size = np.array([feather.kind.length for feather in feathers])
     return Pose(
         maps=height_maps(shapes),
         root=root,
@@ -85,10 +105,11 @@ def pose_of(feathers: Sequence[Placement]) -> Pose:
         moves=np.zeros((len(feathers), 3)),
         place=root.copy(),
         turned=frame.copy(),
-        size=np.array([feather.kind.length for feather in feathers]),
+        size=size,
         shape=np.array(shape),
         grown=np.array([feather.grown for feather in feathers]),
         kept=np.ones(len(feathers), dtype=np.bool_),
+        placed_size=size.copy(),
     )
 
 

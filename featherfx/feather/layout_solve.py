@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from featherfx.feather.layout_pose import Array, Indices, Mask, Pose, Skin
+from featherfx.feather.overlap import Strips, shingle_pairs
 from featherfx.groom.types import Layout
 
 _MOST_SWEEPS = 30
@@ -15,17 +18,35 @@ _SHORTER, _MOST_ROUNDS, _SWEEPS_PER_ROUND = 0.9, 12, 5
 _DROPS = 3  # how often feathers are dropped and the others let settle
 
 
-def solve(pose: Pose, pairs: Indices, order: Indices, skin: Skin | None, layout: Layout) -> None:
-    """Move the feathers of a pose apart. pairs, order: of shingle_pairs."""
+def solve(pose: Pose, strips: Strips, skin: Skin | None, layout: Layout) -> tuple[Indices, Indices]:
+    """Move the feathers of a pose apart. strips: as they are placed.
+
+    Returns pairs and order of shingle_pairs, of the feathers as they are moved.
+    """
+    pairs, order = shingle_pairs(strips)
     _settle(pose, pairs, order, skin, layout, _MOST_SWEEPS)
+    strips = replace(strips, rank=np.argsort(order))
+    pairs = _search(pose, strips)
+    _settle(pose, pairs, order, skin, layout, _SWEEPS_PER_SEARCH)
     _shorten(pose, pairs, order, skin, layout)
+    pairs = _search(pose, strips)
     if layout.drop is None:
-        return
-    for _ in range(_DROPS):
+        return pairs, order
+    for number in range(_DROPS):
         if not _drop(pose, pairs, skin, layout.drop):
-            return
-        _settle(pose, pairs, order, skin, layout, _SWEEPS_PER_ROUND)
+            break
+        if number == 0:
+            pose.put_back()  # what was in the way of others is gone
+        _settle(pose, pairs, order, skin, layout, _MOST_SWEEPS)
+        pairs = _search(pose, strips)
     _drop(pose, pairs, skin, layout.drop)
+    return pairs, order
+
+
+def _search(pose: Pose, strips: Strips) -> Indices:
+    """The pairs of feathers as they are moved, in the order that strips have."""
+    pairs, _ = shingle_pairs(pose.moved(strips))
+    return pairs
 
 
 def _settle(
