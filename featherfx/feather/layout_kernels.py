@@ -215,13 +215,18 @@ def sweep(order, starts, pairs, clearance, root, frame, moves, least, most, plac
 
 @kernel
 def all_gaps(pairs, place, turned, size, shape, samples, used, heights, window, relation, worst,
-             gaps):  # fmt: skip
-    """Least gap (m) of every pair (K,), NaN where the two do not lie over each other."""
+             gaps, places):  # fmt: skip
+    """Least gap (m) of every pair (K,), NaN where the two do not lie over each other.
+
+    places: (K, 4), what `worst` becomes in least_gap.
+    """
     for pair in range(pairs.shape[0]):
         gaps[pair] = least_gap(
             pairs[pair, 0], pairs[pair, 1], place, turned, size, shape, samples, used, heights,
             window, relation, worst,
         )  # fmt: skip
+        for c in range(4):
+            places[pair, c] = worst[c]
 
 
 @kernel

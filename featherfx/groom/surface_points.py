@@ -76,6 +76,16 @@ class SkinSurface:
         return summed / np.where(length > 0.0, length, 1.0)
 
     @cached_property
+    def room(self) -> Array:
+        """(T, 3) m, at the corners: radius of the largest ball that touches the skin outside."""
+        from featherfx.groom.open_space import room_above
+
+        triangles = self.source.triangles
+        used, own = np.unique(triangles, return_inverse=True)
+        radii = room_above(self.source.points[used], self.normals[used], self.diagonal)
+        return radii[own.reshape(triangles.shape)]
+
+    @cached_property
     def _tree(self) -> Any:
         from scipy.spatial import cKDTree
 

@@ -104,6 +104,12 @@ def test_a_calm_layered_wing_starts_without_a_jump_and_stays():
     assert max(speeds) < 0.02
 
 
+def test_a_wing_at_rest_sleeps_as_a_whole():
+    still = replace(half_wing(bird()), motion=Motion("hold", {}), last_frame=200)
+    simulation, _ = baked(still, 60)
+    assert simulation.report["skipped"]["sleeping feather frames"] > 0
+
+
 def test_threads_change_nothing():
     first, second = baked(half_wing(bird()), 3, 1)[1], baked(half_wing(bird()), 3, 2)[1]
     for a, b in zip(first, second, strict=True):

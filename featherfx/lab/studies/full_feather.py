@@ -64,7 +64,7 @@ def side_pull(folder: Path) -> StudyResult:
     ]
     caption = (
         "The trailing edge pulled by a tenth of the feather's length, down the page; height above"
-        " the plane in colour. Left to right: barbs, cloth, isotropic."
+        " the plane in colour. Top to bottom: barbs, cloth, isotropic."
     )
     return StudyResult(rows, _picture(folder / "full_feather_side.png", caption, found))
 
@@ -93,10 +93,11 @@ def tip_pull(folder: Path) -> StudyResult:
             "wrinkle wavelength, barbs on 61 rows",
             pull_feather(FullPull("tip", 0.2, rows=61), "barbs").wavelength,
             unit="m",
+            note="on 41 rows the wave is as short as four rows, the shortest that is looked for",
         ),
     ]
     caption = (
-        "The rachis' tip pulled by a fifth of the feather's length. Left to right: barbs, cloth,"
+        "The rachis' tip pulled by a fifth of the feather's length. Top to bottom: barbs, cloth,"
         " isotropic."
     )
     return StudyResult(rows, _picture(folder / "full_feather_tip.png", caption, found))
@@ -133,7 +134,7 @@ def _numbers(found: dict[str, Pulled]) -> list[Row]:
 def _picture(file: Path, caption: str, found: dict[str, Pulled]) -> tuple[Figure, ...]:
     def paint(canvas: Any) -> None:
         for k, (name, each) in enumerate(found.items()):
-            axes = canvas.add_subplot(1, len(found), k + 1)
+            axes = canvas.add_subplot(len(found), 1, k + 1)
             columns = (each.points.shape[1] - 1) // 2
             largest = 1e3 * max(float(np.abs(each.points[:, :, 2]).max()), LEAST)
             for side in range(2):
@@ -149,6 +150,6 @@ def _picture(file: Path, caption: str, found: dict[str, Pulled]) -> tuple[Figure
             axes.set_xlim(-5.0, 1e3 * LENGTH + 10.0)
             axes.set_title(name, fontsize=9)
             axes.tick_params(labelsize=6)
-            canvas.colorbar(drawn, ax=axes, shrink=0.5, label="mm")
+            canvas.colorbar(drawn, ax=axes, shrink=0.9, label="mm")
 
-    return draw(file, caption, paint, (11.0, 4.0))
+    return draw(file, caption, paint, (8.0, 7.0))
