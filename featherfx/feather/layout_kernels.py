@@ -115,7 +115,9 @@ def shift(feather, x, y, share, size, moves, least, most, travel):
     scale = 1.0 / (size[feather] * size[feather])
     changes = (RAISE_EASE * scale * x, ROLL_EASE * scale * y, LIFT_EASE)
     for k in range(3):
-        value = min(max(moves[feather, k] + share * changes[k], least[feather, k]), most[feather, k])
+        value = min(
+            max(moves[feather, k] + share * changes[k], least[feather, k]), most[feather, k]
+        )
         arm = 1.0 if k == 2 else size[feather]
         travel[feather] += arm * abs(value - moves[feather, k])
         moves[feather, k] = value

@@ -199,8 +199,9 @@ class Layout:
     """How feathers are laid over each other at rest.
 
     clearance: m, gap that is aimed at. most_tilt: deg, and most_lift: m, by which a feather is
-    raised at most; most_tilt_placed: deg, the same of those that no region made. least_size: share of its length down to which a grown feather that does not
-    come clear is shortened. drop: m, depth beyond which it is left out, None: never.
+    raised at most. most_tilt_placed: deg, the same of feathers that no region made. least_size:
+    share of its length down to which a grown feather that does not come clear is shortened.
+    drop: m, depth beyond which it is left out, None: never.
     """
 
     clearance: float

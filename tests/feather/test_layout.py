@@ -160,8 +160,9 @@ def test_a_grown_feather_is_shortened_until_it_is_clear(kind):
     groom = crossing(kind)
     assert laid_out(groom)[1].unresolved[0].depth > 1e-3
     result, report = laid_out(limited(groom, least_size=0.2))
-    assert report.unresolved == () and report.dropped == ()
-    assert report.shortened[0] == 1.0 and 0.2 < report.shortened[1] < 1.0
+    assert report.unresolved == report.dropped == ()
+    assert report.shortened[0] == 1.0
+    assert 0.2 < report.shortened[1] < 1.0
     short = result.feathers[1]
     assert short.kind.length == pytest.approx(report.shortened[1] * kind.length)
     assert scaled(build_feather(short.prototype, 5, 2, False), short.size).points == pytest.approx(
@@ -169,14 +170,16 @@ def test_a_grown_feather_is_shortened_until_it_is_clear(kind):
     )
     # no shorter than allowed
     _, report = laid_out(limited(groom, least_size=0.95))
-    assert report.shortened[1] == pytest.approx(0.95) and report.unresolved
+    assert report.shortened[1] == pytest.approx(0.95)
+    assert report.unresolved
 
 
 def test_a_grown_feather_that_does_not_come_clear_is_dropped(kind):
     groom = crossing(kind)
     result, report = laid_out(limited(groom, drop=1e-4))
     assert [f.id for f in result.feathers] == ["placed"]
-    assert report.dropped == ("grown",) and report.unresolved == ()
+    assert report.dropped == ("grown",)
+    assert report.unresolved == ()
     with pytest.warns(InputWarning, match="1 feathers that did not come clear are left out: grown"):
         lay_out(limited(groom, drop=1e-4))
     # a depth below the limit is kept and told, and placed feathers always are

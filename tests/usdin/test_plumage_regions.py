@@ -166,6 +166,21 @@ def test_feathers_fit_the_room(tmp_path):
     assert min(f.kind.length for f in shorter.feathers) == pytest.approx(0.0125)
 
 
+def test_roots_inside_a_body_that_crosses_itself_are_left_out(tmp_path):
+    write_skin(tmp_path, facing_spheres(-0.08))  # the second reaches 8 cm into the first
+    with pytest.warns(InputWarning) as caught:
+        groom = grown(tmp_path, region(keys="count = 300"))
+    told = "\n".join(str(each.message) for each in caught)
+    assert "passes through itself" in told
+    assert "roots lie inside the body" in told
+    assert 200 < len(groom.feathers) < 300
+    positions, other = roots(groom), np.array([2 * RADIUS - 0.08, 0, 0])
+    for centre in (np.zeros(3), other):
+        assert np.linalg.norm(positions - centre, axis=1).min() > 0.98 * RADIUS
+    # the caps inside have a height of 4 cm of 20, and so a fifth of the area
+    assert len(groom.feathers) == pytest.approx(300 * 0.8, abs=15)
+
+
 def test_density_from_a_picture(folder):
     from PIL import Image
 
