@@ -56,9 +56,9 @@ def _settle(
 
     order, pairs = order[pose.kept[order]], pairs[pose.kept[pairs].all(axis=1)]
     starts = np.searchsorted(pairs[:, 0], np.arange(len(pose.size) + 1))
-    turn = np.radians(layout.most_tilt)
-    least = np.array([-0.5 * turn, -turn, 0.0])
-    most = np.array([turn, turn, layout.most_lift])
+    turn = np.radians(np.where(pose.grown, layout.most_tilt, layout.most_tilt_placed))
+    least = np.stack([-0.5 * turn, -turn, np.zeros(len(turn))], axis=1)
+    most = np.stack([turn, turn, np.full(len(turn), layout.most_lift)], axis=1)
     planes = np.zeros((0, 1, 4))
     travel, room = np.zeros(len(pose.size)), np.full((len(pairs), 2), -1.0)
     for number in range(sweeps):

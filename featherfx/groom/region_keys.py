@@ -161,7 +161,12 @@ LAYOUT = {
         Number(0, 0.1, "m"), "Gap between feathers, and over the skin, that is aimed at.", 1.5e-4
     ),
     "most_tilt": Key(
-        Number(0, 90, "deg"), "Most that a feather is raised about its root beyond its tilt.", 20.0
+        Number(0, 90, "deg"),
+        "Most that a feather of a region is raised and rolled about its root beyond its tilt.",
+        20.0,
+    ),
+    "most_tilt_placed": Key(
+        Number(0, 90, "deg"), "The same for feathers that no region made, as those of rows.", 20.0
     ),
     "most_lift": Key(Number(0, 0.1, "m"), "Most that a root is lifted off the skin.", 5e-4),
     "least_size": Key(

@@ -199,13 +199,15 @@ class Layout:
     """How feathers are laid over each other at rest.
 
     clearance: m, gap that is aimed at. most_tilt: deg, and most_lift: m, by which a feather is
-    raised at most. least_size: share of its length down to which a grown feather that does not
-    come clear is shortened. drop: m, depth beyond which it is left out, None: never.
+    raised at most. most_tilt_placed: deg, the same of feathers that no region made. least_size:
+    share of its length down to which a grown feather that does not come clear is shortened.
+    drop: m, depth beyond which it is left out, None: never.
     """
 
     clearance: float
     most_tilt: float
     most_lift: float
+    most_tilt_placed: float = 20.0
     least_size: float = 1.0
     drop: float | None = None
 
