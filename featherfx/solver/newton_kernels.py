@@ -1,8 +1,8 @@
 """Minimise the energy of one implicit step: Newton with a line search on the full energy.
 
-Where the matrix is indefinite, inertia is added to it, as if the step were shorter, as much as it
-takes; it shrinks again as the iterations go on. Without it the stabilising part of the geometric
-stiffness takes over, which is definite but so much stiffer that the feather creeps.
+Where the matrix is indefinite, only the stabilising part of the geometric stiffness is taken. That
+is definite, but may be so much stiffer that the feather creeps: after CREPT such iterations,
+inertia is added to the whole matrix instead, as if the step were shorter, as much as it takes.
 
 It stops where the distance to the minimum is below the tolerance. With moves d_1, d_2, ... of full
 steps that shrink by t = d_k / d_(k-1) < 1/2, that distance is at most d_k t / (1 - t) if they go on
@@ -28,6 +28,7 @@ HALVINGS = 8
 # shares of the inertia that are added to an indefinite matrix; what is done beyond the last
 FIRST_SHIFT, GROWTH, LAST_SHIFT = 0.25, 4.0, 100.0
 STABLE, NONE = -1.0, -2.0
+CREPT = 4
 
 
 @kernel
@@ -103,13 +104,17 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
     energy = evaluate(model, loads, f, share, factors, now, work.around)
     if not isfinite(energy):
         return NOT_FINITE, 0, 0.0
-    move, before, left, shift = 0.0, 0.0, 0.0, 0.0
+    move, before, left, shift, stable = 0.0, 0.0, 0.0, 0.0, 0
+    crept = False
     for iteration in range(1, limit + 1):
         barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
-        shift = _factorised(model, loads, f, share, factors, shift, work)
+        shift = _factorised(model, loads, f, share, factors, shift if crept else STABLE, work)
         if shift == NONE:
             return NOT_DEFINITE, iteration, move
         solve_factored(system.band, system.right)
+        stable += 1 if shift == STABLE else 0
+        if stable == CREPT:
+            crept, shift = True, 0.0
         scale = 1.0
         for _ in range(HALVINGS):
             add_increment(
@@ -122,7 +127,12 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
                 break
             scale *= 0.5
         else:
-            return NOT_CONVERGED, iteration, move
+            if shift == STABLE:
+                return NOT_CONVERGED, iteration, move
+            shift = STABLE
+            continue
+        if shift > 0.0 and scale < 0.5:
+            shift *= GROWTH * GROWTH
         copy_pose(trial, now)
         energy = new
         full = scale == 1.0
