@@ -40,12 +40,14 @@ class SampleOptions(TypedDict, total=False):
 
     chunk: frames that go to a file of their own when they are done, default 24. subframes:
     samples a frame, default 1; those between two frames stand at fractional time codes.
-    accelerations: whether they are written beside the velocities, default False.
+    accelerations: whether they are written beside the velocities, default False. diagnostics:
+    "strain", "energy" or both, written per face, default none.
     """
 
     chunk: int
     subframes: int
     accelerations: bool
+    diagnostics: Sequence[str]
 
 
 class BakeOptions(StageOptions, SampleOptions, total=False):

@@ -157,5 +157,5 @@ def assembled(
     from featherfx.solver.pose_kernels import barb_jacobians
 
     barb_jacobians(model, 0, work.now, work.frame, work.spin, work.jacobian)
-    assemble(model, loads, 0, share, factors, signed, work)
+    assemble(model, loads, 0, share, factors, signed, 0.0, work)
     return -work.system.right.copy()

@@ -74,6 +74,7 @@ def bench(
     Times only mean something on a machine that does nothing else; ratios within one run hold
     better. Plots need matplotlib (extra "plots"). Exit code 1 if a stress case breaks a promise.
 
+    Tables are written as they come, so that a run that is broken off leaves those it had made.
     Outcomes of stress cases are kept in the output folder as they come: a run that was broken off
     goes on where it stood, and the report is about all cases in the folder.
     """
@@ -106,6 +107,8 @@ def bench(
         with Progress("tables") as progress:
             for table in all_tables(QUICK if quick else FULL, jobs):
                 tables.append(table)
+                if output is not None:
+                    write(output, tables, None, __version__)
                 progress(len(tables), TABLES)
     if output is None:
         click.echo(page(tables, outcome, __version__))

@@ -43,8 +43,8 @@ class Draft:
 
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
     scale, width: factors. place: where it was written, for problems. shape: of a drawn feather.
-    skin, skin_uv, layer, stack: as in Placement. curl, hollow: deg, added to the camber of the
-    shaft and of the barbs.
+    skin, skin_uv, layer, stack, grown: as in Placement. curl, hollow: deg, added to the
+    camber of the shaft and of the barbs.
     """
 
     id: str
@@ -65,6 +65,7 @@ class Draft:
     hollow: float = 0.0
     layer: int = 0
     stack: int = 0
+    grown: bool = False
 
 
 def other_side(name: str) -> str | None:

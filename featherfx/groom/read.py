@@ -311,6 +311,7 @@ def _placements(
                 size=scale,
                 layer=draft.layer,
                 stack=draft.stack,
+                grown=draft.grown,
             )
         )
     return tuple(placements)

@@ -175,7 +175,7 @@ def _residual(model: Model, loads: Loads, state: State, length: float) -> float:
     from featherfx.solver.assembly_kernels import assemble
 
     work = posed(model, loads, state)
-    assemble(model, loads, 0, 0.0, STATIC, False, work)
+    assemble(model, loads, 0, 0.0, STATIC, False, 0.0, work)
     unbalanced = np.abs(work.system.right.reshape(model.rows, -1))
     return float(max(unbalanced[:, :3].max(), unbalanced[:, 3:].max() / length))
 

@@ -15,7 +15,7 @@ def repeat_iteration(model, loads, f, factors, solve, count, work):
     good = 0
     for iteration in range(count):
         barb_jacobians(model, f, work.now, work.frame, work.spin, work.jacobian)
-        assemble(model, loads, f, 0.0, factors, iteration >= 0, work)
+        assemble(model, loads, f, 0.0, factors, iteration >= 0, 0.0, work)
         if solve and factorise(work.system.band, work.system.panel):
             solve_factored(work.system.band, work.system.right)
             good += 1

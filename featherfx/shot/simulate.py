@@ -21,6 +21,7 @@ from featherfx.shot.level_run import LevelRun
 from featherfx.shot.levels import level_plan
 from featherfx.shot.loads import root_path
 from featherfx.shot.motion import Roots, root_motion
+from featherfx.shot.settled import settled
 from featherfx.shot.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.step import RootPath, raise_if_failed
@@ -151,10 +152,7 @@ class Simulation:
         if index == 0:
             if self.shot.settle:
                 chosen = np.flatnonzero(self._leveled().active(group)).tolist()
-                group.state, status, _ = group.solver.equilibrium(
-                    group.state, loads, feathers=chosen
-                )
-                raise_if_failed(status, group.state.time, group.names)
+                group.state = settled(group.solver, group.state, loads, group.names, chosen)
                 group.start = group.state.points.copy()
             return
         duration = self._time(1)
@@ -210,8 +208,8 @@ class Simulation:
         if self._contact is None or index or not self.shot.settle:
             return
         loads = [self._loads(group, motion, 0) for group in self._groups]
-        settled = self._contact.settle([group.state for group in self._groups], loads)
-        for group, state in zip(self._groups, settled, strict=True):
+        rested = self._contact.settle([group.state for group in self._groups], loads)
+        for group, state in zip(self._groups, rested, strict=True):
             group.state, group.start = state, state.points.copy()
 
     def _sleeping(

@@ -69,6 +69,15 @@ def _add_rachis_element(i, pose, length, stiffness, reference, damping, signed, 
 
 
 @kernel
+def _add_inertia(inertia, mass, stiff):
+    """Inertia (1/s^2) times the masses (n, P), added to the stiffnesses (n, P, 6) of the nodes."""
+    for i in range(mass.shape[0]):
+        for p in range(mass.shape[1]):
+            for k in range(3):
+                stiff[i, p, k] += inertia * mass[i, p]
+
+
+@kernel
 def add_grips(node, start, end, stiffness, share, points, force, stiff):
     """A feather's grips, added to the node forces and stiffnesses."""
     for g in range(stiffness.shape[0]):
@@ -93,12 +102,13 @@ def _hold_root(row_size, system):
 
 
 @kernel
-def assemble(model, loads, f, share, factors, signed, work):
+def assemble(model, loads, f, share, factors, signed, shift, work):
     """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
 
     work.jacobian must belong to the pose. share: of the frame, for the grips. factors: (inertia,
     rate, strain rate) of the integrator. signed: whether geometric stiffness of compression is
     included, too: then the Hessian may be indefinite, but Newton converges where a vane wrinkles.
+    shift: inertia that is added to the Hessian alone, as a share of the integrator's.
     """
     pose, around, system = work.now, work.around, work.system
     rows, row_size = pose.turn.shape[0], system.band.shape[1] // 3
@@ -120,6 +130,8 @@ def assemble(model, loads, f, share, factors, signed, work):
         work.force,
         work.stiff,
     )
+    if shift > 0.0:
+        _add_inertia(shift * factors[0], model.mass[f], work.stiff)
     add_grips(
         loads.grip_node[f],
         loads.grip_start[f],

@@ -41,7 +41,7 @@ def _band(model: Model, f: int, inertia: float, state: State, work: Work) -> Arr
     load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
     evaluate(model, loads, f, 0.0, factors, now, work.around)
     barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
-    assemble(model, loads, f, 0.0, factors, False, work)
+    assemble(model, loads, f, 0.0, factors, False, 0.0, work)
     return work.system.band.copy()
 
 

@@ -1,5 +1,9 @@
 """Minimise the energy of one implicit step: Newton with a line search on the full energy.
 
+Where the matrix is indefinite, only the stabilising part of the geometric stiffness is taken. That
+is definite, but may be so much stiffer that the feather creeps: after CREPT such iterations,
+inertia is added to the whole matrix instead, as if the step were shorter, as much as it takes.
+
 It stops where the distance to the minimum is below the tolerance. With moves d_1, d_2, ... of full
 steps that shrink by t = d_k / d_(k-1) < 1/2, that distance is at most d_k t / (1 - t) if they go on
 to shrink like that (Newton's shrink faster); else it is taken as d_k itself.
@@ -21,6 +25,10 @@ from featherfx.solver.pose_kernels import (
 
 CONVERGED, NOT_CONVERGED, NOT_FINITE, NOT_DEFINITE, TOO_MUCH_WORK = 0, 1, 2, 3, 4
 HALVINGS = 8
+# shares of the inertia that are added to an indefinite matrix; what is done beyond the last
+FIRST_SHIFT, GROWTH, LAST_SHIFT = 0.25, 4.0, 100.0
+STABLE, NONE = -1.0, -2.0
+CREPT = 4
 
 
 @kernel
@@ -65,6 +73,26 @@ def copy_pose(source, target):
 
 
 @kernel
+def _factorised(model, loads, f, share, factors, last, work):
+    """Assemble at work.now and factorise; returns the shift that made the matrix definite.
+
+    last: shift of the iteration before. STABLE: only the stabilising part of the geometric
+    stiffness is in the matrix; NONE: not even that is definite.
+    """
+    system = work.system
+    shift = last / GROWTH if last > FIRST_SHIFT * GROWTH else 0.0
+    while True:
+        assemble(model, loads, f, share, factors, shift != STABLE, max(shift, 0.0), work)
+        if factorise(system.band, system.panel):
+            return shift
+        if shift == STABLE:
+            return NONE
+        shift = GROWTH * shift if shift > 0.0 else FIRST_SHIFT
+        if last == STABLE or shift > LAST_SHIFT:
+            shift = STABLE
+
+
+@kernel
 def minimise(model, loads, f, share, factors, tolerance, limit, work):
     """Bring the pose work.now to the minimum of step_energy.
 
@@ -76,19 +104,17 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
     energy = evaluate(model, loads, f, share, factors, now, work.around)
     if not isfinite(energy):
         return NOT_FINITE, 0, 0.0
-    move, before, left = 0.0, 0.0, 0.0
+    move, before, left, shift, stable = 0.0, 0.0, 0.0, 0.0, 0
+    crept = False
     for iteration in range(1, limit + 1):
         barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
-        # all of the geometric stiffness, and only its stabilising part where that is indefinite
-        definite = False
-        for attempt in range(2):
-            assemble(model, loads, f, share, factors, attempt == 0, work)
-            definite = factorise(system.band, system.panel)
-            if definite:
-                break
-        if not definite:
+        shift = _factorised(model, loads, f, share, factors, shift if crept else STABLE, work)
+        if shift == NONE:
             return NOT_DEFINITE, iteration, move
         solve_factored(system.band, system.right)
+        stable += 1 if shift == STABLE else 0
+        if stable == CREPT:
+            crept, shift = True, 0.0
         scale = 1.0
         for _ in range(HALVINGS):
             add_increment(
@@ -101,7 +127,12 @@ def minimise(model, loads, f, share, factors, tolerance, limit, work):
                 break
             scale *= 0.5
         else:
-            return NOT_CONVERGED, iteration, move
+            if shift == STABLE:
+                return NOT_CONVERGED, iteration, move
+            shift = STABLE
+            continue
+        if shift > 0.0 and scale < 0.5:
+            shift *= GROWTH * GROWTH
         copy_pose(trial, now)
         energy = new
         full = scale == 1.0

@@ -22,8 +22,9 @@ from featherfx.solver.newton_kernels import (
 from featherfx.solver.root_path import RootPath as RootPath
 from featherfx.solver.root_path import hold_roots as hold_roots
 from featherfx.solver.settle import settle
+from featherfx.solver.settle_wind import NO_REST as NO_REST
 from featherfx.solver.start import start_acceleration
-from featherfx.solver.state import State
+from featherfx.solver.state import State as State
 from featherfx.solver.step_kernels import (
     COUNTERS,
     ERROR,
@@ -44,6 +45,7 @@ Array = NDArray[np.float64]
 REASONS = {
     NOT_FINITE: "a value is not finite",
     NOT_DEFINITE: "the linear system is not positive definite",
+    NO_REST: "it finds no rest in this wind",
 }
 NEWTON_ITERATIONS = 40
 # of one feather in one frame; bakes of the samples need 3 to 100
@@ -178,8 +180,8 @@ class Solver:
         """Bring feathers to rest under their loads; the given state is not changed.
 
         share: 0..1, place within the loads' frame (grips). feathers: indices, all by default.
-        Returns the state, and per feather the status (0: at rest within settings.newton) and the
-        Newton iterations.
+        Returns the state, and per feather the status (0: at rest within settings.newton; NO_REST:
+        it flutters in the wind, and the pose is one on its way) and the Newton iterations.
         """
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         status = np.zeros(self.model.feathers)

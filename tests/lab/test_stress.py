@@ -24,6 +24,9 @@ def test_no_promise_is_broken(outcomes):
 
 
 def test_most_cases_are_solved(outcomes):
+    """The share that reaches the end of its frames. These are small: up to MOST_ROWS rows. Of those
+    with up to 200 rows a third stop at the limit of Newton iterations, crumpled ones mostly; what
+    holds for all is the test above."""
     assert sum(o.status == 0 for o in outcomes) >= 0.95 * len(outcomes)
 
 

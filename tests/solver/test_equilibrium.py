@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 import pytest
 from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, random_pose, rod
 
 from featherfx.mechanics.model import no_loads
+from featherfx.mechanics.node_kernels import area_vectors
 from featherfx.solver.newton_kernels import evaluate
 from featherfx.solver.pose_kernels import load_pose
-from featherfx.solver.step import Settings, Solver
+from featherfx.solver.settle_wind import mixed
+from featherfx.solver.step import NO_REST, Settings, Solver
 from featherfx.solver.work import make_work
 
 EARTH = (0.0, 0.0, -9.81)
@@ -88,3 +92,64 @@ def test_a_grip_and_the_rod_share_the_load():
     assert status[0] == 0
     expected = pull * stiffness / (stiffness + 3.0)
     assert settled.points[0, -1, 0, 2] == pytest.approx(expected, rel=2e-3)
+
+
+AIR = np.array([1.2, 1.2, 0.02, 1.1])
+
+
+def in_wind(x, y, z):
+    return no_loads(1, EARTH)._replace(air=AIR, wind_mean=np.array([x, y, z], dtype=float))
+
+
+@pytest.mark.parametrize("wind", [(0.0, 1.0, 5.0), (10.0, 0.0, 3.0)])
+def test_a_feather_at_rest_in_wind_balances_the_pressure_on_its_own_pose(wind):
+    """Forces of the wind, worked out here: 1/2 rho S C_n |u.n| u.n n and the tangential part."""
+    _, model = preset_batch("swan_primary")
+    loads = in_wind(*wind)
+    with Solver(model, SETTINGS) as solver:
+        settled, status, _ = solver.equilibrium(at_origin(model), loads)
+    assert status[0] == 0
+    points, pressure = settled.points[0], np.zeros_like(settled.points)
+    area = np.zeros_like(points)
+    area_vectors(points, model.cell_stiffness[0], area)
+    speed = np.linalg.norm(wind)
+    for i, p in np.ndindex(points.shape[:2]):
+        if p in (1, 2):
+            continue
+        size = np.linalg.norm(area[i, p])
+        n = area[i, p] / max(size, 1e-300)
+        u = np.dot(wind, n)
+        shaft = model.shaft_area[0, i] if p == 0 else 0.0
+        pressure[0, i, p] = 0.6 * size * AIR[1] * abs(u) * u * n
+        along = np.array(wind) - u * n
+        pressure[0, i, p] += 0.6 * (size * AIR[2] + shaft * AIR[3]) * speed * along
+    balanced = no_loads(1, EARTH)._replace(force=pressure)
+    _, residual = energy_and_gradient(model, balanced, settled)
+    _, pull = energy_and_gradient(model, balanced, at_origin(model))
+    assert np.abs(residual).max() < 1e-4 * np.abs(pull).max()
+    assert np.linalg.norm(settled.points - at_origin(model).points, axis=-1).max() > 0.01
+
+
+@pytest.mark.parametrize("wind", [(0.0, 24.0, 80.0), (80.0, 0.0, 24.0)])
+def test_a_feather_without_rest_in_a_storm_is_told_from_one_at_rest(wind):
+    _, model = preset_batch("swan_primary")
+    with Solver(model, Settings()) as solver:
+        state, status, iterations = solver.equilibrium(at_origin(model), in_wind(*wind))
+    assert iterations[0] < 1500
+    assert np.isfinite(state.points).all()
+    assert not state.velocity.any()
+    with Solver(model, Settings()) as solver:
+        again, _, _ = solver.equilibrium(state, in_wind(*wind))
+    moved = np.abs(again.points - state.points).max()
+    assert (status[0] == NO_REST) == (moved > 1e-4)
+
+
+def test_mixing_solves_a_linear_problem_that_plain_iteration_does_not():
+    """g(a) = a0 - 9 a - 4 b, ...: slopes beyond 1; three pairs hold all of a plane."""
+    matrix, start = np.array([[-9.0, -4.0], [1.0, -5.0]]), np.array([1.0, -2.0])
+    solution = np.linalg.solve(np.eye(2) - matrix, start)
+    guess, pairs = np.zeros(2), deque(maxlen=6)
+    for _ in range(8):
+        pairs.append((guess, start + matrix @ guess - guess))
+        guess = mixed(pairs)
+    assert guess == pytest.approx(solution, rel=1e-6)

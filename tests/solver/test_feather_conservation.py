@@ -46,10 +46,18 @@ def plucked(model: Model) -> State:
     return state
 
 
-def energies(radius: float, periods: int, each: int = 40) -> np.ndarray:
-    """Total energy at the end of every period, starting after the first."""
+def released(model: Model, gravity: float) -> State:
+    """At rest under a gravity (m/s^2) that is just gone."""
+    with Solver(model, Settings(newton=1e-11)) as solver:
+        state, status, _ = solver.equilibrium(at_origin(model), no_loads(1, (0.0, 0.0, -gravity)))
+    assert status[0] == 0
+    return state
+
+
+def energies(radius: float, periods: int, each: int = 40, start: State | None = None) -> np.ndarray:
+    """Total energy at the end of every period, starting after the first. start: plucked, if none"""
     model = feather(7, 2)
-    state = plucked(model)
+    state = plucked(model) if start is None else start
     step = 2.0 * np.pi / first_frequency(model, 0) / each
     found = []
     with Solver(model, Settings(UNLIMITED, newton=1e-9, radius=radius)) as solver:
@@ -64,9 +72,16 @@ def energies(radius: float, periods: int, each: int = 40) -> np.ndarray:
 
 
 def test_energy_of_an_undamped_feather_drifts_little_in_100_periods() -> None:
-    """Ringing in its first mode, 40 steps a period. Let go from under ten gravities it loses 1.6 %:
-    then higher modes ring, too, which such steps do not resolve and radius 0.9 damps."""
+    """Ringing in its first mode, 40 steps a period."""
     energy = energies(0.9, 101)
+    assert abs(energy[-1] / energy[0] - 1.0) < 0.01
+
+
+def test_energy_of_a_released_feather_drifts_little_in_100_periods() -> None:
+    """Let go from under ten gravities, so that higher modes ring, too. Radius 0.9 damps those that
+    the steps do not resolve: at 60 steps a period of the first mode less than 1 % is lost, at 40
+    1.6 %. Beyond 0.9 the steps are not stable for as long."""
+    energy = energies(0.9, 101, 60, released(feather(), 98.1))
     assert abs(energy[-1] / energy[0] - 1.0) < 0.01
 
 

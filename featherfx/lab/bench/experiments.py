@@ -149,7 +149,7 @@ def front_shakes(extent: Extent) -> Iterator[Shake]:
     for (rows, columns), coefficients in product(extent.grids, extent.coefficients):
         for step, radius in steps:
             yield Shake(rows, columns, coefficients, step, radius=radius)
-    control = product(extent.grids, extent.tolerances, (0.0, 0.8))
+    control = product(extent.grids, extent.tolerances, (0.5, 0.8))
     for (rows, columns), share, radius in control:
         tolerance = share * swan_primary().length
         newton = min(1e-6, 1e-3 * tolerance)

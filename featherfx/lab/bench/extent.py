@@ -42,7 +42,7 @@ QUICK = Extent(
 FULL = Extent(
     grids=((6, 4), (11, 4), (21, 6), (41, 10)),
     coefficients=(0, 1, 2, 3),
-    steps=(24, 48, 96, 192, 384),
+    steps=(24, 96, 384),
     radii=(0.0, 0.5, 0.8, EULER),
     tolerances=(1e-2, 3e-3, 1e-3, 3e-4, 1e-4),
     reference=Shake(rows=161, columns=10, coefficients=3, step=1.0 / 3072.0, radius=0.8),
