@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,10 @@ from featherfx.groom.rachis_curve import FittedCurve
 from featherfx.groom.schema import Place
 
 Array = NDArray[np.float64]
+
+
+# (file, path of a prim, place) to the polylines (k, 3) m at or below it; None after problems
+CurveReader = Callable[[Path, str, Place], "list[Array] | None"]
 
 
 @dataclass(frozen=True)
@@ -145,8 +151,10 @@ def single(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]
     return with_mirror_images([draft], place) if entry["mirror"] else [draft]
 
 
-def _row_frames(entry: dict[str, Any], place: Place) -> tuple[Array, Array] | None:
-    """(n, 3) positions and (n, 3, 3) rotations of a row's roots."""
+def _row_frames(
+    entry: dict[str, Any], place: Place, path: Array | None
+) -> tuple[Array, Array] | None:
+    """(n, 3) positions and (n, 3, 3) rotations of a row's roots. path: of its curve."""
     first, last, count = entry["first"], entry["last"], entry["count"]
     straight = True
     for name, root in (("first", first), ("last", last)):
@@ -156,12 +164,31 @@ def _row_frames(entry: dict[str, Any], place: Place) -> tuple[Array, Array] | No
     if not straight:
         return None
     share = _spaced(count, entry["spacing"])
-    points = entry["path"] or (first["position"], last["position"])
+    points = entry["path"] if path is None else path
+    points = (first["position"], last["position"]) if points is None else points
     positions = along_polyline(np.array(points), share)
     ends = [frames_from(root["direction"], root["up"]) for root in (first, last)]
     rotations = interpolated(ends[0], ends[1], share)
     lift = entry["overlap"] * np.arange(count)[:, None] * rotations[:, :, 2]
     return positions + lift, rotations
+
+
+def _curve(
+    entry: dict[str, Any], place: Place, folder: Path, read: CurveReader | None
+) -> Array | None:
+    """(k, 3) m, the curve of a row; None after adding problems."""
+    at = place.child("curve")
+    if read is None:
+        at.fail("is a USD scene, which featherfx.read_groom and the commands read")
+        return None
+    if entry["path"] is not None:
+        at.fail("stands beside path, expects one of the two")
+        return None
+    found = read(folder / entry["curve"]["usd"], entry["curve"]["prim"], at)
+    if found is not None and len(found) > 1:
+        at.child("prim").fail(f"holds {len(found)} curves, expects one")
+        return None
+    return found[0] if found else None
 
 
 def _spaced(count: int, ratio: float) -> Array:
@@ -187,10 +214,21 @@ def _row_choices(entry: dict[str, Any], changes: tuple[int, ...], place: Place) 
     return choices
 
 
-def row(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]:
-    """The drafts of one [[row]], its mirror image last; none after adding problems."""
-    frames = _row_frames(entry, place)
-    if frames is None:
+def row(
+    entry: dict[str, Any],
+    place: Place,
+    store: KindStore,
+    folder: Path,
+    read: CurveReader | None,
+) -> list[Draft]:
+    """The drafts of one [[row]], its mirror image last; none after adding problems.
+
+    folder: of the groom. read: reader of the row's curve.
+    """
+    count = len(place.problems)
+    path = None if entry["curve"] is None else _curve(entry, place, folder, read)
+    frames = _row_frames(entry, place, path)
+    if frames is None or len(place.problems) > count:
         return []
     count = entry["count"]
     digits = max(2, len(str(count)))

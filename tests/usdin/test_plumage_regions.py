@@ -181,6 +181,35 @@ def test_roots_inside_a_body_that_crosses_itself_are_left_out(tmp_path):
     assert len(groom.feathers) == pytest.approx(300 * 0.8, abs=15)
 
 
+ROOT = "{ position = [0, 0, 0], direction = [-1, 0, 0], up = [0, 0, 1] }"
+ROW = f"""[[row]]
+id = "primary"
+kind = "swan_primary"
+count = 5
+first = {ROOT}
+last = {ROOT}
+"""
+
+
+def test_a_row_along_a_curve(tmp_path):
+    write_skin(tmp_path, meters_per_unit=0.01)
+    curve = "curve = { usd = 'skin.usda', prim = '/guides/line' }\n"
+    positions = roots(grown(tmp_path, ROW + curve, skin="name = 'wing'\n"))
+    # 0.1 units of a centimetre long, in five roots at equal distances
+    assert positions[:, 0] == pytest.approx(-0.001 * np.linspace(0, 1, 5))
+    assert positions[:, 2] == pytest.approx(0.001)
+
+
+def test_a_row_along_a_curve_that_is_not_there(folder):
+    missing = problems(folder, ROW + "curve = { usd = 'skin.usda', prim = '/nothing' }\n")
+    assert "row[0].curve.prim" in missing
+    skin = problems(folder, ROW + "curve = { usd = 'skin.usda', prim = '/skin' }\n")
+    assert "no curves at /skin" in skin
+    path = "path = [[0, 0, 0], [1, 0, 0]]\n"
+    both = problems(folder, ROW + path + "curve = { usd = 'skin.usda', prim = '/guides/line' }\n")
+    assert "stands beside path" in both
+
+
 def test_density_from_a_picture(folder):
     from PIL import Image
 
