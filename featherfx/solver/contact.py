@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Contacts, Loads
 from featherfx.solver.contact_list_kernels import (
+    GAP,
+    GUEST,
     GUEST_FORCE,
+    HOST,
     PAIR,
     SPARED,
     count_contacts,
@@ -179,6 +182,11 @@ class ContactSolver:
     def accept(self) -> None:
         """Keep the forces of the last interval for the next one."""
         remember(self._touch, self._count, self.memory)
+
+    def depths(self) -> tuple[Indices, Indices, Array]:
+        """Of the last interval's contacts: guest and host (bodies; -1 for a wall), depth in m."""
+        who, value = self._touch.who[: self._count], self._touch.value[: self._count]
+        return who[:, GUEST], who[:, HOST], value[:, SPARED] - value[:, GAP]
 
     def _find(self, run: Run, duration: float, walls: Sequence[Wall]) -> int:
         """Search for contacts; the room for them grows until they fit."""

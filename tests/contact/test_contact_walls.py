@@ -32,7 +32,7 @@ def floor(shift=(0.0, 0.0, 0.0)):
 
 @pytest.mark.verification
 def test_a_feather_comes_to_rest_on_the_floor_with_its_weight():
-    """The contact forces' sum is the weight, no gap is off by the tolerance, no step is repeated."""
+    """The forces' sum is the weight, no gap is off by the tolerance, no step is repeated."""
     model, state = free_feathers("body_contour", [[0, 0, 0.017]], **GRID)
     contact, late = solver_of(model, rounds=20), []
     loads = [no_loads(1, (0.0, 0.0, -GRAVITY))]
