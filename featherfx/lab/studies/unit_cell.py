@@ -187,7 +187,7 @@ def _paint_cell(axes: Any, cell: UnitCell) -> None:
             share = (len(nodes) - 1) / (2 * cell.crossings)
             x = 1e6 * np.array([root_x, root_x + side * share * width])
             axes.plot(x, 1e6 * np.array([base, base + share * rise]), color=colour, lw=0.7)
-    for x in (0.0, width):
-        axes.plot([1e6 * x] * 2, [0.0, 1e6 * (rise + 3 * cell.height)], "k-", lw=3)
+    for place in (0.0, width):
+        axes.plot([1e6 * place] * 2, [0.0, 1e6 * (rise + 3 * cell.height)], "k-", lw=3)
     axes.set_aspect("equal")
     axes.set_xlabel("micrometres")
