@@ -154,8 +154,7 @@ def shear_modulus(folder: Path) -> StudyResult:
         if fraction == 0.14:
             note = "the same thesis, table D.2"
             rows.append(compared(name, ours.moduli.shear, SHEAR_D2, 0.05, unit="Pa", note=note))
-    for fraction, _, _, published in TABLES:
-        rows += _hindered(swan_bands(fraction, SPACING), published)
+            rows += _hindered(bands, published)
     return StudyResult(rows)
 
 
