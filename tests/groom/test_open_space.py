@@ -37,14 +37,14 @@ def test_between_two_planes_it_is_half_their_distance():
 
 def test_in_the_corner_of_two_planes():
     # floor z = 0 and wall x = 0: a ball that touches the floor at x has the radius x
-    steps = np.arange(0.0, 0.1, 0.001)
-    a, b = (each.ravel() for each in np.meshgrid(steps, np.arange(-0.05, 0.05, 0.001)))
+    steps = np.arange(0.0, 0.06, 0.002)
+    a, b = (each.ravel() for each in np.meshgrid(steps, np.arange(-0.03, 0.03, 0.002)))
     floor, wall = np.column_stack([a, b, 0 * a]), np.column_stack([0 * a, b, a])
     points = np.concatenate([floor, wall[a > 0]])
     normals = np.zeros_like(points)
     normals[: len(floor), 2], normals[len(floor) :, 0] = 1.0, 1.0
     room = room_above(points, normals, MOST)
-    near = (np.abs(b) < 0.002) & (a > 0.005) & (a < 0.04)
+    near = (np.abs(b) < 0.002) & (a > 0.009) & (a < 0.025)
     assert room[: len(floor)][near] == pytest.approx(a[near], rel=0.01)
 
 
