@@ -102,6 +102,11 @@ def scene_readers() -> SceneReaders:
 
         return read_skin(*arguments)
 
+    def curves(*arguments: Any) -> Any:
+        from featherfx.usd.skin_source import read_curves
+
+        return read_curves(*arguments)
+
     def meshes(*arguments: Any) -> Any:
         from featherfx.usd.read_scenes import open_meshes
 
@@ -112,4 +117,9 @@ def scene_readers() -> SceneReaders:
 
         return open_wind(*arguments)
 
-    return SceneReaders(feathers, skin, meshes, wind)
+    def camera(*arguments: Any) -> Any:
+        from featherfx.usd.read_camera import open_camera
+
+        return open_camera(*arguments)
+
+    return SceneReaders(feathers, skin, curves, meshes, wind, camera)

@@ -40,12 +40,14 @@ class SampleOptions(TypedDict, total=False):
 
     chunk: frames that go to a file of their own when they are done, default 24. subframes:
     samples a frame, default 1; those between two frames stand at fractional time codes.
-    accelerations: whether they are written beside the velocities, default False.
+    accelerations: whether they are written beside the velocities, default False. diagnostics:
+    "strain", "energy" or both, written per face, default none.
     """
 
     chunk: int
     subframes: int
     accelerations: bool
+    diagnostics: Sequence[str]
 
 
 class BakeOptions(StageOptions, SampleOptions, total=False):
@@ -115,6 +117,7 @@ def prepare(
     drawn: Drawn,
 ) -> Task:
     """The bake to do, after all that can be known to be wrong."""
+    from featherfx.shot.guides import uses_guides
     from featherfx.shot.share import share_of
     from featherfx.usd.names import prim_name, unique_prim_names
     from featherfx.usd.output import check_output
@@ -141,6 +144,9 @@ def prepare(
     resolved = {**options, **stage_space(options, shot.groom, shot.skin)}
     settings = _settings(shot, frames, feathers, resolved, drawn)
     if feathers:
+        if uses_guides(shot):
+            message = "feathers that follow guides cannot be baked in shares"
+            raise InputError(Problem(str(shot.source), "detail", message))
         shot, names = share_of(shot, *feathers), names[feathers[0] - 1 :: feathers[1]]
     finished = resume and is_finished(path, settings, overwrite)
     root = prim_name(whole.stem)

@@ -18,7 +18,7 @@ from featherfx.bake_task import BakeOptions, Drawn, Task, all_of, prepare, sampl
 if TYPE_CHECKING:
     from featherfx.feather.density import PointMap
     from featherfx.feather.types import Feather
-    from featherfx.groom.types import Groom, Placement
+    from featherfx.groom.types import FeatherKind, Groom, Placement
     from featherfx.shot.skin_motion import BoundSkin
     from featherfx.shot.types import Quality
     from featherfx.usd.types import FeatherEntry
@@ -111,9 +111,16 @@ def entries_of(
             rest_points=place(feather.points, placement.position, placement.rotation),
             static=static,
             root=None if skin is None else skin.roots[index],
+            vane_stiffness=_vane_stiffness(placement.kind),
         )
         for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
     ]
+
+
+def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:
+    """N/m, thickness times modulus across the barbs and in shear."""
+    vane = kind.vane_material
+    return vane.thickness * vane.across, vane.thickness * vane.shear
 
 
 def drawn_entries(

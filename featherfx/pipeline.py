@@ -19,7 +19,16 @@ if TYPE_CHECKING:
     from featherfx.feather.types import Feather
     from featherfx.groom.types import Groom
 
-__all__ = ["bake", "check", "export", "export_groom", "join", "plan", "plumage_stats"]
+__all__ = [
+    "bake",
+    "check",
+    "export",
+    "export_groom",
+    "join",
+    "plan",
+    "plumage_stats",
+    "read_shot",
+]
 
 
 def export_groom(
@@ -93,12 +102,17 @@ def export(
     """Write a cache in another form and return the files.
 
     output: .usd, .usdc or .usda for one plain file of the whole cache, or with condensed for
-    Houdini's condensed feathers; .glb, .obj, .ply or .stl for a file per frame, of which frames
-    gives the first and last. Raises InputError.
+    Houdini's condensed feathers; .abc for one Alembic file (needs the extra "alembic"); .glb,
+    .obj, .ply or .stl for a file per frame. Of Alembic and these, frames gives the first and last.
+    Raises InputError.
     """
     from featherfx.usd.output import SUFFIXES
 
     path = Path(output)
+    if path.suffix == ".abc":
+        from featherfx.usd.alembic import export_alembic
+
+        return [export_alembic(cache, path, frames, overwrite)]
     if path.suffix not in SUFFIXES:
         from featherfx.usd.export import mesh_sequence
 

@@ -115,7 +115,7 @@ def _bake_cost(shot: Shot, jobs: int) -> dict[str, Any]:
     frames = shot.last_frame - shot.first_frame + 1
     each = median(seconds) / count if seconds else 0.0
     entries = entries_of(part.groom, simulation.feathers, static=False, skin=part.skin)
-    posed = posed_feathers(entries, StageSpace(), False)
+    posed = posed_feathers(entries, StageSpace())
     sample = sum(feather.bytes_per_sample for feather in posed) / count * total
     unknowns = [_unknowns(resolution) for resolution in simulation.resolutions]
     return {
@@ -145,6 +145,6 @@ def _frame_seconds(simulation: Any) -> list[float]:
 
 def _unknowns(resolution: Any) -> int:
     """Of one feather: six a row, and two directions of coefficients for its two barbs."""
-    if resolution.level == "rigid":
+    if resolution.level in ("guided", "rigid"):
         return 0
     return int(resolution.rows * (6 + 4 * resolution.coefficients))

@@ -12,7 +12,13 @@ PACKAGE = ROOT / "featherfx"
 ORDER = ("groom", "feather", "mechanics", "solver", "shot", "usd", "render", "lab", "cli")
 FOR_ALL = {"errors", "compiled", "__version__"}
 FORBIDDEN = {"lab": {"usd", "render"}, "usd": {"solver"}}
-HOME_OF = {"pxr": {"usd"}, "embreex": {"render"}, "PIL": {"render", "usd"}, "click": {"cli"}}
+HOME_OF = {
+    "pxr": {"usd"},
+    "embreex": {"render"},
+    "PIL": {"render", "usd"},
+    "click": {"cli"},
+    "alembic3d": {"usd"},
+}
 HEAVY = ("numba", "numpy", "pxr", "scipy", "trimesh", "embreex", "PIL")
 
 

@@ -12,6 +12,7 @@ from click.core import ParameterSource
 
 from featherfx.cli.options import (
     FrameRange,
+    Names,
     Share,
     drawn_options,
     presets_option,
@@ -81,6 +82,12 @@ PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--r
 @drawn_options
 @click.option("--accelerations", is_flag=True, help="Write accelerations beside velocities.")
 @click.option(
+    "--diagnostics",
+    type=Names("strain", "energy"),
+    default="",
+    help="Write strain, energy or strain,energy of the vanes, per face and sample.",
+)
+@click.option(
     "--progress",
     "style",
     type=click.Choice(["auto", "json"]),
@@ -149,6 +156,8 @@ def _given(ctx: click.Context, left_out: Collection[str]) -> list[str]:
 
 
 def _as_text(value: Any) -> str:
+    if isinstance(value, list):
+        return ",".join(value)
     return f"{value[0]}-{value[1]}" if isinstance(value, tuple) else str(value)
 
 

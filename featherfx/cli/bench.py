@@ -26,6 +26,7 @@ QUICK_ROWS, MOST_ROWS = 40, 200
     featherfx bench --stress --cases 1000 -o measured
     featherfx bench --peers -o measured
     featherfx bench --skips samples/swan_wing/shot.toml
+    featherfx bench --skips samples/pigeon/shot.toml --only "*guided" --frames 8
     featherfx bench --stress --cases 1000 --seed 1000 -o measured
     """,
 )
@@ -41,6 +42,8 @@ QUICK_ROWS, MOST_ROWS = 40, 200
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="What skipping work saves and costs on a shot; once for each shot.",
 )
+@click.option("--only", default="*", help="Of --skips: names of skips, with * and ?.")
+@click.option("--frames", type=click.IntRange(min=2), help="Of --skips: frames of each shot.")
 @click.option(
     "--cases",
     type=click.IntRange(min=1),
@@ -59,6 +62,8 @@ def bench(
     stress: bool,
     peers: bool,
     skips: tuple[Path, ...],
+    only: str,
+    frames: int | None,
     cases: int | None,
     seed: int,
     jobs: int | None,
@@ -75,6 +80,8 @@ def bench(
     """
     if stress + peers + bool(skips) > 1:
         raise click.UsageError("--stress, --peers and --skips exclude each other")
+    if not skips and (only != "*" or frames is not None):
+        raise click.UsageError("--only and --frames go with --skips")
     if peers:
         _beside_peers(quick, output)
         return
@@ -85,11 +92,11 @@ def bench(
     tables, outcome = [], None
     if skips:
         from featherfx.lab.bench.skips import skips_table
-        from featherfx.shot.read import read_shot
+        from featherfx.pipeline import read_shot
 
         shots = [read_shot(path) for path in skips]
         with Progress("skips") as progress:
-            tables.append(skips_table(shots, progress))
+            tables.append(skips_table(shots, progress, only, frames))
     elif stress:
         seeds = range(seed, seed + (cases or (QUICK_STRESS_CASES if quick else STRESS_CASES)))
         outcome = _stress(seeds, jobs, QUICK_ROWS if quick else MOST_ROWS, output)

@@ -16,6 +16,7 @@ from featherfx.cli.program import Command
     epilog="""
     featherfx export wing.usda -o wing_flat.usdc
     featherfx export wing.usdc -o wing_condensed.usdc --condensed
+    featherfx export wing.usdc -o wing.abc
     featherfx export wing.usdc -o look.glb --frames 1-24
     """,
 )
@@ -25,11 +26,13 @@ from featherfx.cli.program import Command
     "--output",
     required=True,
     type=click.Path(path_type=Path),
-    help="One plain USD file (.usd, .usdc, .usda), or a mesh file per frame (.glb, .obj, .ply,"
-    " .stl).",
+    help="One plain USD file (.usd, .usdc, .usda), one Alembic file (.abc), or a mesh file per"
+    " frame (.glb, .obj, .ply, .stl).",
 )
 @click.option("--condensed", is_flag=True, help="USD: Houdini's condensed feathers.")
-@click.option("--frames", type=FrameRange(), help="Meshes: first and last frame.  [default: all]")
+@click.option(
+    "--frames", type=FrameRange(), help="Alembic, meshes: first and last frame.  [default: all]"
+)
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def export(
     cache: Path,
@@ -45,6 +48,6 @@ def export(
     if condensed and not usd:
         raise click.UsageError("--condensed goes with a USD file")
     if frames and usd:
-        raise click.UsageError("--frames goes with mesh files")
+        raise click.UsageError("--frames goes with Alembic and mesh files")
     files = export_cache(cache, output, condensed=condensed, frames=frames, overwrite=overwrite)
     click.echo(f"{len(files)} file{'s' if len(files) != 1 else ''}", err=True)

@@ -31,6 +31,26 @@ class FrameRange(click.ParamType):
         return first, last
 
 
+class Names(click.ParamType):
+    """Some of the allowed names, with commas between."""
+
+    name = "NAMES"
+
+    def __init__(self, *allowed: str) -> None:
+        self._allowed = allowed
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[str]:
+        if isinstance(value, list):
+            return value
+        found = [name.strip() for name in value.split(",") if name.strip()]
+        for name in found:
+            if name not in self._allowed:
+                self.fail(f"'{name}' is not one of {', '.join(self._allowed)}", param, ctx)
+        return sorted(set(found))
+
+
 class Share(click.ParamType):
     """i/n, the i-th of n shares."""
 
@@ -65,7 +85,7 @@ class Size(click.ParamType):
 
 def readable_path() -> click.Path:
     """A path that the command reads; whether it can is told with the other problems."""
-    return click.Path(path_type=Path)
+    return click.Path(path_type=Path, readable=False)
 
 
 def stage_options(command: Decorated) -> Decorated:

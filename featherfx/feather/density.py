@@ -69,6 +69,26 @@ def density_map(coarse: Feather, fine: Feather) -> PointMap:
     return PointMap(matrix, fine.points.shape)
 
 
+def scaled_map(unit: PointMap, size: float, points: int) -> PointMap:
+    """The density map between the same two feathers `size` times as large.
+
+    points: material points in a row of the values that are mapped. Positions grow and directors do
+    not, so rows and columns of the matrix are scaled by the size and its inverse where they belong
+    to positions. Much faster than a map of its own.
+    """
+    if size == 1.0:
+        return unit
+    rows, columns = (
+        np.full(count, factor)
+        for count, factor in zip(unit.matrix.shape, (size, 1.0 / size), strict=True)
+    )
+    rows.reshape(-1, unit.shape[-2])[:, 1:3] = 1.0
+    columns.reshape(-1, points)[:, 1:3] = 1.0
+    matrix = unit.matrix.copy()
+    matrix.data *= np.repeat(rows, np.diff(matrix.indptr)) * columns[matrix.indices]
+    return PointMap(matrix, unit.shape)
+
+
 class _Along:
     """Interpolation along the rachis. rachis: (N, n P) sparse, for rachis points, d2 and d3."""
 

@@ -8,7 +8,7 @@ by the least weighted change of raise, roll and lift that makes it up (projectio
 constraint after the other, Kaczmarz 1937; position based dynamics, Mueller 2007).
 
 root: (F, 3) m and frame: (F, 3, 3) as placed. moves: (F, 3) raise (rad), roll (rad), lift (m);
-least, most: (3,) their bounds. place: (F, 3) and turned: (F, 3, 3), root and frame as moved.
+least, most: (F, 3) their bounds. place: (F, 3) and turned: (F, 3, 3), root and frame as moved.
 size: (F,) m. shape: (F,) number of the shape. samples: (S, Q, 3), used: (S,) how many there are.
 heights: (S, H, W), NaN beside the vane; window: (S, 4) first x and y of the nodes, and steps.
 """
@@ -115,7 +115,9 @@ def shift(feather, x, y, share, size, moves, least, most, travel):
     scale = 1.0 / (size[feather] * size[feather])
     changes = (RAISE_EASE * scale * x, ROLL_EASE * scale * y, LIFT_EASE)
     for k in range(3):
-        value = min(max(moves[feather, k] + share * changes[k], least[k]), most[k])
+        value = min(
+            max(moves[feather, k] + share * changes[k], least[feather, k]), most[feather, k]
+        )
         arm = 1.0 if k == 2 else size[feather]
         travel[feather] += arm * abs(value - moves[feather, k])
         moves[feather, k] = value
@@ -215,13 +217,18 @@ def sweep(order, starts, pairs, clearance, root, frame, moves, least, most, plac
 
 @kernel
 def all_gaps(pairs, place, turned, size, shape, samples, used, heights, window, relation, worst,
-             gaps):  # fmt: skip
-    """Least gap (m) of every pair (K,), NaN where the two do not lie over each other."""
+             gaps, places):  # fmt: skip
+    """Least gap (m) of every pair (K,), NaN where the two do not lie over each other.
+
+    places: (K, 4), what `worst` becomes in least_gap.
+    """
     for pair in range(pairs.shape[0]):
         gaps[pair] = least_gap(
             pairs[pair, 0], pairs[pair, 1], place, turned, size, shape, samples, used, heights,
             window, relation, worst,
         )  # fmt: skip
+        for c in range(4):
+            places[pair, c] = worst[c]
 
 
 @kernel

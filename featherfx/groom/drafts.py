@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,10 @@ from featherfx.groom.schema import Place
 Array = NDArray[np.float64]
 
 
+# (file, path of a prim, place) to the polylines (k, 3) m at or below it; None after problems
+CurveReader = Callable[[Path, str, Place], "list[Array] | None"]
+
+
 @dataclass(frozen=True)
 class DrawnShape:
     """A shaft that was drawn. choice: the kind before overrides, which win over the drawing.
@@ -43,8 +49,8 @@ class Draft:
 
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
     scale, width: factors. place: where it was written, for problems. shape: of a drawn feather.
-    skin, skin_uv, layer, stack: as in Placement. curl, hollow: deg, added to the camber of the
-    shaft and of the barbs.
+    skin, skin_uv, layer, stack, grown: as in Placement. curl, hollow: deg, added to the
+    camber of the shaft and of the barbs.
     """
 
     id: str
@@ -65,6 +71,7 @@ class Draft:
     hollow: float = 0.0
     layer: int = 0
     stack: int = 0
+    grown: bool = False
 
 
 def other_side(name: str) -> str | None:
@@ -144,8 +151,10 @@ def single(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]
     return with_mirror_images([draft], place) if entry["mirror"] else [draft]
 
 
-def _row_frames(entry: dict[str, Any], place: Place) -> tuple[Array, Array] | None:
-    """(n, 3) positions and (n, 3, 3) rotations of a row's roots."""
+def _row_frames(
+    entry: dict[str, Any], place: Place, path: Array | None
+) -> tuple[Array, Array] | None:
+    """(n, 3) positions and (n, 3, 3) rotations of a row's roots. path: of its curve."""
     first, last, count = entry["first"], entry["last"], entry["count"]
     straight = True
     for name, root in (("first", first), ("last", last)):
@@ -155,12 +164,31 @@ def _row_frames(entry: dict[str, Any], place: Place) -> tuple[Array, Array] | No
     if not straight:
         return None
     share = _spaced(count, entry["spacing"])
-    points = entry["path"] or (first["position"], last["position"])
+    points = entry["path"] if path is None else path
+    points = (first["position"], last["position"]) if points is None else points
     positions = along_polyline(np.array(points), share)
     ends = [frames_from(root["direction"], root["up"]) for root in (first, last)]
     rotations = interpolated(ends[0], ends[1], share)
     lift = entry["overlap"] * np.arange(count)[:, None] * rotations[:, :, 2]
     return positions + lift, rotations
+
+
+def _curve(
+    entry: dict[str, Any], place: Place, folder: Path, read: CurveReader | None
+) -> Array | None:
+    """(k, 3) m, the curve of a row; None after adding problems."""
+    at = place.child("curve")
+    if read is None:
+        at.fail("is a USD scene, which featherfx.read_groom and the commands read")
+        return None
+    if entry["path"] is not None:
+        at.fail("stands beside path, expects one of the two")
+        return None
+    found = read(folder / entry["curve"]["usd"], entry["curve"]["prim"], at)
+    if found is not None and len(found) > 1:
+        at.child("prim").fail(f"holds {len(found)} curves, expects one")
+        return None
+    return found[0] if found else None
 
 
 def _spaced(count: int, ratio: float) -> Array:
@@ -186,10 +214,21 @@ def _row_choices(entry: dict[str, Any], changes: tuple[int, ...], place: Place) 
     return choices
 
 
-def row(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]:
-    """The drafts of one [[row]], its mirror image last; none after adding problems."""
-    frames = _row_frames(entry, place)
-    if frames is None:
+def row(
+    entry: dict[str, Any],
+    place: Place,
+    store: KindStore,
+    folder: Path,
+    read: CurveReader | None,
+) -> list[Draft]:
+    """The drafts of one [[row]], its mirror image last; none after adding problems.
+
+    folder: of the groom. read: reader of the row's curve.
+    """
+    count = len(place.problems)
+    path = None if entry["curve"] is None else _curve(entry, place, folder, read)
+    frames = _row_frames(entry, place, path)
+    if frames is None or len(place.problems) > count:
         return []
     count = entry["count"]
     digits = max(2, len(str(count)))

@@ -108,6 +108,11 @@ ROOT = {
     "up": Key(Direction(), "Dorsal side."),
 }
 
+CURVE = {
+    "usd": Key(Text(), "USD file, as seen from the groom's folder."),
+    "prim": Key(Text(), "Path of the BasisCurves, which hold one curve."),
+}
+
 ROW = {
     "id": Key(Text(), "Start of the ids; a number follows (primary_01, primary_02, ...)."),
     "kind": Key(
@@ -124,6 +129,12 @@ ROW = {
         Array(_POSITION, 2, 10_000),
         "Polyline that the roots stand on, at equal distances, instead of the straight line from "
         "first.position to last.position.",
+        None,
+    ),
+    "curve": Key(
+        Table(CURVE, "table"),
+        "A curve of a USD file that the roots stand on, at equal distances, as a bone or the edge "
+        "of a wing, instead of `path`.",
         None,
     ),
     "scale": Key(

@@ -105,6 +105,11 @@ def _outline_faults(vane: VaneShape) -> list[tuple[str, str]]:
     return faults
 
 
+def resized(kind: FeatherKind, scale: float) -> FeatherKind:
+    """The kind `scale` times as large."""
+    return adjusted(kind, scale, 1.0, 0.0)
+
+
 def adjusted(
     kind: FeatherKind,
     scale: float,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from featherfx.groom.drafts import Draft
+from featherfx.groom.drafts import CurveReader, Draft
 from featherfx.groom.drawn import SceneReader
 from featherfx.groom.kind_store import KindStore
 from featherfx.groom.region_keys import LAYOUT, REGION, SKIN
@@ -20,10 +20,12 @@ class GroomReaders:
     """How a groom reads scenes; each returns None after adding problems at the place.
 
     feathers: featherfx.groom.drawn.SceneReader. skin: featherfx.groom.regions.SkinReader.
+    curves: featherfx.groom.drafts.CurveReader.
     """
 
     feathers: SceneReader
     skin: SkinReader
+    curves: CurveReader
 
 
 @dataclass(frozen=True)

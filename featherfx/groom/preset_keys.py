@@ -174,6 +174,14 @@ QUALITY = {
     "rachis_below": Key(
         Number(0, 100, "m"), "Of shorter ones only the shaft is simulated, with rigid barbs.", 0.0
     ),
+    "guided_below": Key(
+        Number(0, 100, "m"), "Shorter ones follow simulated feathers of their region.", 0.0
+    ),
+    "guided_every": Key(
+        Number(1, 100_000, whole=True),
+        "Of feathers that are guided by their length, every n-th of each region is a guide.",
+        8,
+    ),
     "rigid_below": Key(Number(0, 100, "m"), "Shorter ones follow their roots rigidly.", 0.0),
 }
 

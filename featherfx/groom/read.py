@@ -151,7 +151,9 @@ def _drafts(
     for at, entry in _entries(raw, "feather", Table(FEATHER_ENTRY), place):
         yield from draft_rules.single(entry, at, store)
     for at, entry in _entries(raw, "row", Table(ROW), place):
-        yield from draft_rules.row(entry, at, store)
+        yield from draft_rules.row(
+            entry, at, store, path.parent, readers.curves if readers else None
+        )
     for at, entry in _entries(raw, "table", Table(TABLE), place):
         yield from read_table(entry, path.parent, at)
     for at, entry in _entries(raw, "usd", Table(USD), place):
@@ -311,6 +313,7 @@ def _placements(
                 size=scale,
                 layer=draft.layer,
                 stack=draft.stack,
+                grown=draft.grown,
             )
         )
     return tuple(placements)

@@ -53,10 +53,16 @@ WHERE = {
     "y": Key(_RANGE, "1 between two values of y.", None),
     "z": Key(_RANGE, "1 between two values of z.", None),
     "facing": Key(Direction(), "1 where the skin faces a direction, to within `angle`.", None),
+    "room": Key(
+        Number(0, 100, "m"),
+        "1 where a ball of this radius can touch the skin from outside: not in creases, and not "
+        "where parts of the body face each other.",
+        None,
+    ),
     "angle": Key(Number(0, 180, "deg"), "Of `facing`.", 90.0),
     "soft": Key(
         Number(0, 100, "m"),
-        "Width over which box, sphere and ranges fade out, inside and out.",
+        "Width over which box, sphere, ranges and room fade out, inside and out.",
         0.0,
     ),
     "soft_angle": Key(Number(0, 180, "deg"), "Angle over which `facing` fades out.", 20.0),
@@ -104,6 +110,12 @@ REGION = {
     "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed of places and variation.", 1),
     "flow": Key(Table(FLOW, "table"), "Direction of the shafts along the skin."),
     "length": Key(Number(1e-4, 10, "m"), "Length of the feathers; default: the kind's.", None),
+    "fit": Key(
+        Number(0.01, 100),
+        "Feathers are no longer than this many times the radius of the largest ball that touches "
+        "the skin there from outside, though no shorter than a quarter of their length.",
+        None,
+    ),
     "width": Key(Number(0.01, 100), "Factor of the vanes' widths.", 1.0),
     "curl": Key(Number(-360, 360, "deg"), "Added to the camber of the shafts.", 0.0),
     "follow": Key(
@@ -149,7 +161,24 @@ LAYOUT = {
         Number(0, 0.1, "m"), "Gap between feathers, and over the skin, that is aimed at.", 1.5e-4
     ),
     "most_tilt": Key(
-        Number(0, 90, "deg"), "Most that a feather is raised about its root beyond its tilt.", 20.0
+        Number(0, 90, "deg"),
+        "Most that a feather of a region is raised and rolled about its root beyond its tilt.",
+        20.0,
+    ),
+    "most_tilt_placed": Key(
+        Number(0, 90, "deg"), "The same for feathers that no region made, as those of rows.", 20.0
     ),
     "most_lift": Key(Number(0, 0.1, "m"), "Most that a root is lifted off the skin.", 5e-4),
+    "least_size": Key(
+        Number(0.05, 1),
+        "Feathers of regions that do not come clear are shortened, down to this share of their "
+        "length; 1: none is.",
+        1.0,
+    ),
+    "drop": Key(
+        Number(0, 1, "m"),
+        "Feathers of regions that still pass through others or the skin by more than this are left "
+        "out, as few as will do; by default all are kept.",
+        None,
+    ),
 }

@@ -13,7 +13,7 @@ from featherfx.groom.surface_points import Array, SkinSurface, SurfacePoints
 
 Rule = Callable[[SurfacePoints], Array]
 
-_PLACES = ("primvar", "subset", "image", "box", "sphere", "x", "y", "z", "facing")
+_PLACES = ("primvar", "subset", "image", "box", "sphere", "x", "y", "z", "facing", "room")
 _FLOWS = ("direction", "away", "towards", "primvar", "curves")
 _GUIDES = 8  # guide points that a direction is interpolated from
 # a direction whose part along the skin is a smaller share of it says nothing
@@ -108,6 +108,8 @@ def _analytic(name: str, rule: dict[str, Any], place: Place) -> Rule | None:
             return _fade(angle - np.degrees(np.arccos(cosine)), fade)
 
         return facing
+    if name == "room":
+        return lambda points: _fade(points.interpolated(points.surface.room) - value, soft)
     if name == "sphere":
         centre, radius = np.array(value[:3]), value[3]
         return lambda points: _fade(radius - np.linalg.norm(points.position - centre, axis=1), soft)

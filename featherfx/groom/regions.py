@@ -34,6 +34,8 @@ _HOLLOW_STEP = 10.0  # deg
 # a skin that falls off further is not followed; and where a vane's side is, in feather lengths
 _MOST_TURNING = 45.0  # deg
 _SIDE = 0.2
+_MOST_NAMED = 5
+_LEAST_FIT = 0.25  # of a feather's length, left where there is no room
 _STREAMS = {"length": 10, "width": 12, "curl": 14, "tilt": 16, "turn": 18, "roll": 20}
 _VARIANT_STREAM = 22
 
@@ -152,9 +154,12 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
             InputWarning,
             stacklevel=2,
         )
+    found = _above_ground(region, found)
+    points = found.points
     if len(points) == 0:
         return []
     blend = _blended(region, [r for r in regions if r.surface is region.surface], points)
+    blend["length"] = _fitted(blend["length"], points, entry["fit"])
     draws = {name: _normal(entry, name, found.number) for name in _STREAMS}
     direction = _directions(region, blend["flow"], points, draws["turn"])
     shapes = _shapes(region, blend, direction, found)
@@ -183,6 +188,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
             curl=float(shapes[1][k]),
             hollow=float(shapes[2][k]),
             layer=entry["layer"],
+            grown=True,
         )
         for k in range(len(points))
     ]
@@ -201,6 +207,30 @@ def _blended(region: _Region, others: Sequence[_Region], points: SurfacePoints) 
             value += weight * (each.length if name == "length" else each.entry[name])
         along += weight[:, None] * each.flow(points)
     return {name: value / total for name, value in result.items()} | {"flow": along}
+
+
+def _above_ground(region: _Region, found: Scattered) -> Scattered:
+    """Without the places that lie inside the body, which are told."""
+    buried = region.surface.buried(found.points)
+    if not buried.any():
+        return found
+    ids = [f"{region.entry['id']}_{number:06d}" for number in found.number[buried]]
+    more = f" and {len(ids) - _MOST_NAMED} more" if len(ids) > _MOST_NAMED else ""
+    warnings.warn(
+        f"{region.place.source}: {region.place.key}: {len(ids)} roots lie inside the body and are "
+        f"left out: {', '.join(ids[:_MOST_NAMED])}{more}",
+        InputWarning,
+        stacklevel=3,
+    )
+    return Scattered(found.points.some(~buried), found.number[~buried])
+
+
+def _fitted(length: Array, points: SurfacePoints, fit: float | None) -> Array:
+    """Lengths (N,) m that the room above the skin allows."""
+    if fit is None:
+        return length
+    room = points.interpolated(points.surface.room)
+    return np.asarray(np.clip(fit * room, _LEAST_FIT * length, length))
 
 
 def _normal(entry: dict[str, Any], name: str, numbers: Indices) -> Array:

@@ -9,6 +9,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _MOST_NAMED = 5
+_AT_ONCE = 2_000_000  # pairs of a point and a triangle
 
 
 def skin_faults(points: Array, triangles: Indices, face: Indices) -> tuple[list[str], list[str]]:
@@ -44,7 +45,7 @@ def skin_faults(points: Array, triangles: Indices, face: Indices) -> tuple[list[
     if len(crossing):
         doubts.append(
             f"passes through itself: {len(crossing)} pairs of triangles, "
-            f"{_faces(face[crossing.ravel()])}; roots there may lie inside the body"
+            f"{_faces(face[crossing.ravel()])}; roots inside the body are left out"
         )
     return problems, doubts
 
@@ -71,6 +72,27 @@ def crossing_triangles(points: Array, triangles: Indices) -> Indices:
             end = corners[pairs[:, one], (edge + 1) % 3]
             found |= _pierced(start, end, corners[pairs[:, other]])
     return pairs[found]
+
+
+def within(points: Array, corners: Array) -> NDArray[np.bool_]:
+    """(N,) whether points (N, 3) lie inside triangles (T, 3, 3), however these cross each other.
+
+    By the winding number: the sum of the solid angles of all triangles over 4 pi (Jacobson 2013;
+    solid angle by Van Oosterom and Strackee 1983). Work grows as N times T.
+    """
+    inside = np.zeros(len(points), dtype=np.bool_)
+    step = max(1, _AT_ONCE // max(len(corners), 1))
+    for start in range(0, len(points), step):
+        block = slice(start, start + step)
+        a, b, c = np.moveaxis(corners[None] - points[block, None, None], 2, 0)
+        na, nb, nc = (np.linalg.norm(each, axis=2) for each in (a, b, c))
+        volume = np.einsum("ntc,ntc->nt", a, np.cross(b, c))
+        bulk = na * nb * nc
+        for first, second, other in ((a, b, nc), (b, c, na), (c, a, nb)):
+            bulk = bulk + np.einsum("ntc,ntc->nt", first, second) * other
+        turns = np.arctan2(volume, bulk).sum(axis=1) / (2.0 * np.pi)
+        inside[block] = turns > 0.5
+    return inside
 
 
 def _near_pairs(corners: Array) -> Indices:

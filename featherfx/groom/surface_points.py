@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+_ABOVE = 1e-6  # of the skin's size: how far over it a place is looked at
+
+
 class SkinSource(Protocol):
     """A mesh that a scene holds, at rest; metres, z up.
 
@@ -76,6 +79,16 @@ class SkinSurface:
         return summed / np.where(length > 0.0, length, 1.0)
 
     @cached_property
+    def room(self) -> Array:
+        """(T, 3) m, at the corners: radius of the largest ball that touches the skin outside."""
+        from featherfx.groom.open_space import room_above
+
+        triangles = self.source.triangles
+        used, own = np.unique(triangles, return_inverse=True)
+        radii = room_above(self.source.points[used], self.normals[used], self.diagonal)
+        return radii[own.reshape(triangles.shape)]
+
+    @cached_property
     def _tree(self) -> Any:
         from scipy.spatial import cKDTree
 
@@ -86,6 +99,15 @@ class SkinSurface:
         _, near = self._tree.query(points)
         found = self._products[near]
         return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+    def buried(self, points: SurfacePoints) -> NDArray[np.bool_]:
+        """(N,) whether places lie inside the body, as they do where it passes through itself."""
+        from featherfx.groom.skin_faults import crossing_triangles, within
+
+        if not len(crossing_triangles(self.source.points, self.source.triangles)):
+            return np.zeros(len(points), dtype=np.bool_)
+        just_above = points.position + _ABOVE * self.diagonal * points.normal
+        return within(just_above, self.corners)
 
     @cached_property
     def diagonal(self) -> float:

@@ -174,6 +174,7 @@ class Placement:
     rank: place in the order in which the layout laid all feathers, a higher one over a lower; -1
         where there was none.
     stack: within a region's layer, a higher stack lies over a lower one; 0: where roots lie tells.
+    grown: whether a region made it; a layout may shorten or drop such a feather.
     """
 
     id: str
@@ -190,6 +191,7 @@ class Placement:
     layer: int = 0
     stack: int = 0
     rank: int = -1
+    grown: bool = False
 
 
 @dataclass(frozen=True)
@@ -197,12 +199,17 @@ class Layout:
     """How feathers are laid over each other at rest.
 
     clearance: m, gap that is aimed at. most_tilt: deg, and most_lift: m, by which a feather is
-    raised at most.
+    raised at most. most_tilt_placed: deg, the same of feathers that no region made. least_size:
+    share of its length down to which a grown feather that does not come clear is shortened.
+    drop: m, depth beyond which it is left out, None: never.
     """
 
     clearance: float
     most_tilt: float
     most_lift: float
+    most_tilt_placed: float = 20.0
+    least_size: float = 1.0
+    drop: float | None = None
 
 
 @dataclass(frozen=True)

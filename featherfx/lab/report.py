@@ -9,15 +9,14 @@ import io
 import json
 import math
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from featherfx.errors import SimulationError
 from featherfx.lab.bench.report import machine
 from featherfx.lab.bench.tables import can_plot
-from featherfx.lab.study import Row, Study, StudyResult, bounded, run_study
+from featherfx.lab.runs import Entry
+from featherfx.lab.study import Row, StudyResult
 
 COLUMNS = ("quantity", "ours", "unit", "published", "tolerance", "verdict", "note")
 COMMAND = "featherfx lab report"
@@ -34,34 +33,6 @@ td.number { text-align: right; font-variant-numeric: tabular-nums; }
 .agrees { color: #060; } .differs { color: #a00; font-weight: bold; }
 img { max-width: 100%; } figure { margin: 1em 0; } figcaption { color: #444; }
 """
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A study and what it found."""
-
-    study: Study
-    result: StudyResult
-
-
-def run_all(
-    chosen: Sequence[Study], folder: Path, progress: Callable[[int, int], None] | None = None
-) -> list[Entry]:
-    """Run studies one after the other, pictures into the folder.
-
-    A study that the solver cannot finish is on the page as one that differs, with its reason.
-    progress: told how many studies of how many are done.
-    """
-    entries = []
-    for k, study in enumerate(chosen):
-        try:
-            result = run_study(study, folder)
-        except SimulationError as error:
-            result = StudyResult([bounded("finished", 0.0, at_least=1.0, note=str(error))])
-        entries.append(Entry(study, result))
-        if progress is not None:
-            progress(k + 1, len(chosen))
-    return entries
 
 
 def shown(value: float | None) -> str:
@@ -88,15 +59,21 @@ def facts(entries: Sequence[Entry], version: str) -> list[str]:
     """Date, machine and the sum of the verdicts, as sentences."""
     found = machine(version)
     verdicts = [row.verdict for entry in entries for row in entry.result.rows]
-    seconds = sum(s for e in entries if math.isfinite(s := e.result.seconds))
+    seconds = sum(s for e in entries if math.isfinite(s := e.result.processor_seconds))
     listed = ", ".join(f"{name} {value}" for name, value in found.items() if name != "date")
     return [
-        f"Run on {found['date']} in {seconds:.0f} s. Machine and versions: {listed}.",
+        f"Run on {found['date']}; the studies took {seconds:.0f} s of processor time, kernels"
+        f" compiled before. Machine and versions: {listed}.",
         f"Of {len(verdicts)} numbers, {verdicts.count('agrees')} agree,"
         f" {verdicts.count('differs')} differ by more than their tolerance and"
         f" {verdicts.count('no comparison')} have nothing to be compared with.",
         *([] if can_plot() else [NO_PLOTS]),
     ]
+
+
+def taken(result: StudyResult) -> str:
+    """How long a study took, in words."""
+    return f"{result.seconds:.1f} s, {result.processor_seconds:.1f} s of processor time"
 
 
 def markdown(entries: Sequence[Entry], version: str) -> str:
@@ -106,7 +83,7 @@ def markdown(entries: Sequence[Entry], version: str) -> str:
         parts.append(f"## {study.title}")
         parts.append(
             f"`{study.name}`, after {study.reproduces}. {result.verdict.capitalize()};"
-            f" {result.seconds:.1f} s."
+            f" {taken(result)}."
         )
         lines = ["| " + " | ".join(COLUMNS) + " |", "|---|---:|---|---:|---:|---|---|"]
         lines += [
@@ -142,8 +119,7 @@ def _section(entry: Entry) -> list[str]:
     head = "".join(f"<th>{_text(name)}</th>" for name in COLUMNS)
     lines = [
         f'<h2 id="{study.name}">{_text(study.title)}</h2>',
-        f"<p><code>{study.name}</code>, after {_text(study.reproduces)};"
-        f" {result.seconds:.1f} s.</p>",
+        f"<p><code>{study.name}</code>, after {_text(study.reproduces)}; {taken(result)}.</p>",
         f"<table><tr>{head}</tr>",
     ]
     for row in result.rows:
@@ -177,6 +153,7 @@ def record(entries: Sequence[Entry], version: str) -> dict[str, Any]:
                 "reproduces": entry.study.reproduces,
                 "verdict": entry.result.verdict,
                 "seconds": _finite(entry.result.seconds),
+                "processor_seconds": _finite(entry.result.processor_seconds),
                 "rows": [_row(row) for row in entry.result.rows],
                 "figures": [
                     {"file": figure.file.name, "caption": figure.caption}

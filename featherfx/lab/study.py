@@ -10,7 +10,7 @@ import importlib
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -62,12 +62,14 @@ class Figure:
 
 @dataclass(frozen=True)
 class StudyResult:
-    """rows: numbers, in the order of the page. figures: none without matplotlib. seconds: wall
-    time of the study, compilation included; filled in by run_study."""
+    """rows: numbers, in the order of the page. figures: none without matplotlib. seconds,
+    processor_seconds: wall and processor time of the study, filled in by run_study; compilation
+    is in them unless the kernels were compiled before."""
 
     rows: Sequence[Row]
     figures: Sequence[Figure] = ()
     seconds: float = math.nan
+    processor_seconds: float = math.nan
 
     @property
     def verdict(self) -> Verdict:
@@ -124,21 +126,35 @@ def reported(quantity: str, ours: float, *, unit: str = "", note: str = "") -> R
     return Row(quantity, float(ours), unit, note=note)
 
 
-def later(place: str) -> Callable[[Path], StudyResult]:
-    """A study's function as "module:function", imported when it runs, not when it is listed."""
-    module, _, name = place.partition(":")
+@dataclass(frozen=True)
+class Later:
+    """A study's function, imported when it runs, not when it is listed or sent to a process.
 
-    def run(folder: Path) -> StudyResult:
-        result = getattr(importlib.import_module(module), name)(folder)
+    module, name: where it is.
+    """
+
+    module: str
+    name: str
+
+    def __call__(self, folder: Path) -> StudyResult:
+        result = getattr(importlib.import_module(self.module), self.name)(folder)
         assert isinstance(result, StudyResult)
         return result
 
-    return run
+
+def later(place: str) -> Later:
+    """A study's function given as "module:function"."""
+    module, _, name = place.partition(":")
+    return Later(module, name)
 
 
 def run_study(study: Study, folder: Path) -> StudyResult:
     """Run a study with its pictures in a folder (made if need be), and time it."""
     folder.mkdir(parents=True, exist_ok=True)
-    begin = time.perf_counter()
+    begin, spent = time.perf_counter(), time.process_time()
     result = study.run(folder)
-    return StudyResult(result.rows, result.figures, time.perf_counter() - begin)
+    return replace(
+        result,
+        seconds=time.perf_counter() - begin,
+        processor_seconds=time.process_time() - spent,
+    )

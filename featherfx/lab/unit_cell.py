@@ -60,6 +60,8 @@ class UnitCell:
         elif not problems and self.crossings > 200:
             text = f"{self.barbule_spacing:g}; allowed: no more than 400 crossings a barbule"
             problems.append(Problem("unit cell", "barbule_spacing", text))
+        if self.hooks < 1 and not any(each.key == "hooks" for each in problems):
+            problems.append(Problem("unit cell", "hooks", f"{self.hooks}; allowed: 1 or more"))
         if problems:
             raise InputError(*problems)
 

@@ -23,13 +23,15 @@ class Checkpoint:
 
     index: number of the sample, 0 at the first frame, counted in frames times subframes.
     states: one per group of feathers. starts: per group (F, n, P, 3) m, material points at the
-    first frame, from which grips count. contact: arrays that contact keeps between frames.
+    first frame, from which grips count. contact, levels: arrays that contact and changes of level
+    keep between frames.
     """
 
     index: int
     states: tuple[State, ...]
     starts: tuple[Array, ...]
     contact: dict[str, NDArray[Any]] = field(default_factory=dict)
+    levels: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def save(self, path: Path) -> None:
         """Write it to an .npz file, whole or not at all."""
@@ -37,7 +39,8 @@ class Checkpoint:
         for k, (state, start) in enumerate(zip(self.states, self.starts, strict=True)):
             arrays |= {f"{k}.{name}": value for name, value in state._asdict().items()}
             arrays[f"{k}.start"] = start
-        arrays |= {f"contact.{name}": value for name, value in self.contact.items()}
+        for kind, kept in (("contact", self.contact), ("levels", self.levels)):
+            arrays |= {f"{kind}.{name}": value for name, value in kept.items()}
         write_whole(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
     @staticmethod
@@ -50,11 +53,14 @@ class Checkpoint:
                     State(*(file[f"{k}.{name}"] for name in State._fields)) for k in groups
                 )
                 starts = tuple(file[f"{k}.start"] for k in groups)
-                contact = {
-                    name.removeprefix("contact."): file[name]
-                    for name in file.files
-                    if name.startswith("contact.")
-                }
-                return Checkpoint(int(file["index"]), states, starts, contact)
+                contact, levels = (
+                    {
+                        name.removeprefix(kind): file[name]
+                        for name in file.files
+                        if name.startswith(kind)
+                    }
+                    for kind in ("contact.", "levels.")
+                )
+                return Checkpoint(int(file["index"]), states, starts, contact, levels)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error

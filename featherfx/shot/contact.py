@@ -19,7 +19,7 @@ from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact_bodies import Bodies
 from featherfx.shot.contact_pairs import candidate_pairs, order_at_rest
-from featherfx.shot.detail import Resolution
+from featherfx.shot.detail import CARRIED, Resolution
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact import ContactReport, ContactSettings, ContactSolver
@@ -38,8 +38,12 @@ SMALLEST_SHARE = 1.0 / 32.0
 TOLERANCE_SHARE, MARGIN_SHARE = 0.1, 8.0
 # misfit of a step's contacts, as a share of the thickness, beyond which it is cut
 WRONG_SHARE = 0.5
+# pairs named in a report
+MOST_NAMED = 10
 # quasi-static steps that bring layered feathers into balance, s, and the most of each
 SETTLING, SETTLING_STEPS = (0.01, 0.03, 0.1, 0.3, 1.0), 6
+# what one that cannot be solved is cut to, and the shortest tried, s
+SETTLING_CUT, SHORTEST_SETTLING = 0.25, 1e-5
 
 
 @dataclass
@@ -68,16 +72,18 @@ class Tally:
 
 
 def common_grid(shot: Shot, resolutions: Sequence[Resolution]) -> list[Resolution]:
-    """Resolutions of feathers that touch: all on the finest grid of any, rigid ones left as such.
+    """Resolutions of feathers that touch: all on the finest grid of any.
+
+    Those that are not simulated touch nothing and are left as they are.
 
     Raises InputError where a feather is to be simulated more coarsely than the others.
     """
-    moving = [each for each in resolutions if each.level != "rigid"]
+    moving = [each for each in resolutions if each.level not in CARRIED]
     if any(each.level != "full" for each in moving):
-        message = 'feathers that touch are simulated on one grid: use level "full" or "rigid" only'
+        message = "feathers that touch are simulated on one grid: use full, guided or rigid only"
         raise InputError(Problem(str(shot.source), "detail", message))
     rows = max((each.rows for each in moving), default=0)
-    return [each if each.level == "rigid" else replace(each, rows=rows) for each in resolutions]
+    return [each if each.level in CARRIED else replace(each, rows=rows) for each in resolutions]
 
 
 class ShotContact:
@@ -110,7 +116,9 @@ class ShotContact:
         pairs = candidate_pairs(rest, lengths)
         halves = 0.5 * thickness
         skin = skin_of([solver.model for solver in solvers], halves)
-        sides = order_at_rest(pairs, np.stack(rest), skin, lengths)
+        ranks = np.array([placement.rank for placement in placements])
+        dorsal = np.stack([placement.rotation[:, 2] for placement in placements])
+        sides = order_at_rest(pairs, np.stack(rest), skin, lengths, ranks, dorsal)
         self._thickness = float(thickness.min())
         settings = ContactSettings(
             friction=self.contact.friction,
@@ -121,6 +129,7 @@ class ShotContact:
         self.tally = Tally()
         self._bodies = Bodies(shot, float(lengths.max()))
         self._proposal = 0.0
+        self._unresolved: list[dict[str, Any]] = []
 
     def advance(
         self,
@@ -175,14 +184,11 @@ class ShotContact:
     def settle(self, states: Sequence[State], loads: Sequence[Loads]) -> list[State]:
         """Bring layered feathers to rest against each other by long damped steps."""
         current = [_stopped(state) for state in states]
-        for h in SETTLING:
-            for number in range(SETTLING_STEPS):
-                paths = [hold_roots(state) for state in current]
-                walls = self._bodies.walls(current, 0.0, 0.0, self.solver.settings.margin)
-                new, reports, contact = self.solver.interval(current, loads, paths, h, walls)
-                status = np.concatenate([report.status for report in reports])
-                if status.any():
-                    raise_if_failed(status, np.zeros(len(status)), self.names)
+        first = True
+        for longest in SETTLING:
+            h = longest
+            for _ in range(SETTLING_STEPS):
+                new, contact, h = self._settling_step(current, loads, h)
                 moved = max(
                     float(np.abs(a.points - b.points).max())
                     for a, b in zip(new, current, strict=True)
@@ -190,12 +196,47 @@ class ShotContact:
                 current = [_stopped(state) for state in new]
                 self.solver.accept()
                 self._bodies.begun = True
-                if h == SETTLING[0] and number == 0:
-                    self.tally.rest_depth = contact.start_depth
+                if first:
+                    self.tally.rest_depth, first = contact.start_depth, False
                 self.tally.settled_depth = contact.depth
-                if moved < self.solver.settings.tolerance:
+                if moved < self.solver.settings.tolerance and h == longest:
                     break
+                h = min(longest, h / SETTLING_CUT)
+        self._unresolved = self._still_deep()
         return current
+
+    def _settling_step(
+        self, states: Sequence[State], loads: Sequence[Loads], h: float
+    ) -> tuple[list[State], ContactReport, float]:
+        """One damped step of h (s), or of as much of it as can be solved; and its length."""
+        while True:
+            paths = [hold_roots(state) for state in states]
+            walls = self._bodies.walls(states, 0.0, 0.0, self.solver.settings.margin)
+            new, reports, contact = self.solver.interval(states, loads, paths, h, walls)
+            status = np.concatenate([report.status for report in reports])
+            if not status.any():
+                return new, contact, h
+            h *= SETTLING_CUT
+            if h < SHORTEST_SETTLING:
+                raise_if_failed(status, np.zeros(len(status)), self.names)
+
+    def _still_deep(self) -> list[dict[str, Any]]:
+        """Pairs that are in each other by more than the tolerance, the deepest first."""
+        guests, hosts, depths = self.solver.depths()
+        worst: dict[tuple[str, str], float] = {}
+        for guest, host, depth in zip(
+            guests.tolist(), hosts.tolist(), depths.tolist(), strict=True
+        ):
+            first, second = sorted((guest, host)) if host >= 0 else (guest, host)
+            pair = self.names[first], self.names[second] if second >= 0 else "a collider"
+            worst[pair] = max(worst.get(pair, 0.0), depth)
+        left = sorted((-depth, *pair) for pair, depth in worst.items())
+        tolerance = self.solver.settings.tolerance
+        return [
+            {"feather": feather, "other": other, "depth": -depth}
+            for depth, feather, other in left
+            if -depth > tolerance
+        ]
 
     def report(self) -> dict[str, Any]:
         """Figures of the contact so far, in SI units."""
@@ -212,6 +253,8 @@ class ShotContact:
             "feather_solves": tally.solves,
             "depth_at_rest": tally.rest_depth,
             "depth_after_settling": tally.settled_depth,
+            "unresolved_pairs": len(self._unresolved),
+            "unresolved": self._unresolved[:MOST_NAMED],
             "worst_depth": tally.depth,
             "worst_residual": tally.residual,
         }

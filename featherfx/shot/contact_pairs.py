@@ -1,7 +1,8 @@
 """Which feathers of a groom may touch, and which of two lies over the other.
 
 At rest the groom's layers tell the order: where one feather's nodes lie over another's vane, their
-sides are counted, and the clear majority holds for the shot. What does not overlap at rest gets its
+sides are counted, and the clear majority holds for the shot. Where a layout laid both feathers, its
+order holds instead. What does not overlap at rest gets its
 order through feathers between (over the one that is over the other), else none.
 """
 
@@ -52,19 +53,27 @@ def _nodes(points: Array) -> Array:
     return np.delete(points, (1, 2), axis=1).reshape(-1, 3)
 
 
-def order_at_rest(pairs: Indices, rest: Array, skin: Skin, lengths: Array) -> Indices:
+def order_at_rest(
+    pairs: Indices, rest: Array, skin: Skin, lengths: Array, ranks: Indices, dorsal: Array
+) -> Indices:
     """(N,) side of the host where the guest belongs, 0 where it is not clear.
 
-    pairs: from `candidate_pairs`. rest: (F, n, P, 3) m.
+    pairs: from `candidate_pairs`. rest: (F, n, P, 3) m. ranks: (F,) places in the order in which a
+    layout laid the feathers, upwards, -1 without one. dorsal: (F, 3) unit vectors at the roots.
     """
     votes = _votes(pairs, rest, skin, NEAR_SHARE * float(lengths.max()))
     half = len(pairs) // 2
-    agree = _normals_agree(pairs[:half], rest)
+    normals = _normals(rest)
+    agree = _agree(normals[pairs[:half, 0]], normals[pairs[:half, 1]])
     # the guest is over its host where the host is under the guest, seen from equal normals
     both = votes[:half] - agree[:, None] * votes[half:]
     side, total = both[:, 0], np.abs(votes[:half, 1]) + np.abs(votes[half:, 1])
     clear = np.abs(side) > CLEAR * np.maximum(total, 1.0)
     order = np.where(clear, np.sign(side), 0.0).astype(np.int64)
+    guest, host = pairs[:half].T
+    laid = (ranks[guest] >= 0) & (ranks[host] >= 0) & (total > 0.0)
+    upward = _agree(normals, dorsal)[host] * np.sign(ranks[guest] - ranks[host])
+    order = np.where(laid, upward, order)
     order = _through_others(pairs[:half], order, agree)
     return np.concatenate([order, -agree * order])
 
@@ -88,14 +97,18 @@ def _votes(pairs: Indices, rest: Array, skin: Skin, margin: float) -> Array:
     return votes
 
 
-def _normals_agree(pairs: Indices, rest: Array) -> Indices:
-    """(N,) 1 where both feathers' surfaces are oriented alike, -1 where they are opposite."""
+def _normals(rest: Array) -> Array:
+    """(F, 3) normals of the feathers' surfaces (F, n, P, 3), on the whole; not of unit length."""
     m = (rest.shape[2] - 3) // 2
     across = rest[:, :, 2 + m] - rest[:, :, 2 + 2 * m]
     along = np.gradient(rest[:, :, 0], axis=1)
-    normal = np.cross(along, across).sum(axis=1)
-    dots = np.einsum("pk,pk->p", normal[pairs[:, 0]], normal[pairs[:, 1]])
-    return np.where(dots >= 0.0, 1, -1)
+    normal: Array = np.cross(along, across).sum(axis=1)
+    return normal
+
+
+def _agree(first: Array, second: Array) -> Indices:
+    """(N,) 1 where vectors (N, 3) point alike, -1 where they are opposite."""
+    return np.where(np.einsum("pk,pk->p", first, second) >= 0.0, 1, -1)
 
 
 def _through_others(pairs: Indices, order: Indices, agree: Indices) -> Indices:

@@ -6,6 +6,7 @@ is carried over to them (featherfx/feather/density.py). Levels of detail:
     full      the quality's rows and columns
     coarse    half of both, one coefficient
     rachis    half the rows, one column of rigid barbs
+    guided    nothing is solved: follows simulated feathers of its region (guided.py)
     rigid     nothing is solved: the rest shape follows the root
 """
 
@@ -28,12 +29,15 @@ from featherfx.mechanics.resolution import (
     rachis_deflection,
     rows_for,
 )
+from featherfx.shot.guides import GuideRule
 from featherfx.shot.motion import Roots
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Detail, Shot
 
 Array = NDArray[np.float64]
 
 CHOSEN_BY_SOLVER = -1
+# levels at which nothing is solved
+CARRIED = ("guided", "rigid")
 # accelerations beyond gravity that feathers see, in gravities
 LOAD_FACTOR = 3.0
 SAMPLES = 33
@@ -58,31 +62,43 @@ class _LoadEstimate(NamedTuple):
     pressure: Array
 
 
-def resolutions(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[Resolution]:
-    """The resolution of every feather; feathers: as the meshes have them.
+class Detailer:
+    """What is simulated of the feathers of a shot, at any level.
 
-    Raises InputError for rigid feathers that are to be pulled.
+    feathers: as the meshes have them. levels: of every feather by [[detail]] and length, where
+    nothing is seen; rules: how its guides would be chosen; pinned: (F,) whether no camera changes
+    its level. Raises InputError for feathers that are not simulated, but pulled.
     """
-    quality = shot.quality
-    coefficients = barb_coefficients(shot, feathers, motion)
-    rows = _simulated_rows(shot, feathers, motion)
-    pulled = _pulled(shot)
-    chosen, problems = [], []
-    for f, placement in enumerate(shot.groom.feathers):
-        level = _level(shot, placement)
-        if level == "rigid" and placement.id in pulled:
-            message = f"feather '{placement.id}' is rigid, but a grip or a force pulls it"
-            problems.append(Problem(str(shot.source), "detail", message))
-        n, m, count = rows[f], quality.columns, coefficients[f]
+
+    def __init__(self, shot: Shot, feathers: Sequence[Feather], motion: Roots) -> None:
+        self._quality = shot.quality
+        self._coefficients = barb_coefficients(shot, feathers, motion)
+        self._rows = _simulated_rows(shot, feathers, motion)
+        given = [_level(shot, placement) for placement in shot.groom.feathers]
+        self.levels = [level for level, _, _ in given]
+        self.rules = [rule for _, rule, _ in given]
+        pulled = _pulled(shot)
+        problems = []
+        pinned = []
+        for placement, (level, _, named) in zip(shot.groom.feathers, given, strict=True):
+            is_pulled = placement.id in pulled
+            pinned.append(named or is_pulled)
+            if level in CARRIED and is_pulled:
+                message = f"feather '{placement.id}' is {level}, but a grip or a force pulls it"
+                problems.append(Problem(str(shot.source), "detail", message))
+        if problems:
+            raise InputError(*problems)
+        self.pinned = np.array(pinned, dtype=np.bool_)
+
+    def resolution(self, f: int, level: str) -> Resolution:
+        """Of one feather at a level."""
+        n, m, count = self._rows[f], self._quality.columns, self._coefficients[f]
         if level != "full":
             n = min(n, max(LEAST_ROWS, (n + 1) // 2))
             m, count = min(m, max(LEAST_COLUMNS, (m + 1) // 2)), min(count, 1)
         if level == "rachis":
             m, count = 1, 0
-        chosen.append(Resolution(level, n, m, count))
-    if problems:
-        raise InputError(*problems)
-    return chosen
+        return Resolution(level, n, m, count)
 
 
 def _pulled(shot: Shot) -> set[str]:
@@ -90,16 +106,26 @@ def _pulled(shot: Shot) -> set[str]:
     return {grip.feather for grip in shot.grips} | {force.feather for force in shot.forces}
 
 
-def _level(shot: Shot, placement: Placement) -> str:
-    """By the last pattern that fits the id, else by the feather's length."""
+def _level(shot: Shot, placement: Placement) -> tuple[str, GuideRule, bool]:
+    """By the last detail that fits the feather, else by its length; and whether by a detail."""
     for detail in reversed(shot.details):
-        if fnmatchcase(placement.id, detail.feathers):
-            return detail.level
+        if fits(detail, placement):
+            return detail.level, GuideRule(detail.every, detail.spacing), True
     length, quality = placement.kind.length, shot.quality
-    for level in ("rigid", "rachis", "coarse"):
+    rule = GuideRule(quality.guided_every, None)
+    for level in ("rigid", "guided", "rachis", "coarse"):
         if length < getattr(quality, f"{level}_below"):
-            return level
-    return "full"
+            return level, rule, False
+    return "full", rule, False
+
+
+def fits(detail: Detail, placement: Placement) -> bool:
+    """Whether a detail is about a feather."""
+    return (
+        fnmatchcase(placement.id, detail.feathers)
+        and fnmatchcase(placement.region, detail.region)
+        and fnmatchcase(placement.kind.name, detail.kind)
+    )
 
 
 def _simulated_rows(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[int]:

@@ -20,7 +20,12 @@ from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
 from featherfx.groom.toml_file import load_toml
 from featherfx.groom.types import Groom
 from featherfx.shot.read_loads import read_details, read_forces, read_grips
-from featherfx.shot.read_scenes import read_colliders, read_skin, read_wind
+from featherfx.shot.read_scenes import (
+    read_colliders,
+    read_level_of_detail,
+    read_skin,
+    read_wind,
+)
 from featherfx.shot.scenes import SceneReaders
 from featherfx.shot.shot_keys import GROOM_USD, SHOT, SHOT_FILE
 from featherfx.shot.types import Contact, Motion, Quality, Shot, Wind
@@ -86,6 +91,7 @@ def _collect(
         return None
     skin = read_skin(raw, checked, groom, place, readers)
     wind_source = read_wind(raw, checked, place, readers)
+    level_of_detail = read_level_of_detail(raw, checked, place, readers)
     if len(problems):
         return None
     return Shot(
@@ -109,6 +115,7 @@ def _collect(
         wind_source=wind_source,
         colliders=colliders,
         contact=_contact(checked["contact"]),
+        level_of_detail=level_of_detail,
     )
 
 

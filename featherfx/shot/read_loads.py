@@ -44,13 +44,19 @@ def read_forces(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple
 
 def read_details(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple[Detail, ...]:
     """Levels of detail of a shot; problems where a pattern fits no feather."""
-    ids = {feather.id for feather in groom.feathers} if groom is not None else None
+    feathers = groom.feathers if groom is not None else ()
+    known = {
+        "feathers": {feather.id for feather in feathers},
+        "region": {feather.region for feather in feathers},
+        "kind": {feather.kind.name for feather in feathers},
+    }
     details = []
     for checked, at in _tables("detail", DETAIL, raw, place):
-        pattern = checked["feathers"]
-        if ids is not None and not any(fnmatchcase(each, pattern) for each in ids):
-            likely = nearest(pattern, ids)
-            at.child("feathers").fail(f"no feather of the groom fits '{pattern}', {likely}")
+        for key, names in known.items():
+            pattern, what = checked[key], "feather" if key == "feathers" else key
+            if names and not any(fnmatchcase(each, pattern) for each in names):
+                message = f"no {what} of the groom fits '{pattern}', {nearest(pattern, names)}"
+                at.child(key).fail(message)
         details.append(Detail(**checked))
     return tuple(details)
 

@@ -10,6 +10,8 @@ from featherfx.groom.types import Groom
 from featherfx.shot.scenes import SceneReaders, Surface, TimedWind
 from featherfx.shot.shot_keys import COLLIDER, SKIN, WIND_USD
 from featherfx.shot.skin_motion import BoundSkin, bind_groom
+from featherfx.shot.types import LevelOfDetail
+from featherfx.shot.view import TimedCamera
 
 
 def read_skin(
@@ -83,6 +85,36 @@ def read_colliders(
         meshes = readers.meshes(path, entry["prims"], entry["collection"], None, at)
         found += meshes or []
     return tuple(found)
+
+
+def read_level_of_detail(
+    raw: dict[str, Any], checked: dict[str, Any], place: Place, readers: SceneReaders | None
+) -> LevelOfDetail | None:
+    """How levels follow what is seen; None where they do not, or after adding problems."""
+    at, values = place.child("level_of_detail"), checked["level_of_detail"]
+    if values is None or not values["enabled"]:
+        return None
+    usd, prim, scale = (values[key] for key in ("usd", "prim", "pixels_per_metre"))
+    if (usd is None) == (scale is None):
+        at.fail("needs either usd and prim of a camera, or pixels_per_metre")
+        return None
+    if (usd is None) != (prim is None):
+        at.child("prim" if prim is None else "usd").fail("missing; a camera has usd and prim")
+        return None
+    if checked["contact"] is not None and checked["contact"]["enabled"]:
+        at.fail("feathers that touch cannot change their level; leave out [contact] or this table")
+        return None
+    camera = None
+    if usd is not None:
+        if not _has_reader(readers, at) or readers is None:
+            return None
+        source = readers.camera(Path(place.source).parent / usd, prim, at)
+        if source is None:
+            return None
+        camera = TimedCamera(source, _start(values, checked, source.time_codes_per_second))
+    left_out = ("enabled", "usd", "prim", "start", "pixels_per_metre")
+    rules = {name: value for name, value in values.items() if name not in left_out}
+    return LevelOfDetail(camera=camera, pixels_per_metre=scale or 0.0, **rules)
 
 
 def _checked(

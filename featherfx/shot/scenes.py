@@ -78,11 +78,13 @@ class SceneReaders(GroomReaders):
     """How scenes are read. Each returns None after adding problems at the place.
 
     feathers, skin: see GroomReaders. meshes: (file, prim paths or names, collection,
-    rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd], place).
+    rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd], place). camera:
+    (file, prim path, place) to a featherfx.shot.view.Camera.
     """
 
     meshes: Callable[[Path, Sequence[str], str | None, float | None, Place], Any]
     wind: Callable[[Path, dict[str, Any], Place], Any]
+    camera: Callable[[Path, str, Place], Any]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from featherfx.groom.groom_keys import GROOM, USD
 from featherfx.groom.preset_keys import Preset, is_table, is_text, vector
 from featherfx.groom.schema import Array, Either, Flag, Key, Number, Table, Text
 
-LEVELS = ("full", "coarse", "rachis", "rigid")
+LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
 
 GRIP = {
     "feather": Key(Text(), "Id of the feather."),
@@ -48,11 +48,26 @@ FORCE = {
 }
 
 DETAIL = {
-    "feathers": Key(Text(), "Ids, with * and ? as wild cards."),
+    "feathers": Key(Text(), "Ids, with * and ? as wild cards.", "*"),
+    "region": Key(Text(), "Regions, with * and ? as wild cards.", "*"),
+    "kind": Key(Text(), "Kinds, with * and ? as wild cards.", "*"),
     "level": Key(
         Text(LEVELS),
         "full: as the quality says; coarse: half the rows and columns, one coefficient; rachis: "
-        "the shaft alone, with rigid barbs; rigid: not simulated, follows its root.",
+        "the shaft alone, with rigid barbs; guided: follows simulated feathers of its region; "
+        "rigid: not simulated, follows its root.",
+    ),
+    "every": Key(
+        Number(0, 100_000, whole=True),
+        "Of guided feathers, every n-th of each region is simulated and guides the others; 0: "
+        "only feathers that are simulated anyway guide.",
+        8,
+    ),
+    "spacing": Key(
+        Number(1e-6, 100, "m"),
+        "Of guided feathers, no more guides than leave none farther from one; `every = 1` lets the "
+        "spacing alone decide.",
+        None,
     ),
 }
 
@@ -114,6 +129,38 @@ CONTACT = {
     ),
 }
 
+LEVEL_OF_DETAIL = {
+    "enabled": Key(Flag(), "Whether levels follow what is seen.", True),
+    "usd": Key(Text(), "USD file of the camera, as seen from the shot file's folder.", None),
+    "prim": Key(Text(), "Path of the camera.", None),
+    "start": _START,
+    "pixels_per_metre": Key(
+        Number(1e-3, 1e9, "1/m"), "Without a camera: all feathers are seen at this scale.", None
+    ),
+    "image_height": Key(Number(1, 100_000), "Height of the picture in pixels.", 1080.0),
+    "coarse_below": Key(
+        Number(0, 1e6), "Feathers shorter than this in the picture, in pixels, are coarse.", 80.0
+    ),
+    "rachis_below": Key(Number(0, 1e6), "Of shorter ones only the shaft is simulated.", 0.0),
+    "guided_below": Key(
+        Number(0, 1e6), "Shorter ones follow simulated feathers of their region.", 30.0
+    ),
+    "rigid_below": Key(Number(0, 1e6), "Shorter ones follow their roots.", 6.0),
+    "outside": Key(Text(LEVELS), "Level of feathers outside the picture.", "rigid"),
+    "margin": Key(Number(0, 10), "Share of the picture by which it is widened on every side.", 0.1),
+    "motion": Key(
+        Number(0, 100),
+        "Sizes count 1 + this times the acceleration of root or tip, in gravities; 0: only what is "
+        "seen counts.",
+        0.5,
+    ),
+    "fade": Key(
+        Number(1, 1000, whole=True),
+        "Frames that a change takes at least, and that a finer level is there before it is needed.",
+        8,
+    ),
+}
+
 SHOT = {
     "name": Key(Text(), "Name of the shot."),
     "groom": Key(
@@ -159,6 +206,9 @@ SHOT = {
         Array(Table(DETAIL, "table"), 0, 10_000),
         "Level of detail by feather, before the quality's lengths; the last one that fits holds.",
         (),
+    ),
+    "level_of_detail": Key(
+        Table(LEVEL_OF_DETAIL, "table"), "Levels of detail by frame, from what is seen.", None
     ),
     "force": Key(Array(Table(FORCE, "table"), 0, 10_000), "Dead forces on points and lines.", ()),
 }

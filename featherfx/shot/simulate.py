@@ -3,57 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
-from featherfx.feather.density import PointMap, density_map
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
-from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.contact import ShotContact, common_grid
-from featherfx.shot.detail import Resolution, resolutions
-from featherfx.shot.forces import force_weights
-from featherfx.shot.loads import frame_loads, root_path
+from featherfx.shot.counts import Counts
+from featherfx.shot.detail import Resolution
+from featherfx.shot.groups import Group, loads_within, make_groups
+from featherfx.shot.level_run import LevelRun
+from featherfx.shot.levels import level_plan
+from featherfx.shot.loads import root_path
 from featherfx.shot.motion import Roots, root_motion
-from featherfx.shot.rigid import FeatherPose, rigid_poses
 from featherfx.shot.settled import settled
 from featherfx.shot.sleep import asleep, at_rest, undisturbed
-from featherfx.shot.types import Force, Frame, Grip, Shot, sample_number
-from featherfx.solver.modes import with_damping
-from featherfx.solver.state import State, rest_state
-from featherfx.solver.step import RootPath, Settings, Solver, StepReport, raise_if_failed
+from featherfx.shot.types import Frame, Shot, sample_number
+from featherfx.solver.step import RootPath, raise_if_failed
 
 Array = NDArray[np.float64]
-
-# Newton stops at this share of the step's tolerance from the step's solution
-NEWTON_SHARE = 1e-2
-# the same where forces of contact follow from the poses, so that feathers in balance come to rest
-CONTACT_NEWTON_SHARE = 1e-3
-
-
-@dataclass
-class _Group:
-    """Feathers that share a grid: their places in the groom, solver, state and loads.
-
-    feathers: as simulated. maps: to the meshes' grid, where that is another one.
-    """
-
-    members: NDArray[np.int64]
-    feathers: list[Feather]
-    maps: list[PointMap | None]
-    names: list[str]
-    grips: list[tuple[int, Grip]]
-    forces: list[tuple[int, Force, Array]]
-    solver: Solver
-    state: State
-    start: Array
-    loads: Loads | None = None
 
 
 class Simulation:
@@ -77,34 +50,22 @@ class Simulation:
     ) -> None:
         self.shot, self._jobs, self._subframes, self._start = shot, jobs, subframes, start
         self._range = frames or (shot.first_frame, shot.last_frame)
-        self._groups: list[_Group] = []
+        self._groups: list[Group] = []
         self._index = -1
-        self._rigid: dict[int, Feather] = {}
+        self._levels: LevelRun | None = None
         self.resolutions: list[Resolution] = []
         quality = shot.quality
         self.feathers: tuple[Feather, ...] = tuple(
             feather_of(p, quality.rows, quality.columns) for p in shot.groom.feathers
         )
-        self._reports: list[StepReport] = []
-        self._slept, self._coasted, self._frames = 0, 0, 0
+        self._counts = Counts()
         self._contact: ShotContact | None = None
 
     @property
     def report(self) -> dict[str, Any]:
         """Counts over all feathers and frames so far."""
-        return {
-            "newton_iterations": _mean_and_max([r.iterations for r in self._reports]),
-            "substeps": _mean_and_max([r.steps for r in self._reports]),
-            "rejected_substeps": int(sum(r.rejected.sum() for r in self._reports)),
-            "substeps_over_tolerance": int(sum(r.forced.sum() for r in self._reports)),
-            "worst_residual": max((float(r.move.max()) for r in self._reports), default=0.0),
-            "worst_step_error": max((float(r.error.max()) for r in self._reports), default=0.0),
-            "skipped": {
-                "sleeping feather frames": self._slept,
-                "coasting feather frames": self._coasted,
-                "rigid feather frames": self._frames * len(self._rigid),
-            },
-        } | ({} if self._contact is None else {"contact": self._contact.report()})
+        contact = {} if self._contact is None else {"contact": self._contact.report()}
+        return self._counts.summary() | contact
 
     def __iter__(self) -> Iterator[Frame]:
         motion = root_motion(self.shot)
@@ -119,15 +80,19 @@ class Simulation:
         wanted, end = ((number - self.shot.first_frame) * self._subframes for number in self._range)
         try:
             for index in range(self._continue(motion), end + 1):
+                levels = self._leveled()
+                if index:
+                    levels.begin(index)
                 if self._contact is not None and index:
                     self._advance_together(motion, index)
                 else:
                     for group in self._groups:
                         self._advance(group, motion, index)
                     self._settle_together(motion, index)
+                levels.finish(index)
                 self._index = index
                 if index >= wanted:
-                    yield self._frame(index, motion)
+                    yield self._frame(index)
         finally:
             for group in self._groups:
                 group.solver.__exit__()
@@ -139,7 +104,12 @@ class Simulation:
             tuple(group.state for group in self._groups),
             tuple(group.start for group in self._groups),
             {} if self._contact is None else self._contact.memory(),
+            self._leveled().fades.memory(),
         )
+
+    def _leveled(self) -> LevelRun:
+        assert self._levels is not None
+        return self._levels
 
     def _continue(self, motion: Roots) -> int:
         """Take over the checkpoint, if there is one; return the sample to compute next."""
@@ -152,100 +122,49 @@ class Simulation:
                 group.loads = self._loads(group, motion, begin.index)
         if self._contact is not None:
             self._contact.restore(begin.contact)
+        self._leveled().fades.restore(begin.levels)
         return begin.index + 1
 
-    def _make_groups(self, motion: Roots) -> list[_Group]:
-        """Batches of feathers of one grid, barb taper and clamp, on their roots."""
-        self.resolutions = resolutions(self.shot, self.feathers, motion)
+    def _make_groups(self, motion: Roots) -> list[Group]:
+        """All batches, and the levels at which feathers go through the shot."""
+        plan = level_plan(self.shot, self.feathers, motion)
+        every = plan.resolutions
+        self.resolutions = [each[0] for each in every]
         if self.shot.contact is not None:
             self.resolutions = common_grid(self.shot, self.resolutions)
-        alike: dict[tuple[Resolution, float, bool], list[int]] = {}
-        for index, placement in enumerate(self.shot.groom.feathers):
-            resolution, kind = self.resolutions[index], placement.kind
-            if resolution.level == "rigid":
-                self._rigid[index] = self.feathers[index]
-                continue
-            key = (resolution, kind.vane_material.barb_taper, has_elastic_clamp(kind))
-            alike.setdefault(key, []).append(index)
-        return [
-            self._group(np.array(members), resolution, motion)
-            for (resolution, _, _), members in alike.items()
-        ]
-
-    def _group(self, members: NDArray[np.int64], resolution: Resolution, motion: Roots) -> _Group:
-        shot, quality = self.shot, self.shot.quality
-        placements = [shot.groom.feathers[i] for i in members]
-        kinds = [p.kind for p in placements]
-        grid = resolution.rows, resolution.columns
-        feathers = [feather_of(p, *grid) for p in placements]
-        model = with_damping(make_model(feathers, kinds, resolution.coefficients), kinds)
-        positions, rotations = motion.frames(0.0)
-        state = rest_state(model, positions[members], rotations[members])
-        place = {p.id: k for k, p in enumerate(placements)}
-        newton = NEWTON_SHARE if shot.contact is None else CONTACT_NEWTON_SHARE
-        settings = Settings(
-            tolerance=quality.tolerance,
-            newton=newton * quality.tolerance,
-            # feathers that touch take common steps
-            max_substeps=quality.max_substeps if shot.contact is None else 1,
-            radius=quality.radius,
-        )
-        return _Group(
-            members=members,
-            feathers=feathers,
-            maps=_maps(feathers, [self.feathers[i] for i in members]),
-            names=[p.id for p in placements],
-            grips=[(place[g.feather], g) for g in shot.grips if g.feather in place],
-            forces=[
-                (place[each.feather], each, force_weights(each, feathers[place[each.feather]]))
-                for each in shot.forces
-                if each.feather in place
-            ],
-            solver=Solver(model, settings, self._jobs),
-            state=state,
-            start=state.points.copy(),
-        )
+            every = tuple((each,) for each in self.resolutions)
+        groups = make_groups(self.shot, self.feathers, every, motion, self._jobs)
+        self._levels = LevelRun(self.shot, plan, self.feathers, groups, motion, self._subframes)
+        return groups
 
     def _time(self, index: int) -> float:
         """s since the first frame."""
         return index / (self.shot.frames_per_second * self._subframes)
 
-    def _loads(self, group: _Group, motion: Roots, index: int) -> Loads:
+    def _loads(self, group: Group, motion: Roots, index: int) -> Loads:
         """What acts on a group on the way to the sample with this index."""
-        return self._loads_within(
-            group, motion, self._time(max(index - 1, 0)), self._time(index), index > 0
-        )
+        start, end = self._time(max(index - 1, 0)), self._time(index)
+        return loads_within(self.shot, group, motion, start, end, index > 0)
 
-    def _loads_within(
-        self, group: _Group, motion: Roots, start: float, end: float, gripped: bool
-    ) -> Loads:
-        """What acts on a group from start to end (s)."""
-        shot = self.shot
-        roots = None
-        if shot.wind_source is not None:
-            roots = motion.frames(0.5 * (start + end))[0][group.members]
-        # grips take hold of the settled feathers, so they do not act while those settle
-        grips = group.grips if gripped else []
-        points = list(group.start)
-        return frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
-
-    def _advance(self, group: _Group, motion: Roots, index: int) -> None:
+    def _advance(self, group: Group, motion: Roots, index: int) -> None:
         """Bring a group to the sample with this index, 0 at the first frame."""
         loads = self._loads(group, motion, index)
         if index == 0:
             if self.shot.settle:
-                group.state = settled(group.solver, group.state, loads, group.names)
+                chosen = np.flatnonzero(self._leveled().active(group)).tolist()
+                group.state = settled(group.solver, group.state, loads, group.names, chosen)
                 group.start = group.state.points.copy()
             return
         duration = self._time(1)
         path = root_path(motion, group.members, self._time(index - 1), self._time(index))
+        path, active = self._leveled().held(group, path), self._leveled().active(group)
         sleeping = self._sleeping(group, path, loads, duration)
-        awake = np.flatnonzero(~sleeping).tolist()
+        awake = np.flatnonzero(active & ~sleeping).tolist()
         group.state, report = group.solver.step(group.state, loads, path, duration, awake)
         if sleeping.any():
             group.state = asleep(group.state, sleeping, path, duration)
         group.loads = loads
-        self._reports.append(report)
+        self._counts.reports.append(report)
         raise_if_failed(report.status, group.state.time, group.names)
 
     def _advance_together(self, motion: Roots, index: int) -> None:
@@ -256,7 +175,7 @@ class Simulation:
             return
 
         def loads_of(begin: float, stop: float) -> list[Loads]:
-            return [self._loads_within(group, motion, begin, stop, True) for group in groups]
+            return [loads_within(self.shot, group, motion, begin, stop, True) for group in groups]
 
         def paths_of(begin: float, stop: float) -> list[RootPath]:
             return [root_path(motion, group.members, begin, stop) for group in groups]
@@ -265,7 +184,7 @@ class Simulation:
         states, reports = self._contact.advance(states, loads_of, paths_of, start, end)
         for group, state, report in zip(groups, states, reports, strict=True):
             group.state, group.loads = state, self._loads(group, motion, index)
-            self._reports.append(report)
+            self._counts.reports.append(report)
 
     def _all_asleep(self, motion: Roots, index: int) -> bool:
         """Whether no feather stirs; then the frame passes. One that moves may push any other."""
@@ -281,7 +200,7 @@ class Simulation:
             everyone = np.ones(len(group.members), dtype=np.bool_)
             path = root_path(motion, group.members, self._time(index - 1), self._time(index))
             group.state = asleep(group.state, everyone, path, self._time(1))
-            self._slept += len(group.members)
+            self._counts.slept += len(group.members)
         return True
 
     def _settle_together(self, motion: Roots, index: int) -> None:
@@ -289,12 +208,12 @@ class Simulation:
         if self._contact is None or index or not self.shot.settle:
             return
         loads = [self._loads(group, motion, 0) for group in self._groups]
-        settled = self._contact.settle([group.state for group in self._groups], loads)
-        for group, state in zip(self._groups, settled, strict=True):
+        rested = self._contact.settle([group.state for group in self._groups], loads)
+        for group, state in zip(self._groups, rested, strict=True):
             group.state, group.start = state, state.points.copy()
 
     def _sleeping(
-        self, group: _Group, path: RootPath, loads: Loads, duration: float
+        self, group: Group, path: RootPath, loads: Loads, duration: float
     ) -> NDArray[np.bool_]:
         """(F,) feathers of a group that sleep or coast through a frame; the others are stepped."""
         if not self.shot.sleep:
@@ -303,27 +222,25 @@ class Simulation:
         coast = tolerance if self.shot.coast else None
         sleeping = undisturbed(group.state, path, loads, group.loads, coast)
         sleeping &= at_rest(group.state, path, tolerance, duration)
+        sleeping &= self._leveled().active(group) & ~self._leveled().fresh(group)
         moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
-        self._slept += int((sleeping & ~moving).sum())
-        self._coasted += int((sleeping & moving).sum())
+        self._counts.slept += int((sleeping & ~moving).sum())
+        self._counts.coasted += int((sleeping & moving).sum())
         return sleeping
 
-    def _frame(self, index: int, motion: Roots) -> Frame:
-        time, before = self._time(index), self._time(max(index - 1, 0))
-        self._frames += 1
-        poses = rigid_poses(self._rigid, motion.frames, before, time) if self._rigid else {}
-        for group in self._groups:
-            for k, member in enumerate(group.members):
-                poses[int(member)] = _pose(group, k)
-                if not np.isfinite(poses[int(member)].points).all():
-                    raise SimulationError(group.names[k], time, "a point is not finite")
-        ordered = [poses[f] for f in range(len(self.feathers))]
+    def _frame(self, index: int) -> Frame:
+        time = self._time(index)
+        self._counts.frame(*self._leveled().counts())
+        poses = self._leveled().shown(index)
+        for placement, pose in zip(self.shot.groom.feathers, poses, strict=True):
+            if not np.isfinite(pose.points).all():
+                raise SimulationError(placement.id, time, "a point is not finite")
         return Frame(
             number=sample_number(self.shot.first_frame, index, self._subframes),
             time=time,
-            points=tuple(pose.points for pose in ordered),
-            velocities=tuple(pose.velocities for pose in ordered),
-            accelerations=tuple(pose.accelerations for pose in ordered),
+            points=tuple(pose.points for pose in poses),
+            velocities=tuple(pose.velocities for pose in poses),
+            accelerations=tuple(pose.accelerations for pose in poses),
         )
 
 
@@ -343,28 +260,3 @@ def simulate(
     be built and, while iterating, SimulationError.
     """
     return Simulation(shot, jobs, frames, subframes, start)
-
-
-def _maps(simulated: list[Feather], drawn: list[Feather]) -> list[PointMap | None]:
-    """From the simulated grids to the drawn ones; None where they are the same."""
-    known: dict[tuple[int, int], PointMap | None] = {}
-    for pair in zip(simulated, drawn, strict=True):
-        key = (id(pair[0]), id(pair[1]))
-        if key not in known:
-            same = pair[0].points.shape == pair[1].points.shape
-            known[key] = None if same else density_map(*pair)
-    return [known[id(a), id(b)] for a, b in zip(simulated, drawn, strict=True)]
-
-
-def _pose(group: _Group, k: int) -> FeatherPose:
-    """Points and rates of a group's feather on the grid of the meshes."""
-    state, to_mesh = group.state, group.maps[k]
-    values = state.points[k], state.velocity[k], state.acceleration[k]
-    return FeatherPose(*(values if to_mesh is None else map(to_mesh, values)))
-
-
-def _mean_and_max(counts: list[Array]) -> dict[str, float]:
-    if not counts:
-        return {"mean": 0.0, "max": 0.0}
-    joined = np.concatenate(counts)
-    return {"mean": float(joined.mean()), "max": float(joined.max())}

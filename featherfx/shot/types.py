@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from featherfx.groom.types import Groom
 from featherfx.shot.scenes import Surface, TimedWind
 from featherfx.shot.skin_motion import BoundSkin
+from featherfx.shot.view import TimedCamera
 
 Array = NDArray[np.float64]
 
@@ -25,8 +26,9 @@ class Quality:
     barbs; -1: chosen by the solver). tolerance: m, error per frame that the sub-stepping aims at.
     max_substeps: most sub-steps per frame. radius: of the integrator, 0 to 0.9
     (featherfx/solver/step.py). simulated_rows: 0: as the meshes; -1: chosen by the
-    solver, at most as many. coarse_below, rachis_below, rigid_below: m, feathers shorter than that
-    are simulated with less detail (featherfx/shot/detail.py).
+    solver, at most as many. coarse_below, rachis_below, guided_below, rigid_below: m, feathers
+    shorter than that are simulated with less detail (featherfx/shot/detail.py). guided_every: of
+    those that are guided by their length, every n-th is a guide.
     """
 
     name: str
@@ -40,17 +42,48 @@ class Quality:
     rachis_below: float = 0.0
     rigid_below: float = 0.0
     radius: float = 0.0
+    guided_below: float = 0.0
+    guided_every: int = 8
 
 
 @dataclass(frozen=True)
 class Detail:
     """How finely some feathers are simulated, whatever their length.
 
-    feathers: id, * and ? as wild cards. level: "full", "coarse", "rachis" or "rigid".
+    feathers, region, kind: patterns with * and ? as wild cards; all three must fit. level: "full",
+    "coarse", "rachis", "guided" or "rigid". every, spacing: of guided feathers, every n-th is a
+    guide (0: none), and, with a spacing (m), no more guides than leave no feather farther from one.
     """
 
     feathers: str
     level: str
+    region: str = "*"
+    kind: str = "*"
+    every: int = 8
+    spacing: float | None = None
+
+
+@dataclass(frozen=True)
+class LevelOfDetail:
+    """How levels of detail follow what is seen (featherfx/shot/levels.py).
+
+    camera: None: all feathers are seen at pixels_per_metre. image_height: pixels. coarse_below,
+    rachis_below, guided_below, rigid_below: pixels of a feather's length in the picture. outside:
+    level of feathers outside the picture, widened by margin (share of it) on every side. motion:
+    weight of the root's acceleration in gravities. fade: frames of a change, at least.
+    """
+
+    camera: TimedCamera | None
+    pixels_per_metre: float
+    image_height: float
+    coarse_below: float
+    rachis_below: float
+    guided_below: float
+    rigid_below: float
+    outside: str
+    margin: float
+    motion: float
+    fade: int
 
 
 @dataclass(frozen=True)
@@ -140,7 +173,7 @@ class Shot:
 
     skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
     wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
-    through each other and through colliders.
+    through each other and through colliders. level_of_detail: None: levels do not change.
     """
 
     name: str
@@ -163,6 +196,7 @@ class Shot:
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()
     contact: Contact | None = None
+    level_of_detail: LevelOfDetail | None = None
 
 
 @dataclass(frozen=True)

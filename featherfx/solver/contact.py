@@ -11,14 +11,17 @@ the stiffness: optimised Schwarz methods, Gander 2006.)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Contacts, Loads
 from featherfx.solver.contact_list_kernels import (
+    GAP,
+    GUEST,
     GUEST_FORCE,
+    HOST,
     PAIR,
     SPARED,
     count_contacts,
@@ -28,6 +31,7 @@ from featherfx.solver.contact_list_kernels import (
     residuals,
     update_forces,
 )
+from featherfx.solver.contact_run import Run
 from featherfx.solver.contact_surfaces import (
     Scene,
     elastic_stiffness,
@@ -134,7 +138,7 @@ class ContactSolver:
         A feather that cannot be solved has a status in its batch's report, and then the other
         results mean nothing.
         """
-        run = _Run(self, states, loads, paths, duration)
+        run = Run(self.solvers, self.first, states, loads, paths, duration)
         rounds, depth, residual = 0, 0.0, 0.0
         for _ in range(SEARCHES):
             searched = run.now.copy()
@@ -152,7 +156,7 @@ class ContactSolver:
         report = ContactReport(closed, rounds, run.solves, residual, depth, begun)
         return run.new, run.reports(), report
 
-    def _solve(self, run: _Run, count: int) -> tuple[int, float, float]:
+    def _solve(self, run: Run, count: int) -> tuple[int, float, float]:
         """Rounds of solves with the contacts found; (rounds, depth, residual)."""
         settings, touch = self.settings, self._touch
         measure(touch, count, run.now)
@@ -179,7 +183,12 @@ class ContactSolver:
         """Keep the forces of the last interval for the next one."""
         remember(self._touch, self._count, self.memory)
 
-    def _find(self, run: _Run, duration: float, walls: Sequence[Wall]) -> int:
+    def depths(self) -> tuple[Indices, Indices, Array]:
+        """Of the last interval's contacts: guest and host (bodies; -1 for a wall), depth in m."""
+        who, value = self._touch.who[: self._count], self._touch.value[: self._count]
+        return who[:, GUEST], who[:, HOST], value[:, SPARED] - value[:, GAP]
+
+    def _find(self, run: Run, duration: float, walls: Sequence[Wall]) -> int:
         """Search for contacts; the room for them grows until they fit."""
         settings = self.settings
         inertia = integrator_coefficients(self.solvers[0].settings.radius, duration)[0]
@@ -214,7 +223,7 @@ class ContactSolver:
             colour[body] = next(c for c in range(bodies) if c not in taken)
         return [colour == c for c in range(int(colour.max()) + 1)]
 
-    def _contacts(self, run: _Run, count: int, mine: NDArray[np.bool_]) -> list[Contacts]:
+    def _contacts(self, run: Run, count: int, mine: NDArray[np.bool_]) -> list[Contacts]:
         """The plane contacts of the bodies mine, per batch."""
         settings, bodies = self.settings, int(self.first[-1])
         flags = mine.astype(np.int8)
@@ -245,80 +254,3 @@ class ContactSolver:
             everything._replace(first=first[low : high + 1])
             for low, high in zip(self.first[:-1], self.first[1:], strict=True)
         ]
-
-
-class _Run:
-    """The batches within one interval: where they started, where the last iterate stands."""
-
-    def __init__(
-        self,
-        solver: ContactSolver,
-        states: Sequence[State],
-        loads: Sequence[Loads],
-        paths: Sequence[RootPath],
-        duration: float,
-    ) -> None:
-        self.solvers, self.first, self.duration = solver.solvers, solver.first, duration
-        self.loads, self.paths = loads, paths
-        self.old = [state.copy() for state in states]
-        for state in self.old:
-            state.proposal[:] = 0.0
-        self.new = [state.copy() for state in self.old]
-        self.start = np.concatenate([state.points for state in self.old])
-        velocity = np.concatenate([state.velocity for state in self.old])
-        self.now = self.start + duration * velocity
-        self.solves = 0
-        self._counts: list[list[StepReport]] = [[] for _ in states]
-        self._seen = np.zeros(int(self.first[-1]), dtype=np.bool_)
-
-    def solve(self, mine: NDArray[np.bool_], contacts: Sequence[Contacts]) -> None:
-        """Solve the bodies mine anew from the interval's start."""
-        for g, solver in enumerate(self.solvers):
-            low, high = self.first[g], self.first[g + 1]
-            feathers = np.flatnonzero(mine[low:high])
-            if len(feathers) == 0:
-                continue
-            loads = self.loads[g]._replace(contacts=contacts[g])
-            new, report = solver.step(
-                self.old[g], loads, self.paths[g], self.duration, feathers.tolist()
-            )
-            for current, solved in zip(self.new[g], new, strict=True):
-                current[feathers] = solved[feathers]
-            self.now[low + feathers] = new.points[feathers]
-            self.solves += len(feathers)
-            # the next try starts from this pose: rates that lead there
-            self.old[g].spin[feathers] = new.spin[feathers]
-            self.old[g].coefficient_rate[feathers] = new.coefficient_rate[feathers]
-            self._counts[g].append(_only(report, feathers))
-
-    def failed(self) -> bool:
-        return any((report.status != 0.0).any() for parts in self._counts for report in parts)
-
-    def reports(self) -> list[StepReport]:
-        """Per batch, all solves of the interval as one report: counts add, the last error holds."""
-        return [
-            _joined(parts, solver.model.feathers)
-            for parts, solver in zip(self._counts, self.solvers, strict=True)
-        ]
-
-
-def _only(report: StepReport, feathers: Indices) -> StepReport:
-    kept = {}
-    for name, value in vars(report).items():
-        part = np.zeros_like(value)
-        part[feathers] = value[feathers]
-        kept[name] = part
-    return StepReport(**kept)
-
-
-def _joined(parts: Sequence[StepReport], count: int) -> StepReport:
-    zero = np.zeros(count)
-    total = {name: zero.copy() for name in StepReport.__dataclass_fields__}
-    for part in parts:
-        solved = (part.steps > 0.0) | (part.status != 0.0)
-        for name in ("iterations", "rejected", "failed", "fallbacks"):
-            total[name] = total[name] + getattr(part, name)
-        for name in ("steps", "forced", "error", "move"):
-            total[name] = np.where(solved, getattr(part, name), total[name])
-        total["status"] = np.maximum(total["status"], part.status)
-    return replace(StepReport(**total))

@@ -36,6 +36,9 @@ from featherfx.solver.contact_search_kernels import (
 # how far beside its closest point, along the host, a node still meets it: thicknesses beyond an
 # edge, and a share of its height above a crease, up to so many thicknesses
 BESIDE, BESIDE_SHARE, CREASE = 1.0, 0.1, 20.0
+# share of a depth of up to so many thicknesses that a contact keeps in an interval: to close it at
+# once, by a force that is carried on from interval to interval, would make it swing
+KEPT, SMALL = 0.5, 0.1
 
 
 @kernel
@@ -127,7 +130,7 @@ def _find_node(pair, i, c, guest, host, order, skin, scene, memory, limits, touc
     depth = max(0.0, thickness - side * begin)
     value[START_GAP] = side * begin - thickness + depth
     value[THICKNESS] = thickness
-    value[SPARED] = max(0.0, depth - limits[1])
+    value[SPARED] = max(KEPT * min(depth, SMALL * thickness), depth - limits[1])
     value[GUEST_FORCE] = memory.force[pair, i, c, 0]
     value[HOST_FORCE] = memory.force[pair, i, c, 1]
     stiff = 0.0

@@ -22,6 +22,9 @@ Bytes = NDArray[np.int8]
 FIRST_ROOM = 1024
 # FIT for a wall, which does not yield, over that of the node
 WALL_FIT = 4.0
+# share of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
+# nanometres would switch forces that Newton then hunts for, and a feather that flies has no clamp
+NEAR_ROOT = 0.4
 
 
 class Skin(NamedTuple):
@@ -119,13 +122,16 @@ def elastic_stiffness(model: Model) -> Array:
     """(F, n, P) N/m, how stiff a feather is at its nodes, apart from inertia.
 
     Between that of a single force, 3 B / s^3 on a barb at s from its root, and that of a force on
-    all nodes of the barb, 8 B / (L^3 m): their geometric mean; shaft and barb in series.
+    all nodes of the barb, 8 B / (L^3 m): their geometric mean; shaft and barb in series. Of the
+    shaft, 3 B / s^3 from NEAR_ROOT of its length on, and as there before.
     """
     m, count = model.columns, model.coefficients
     station = np.cumsum(model.length, axis=1)
     bending = (model.rachis_stiffness[:, :, 4:] * model.length[:, :, None]).min(axis=2)
     shaft = np.full(model.mass.shape[:2], np.inf)
-    shaft[:, 1:] = 3.0 * bending[:, :1] / station**3
+    near = np.maximum(station, NEAR_ROOT * station[:, -1:])
+    shaft[:, 1:] = 3.0 * bending[:, :1] / near**3
+    shaft[:, 0] = shaft[:, 1]
     stiffness = np.repeat(shaft[:, :, None], 3 + 2 * m, axis=2)
     if m and count:
         length = model.segment * m

@@ -8,7 +8,7 @@ lists those that come within reach of it. Outside is where the triangle's normal
 from math import floor, sqrt
 
 from featherfx.compiled import kernel
-from featherfx.solver.contact_find_kernels import BESIDE, BESIDE_SHARE, CREASE
+from featherfx.solver.contact_find_kernels import BESIDE, BESIDE_SHARE, CREASE, KEPT, SMALL
 from featherfx.solver.contact_list_kernels import (
     COLUMN,
     GUEST,
@@ -159,7 +159,7 @@ def _meet(body, i, c, wall, skin, scene, memory, limits, touch, count):
     depth = max(0.0, thickness - along)
     value[START_GAP] = along - thickness + depth
     value[THICKNESS] = thickness
-    value[SPARED] = max(0.0, depth - limits[1])
+    value[SPARED] = max(KEPT * min(depth, SMALL * thickness), depth - limits[1])
     value[GUEST_FORCE] = memory.wall[body, i, c]
     value[HOST_FORCE] = memory.wall[body, i, c]
     value[GUEST_STIFFNESS] = limits[2] * scene.impedance[body, i, p]

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 
 STIFFNESSES = ("rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness")
 
+# unknowns up to which all modes are found at once; the Krylov space of few unknowns breaks down
+SMALL = 120
+
 
 def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
     """Stiffness and mass of one feather at rest as lower bands (N, B + 1) of the coordinates.
@@ -65,10 +68,19 @@ def first_frequency(model: Model, feather: int) -> float:
 
 def frequencies(model: Model, feather: int, count: int) -> Array:
     """(count,) lowest natural frequencies of one held feather, Hz, ascending."""
+    from scipy.linalg import eigh
     from scipy.sparse import diags_array
     from scipy.sparse.linalg import eigsh
 
     stiffness, mass = (_sparse(band, diags_array) for band in rest_bands(model, feather))
+    size = mass.shape[0]
+    if size <= SMALL:
+        # compliance rather than stiffness, so that rounding is a share of the lowest mode's
+        last = (size - count, size - 1)
+        flexible = eigh(
+            mass.toarray(), stiffness.toarray(), eigvals_only=True, subset_by_index=last
+        )
+        return 1.0 / (2.0 * np.pi * np.sqrt(flexible[::-1]))
     values = eigsh(
         stiffness, count, mass, sigma=0.0, return_eigenvectors=False, v0=np.ones(mass.shape[0])
     )

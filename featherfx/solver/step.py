@@ -171,13 +171,17 @@ class Solver:
         return new, StepReport(*(counters[:, column] for column in columns))
 
     def equilibrium(
-        self, state: State, loads: Loads, share: float = 0.0
+        self,
+        state: State,
+        loads: Loads,
+        share: float = 0.0,
+        feathers: Sequence[int] | None = None,
     ) -> tuple[State, Array, Array]:
-        """Bring all feathers to rest under their loads; the given state is not changed.
+        """Bring feathers to rest under their loads; the given state is not changed.
 
-        share: 0..1, place within the loads' frame (grips). Returns the state, and per feather the
-        status (0: at rest within settings.newton; NO_REST: it flutters in the wind, and the pose is
-        one on its way) and the Newton iterations.
+        share: 0..1, place within the loads' frame (grips). feathers: indices, all by default.
+        Returns the state, and per feather the status (0: at rest within settings.newton; NO_REST:
+        it flutters in the wind, and the pose is one on its way) and the Newton iterations.
         """
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         status = np.zeros(self.model.feathers)
@@ -194,7 +198,7 @@ class Solver:
                 self._work(),
             )
 
-        self._for_each(one, range(self.model.feathers))
+        self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
         return new, status, iterations
 
     def _work(self) -> Work:

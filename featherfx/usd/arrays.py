@@ -1,7 +1,7 @@
 """Numpy arrays to USD value arrays and back; the only place that knows how.
 
 USD converts a buffer element by element, ten times slower than memory. Large values are therefore
-computed in place, in the memory of a new USD array (Vec3f).
+computed in place, in the memory of a new USD array (Vec3f, Scalars).
 """
 
 from __future__ import annotations
@@ -39,27 +39,44 @@ def _writes_through() -> bool:
 _IN_PLACE = _writes_through()
 
 
-class Vec3f:
-    """A USD array of count vectors, computed in place. numbers: (count, 3), to be written to.
+class InPlace:
+    """A USD array, computed in place. numbers: its elements, to be written to.
 
     USD shares an array between its copies, so the numbers may change again only when no layer
     holds the value any more.
     """
 
-    __slots__ = ("_value", "numbers")
+    __slots__ = ("_kind", "_value", "numbers")
 
-    def __init__(self, count: int) -> None:
-        self._value = Vt.Vec3fArray(count) if _IN_PLACE else None
+    def __init__(self, kind: Any, shape: tuple[int, ...]) -> None:
+        self._kind = kind
+        self._value = kind(shape[0]) if _IN_PLACE else None
         self.numbers: Floats = (
-            np.empty((count, 3), np.float32)
-            if self._value is None
-            else np.asarray(_Memory(self._value))
+            np.empty(shape, np.float32) if self._value is None else np.asarray(_Memory(self._value))
         )
 
     @property
     def value(self) -> Any:
-        """The Vt.Vec3fArray, with the numbers of now."""
-        return Vt.Vec3fArray.FromNumpy(self.numbers) if self._value is None else self._value
+        """The array as USD takes it, with the numbers of now."""
+        return self._kind.FromNumpy(self.numbers) if self._value is None else self._value
+
+
+class Vec3f(InPlace):
+    """count vectors; numbers: (count, 3)."""
+
+    __slots__ = ()
+
+    def __init__(self, count: int) -> None:
+        super().__init__(Vt.Vec3fArray, (count, 3))
+
+
+class Scalars(InPlace):
+    """count numbers; numbers: (count,)."""
+
+    __slots__ = ()
+
+    def __init__(self, count: int) -> None:
+        super().__init__(Vt.FloatArray, (count,))
 
 
 def vec3f(values: ArrayLike) -> Any:

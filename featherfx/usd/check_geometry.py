@@ -9,6 +9,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from featherfx.usd import arrays
+from featherfx.usd.types import DIAGNOSTICS
 
 Found = Iterator[tuple[str, str]]
 
@@ -21,7 +22,9 @@ _CONSTANT_ATTRIBUTES = (
     "orientation", "doubleSided", "primvars:st", "primvars:Pref", "primvars:rest",
     "primvars:featherId", "primvars:featherKind", "primvars:region", "primvars:side",
 )  # fmt: skip
-_SAMPLED_WITH_POINTS = ("velocities", "normals", "extent")
+_DIAGNOSED = [name for names in DIAGNOSTICS.values() for name in names]
+_PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
+_SAMPLED_WITH_POINTS = ("velocities", "accelerations", "normals", "extent", *_PER_FACE)
 
 
 class GeometryCheck:
@@ -49,7 +52,7 @@ class GeometryCheck:
         topology = list(self._topology())
         yield from topology
         yield from self._over_time("points", self._wrong_count)
-        for name in ("points", "velocities", "normals", "extent", "primvars:barbDirection"):
+        for name in ("points", *_SAMPLED_WITH_POINTS):
             yield from self._over_time(name, _not_finite)
         for name in ("velocities", "accelerations"):
             yield from self._over_time(name, self._not_per_point)

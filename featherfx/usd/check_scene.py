@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdUtils
+from pxr import Tf, Usd, UsdGeom, UsdUtils
 
 from featherfx.errors import InputWarning, Problem
 from featherfx.groom.groom_keys import USD
@@ -16,7 +16,7 @@ from featherfx.groom.schema import Place, Problems, Table
 from featherfx.usd.animated_mesh import open_mesh
 from featherfx.usd.check_geometry import GeometryCheck
 from featherfx.usd.read_groom import read_feathers
-from featherfx.usd.scene import Scene, open_scene, prims_below
+from featherfx.usd.scene import Scene, broken_clips, broken_files, open_scene, prims_below
 
 
 def check_scene(path: Path) -> list[Problem]:
@@ -76,12 +76,8 @@ def _feathers(scene: Scene, path: Path, place: Place) -> None:
 
 def missing_files(path: Path) -> list[Problem]:
     """USD files that a stage names, as sublayer, payload or clip, and that are not to be had."""
-    found = {}
-    for name in _clip_files(path):
-        try:
-            Sdf.Layer.OpenAsAnonymous(name)
-        except Tf.ErrorException as error:
-            found[name] = f"USD cannot open it: {_reason(error)}"
+    stage = Usd.Stage.Open(str(path))
+    found = broken_files(stage) | broken_clips(stage)
     if not found:  # USD 24.3 ends the process where it looks into a file that it cannot open
         try:
             _, _, unresolved = UsdUtils.ComputeAllDependencies(str(path))
@@ -95,15 +91,3 @@ def missing_files(path: Path) -> list[Problem]:
 
 def _reason(error: Any) -> str:
     return "; ".join(str(part.commentary) for part in error.args)
-
-
-def _clip_files(path: Path) -> set[str]:
-    """Value clips of a stage that are there."""
-    stage = Usd.Stage.Open(str(path), Usd.Stage.LoadNone)
-    files: set[str] = set()
-    for prim in stage.TraverseAll():
-        clips = Usd.ClipsAPI(prim).GetClips() or {}
-        for values in clips.values():
-            assets = [*values.get("assetPaths", ()), values.get("manifestAssetPath")]
-            files |= {each.resolvedPath for each in assets if each and each.resolvedPath}
-    return files

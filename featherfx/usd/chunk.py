@@ -19,7 +19,7 @@ from pxr import Sdf
 from featherfx.shot.types import Frame
 from featherfx.usd.arrays import Floats
 from featherfx.usd.atomic import WrittenFile, write_beside
-from featherfx.usd.parts import ChunkRecord, file_digest
+from featherfx.usd.parts import ChunkRecord, checksum
 from featherfx.usd.poses import Pose
 from featherfx.usd.samples import AnimatedPrims
 from featherfx.usd.stage import StageInfo, new_layer
@@ -55,9 +55,9 @@ class WrittenChunk:
     def finish(self) -> ChunkRecord:
         """Force the file to disk, name it, and return its record. Raises OutputError."""
         self.file.flush()
-        size, digest = file_digest(self.file.temporary)
+        size, crc = checksum(self.file.temporary)
         self.file.publish()
-        return ChunkRecord(self.codes, size, digest, self.constant, self.first, self.low, self.high)
+        return ChunkRecord(self.codes, size, crc, self.constant, self.first, self.low, self.high)
 
 
 class ChunkWriter:

@@ -60,7 +60,7 @@ def mesh_sequence(
     files = [_numbered(output, code) for code in codes]
     problems = folder_problems(output)
     if output.suffix not in MESH_SUFFIXES:
-        message = f"suffix '{output.suffix}' is not one of {', '.join(MESH_SUFFIXES)}"
+        message = f"suffix '{output.suffix}' is not one of .abc, {', '.join(MESH_SUFFIXES)}"
         problems.append(Problem(str(output), "", message))
     taken = [file for file in files if file.exists()]
     if taken and not overwrite:

@@ -104,7 +104,7 @@ def _define_prototypes(
     UsdGeom.Scope.Define(stage, scope)
     names = unique_prim_names([entry.id for entry in entries])
     paths = [scope.AppendChild(name) for name in names]
-    posed = posed_feathers(entries, info.space, False)
+    posed = posed_feathers(entries, info.space)
     poses = [each.rest() for each in posed]
     for entry, path, pose in zip(entries, paths, poses, strict=True):
         values = MeshValues(entry.feather.surface)

@@ -18,6 +18,7 @@ from featherfx.groom.schema import Place
 from featherfx.usd.curve_values import Values
 from featherfx.usd.scene import (
     Scene,
+    broken_note,
     find_prim,
     open_scene,
     prims_below,
@@ -67,7 +68,8 @@ def read_feathers(
     ]
     if not feathers and len(place.problems) == count:
         where = ", ".join(paths)
-        place.child("prims").fail(f"{path}: no curves and no instances at {where} or below")
+        nothing = f"{path}: no curves and no instances at {where} or below"
+        place.child("prims").fail(nothing + broken_note(scene))
     return (path, feathers) if len(place.problems) == count else None
 
 

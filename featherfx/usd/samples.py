@@ -13,6 +13,7 @@ from pxr import Sdf
 
 from featherfx.usd.poses import BARB, MESH, RACHIS, Key, Pose, PosedFeather
 from featherfx.usd.primvars import BARB_DIRECTION
+from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS
 
 _TYPES = {
     "points": Sdf.ValueTypeNames.Point3fArray,
@@ -20,18 +21,19 @@ _TYPES = {
     "normals": Sdf.ValueTypeNames.Normal3fArray,
     "velocities": Sdf.ValueTypeNames.Vector3fArray,
     BARB_DIRECTION: Sdf.ValueTypeNames.Vector3fArray,
-    "accelerations": Sdf.ValueTypeNames.Vector3fArray,
+    ACCELERATIONS: Sdf.ValueTypeNames.Vector3fArray,
 }
-_OF_CURVES = ("points", "extent", "velocities", "accelerations")
-RATES = ("velocities", "accelerations")
-_INTERPOLATION = {"normals": "vertex", BARB_DIRECTION: "uniform"}
+_PER_FACE = [name for names in DIAGNOSTICS.values() for name in names]
+_TYPES |= dict.fromkeys(_PER_FACE, Sdf.ValueTypeNames.FloatArray)
+RATES = ("velocities", ACCELERATIONS)
+_INTERPOLATION = {"normals": "vertex"} | dict.fromkeys([BARB_DIRECTION, *_PER_FACE], "uniform")
 
 
 class AnimatedPrims:
     """The prims of a cache that move, and how a pose becomes their values.
 
     feathers: one per entry. meshes, rachises, barbs: prim paths, one of each per feather, None
-    for a feather whose barbs are not drawn. accelerations: whether they are written, too.
+    for what is not drawn of it.
     """
 
     def __init__(
@@ -40,19 +42,16 @@ class AnimatedPrims:
         meshes: Sequence[Any],
         rachises: Sequence[Any],
         barbs: Sequence[Any],
-        accelerations: bool = False,
     ) -> None:
         self.feathers = feathers
-        names = [name for name in _TYPES if accelerations or name != "accelerations"]
+        prims = {MESH: meshes, RACHIS: rachises, BARB: barbs}
         self.paths: list[dict[Key, Any]] = [
-            {(MESH, name): mesh.AppendProperty(name) for name in names}
-            | {
-                (what, name): path.AppendProperty(name)
-                for what, path in ((RACHIS, rachis), (BARB, barb))
-                for name in names
-                if path is not None and name in _OF_CURVES
+            {
+                (part, name): prims[part][index].AppendProperty(name)
+                for part, name in feather.keys
+                if prims[part][index] is not None
             }
-            for mesh, rachis, barb in zip(meshes, rachises, barbs, strict=True)
+            for index, feather in enumerate(feathers)
         ]
 
     def create(self, layer: Any, index: int, key: Key) -> Any:

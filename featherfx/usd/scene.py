@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom, UsdUtils
+from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.schema import Place
@@ -48,14 +48,50 @@ class Scene:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file that the stage is made of, clips included; no textures."""
-        layers, _, _ = UsdUtils.ComputeAllDependencies(str(self.path))
-        return tuple(Path(path) for path in sorted(layer.realPath for layer in layers))
+        """Every file that the open stage is made of, clips included; no textures."""
+        layers = {layer.realPath for layer in self.stage.GetUsedLayers()} | clip_files(self.stage)
+        return tuple(Path(path) for path in sorted(layers) if path)
 
     def matrix(self, prim: Any, code: Any) -> Array:
         """(4, 4) local space of a prim to the world, row vectors, at a time code."""
         local = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code))
         return in_world(local, self.to_world)
+
+
+def broken_files(stage: Any) -> dict[str, str]:
+    """Layers that a stage names and that cannot be opened, and why."""
+    found: dict[str, str] = {}
+    for layer in stage.GetUsedLayers():
+        for name in layer.GetCompositionAssetDependencies():
+            path = Sdf.ComputeAssetPathRelativeToLayer(layer, name)
+            found[path] = _why_not(path)
+    return {path: reason for path, reason in found.items() if reason}
+
+
+def broken_clips(stage: Any) -> dict[str, str]:
+    """Value clips of a stage that are there and cannot be opened, and why."""
+    found = {path: _why_not(path) for path in sorted(clip_files(stage))}
+    return {path: reason for path, reason in found.items() if reason}
+
+
+def _why_not(path: str) -> str:
+    try:
+        return "" if Sdf.Layer.FindOrOpen(path) else "is missing"
+    except Tf.ErrorException as error:
+        # the last says only that the layer failed to open
+        reasons = [str(part.commentary).strip() for part in error.args]
+        return f"USD cannot open it: {reasons[0]}" if reasons else "USD cannot open it"
+
+
+def clip_files(stage: Any) -> set[str]:
+    """Value clips of a stage, and their manifests, that are there."""
+    files: set[str] = set()
+    for prim in stage.TraverseAll():
+        api = Usd.ClipsAPI(prim)
+        for name, values in (api.GetClips() or {}).items():
+            assets = [*api.ComputeClipAssetPaths(name), values.get("manifestAssetPath")]
+            files |= {each.resolvedPath for each in assets if each and each.resolvedPath}
+    return files
 
 
 def stage_space(stage: Any) -> tuple[float, str]:
@@ -86,6 +122,11 @@ def open_scene(path: Path, place: Place) -> Scene | None:
         for problem in error.problems:
             place.fail(f"{problem.source}: {problem.message}")
         return None
+    clips = broken_clips(stage)
+    for file, reason in clips.items():
+        place.fail(f"{file}: {reason}")
+    if clips:
+        return None
     if not stage.HasAuthoredMetadata(UsdGeom.Tokens.metersPerUnit):
         warnings.warn(
             f"{path}: metersPerUnit is not authored, which means centimetres", InputWarning, 2
@@ -107,17 +148,24 @@ def find_prim(scene: Scene, path: str, place: Place) -> Any:
         return None
     prim = scene.stage.GetPrimAtPath(path)
     if not prim:
-        place.fail(_absent(scene, Sdf.Path(path)))
+        place.fail(_absent(scene, Sdf.Path(path)) + broken_note(scene))
         return None
     if not prim.IsActive():
         place.fail(f"{path} is inactive in {scene.path}")
     elif not prim.IsDefined():
-        place.fail(f"{path} is only an over in {scene.path}: nothing defines it")
+        place.fail(
+            f"{path} is only an over in {scene.path}: nothing defines it{broken_note(scene)}"
+        )
     elif prim.IsAbstract():
         place.fail(f"{path} is a class in {scene.path}, which stands for no prim by itself")
     else:
         return prim
     return None
+
+
+def broken_note(scene: Scene) -> str:
+    """What may be the reason that a prim is not there, as the end of a message."""
+    return "".join(f"; {file}: {why}" for file, why in broken_files(scene.stage).items())
 
 
 def _absent(scene: Scene, path: Any) -> str:

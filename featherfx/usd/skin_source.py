@@ -104,29 +104,7 @@ class Skin:
 
     def curves(self, prims: tuple[str, ...], place: Place) -> list[Array] | None:
         """Polylines (k, 3) m of curves at or below prims; None after adding problems."""
-        found: list[Array] = []
-        for path in prims:
-            root = find_prim(self._scene, path, place)
-            if root is None:
-                return None
-            for prim in prims_below(self._scene, root):
-                if prim.IsA(UsdGeom.BasisCurves):
-                    found += self._polylines(UsdGeom.BasisCurves(prim))
-        if not found:
-            place.fail(f"no curves at {', '.join(prims)} or below in {self._scene.path}")
-            return None
-        return found
-
-    def _polylines(self, curves: Any) -> list[Array]:
-        code = rest_code(curves.GetPointsAttr())
-        points = arrays.to_numpy(curves.GetPointsAttr().Get(code)).astype(np.float64)
-        counts = arrays.to_numpy(curves.GetCurveVertexCountsAttr().Get(code)).astype(np.int64)
-        matrix = self._scene.matrix(curves.GetPrim(), transform_code(curves.GetPrim(), code))
-        cubic = str(curves.GetTypeAttr().Get()) == "cubic"
-        basis, pinned = str(curves.GetBasisAttr().Get()), curves.GetWrapAttr().Get() == "pinned"
-        parts = np.split(transformed(points.reshape(-1, 3), matrix), np.cumsum(counts)[:-1])
-        drawn = [spline_points(part, basis, pinned) if cubic else part for part in parts]
-        return [each for each in drawn if len(each) > 1]
+        return _curves(self._scene, prims, place)
 
     def _primvar(self, name: str, size: int, place: Place) -> Array | None:
         """(T, 3) or (T, 3, size) values at the corners of the triangles."""
@@ -175,3 +153,36 @@ class Skin:
                 fits = (offset < counts[self.face]) & (indices[at] == self.triangles[:, corner])
                 result[fits, corner] = values[at[fits]]
         return result
+
+
+def read_curves(path: Path, prim: str, place: Place) -> list[Array] | None:
+    """Polylines (k, 3) m of the curves at or below a prim of a USD file; None after problems."""
+    scene = open_scene(path, place.child("usd"))
+    return None if scene is None else _curves(scene, (prim,), place.child("prim"))
+
+
+def _curves(scene: Scene, prims: tuple[str, ...], place: Place) -> list[Array] | None:
+    found: list[Array] = []
+    for path in prims:
+        root = find_prim(scene, path, place)
+        if root is None:
+            return None
+        for prim in prims_below(scene, root):
+            if prim.IsA(UsdGeom.BasisCurves):
+                found += _polylines(scene, UsdGeom.BasisCurves(prim))
+    if not found:
+        place.fail(f"no curves at {', '.join(prims)} or below in {scene.path}")
+        return None
+    return found
+
+
+def _polylines(scene: Scene, curves: Any) -> list[Array]:
+    code = rest_code(curves.GetPointsAttr())
+    points = arrays.to_numpy(curves.GetPointsAttr().Get(code)).astype(np.float64)
+    counts = arrays.to_numpy(curves.GetCurveVertexCountsAttr().Get(code)).astype(np.int64)
+    matrix = scene.matrix(curves.GetPrim(), transform_code(curves.GetPrim(), code))
+    cubic = str(curves.GetTypeAttr().Get()) == "cubic"
+    basis, pinned = str(curves.GetBasisAttr().Get()), curves.GetWrapAttr().Get() == "pinned"
+    parts = np.split(transformed(points.reshape(-1, 3), matrix), np.cumsum(counts)[:-1])
+    drawn = [spline_points(part, basis, pinned) if cubic else part for part in parts]
+    return [each for each in drawn if len(each) > 1]

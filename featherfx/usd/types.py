@@ -16,6 +16,13 @@ from featherfx.shot.skin_motion import SkinRoot
 Array = NDArray[np.float64]
 
 
+# What may be written of a pose besides, by the names that users ask for.
+ACCELERATIONS = "accelerations"
+STRAIN_ACROSS, STRAIN_SHEAR = "primvars:strainAcross", "primvars:strainShear"
+ENERGY_DENSITY = "primvars:energyDensity"
+DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSITY,)}
+
+
 class OutputError(InputError):
     """An output cannot be written: where, and why. Nothing was left under the final name."""
 
@@ -33,6 +40,7 @@ class FeatherEntry:
     points_map: from the material points of frames, where these are of another grid, to those of
         feather.
     barbs: drawn as curves besides; their points are at rest in the world frame.
+    vane_stiffness: N/m, thickness times modulus across the barbs and in shear, for the energy.
     """
 
     id: str
@@ -45,3 +53,4 @@ class FeatherEntry:
     name: str = ""
     points_map: PointMap | None = None
     barbs: BarbCurves | None = None
+    vane_stiffness: tuple[float, float] = (0.0, 0.0)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
 from pxr import Usd
 
 from featherfx.errors import Problem, SimulationError
 from featherfx.shot.background import Background
 from featherfx.shot.types import Frame, sample_number
+from featherfx.usd.arguments import check_arguments
 from featherfx.usd.assemble import assemble
 from featherfx.usd.chunk import ChunkWriter, WrittenChunk
 from featherfx.usd.curves import define_barbs, define_rachis
@@ -28,7 +27,7 @@ from featherfx.usd.parts import Parts
 from featherfx.usd.poses import BARB, MESH, RACHIS, posed_feathers
 from featherfx.usd.representations import define_representations
 from featherfx.usd.samples import AnimatedPrims
-from featherfx.usd.space import UP_AXES, StageSpace
+from featherfx.usd.space import StageSpace
 from featherfx.usd.stage import (
     BARBS,
     FEATHERS,
@@ -38,7 +37,7 @@ from featherfx.usd.stage import (
     define_root,
     define_scopes,
 )
-from featherfx.usd.types import FeatherEntry, OutputError
+from featherfx.usd.types import ACCELERATIONS, FeatherEntry, OutputError
 
 CHUNK_FRAMES = 24
 # A chunk is held in memory; large ones get fewer frames, but never less than one.
@@ -58,6 +57,7 @@ class CacheWriter:
     layout: "flat", "payload" or "clips" (featherfx/usd/layout.py), or "auto". chunk: frames that
     are held in memory, then written to a file of their own; fewer where they exceed CHUNK_BYTES.
     subframes: samples a frame. accelerations: whether frames have them and they are written.
+    diagnostics: names of DIAGNOSTICS (featherfx/usd/types.py), written per face.
     root: name of the root prim, by default the file's. metadata: plain values, kept with the
     layout as custom data of the root layer.
 
@@ -85,6 +85,7 @@ class CacheWriter:
         chunk: int = CHUNK_FRAMES,
         subframes: int = 1,
         accelerations: bool = False,
+        diagnostics: Sequence[str] = (),
         root: str = "",
         metadata: Mapping[str, Any] | None = None,
         settings: Mapping[str, str] | None = None,
@@ -97,14 +98,15 @@ class CacheWriter:
             "chunk": chunk,
             "subframes": subframes,
         }
-        _check_arguments(self._path, feathers, frames, values, up_axis)
+        check_arguments(self._path, feathers, frames, values, up_axis, diagnostics)
         space = StageSpace(meters_per_unit, up_axis)
         self._info = StageInfo(
             prim_name(root or self._path.stem), space, frames, frames_per_second, {}
         )
         self._feathers, self._subframes = tuple(feathers), subframes
         self._accelerations = accelerations
-        self._posed = posed_feathers(self._feathers, space, accelerations)
+        extras = {*diagnostics, *([ACCELERATIONS] * accelerations)}
+        self._posed = posed_feathers(self._feathers, space, extras)
         self._static = [entry.static for entry in self._feathers]
         bytes_per_sample = sum(each.bytes_per_sample for each in self._posed)
         layout = chosen_layout(layout, bytes_per_sample * self._samples)
@@ -246,7 +248,7 @@ class CacheWriter:
             define_rachis(stage, rachises[k], entry, rest[RACHIS], widths, up, materials)
             if barbs[k] is not None:
                 define_barbs(stage, barbs[k], entry, rest[BARB], posed[k].barb_widths, materials)
-        return AnimatedPrims(posed, meshes, rachises, barbs, self._accelerations)
+        return AnimatedPrims(posed, meshes, rachises, barbs)
 
     def _finish(self) -> None:
         frames = self._info.frames
@@ -266,33 +268,3 @@ class CacheWriter:
         for index in bad:
             reason = "a position or velocity is not finite, or too large for single precision"
             raise SimulationError(self._feathers[index].id, time, reason)
-
-
-def _check_arguments(
-    path: Path,
-    feathers: Sequence[FeatherEntry],
-    frames: tuple[int, int] | None,
-    values: Mapping[str, float],
-    up_axis: str,
-) -> None:
-    wrong: list[tuple[str, str]] = []
-    if not feathers:
-        wrong.append(("feathers", "none given; a cache holds at least one"))
-    seen: set[str] = set()
-    for entry in feathers:
-        if entry.id in seen:
-            wrong.append(("feathers", f"id '{entry.id}' is used twice; ids are unique"))
-        seen.add(entry.id)
-        expected = entry.feather.points.shape
-        if np.shape(entry.rest_points) != expected:
-            shape = np.shape(entry.rest_points)
-            wrong.append(("feathers", f"'{entry.id}': rest points {shape}, not {expected}"))
-    if frames is not None and frames[0] > frames[1]:
-        wrong.append(("frames", f"first frame {frames[0]} is after the last, {frames[1]}"))
-    for key, value in values.items():
-        if not (math.isfinite(value) and value > 0):
-            wrong.append((key, f"{value} is not a finite number above 0"))
-    if up_axis not in UP_AXES:
-        wrong.append(("up_axis", f"'{up_axis}' is not one of {', '.join(UP_AXES)}"))
-    if wrong:
-        raise OutputError(*(Problem(str(path), key, message) for key, message in wrong))

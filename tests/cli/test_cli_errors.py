@@ -1,6 +1,7 @@
 """Failures become one message and an exit code; wrong usage is told with help."""
 
 import errno
+import os
 import subprocess
 import sys
 import time
@@ -71,6 +72,7 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
         (["bake", "s.toml", "--meters-per-unit", "0"], "x>0"),
         (["bake", "s.toml", "--up-axis", "X"], "is not one of"),
         (["bake", "s.toml", "--layout", "clip"], "is not one of"),
+        (["bake", "s.toml", "--diagnostics", "stress"], "'stress' is not one of strain, energy"),
         (["bake", "s.toml", "--presets", "no/such/folder"], "does not exist"),
         (["groom", "g.toml"], "Missing option '-o'"),
         (["check"], "Missing argument 'FILE...'"),
@@ -84,6 +86,15 @@ def test_wrong_usage_is_exit_code_two(arguments, told):
     result = run(*arguments)
     assert result.exit_code == 2
     assert told in result.stderr
+
+
+def test_a_file_without_permission_is_a_problem_like_any_other(tmp_path, monkeypatch):
+    file = tmp_path / "skin.usda"
+    file.write_text("#usda 1.0\n")
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    result = run("check", str(file))
+    assert result.exit_code == 1
+    assert "no permission to read it" in result.stdout
 
 
 def test_options_reach_the_bake(monkeypatch):

@@ -29,7 +29,7 @@ def free_feathers(name: str, positions: Any, **grid: int) -> tuple[Model, State]
 
 
 def solver_of(model: Model, pairs: Any = (), order: Any = (), **settings: Any) -> ContactSolver:
-    solver = Solver(model, Settings(max_substeps=1, newton=1e-8))
+    solver = Solver(model, Settings(max_substeps=1, newton=1e-10))
     pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
     return ContactSolver(
         [solver],

@@ -67,8 +67,8 @@ def test_nothing_passes_at_fifty_metres_a_second(order):
         under = surfaces(model, _state)[0][0], triangles
         shares[name] = share_above(vane_nodes(contact, _state, 1), under)
     assert shares["free"] < 0.05
-    assert shares["touching"] > 0.75
-    # they share their momentum
+    assert shares["touching"] > 0.9
+    # they share their momentum; the shafts, behind vanes that give, not yet all of it
     speeds = _state.velocity[:, :, 0, 2].mean(axis=1)
     assert speeds[0] < -15.0
     assert abs(speeds[1] - speeds[0]) < 50.0 / 3.0

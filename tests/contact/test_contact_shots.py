@@ -71,6 +71,8 @@ def test_flapping_bird_keeps_its_feathers_apart():
     assert contact["worst_depth"] < 0.5 * THICKNESS
     assert contact["depth_after_settling"] < 0.1 * THICKNESS
     assert contact["depth_at_rest"] > 10.0 * THICKNESS
+    assert contact["unresolved_pairs"] == 0
+    assert contact["unresolved"] == []
     assert all_crossings(meshes(simulation, frames[0])) == 0
     assert all_crossings(meshes(simulation, frames[-1])) == 0
 
@@ -93,6 +95,21 @@ def test_neighbours_lie_as_the_rows_say():
         assert sides[k + 1, k] == -1
 
 
+@pytest.mark.parametrize("upwards", [-1, 1])
+def test_the_order_of_a_layout_holds_where_there_is_one(upwards):
+    """Even against the poses: ranks that fall along the row are what they show, rising ones not."""
+    shot = replace(half_wing(bird()), settle=False)
+    ranked = tuple(
+        replace(feather, rank=10 + upwards * k) for k, feather in enumerate(shot.groom.feathers)
+    )
+    simulation, _ = baked(replace(shot, groom=replace(shot.groom, feathers=ranked)), 1)
+    solver = simulation._contact.solver
+    sides = dict(zip(map(tuple, solver.pairs.tolist()), solver.order.tolist(), strict=True))
+    for k in range(4):
+        assert sides[k, k + 1] == -upwards
+        assert sides[k + 1, k] == upwards
+
+
 def test_a_calm_layered_wing_starts_without_a_jump_and_stays():
     shot = replace(half_wing(bird()), motion=Motion("hold", {}), sleep=False)
     _, frames = baked(shot, 4)
@@ -102,6 +119,12 @@ def test_a_calm_layered_wing_starts_without_a_jump_and_stays():
             assert np.abs(np.delete(points, (1, 2), axis=1) - before).max() < 5e-4
     speeds = [np.abs(np.delete(v, (1, 2), axis=1)).max() for v in frames[-1].velocities]
     assert max(speeds) < 0.02
+
+
+def test_a_wing_at_rest_sleeps_as_a_whole():
+    still = replace(half_wing(bird()), motion=Motion("hold", {}), last_frame=200)
+    simulation, _ = baked(still, 60)
+    assert simulation.report["skipped"]["sleeping feather frames"] > 0
 
 
 def test_threads_change_nothing():

@@ -8,6 +8,7 @@ from contact_cases import (
     GRAVITY,
     THICKNESS,
     free_feathers,
+    mass_of,
     positions_of,
     run,
     solver_of,
@@ -15,8 +16,10 @@ from contact_cases import (
     velocity_of,
 )
 
-from featherfx.solver.contact_list_kernels import COLUMN, ROW
+from featherfx.mechanics.model import no_loads
+from featherfx.solver.contact_list_kernels import COLUMN, GUEST_FORCE, ROW
 from featherfx.solver.contact_wall import outward, wall_of
+from featherfx.solver.step import hold_roots
 
 GRID = {"rows": 9, "columns": 4}
 FLOOR = np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])
@@ -27,13 +30,23 @@ def floor(shift=(0.0, 0.0, 0.0)):
     return wall_of(FLOOR, FLOOR + shift, HALVES, 0.02 + abs(shift[2]))
 
 
-def test_a_feather_comes_to_rest_on_the_floor():
-    """What carries it is its momentum that stays zero; no gap is off by more than the tolerance."""
+@pytest.mark.verification
+def test_a_feather_comes_to_rest_on_the_floor_with_its_weight():
+    """The forces' sum is the weight, no gap is off by the tolerance, no step is repeated."""
     model, state = free_feathers("body_contour", [[0, 0, 0.017]], **GRID)
-    contact = solver_of(model, rounds=20)
-    for _state, report in run(contact, state, 4e-3, 300, (0, 0, -GRAVITY), [floor()]):
-        assert report.depth < contact.settings.tolerance + THICKNESS * 0.1
-    assert np.abs(velocity_of(model, _state)).max() < 1e-3
+    contact, late = solver_of(model, rounds=20), []
+    loads = [no_loads(1, (0.0, 0.0, -GRAVITY))]
+    for _ in range(300):
+        (state,), (report,), contacts = contact.interval(
+            [state], loads, [hold_roots(state)], 4e-3, [floor()]
+        )
+        contact.accept()
+        assert contacts.depth < contact.settings.tolerance + THICKNESS * 0.1
+        late.append((report.failed[0], contact._touch.value[: contact._count, GUEST_FORCE].sum()))
+    failed, forces = np.array(late).T
+    assert failed.sum() == 0.0
+    assert forces[-100:] == pytest.approx(mass_of(model) * GRAVITY, rel=2e-3)
+    assert np.abs(velocity_of(model, state)).max() < 1e-5
 
 
 @pytest.mark.verification
@@ -57,6 +70,7 @@ def test_on_an_incline_it_slides_if_the_slope_is_steeper_than_the_friction(frict
     else:
         # it creeps within the slip speed over which friction sets in
         assert abs(speeds[-1]) < contact.settings.smoothing
+        assert abs(gained) < 1e-3 * GRAVITY
 
 
 @pytest.mark.parametrize("speed", [1.0, 50.0])

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import featherfx
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import density_map, hermite_weights
+from featherfx.feather.density import density_map, hermite_weights, scaled_map
 from featherfx.feather.render import barb_curves, render_feather
+from featherfx.feather.scaled import scaled
 from featherfx.shot.placement import place
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
@@ -129,3 +130,14 @@ def test_equal_grids_need_no_map(swan):
     feather, mapped = render_feather(swan, GRID, GRID, False)
     assert mapped is None
     assert feather.rows == GRID[0]
+
+
+def test_the_map_of_a_larger_feather_is_the_scaled_map(swan):
+    small = [build_feather(swan, rows, columns) for rows, columns in ((9, 3), GRID)]
+    large = [scaled(each, 1.7) for each in small]
+    unit, own = density_map(*small), density_map(*large)
+    found = scaled_map(unit, 1.7, small[0].points.shape[1])
+    values = np.random.default_rng(1).normal(size=small[0].points.shape)
+    assert found(values) == pytest.approx(own(values), rel=1e-9, abs=1e-9)
+    assert np.abs(unit(values) - own(values)).max() > 1e-4
+    assert scaled_map(unit, 1.0, small[0].points.shape[1]) is unit

@@ -36,7 +36,8 @@ def placed(kind, name, position, direction=(-1, 0, 0), **more):
 
 
 def groom_of(*feathers, skin=None, **limits):
-    layout = Layout(**{"clearance": CLEARANCE, "most_tilt": 30.0, "most_lift": 1e-3} | limits)
+    usual = {"clearance": CLEARANCE, "most_tilt": 30.0, "most_tilt_placed": 30.0, "most_lift": 1e-3}
+    layout = Layout(**usual | limits)
     return Groom("g", Path("g.toml"), tuple(feathers), layout=layout, skin=skin)
 
 
@@ -132,7 +133,7 @@ def test_the_skin_is_cleared(kind):
 
 def test_what_cannot_be_resolved_is_reported(kind):
     feathers = field(kind)
-    limits = {"most_tilt": 0.0, "most_lift": 0.0}
+    limits = {"most_tilt_placed": 0.0, "most_lift": 0.0}
     groom, report = laid_out(groom_of(*feathers, **limits))
     assert len(report.unresolved) == (report.gaps < 0).sum() > 0
     assert report.unresolved[0].depth == pytest.approx(-report.gaps.min())
@@ -142,6 +143,60 @@ def test_what_cannot_be_resolved_is_reported(kind):
     )
     with pytest.warns(InputWarning, match="still pass through each other"):
         lay_out(groom_of(*feathers, **limits))
+
+
+def crossing(kind):
+    """A placed feather, and a grown one of a lower layer whose tip passes through it."""
+    above = placed(kind, "placed", (0, 0, 0.0), layer=1)
+    below = placed(kind, "grown", (0.015, 0, -0.002), (-1, 0, 0.25), grown=True)
+    return groom_of(above, below, most_tilt=0.0, most_tilt_placed=0.0, most_lift=0.0)
+
+
+def limited(groom, **limits):
+    return replace(groom, layout=replace(groom.layout, **limits))
+
+
+def test_a_grown_feather_is_shortened_until_it_is_clear(kind):
+    groom = crossing(kind)
+    assert laid_out(groom)[1].unresolved[0].depth > 1e-3
+    result, report = laid_out(limited(groom, least_size=0.2))
+    assert report.unresolved == report.dropped == ()
+    assert report.shortened[0] == 1.0
+    assert 0.2 < report.shortened[1] < 1.0
+    short = result.feathers[1]
+    assert short.kind.length == pytest.approx(report.shortened[1] * kind.length)
+    assert scaled(build_feather(short.prototype, 5, 2, False), short.size).points == pytest.approx(
+        build_feather(short.kind, 5, 2, False).points
+    )
+    # no shorter than allowed
+    _, report = laid_out(limited(groom, least_size=0.95))
+    assert report.shortened[1] == pytest.approx(0.95)
+    assert report.unresolved
+
+
+def test_a_grown_feather_that_does_not_come_clear_is_dropped(kind):
+    groom = crossing(kind)
+    result, report = laid_out(limited(groom, drop=1e-4))
+    assert [f.id for f in result.feathers] == ["placed"]
+    assert report.dropped == ("grown",)
+    assert report.unresolved == ()
+    with pytest.warns(InputWarning, match="1 feathers that did not come clear are left out: grown"):
+        lay_out(limited(groom, drop=1e-4))
+    # a depth below the limit is kept and told, and placed feathers always are
+    assert laid_out(limited(groom, drop=0.1))[1].dropped == ()
+    both = replace(groom, feathers=tuple(replace(f, grown=False) for f in groom.feathers))
+    assert laid_out(limited(both, drop=1e-4, least_size=0.2))[1].unresolved
+
+
+def test_few_are_dropped_where_one_is_in_the_way_of_many(kind):
+    feathers = [replace(f, grown=True) for f in field(kind, 4, 4)]
+    spike = placed(kind, "spike", (-0.01, 0.01, -0.004), (0, 0.3, 1), grown=True, layer=1)
+    limits = {"most_tilt": 30.0, "drop": 2e-4}
+    _, report = laid_out(
+        groom_of(*feathers, replace(spike, rotation=frames_from((-1, 0, 0.6), (0, 0, 1))), **limits)
+    )
+    assert report.unresolved == () or report.unresolved[0].depth <= 2e-4
+    assert len(report.dropped) <= 2
 
 
 def test_no_layout_changes_nothing(kind):

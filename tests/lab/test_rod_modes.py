@@ -65,3 +65,11 @@ def test_count_is_checked_with_the_rod():
     with pytest.raises(InputError) as caught:
         natural_frequencies(Rod(1.0, ei=-1.0, segments=5), 16)
     assert [problem.key for problem in caught.value.problems] == ["ei", "count"]
+
+
+def test_rods_of_few_segments_have_modes_too():
+    exact = 1.8751040687**2 / (2.0 * np.pi)
+    rods = [Rod(1.0, 1.0, line_mass=1.0, segments=count) for count in (2, 4, 8)]
+    errors = [exact - natural_frequencies(rod, 1)[0] for rod in rods]
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.05)

@@ -3,14 +3,17 @@
 import importlib
 import json
 import math
+import os
+import time
 
 import pytest
 from click.testing import CliRunner
 
 from featherfx.cli.main import main
 from featherfx.errors import InputError, SimulationError
-from featherfx.lab import drawing, registry, report
+from featherfx.lab import drawing, registry, report, runs
 from featherfx.lab.study import (
+    Later,
     Study,
     StudyResult,
     bounded,
@@ -51,9 +54,8 @@ def test_registry_names_are_unique_and_lead_to_functions():
     names = [study.name for study in registry.STUDIES]
     assert len(set(names)) == len(names)
     for study in registry.STUDIES:
-        place = dict(zip(study.run.__code__.co_freevars, study.run.__closure__, strict=True))
-        module, name = (place[key].cell_contents for key in ("module", "name"))
-        assert callable(getattr(importlib.import_module(module), name))
+        assert isinstance(study.run, Later)
+        assert callable(getattr(importlib.import_module(study.run.module), study.run.name))
 
 
 def trial(folder):
@@ -73,7 +75,7 @@ def broken(folder):
 
 def entries(tmp_path, *functions):
     chosen = [Study(f.__name__, f"The {f.__name__}", "nobody", f) for f in functions]
-    return report.run_all(chosen, tmp_path)
+    return runs.run_all(chosen, tmp_path, compile_first=())
 
 
 def test_report_holds_every_number_and_picture(tmp_path):
@@ -109,6 +111,46 @@ def test_studies_are_timed_and_imported_late(tmp_path):
     assert len(result.rows) == 2
 
 
+def slow_then(folder):
+    time.sleep(0.5)
+    return StudyResult([reported("process", os.getpid())])
+
+
+def quick(folder):
+    return StudyResult([reported("process", os.getpid())])
+
+
+def test_studies_run_in_processes_and_keep_their_order(tmp_path):
+    chosen = [Study(f.__name__, "x", "x", f) for f in (slow_then, quick, broken)]
+    told = []
+    done = runs.run_all(
+        chosen,
+        tmp_path,
+        lambda entry, k, total: told.append((entry.study.name, k, total)),
+        jobs=2,
+        compile_first=(),
+    )
+    assert [entry.study.name for entry in done] == ["slow_then", "quick", "broken"]
+    assert all(entry.result.rows[0].ours != os.getpid() for entry in done)
+    assert done[2].result.verdict == "differs"
+    assert sorted(name for name, _, _ in told) == ["broken", "quick", "slow_then"]
+    assert [(k, total) for _, k, total in told] == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_kernels_are_compiled_before_the_first_study(tmp_path):
+    order = []
+    study = Study("x", "x", "x", lambda folder: order.append("study") or StudyResult([]))
+    runs.run_all([study], tmp_path, compile_first=(lambda: order.append("kernels"),))
+    assert order == ["kernels", "study"]
+
+
+def test_pictures_make_their_folder(tmp_path):
+    pytest.importorskip("matplotlib")
+    file = tmp_path / "new" / "picture.png"
+    assert drawing.draw(file, "x", lambda canvas: canvas.subplots())[0].file == file
+    assert file.read_bytes().startswith(b"\x89PNG")
+
+
 def test_unknown_study():
     with pytest.raises(InputError, match="no_such"):
         registry.studies(["no_such"])
@@ -138,6 +180,11 @@ def test_report_from_the_command_line(tmp_path):
         ),
         (("unitcell", "--preset", "swan_primary", "--angle", "95"), ("angle",)),
         (("unitcell", "--preset", "swan_vane"), ("swan_vane",)),
+        (
+            ("unitcell", "--preset", "swan_primary", "--spacing", "0", "--hooks", "-1"),
+            ("barbule_spacing", "hooks"),
+        ),
+        (("locking", "--ratio", "0", "--elements", "-3"), ("ratio", "elements")),
         (("fullfeather", "--scene", "tip", "--distance", "nan"), ("distance",)),
     ],
 )

@@ -107,6 +107,31 @@ def test_faults_of_a_csv(tmp_path, line, message):
         read_curves(file)
 
 
+def test_all_faults_of_a_csv_are_told(tmp_path):
+    file = tmp_path / "tests.csv"
+    lines = [
+        ",".join(COLUMNS),
+        "0.1,1,95,0.01,0.02,1e-4",
+        "-0.6,1,0,0.01,0.02,nan",
+        "0.1,1,0,0,1,1",
+    ]
+    file.write_text("\n".join(lines))
+    with pytest.raises(InputError) as raised:
+        read_curves(file)
+    assert [each.key for each in raised.value.problems] == [
+        "line 3, strain",
+        "line 3, thickness",
+        "line 2, angle",
+        "line 4, width",
+        "line 4, thickness",
+    ]
+
+
+def test_too_few_elements(curves):
+    with pytest.raises(InputError, match="elements"):
+        calibrate(curves, 0)
+
+
 def test_missing_columns_are_named(tmp_path):
     file = tmp_path / "tests.csv"
     file.write_text("strain,stress,angle\n0.1,5,0\n")

@@ -20,7 +20,7 @@ from featherfx.solver.work import make_work
 
 
 def strains_of(model, state):
-    """Strains of the first feather; the shares of its hinges, which stand behind them, are whole."""
+    """Strains of the first feather; the shares of its hinges, behind them, are whole."""
     work = make_work(model)
     load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], work.now)
     evaluate(model, no_loads(model.feathers), 0, 0.0, (0.0, 0.0, 0.0), work.now, work.around)

@@ -132,9 +132,10 @@ def test_wrong_details_are_told(tmp_path: Path) -> None:
     (tmp_path / "groom.toml").write_text((SAMPLES / "feather_pull" / "groom.toml").read_text())
     text = (SAMPLES / "feather_pull" / "shot.toml").read_text()
     detail = '[[detail]]\nfeathers = "covert_*"\nlevel = "rigid"\n[[detail]]\nlevel = "none"\n'
+    detail += '[[detail]]\nregion = "nowhere"\nkind = "swan_*"\nlevel = "guided"\n'
     (tmp_path / "shot.toml").write_text(text + detail)
     keys = sorted(problem.key for problem in check_file(tmp_path / "shot.toml"))
-    assert keys == ["detail[0].feathers", "detail[1].feathers", "detail[1].level"]
+    assert keys == ["detail[0].feathers", "detail[1].level", "detail[2].region"]
 
 
 def test_a_rigid_feather_cannot_be_pulled() -> None:

@@ -25,17 +25,25 @@ def test_memory_does_not_grow_with_frames(tmp_path):
     assert many["peak"] - few["peak"] < 20e6
 
 
-@pytest.mark.slow
-def test_writing_a_hundred_feathers(tmp_path):
-    """At most three times a raw write of the same bytes; docs/usd.md has the figures.
-
-    The time asks for a quiet machine: computing competes for processors, a raw write hardly does.
-    Of the peak 240 MiB are libraries.
-    """
-    cost(tmp_path / "warm", 1, 1)
-    figures = cost(tmp_path / "large", 100, 240)
+@pytest.fixture(scope="module")
+def large(tmp_path_factory: pytest.TempPathFactory) -> dict[str, float]:
+    """100 feathers of 3,000 points, 240 frames, and the same bytes raw."""
+    folder = tmp_path_factory.mktemp("cost")
+    cost(folder / "warm", 1, 1)
+    figures = cost(folder / "large", 100, 240)
     print(figures)
     assert figures["points"] > 3000
     assert figures["bytes"] > 4e9
-    assert figures["peak"] < 320e6
-    assert figures["seconds"] < 3 * figures["raw"]
+    return figures
+
+
+@pytest.mark.slow
+def test_a_hundred_feathers_within_three_times_a_raw_write(large):
+    """The goal; docs/usd.md has what was measured. It asks for a quiet machine."""
+    assert large["seconds"] < 3 * large["raw"]
+
+
+@pytest.mark.slow
+def test_a_hundred_feathers_within_300_megabytes(large):
+    """The goal; docs/usd.md has what was measured: libraries alone take 254 MB."""
+    assert large["peak"] < 300e6

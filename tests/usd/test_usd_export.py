@@ -132,8 +132,8 @@ def test_a_cache_without_time_is_one_file(tmp_path, wing):
 
 
 def test_what_cannot_be_exported_is_told(tmp_path, caches, wing):
-    with pytest.raises(InputError, match=r"'\.abc' is not one of"):
-        pipeline.export(wing, tmp_path / "out.abc")
+    with pytest.raises(InputError, match=r"'\.fbx' is not one of \.abc, \.glb"):
+        pipeline.export(wing, tmp_path / "out.fbx")
     with pytest.raises(InputError, match="6 is out of range; allowed 1 to 5"):
         pipeline.export(caches["usda"], tmp_path / "out.obj", frames=(4, 9))
     with pytest.raises(InputError, match="file does not exist"):

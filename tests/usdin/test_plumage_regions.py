@@ -133,6 +133,83 @@ def test_where(folder, rule, inside):
     assert inside(positions).all()
 
 
+def facing_spheres(distance):
+    """Two spheres that face each other along x, as one mesh."""
+    parts = [trimesh.creation.icosphere(3, radius=RADIUS) for _ in range(2)]
+    parts[1].apply_translation([2 * RADIUS + distance, 0, 0])
+    return trimesh.util.concatenate(parts)
+
+
+def test_no_feathers_where_there_is_no_room(tmp_path):
+    write_skin(tmp_path, facing_spheres(0.01))
+    # a ball that touches both spheres has its middle in the plane between them: its radius at the
+    # angle a from the axis is (RADIUS + 0.005) / cos(a) - RADIUS
+    positions = roots(grown(tmp_path, region(keys="count = 300\nwhere = [{ room = 0.02 }]")))
+    apart = np.abs(positions[:, 0] - (RADIUS + 0.005))
+    assert len(positions) == 300
+    widest = RADIUS + 0.005 - RADIUS * (RADIUS + 0.005) / (RADIUS + 0.02)
+    assert widest - 0.004 < apart.min() < widest + 0.01
+
+
+def test_feathers_fit_the_room(tmp_path):
+    write_skin(tmp_path, facing_spheres(0.02))
+    groom = grown(tmp_path, region(keys="count = 400\nlength = 0.05\nfit = 1.5"))
+    lengths = np.array([f.kind.length for f in groom.feathers])
+    cosine = roots(groom)[:, 0] / np.linalg.norm(roots(groom), axis=1)
+    near = (np.linalg.norm(roots(groom), axis=1) < 1.01 * RADIUS) & (cosine > 0.8)
+    room = (RADIUS + 0.01) / cosine[near] - RADIUS  # as above, its middle half way between
+    assert near.sum() > 10
+    # the mesh's points stand for the skin, and are 15 mm apart
+    assert lengths[near] == pytest.approx(np.clip(1.5 * room, 0.0125, 0.05), rel=0.15)
+    assert lengths.max() == pytest.approx(0.05)
+    shorter = grown(tmp_path, region(keys="count = 50\nlength = 0.05\nfit = 0.01"))
+    assert min(f.kind.length for f in shorter.feathers) == pytest.approx(0.0125)
+
+
+def test_roots_inside_a_body_that_crosses_itself_are_left_out(tmp_path):
+    write_skin(tmp_path, facing_spheres(-0.08))  # the second reaches 8 cm into the first
+    with pytest.warns(InputWarning) as caught:
+        groom = grown(tmp_path, region(keys="count = 300"))
+    told = "\n".join(str(each.message) for each in caught)
+    assert "passes through itself" in told
+    assert "roots lie inside the body" in told
+    assert 200 < len(groom.feathers) < 300
+    positions, other = roots(groom), np.array([2 * RADIUS - 0.08, 0, 0])
+    for centre in (np.zeros(3), other):
+        assert np.linalg.norm(positions - centre, axis=1).min() > 0.98 * RADIUS
+    # the caps inside have a height of 4 cm of 20, and so a fifth of the area
+    assert len(groom.feathers) == pytest.approx(300 * 0.8, abs=15)
+
+
+ROOT = "{ position = [0, 0, 0], direction = [-1, 0, 0], up = [0, 0, 1] }"
+ROW = f"""[[row]]
+id = "primary"
+kind = "swan_primary"
+count = 5
+first = {ROOT}
+last = {ROOT}
+"""
+
+
+def test_a_row_along_a_curve(tmp_path):
+    write_skin(tmp_path, meters_per_unit=0.01)
+    curve = "curve = { usd = 'skin.usda', prim = '/guides/line' }\n"
+    positions = roots(grown(tmp_path, ROW + curve, skin="name = 'wing'\n"))
+    # 0.1 units of a centimetre long, in five roots at equal distances
+    assert positions[:, 0] == pytest.approx(-0.001 * np.linspace(0, 1, 5))
+    assert positions[:, 2] == pytest.approx(0.001)
+
+
+def test_a_row_along_a_curve_that_is_not_there(folder):
+    missing = problems(folder, ROW + "curve = { usd = 'skin.usda', prim = '/nothing' }\n")
+    assert "row[0].curve.prim" in missing
+    skin = problems(folder, ROW + "curve = { usd = 'skin.usda', prim = '/skin' }\n")
+    assert "no curves at /skin" in skin
+    path = "path = [[0, 0, 0], [1, 0, 0]]\n"
+    both = problems(folder, ROW + path + "curve = { usd = 'skin.usda', prim = '/guides/line' }\n")
+    assert "stands beside path" in both
+
+
 def test_density_from_a_picture(folder):
     from PIL import Image
 

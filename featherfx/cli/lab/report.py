@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -9,7 +10,6 @@ import click
 
 from featherfx import __version__
 from featherfx.cli.program import Command
-from featherfx.cli.progress import Progress
 
 
 def listing(commands: Mapping[str, click.Command]) -> Iterator[str]:
@@ -48,7 +48,12 @@ def listing(commands: Mapping[str, click.Command]) -> Iterator[str]:
     metavar="FILE",
     help="The page as Markdown too.",
 )
-def report(output: Path, only: tuple[str, ...], markdown: Path | None) -> None:
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Studies run at a time; the numbers do not depend on it.  [default: all cores]",
+)
+def report(output: Path, only: tuple[str, ...], markdown: Path | None, jobs: int | None) -> None:
     """Run the studies and hold their numbers against the published ones.
 
     Figures need matplotlib (extra "plots"); without it there are tables. Exit code 0 also where
@@ -56,10 +61,16 @@ def report(output: Path, only: tuple[str, ...], markdown: Path | None) -> None:
     """
     from featherfx.lab import report as pages
     from featherfx.lab.registry import studies
+    from featherfx.lab.runs import Entry, run_all
 
     chosen = studies(only)
-    with Progress("studies") as progress:
-        entries = pages.run_all(chosen, output, progress)
+    output.mkdir(parents=True, exist_ok=True)
+
+    def tell(entry: Entry, done: int, total: int) -> None:
+        text = f"{done} of {total}: {entry.study.name}, {entry.result.verdict}"
+        click.echo(f"{text}, {pages.taken(entry.result)}", err=True)
+
+    entries = run_all(chosen, output, tell, jobs or os.cpu_count() or 1)
     for file in pages.write_report(output, entries, __version__):
         click.echo(file)
     if markdown is not None:

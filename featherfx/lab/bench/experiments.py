@@ -25,7 +25,7 @@ from featherfx.lab.bench.shake import (
 from featherfx.lab.bench.tables import Row, Table
 from featherfx.mechanics.resolution import GRID_SHARE, coefficients_for
 from featherfx.shot.detail import CHOSEN_BY_SOLVER
-from featherfx.shot.simulate import NEWTON_SHARE
+from featherfx.shot.groups import NEWTON_SHARE
 
 METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
 # methods that are compared on one setting; the slow ones would spend hours on the whole front

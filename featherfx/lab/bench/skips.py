@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,16 +14,24 @@ from numpy.typing import NDArray
 
 from featherfx.lab.bench.tables import Row, Table
 from featherfx.shot.detail import CHOSEN_BY_SOLVER
+from featherfx.shot.motion import root_motion
+from featherfx.shot.share import share_of
+from featherfx.shot.shot_keys import LEVEL_OF_DETAIL
 from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Detail, Motion, Shot
+from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
+from featherfx.shot.view import TimedCamera, View
 
 Array = NDArray[np.float64]
 Change = Callable[[Shot], Shot]
 
+# feathers of a shot that are simulated first, so that kernels are compiled
+WARMING = 16
 # the most coefficients that the solver chooses by itself
 MOST_COEFFICIENTS = 4
 # s, how long feathers are held still or fly straight on
 SCENE = 6.0
+# fewer feathers are no plumage whose feathers could follow each other
+GUIDABLE = 8
 # of the tolerance, so small that every sub-step is the shortest allowed
 TIGHT = 1e-3
 
@@ -29,9 +39,12 @@ NOTE = """\
 Each line switches one skip on and compares with the same shot without it, everything else as in
 the file. Seconds are processor times of one thread, without the first frame, in which the feathers
 settle; the error is the largest distance of any point at any frame, as a share of its feather's
-length. Sleeping and coasting have no occasion in shots in which something always moves, so they are
-measured on their feathers, held still in still air or flying straight on in vacuum for six seconds.
-`coarse`, `rachis` and `rigid` are for feathers that are far or small; here all are."""
+length, and the mean that of all points, frames and feathers. Sleeping and coasting have no occasion
+in shots in which something always moves, so they are measured on their feathers, held still in
+still air or flying straight on in vacuum for six seconds. `coarse`, `rachis` and `rigid` are for
+feathers that are far or small; here all are. `guided`: every eighth feather of a region is a guide.
+The camera has the whole plumage in view and backs away until a feather of mean length is ten pixels
+long, at the usual levels by size."""
 
 
 class Skip(NamedTuple):
@@ -59,6 +72,42 @@ def _quality(**values: Any) -> Change:
 
 def _level(level: str) -> Change:
     return lambda shot: replace(shot, details=(*shot.details, Detail("*", level)))
+
+
+# one object, so that skips that are compared with it share its run
+_FULL = _level("full")
+
+
+@dataclass(frozen=True)
+class _Dolly:
+    """A camera that looks along x at a place and backs away from it evenly, one code a second."""
+
+    target: Array
+    near: float
+    far: float
+    duration: float
+    time_codes_per_second: float = 1.0
+    origin: tuple[str, tuple[Path, ...]] = ("", ())
+
+    def view(self, code: float) -> View:
+        x, y, z = np.eye(3)
+        distance = self.near + (self.far - self.near) * code / self.duration
+        return View(self.target - distance * x, -y, z, -x, 0.8, 0.45, (0.0, 0.0), False)
+
+
+def _backing_away(shot: Shot) -> Shot:
+    lengths = np.array([p.kind.length for p in shot.groom.feathers])
+    roots, _ = root_motion(shot).frames(0.0)
+    size = float(np.linalg.norm(np.ptp(roots, axis=0))) + 2.0 * float(lengths.max())
+    keys = {name: key.default for name, key in LEVEL_OF_DETAIL.items()}
+    height = float(keys["image_height"])
+    far = height * float(lengths.mean()) / (10.0 * 0.45)
+    duration = (shot.last_frame - shot.first_frame) / shot.frames_per_second
+    dolly = _Dolly(roots.mean(axis=0), 2.0 * size, max(far, 2.0 * size), max(duration, 1e-3))
+    left_out = ("enabled", "usd", "prim", "start", "pixels_per_metre")
+    values = {name: value for name, value in keys.items() if name not in left_out}
+    rules = LevelOfDetail(camera=TimedCamera(dolly, 0.0), pixels_per_metre=0.0, **values)
+    return replace(shot, level_of_detail=rules)
 
 
 def _same(shot: Shot) -> Shot:
@@ -98,6 +147,15 @@ def _not_pulled(shot: Shot) -> bool:
     return not shot.grips and not shot.forces
 
 
+def _untouched(shot: Shot) -> bool:
+    return shot.contact is None
+
+
+def _guidable(shot: Shot) -> bool:
+    """Feathers that are many, free and do not touch."""
+    return _not_pulled(shot) and _untouched(shot) and len(shot.groom.feathers) > GUIDABLE
+
+
 SKIPS = (
     Skip(
         "feathers at rest sleep",
@@ -126,28 +184,58 @@ SKIPS = (
         _always,
     ),
     Skip("sub-steps chosen, not the shortest", _same, _tight, _always),
-    Skip("detail coarse", _level("coarse"), _level("full"), _always),
-    Skip("detail rachis", _level("rachis"), _level("full"), _always),
-    Skip("detail rigid", _level("rigid"), _level("full"), _not_pulled),
+    Skip("detail coarse", _level("coarse"), _FULL, _untouched),
+    Skip("detail rachis", _level("rachis"), _FULL, _untouched),
+    Skip("detail guided", _level("guided"), _FULL, _guidable),
+    Skip("detail rigid", _level("rigid"), _FULL, _not_pulled),
+    Skip("levels by a camera that backs away", _backing_away, _same, _guidable),
 )
 
 
-def skips_table(shots: Sequence[Shot], progress: Callable[[int, int], None]) -> Table:
-    """Every skip on every shot that it fits. progress: called with the lines done and all."""
-    pairs = [(shot, skip) for shot in shots for skip in SKIPS if skip.fits(shot)]
+def skips_table(
+    shots: Sequence[Shot],
+    progress: Callable[[int, int], None],
+    only: str = "*",
+    frames: int | None = None,
+) -> Table:
+    """Every skip on every shot that it fits.
+
+    progress: called with the lines done and all. only: pattern of the skips' names, with * and ?.
+    frames: of each shot, from its first on; all by default.
+    """
+    shots = [_first(shot, frames) for shot in shots]
+    pairs = [
+        (shot, skip)
+        for shot in shots
+        for skip in SKIPS
+        if skip.fits(shot) and fnmatchcase(skip.name, only)
+    ]
     rows: list[Row] = []
+    known: dict[tuple[int, Change], _Run] = {}
     for shot, skip in pairs:
-        rows.append(_measured(shot, skip))
+        rows.append(_measured(shot, skip, known))
         progress(len(rows), len(pairs))
     return Table("skips", "Skipped work", NOTE, rows)
 
 
-def _measured(shot: Shot, skip: Skip) -> Row:
-    name = shot.name
+def _first(shot: Shot, frames: int | None) -> Shot:
+    if frames is None:
+        return shot
+    return replace(shot, last_frame=min(shot.last_frame, shot.first_frame + frames - 1))
+
+
+def _measured(shot: Shot, skip: Skip, known: dict[tuple[int, Change], _Run]) -> Row:
+    """One line. known: runs without a skip, by shot and change, for other skips to compare with."""
+    name, key = shot.name, (id(shot), skip.off)
     if skip.scene is not None:
         name, shot = f"{name}, {skip.scene[0]}", skip.scene[1](shot)
-    without, with_skip = _run(skip.off(shot)), _run(skip.on(shot))
+        without = _run(skip.off(shot))
+    else:
+        without = known[key] if key in known else _run(skip.off(shot))
+        known[key] = without
+    with_skip = _run(skip.on(shot))
     grids = sorted({(r.rows, r.columns, r.coefficients) for r in with_skip.simulation.resolutions})
+    worst, mean = _errors(shot, without.points, with_skip.points)
     return {
         "shot": name,
         "skip": skip.name,
@@ -155,14 +243,16 @@ def _measured(shot: Shot, skip: Skip) -> Row:
         "seconds without": without.seconds,
         "seconds with": with_skip.seconds,
         "time saved %": 100.0 * (1.0 - with_skip.seconds / max(without.seconds, 1e-9)),
-        "error added %": 100.0 * _error(shot, without.points, with_skip.points),
+        "error added %": 100.0 * worst,
+        "mean error %": 100.0 * mean,
         "skipped feather frames": sum(with_skip.simulation.report["skipped"].values()),
     }
 
 
 def _run(shot: Shot) -> _Run:
-    """The shot on one thread, after its first two frames have compiled what they need."""
-    list(simulate(shot, frames=(shot.first_frame, min(shot.first_frame + 1, shot.last_frame))))
+    """The shot on one thread, after two frames of some feathers have compiled what they need."""
+    some = share_of(shot, 1, max(1, len(shot.groom.feathers) // WARMING))
+    list(simulate(some, frames=(shot.first_frame, min(shot.first_frame + 1, shot.last_frame))))
     simulation = simulate(shot)
     frames = iter(simulation)
     points = [next(frames).points]
@@ -171,13 +261,14 @@ def _run(shot: Shot) -> _Run:
     return _Run(time.process_time() - begin, points, simulation)
 
 
-def _error(
+def _errors(
     shot: Shot, first: Iterable[tuple[Array, ...]], second: Iterable[tuple[Array, ...]]
-) -> float:
-    """Largest distance of any point over its feather's length, directors left out."""
-    worst = 0.0
+) -> tuple[float, float]:
+    """Largest and mean distance of points over their feather's length, directors left out."""
+    worst, means = 0.0, []
     for one, other in zip(first, second, strict=True):
         for placement, a, b in zip(shot.groom.feathers, one, other, strict=True):
-            way = np.delete(a - b, (1, 2), axis=1)
-            worst = max(worst, float(np.linalg.norm(way, axis=2).max()) / placement.kind.length)
-    return worst
+            way = np.linalg.norm(np.delete(a - b, (1, 2), axis=1), axis=2) / placement.kind.length
+            worst = max(worst, float(way.max()))
+            means.append(float(way.mean()))
+    return worst, float(np.mean(means))

@@ -20,7 +20,10 @@ from featherfx.lab.study import Figure, Row, StudyResult, bounded, reported
 
 # s; one feather in the reference, on its authors' machine
 REFERENCE_SECONDS = 300.0
-SHAPE = "published as pictures only; held against bounds that tell the two behaviours apart"
+SHAPE = (
+    "the published results are pictures; the bound is this laboratory's own, chosen to tell the two"
+    " behaviours apart"
+)
 
 
 def side_pull(folder: Path) -> StudyResult:
@@ -93,7 +96,8 @@ def tip_pull(folder: Path) -> StudyResult:
             "wrinkle wavelength, barbs on 61 rows",
             pull_feather(FullPull("tip", 0.2, rows=61), "barbs").wavelength,
             unit="m",
-            note="on 41 rows the wave is as short as four rows, the shortest that is looked for",
+            note="on 41 rows the wave is near four rows, the shortest that is looked for: its"
+            " length is not converged there, that it wrinkles does not hang on it",
         ),
     ]
     caption = (
@@ -148,8 +152,12 @@ def _picture(file: Path, caption: str, found: dict[str, Pulled]) -> tuple[Figure
             axes.plot(*(1e3 * each.rest[:, 0, :2]).T, "k:", lw=0.8)
             axes.set_aspect("equal")
             axes.set_xlim(-5.0, 1e3 * LENGTH + 10.0)
+            bottom, top = axes.get_ylim()
+            axes.set_ylim(bottom - 3.0, top + 3.0)
+            axes.set_ylabel("y, mm", fontsize=7)
             axes.set_title(name, fontsize=9)
             axes.tick_params(labelsize=6)
-            canvas.colorbar(drawn, ax=axes, shrink=0.9, label="mm")
+            canvas.colorbar(drawn, ax=axes, shrink=0.9, label="height, mm")
+        axes.set_xlabel("x, mm", fontsize=7)
 
     return draw(file, caption, paint, (8.0, 7.0))

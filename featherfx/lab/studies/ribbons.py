@@ -31,7 +31,7 @@ THICKNESS = 1e-4
 def cantilever(folder: Path) -> StudyResult:
     """Drop over reach of a strip clamped level, over the range of the load parameter."""
     exact = np.array([drop / x for x, drop in map(heavy_elastica, LOADS)])
-    ribbon = cantilever_ratios(LOADS)
+    ribbon = cantilever_ratios(LOADS.tolist())
     rod = []
     for load in LOADS:
         tip = bend(Rod(1.0, 1.0, line_weight=float(load), segments=ROD_SEGMENTS)).tip

@@ -180,14 +180,14 @@ def _paint_cell(axes: Any, cell: UnitCell) -> None:
     width, rise = cell.barb_spacing, cell.crossings * cell.height
     for k in range(4):
         base = k * cell.height
-        for nodes, root_x, side, colour in (
+        for way, root_x, side, colour in (
             (distal, 0.0, 1.0, "C0"),
             (proximal, width, -1.0, "C1"),
         ):
-            share = (len(nodes) - 1) / (2 * cell.crossings)
+            share = (len(way) - 1) / (2 * cell.crossings)
             x = 1e6 * np.array([root_x, root_x + side * share * width])
             axes.plot(x, 1e6 * np.array([base, base + share * rise]), color=colour, lw=0.7)
-    for x in (0.0, width):
-        axes.plot([1e6 * x] * 2, [0.0, 1e6 * (rise + 3 * cell.height)], "k-", lw=3)
+    for edge in (0.0, width):
+        axes.plot([1e6 * edge] * 2, [0.0, 1e6 * (rise + 3 * cell.height)], "k-", lw=3)
     axes.set_aspect("equal")
     axes.set_xlabel("micrometres")

@@ -101,21 +101,30 @@ def tilted_sample(angle: float = 45.0, width: float = WIDTH, aspect: float = ASP
     return Sample(angle, width, width * aspect)
 
 
-def fit_shear(bands: Bands, order: Order = 2, angle: float = 45.0) -> FittedShear:
+def fit_shear(
+    bands: Bands,
+    order: Order = 2,
+    angle: float = 45.0,
+    *,
+    largest: float = STRAIN,
+    barbs_times: float = 1.0,
+) -> FittedShear:
     """Shear modulus of the membrane from a tilted test of bands.
 
-    order: of the bands' elements; 1, three-node triangles, for comparison only: they are too stiff
-    in bending. Raises InputError.
+    largest: strain. For comparison only: order 1, bands of three-node triangles, too stiff in
+    bending; barbs_times, the factor by which the barbs of the bands, not of the membrane, are
+    stiffened: a large one keeps them from bending. Raises InputError.
     """
     require(*bands_problems(bands))
-    sample, strain = tilted_sample(angle), strains(STRAIN, STEPS)
-    target = mean_band_slope(sample, bands, strain, order)
+    sample, strain = tilted_sample(angle), strains(largest, max(STEPS, round(largest / STRAIN)))
+    stiffened = replace(bands, barb=barbs_times * bands.barb)
+    target = mean_band_slope(sample, stiffened, strain, order)
     guesses = [series_shear(bands), 1.2 * series_shear(bands)]
-    found = [_membrane_slope(sample, effective_moduli(bands, each)) for each in guesses]
+    found = [_membrane_slope(sample, effective_moduli(bands, each), strain) for each in guesses]
     for _ in range(3):
         rate = (found[-1] - found[-2]) / (guesses[-1] - guesses[-2])
         guesses.append(guesses[-1] + (target - found[-1]) / rate)
-        found.append(_membrane_slope(sample, effective_moduli(bands, guesses[-1])))
+        found.append(_membrane_slope(sample, effective_moduli(bands, guesses[-1]), strain))
         if abs(found[-1] / target - 1.0) < 1e-5:
             break
     moduli = effective_moduli(bands, guesses[-1])
@@ -145,7 +154,7 @@ def angle_slopes(bands: Bands, angles: Sequence[float] = ANGLES) -> AngleSlopes:
             by_bands.append(fitted.bands_slope)
         else:
             by_bands.append(mean_band_slope(sample, bands, strain))
-        by_membrane.append(_membrane_slope(sample, fitted.moduli))
+        by_membrane.append(_membrane_slope(sample, fitted.moduli, strain))
     return AngleSlopes(tuple(angles), np.array(by_bands), np.array(by_membrane), fitted)
 
 
@@ -182,5 +191,5 @@ def band_width(sample: Sample, pulled: Pulled) -> float:
     return float((high - low) / (EDGES[1] - EDGES[0]))
 
 
-def _membrane_slope(sample: Sample, moduli: Moduli) -> float:
-    return pull_test(Traction(sample, moduli, STRAIN, STEPS, ELEMENTS)).slope
+def _membrane_slope(sample: Sample, moduli: Moduli, strain: Array) -> float:
+    return pull_test(Traction(sample, moduli, float(strain[-1]), len(strain), ELEMENTS)).slope

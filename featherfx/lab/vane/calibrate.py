@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, Problem
 from featherfx.lab.vane.curves import Curve
 from featherfx.lab.vane.elements import membrane
-from featherfx.lab.vane.sample import Moduli, isotropic, slope
+from featherfx.lab.vane.sample import Moduli, isotropic, require, slope
 from featherfx.lab.vane.statics import Statics
-from featherfx.lab.vane.traction import Traction, clamped, mesh_of, pull
+from featherfx.lab.vane.traction import Traction, clamped, elements_problems, mesh_of, pull
 
 Array = NDArray[np.float64]
 
@@ -92,6 +92,7 @@ def calibrate(curves: Sequence[Curve], elements: int = FINE) -> Calibration:
     moduli, naming the tests that are missing.
     """
     begin = time.perf_counter()
+    require(*elements_problems(elements))
     _require_tests(curves)
     scale = [float(np.sqrt(np.mean(curve.stress**2))) for curve in curves]
     data = np.concatenate([c.stress / s for c, s in zip(curves, scale, strict=True)])

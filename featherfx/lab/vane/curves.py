@@ -49,8 +49,7 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
     points = [_point(source, number, line, problems) for number, line in lines]
     if not points:
         problems.append(Problem(source, "", "holds no points"))
-    if not problems:
-        problems += _sample_problems(source, lines, points)
+    problems += _sample_problems(source, lines, points)
     if problems:
         more = len(problems) - NAMED
         rest = [Problem(source, "", f"and {more} more problems")] if more > 0 else []
@@ -73,7 +72,8 @@ def _point(
             continue
         if not isfinite(value):
             problems.append(Problem(source, place, f"{text} is not finite"))
-        elif key == "strain" and not -0.5 < value <= 2.0:
+            continue
+        if key == "strain" and not -0.5 < value <= 2.0:
             message = f"{value:g} is not allowed, must be above -0.5 to 2; is this in percent?"
             problems.append(Problem(source, place, message))
         values.append(value)

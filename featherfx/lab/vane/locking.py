@@ -86,9 +86,10 @@ def run_locking(
     Raises InputError for ratios below 1 or too few elements.
     """
     wrong = [each for each in ratios if not 1.0 <= each <= 1e9]
-    require(*(Problem("", "ratio", f"{each:g}: must be 1 to 1e9") for each in wrong))
+    problems = [Problem("", "ratio", f"{each:g}: must be 1 to 1e9") for each in wrong]
     for count in (*elements, reference):
-        require(*traction_problems(_test(1.0, count, "aligned", "shell")))
+        problems += traction_problems(_test(1.0, count, "aligned", "shell"))
+    require(*problems)
     points: list[LockingPoint] = []
     references = []
     for ratio in ratios:

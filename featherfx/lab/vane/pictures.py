@@ -102,8 +102,10 @@ def band_picture(file: Path, bands: Sequence[ShearBand]) -> tuple[Figure, ...]:
                 (grid[0, column], band.bands, "mesoscale"),
                 (grid[1, column], band.membrane, "macroscale"),
             ):
-                _deformed(axes, pulled, most)
+                drawn = _deformed(axes, pulled, most)
                 axes.set_title(f"{name}, aspect {band.aspect:g}", fontsize=8)
+            below = grid[:, column].tolist()
+            canvas.colorbar(drawn, ax=below, location="bottom", shrink=0.8, label="2 |e_vw|")
 
     caption = (
         "Tilted tests in both models, coloured by the size of the shear 2 e_vw, on one scale for"
@@ -119,8 +121,8 @@ def _shear(pulled: Pulled) -> Array:
     return mean
 
 
-def _deformed(axes: Any, pulled: Pulled, most: float) -> None:
-    axes.tripcolor(
+def _deformed(axes: Any, pulled: Pulled, most: float) -> Any:
+    drawn = axes.tripcolor(
         *pulled.pose.positions.T,
         pulled.statics.membrane.nodes[:, :3],
         facecolors=_shear(pulled),
@@ -130,3 +132,4 @@ def _deformed(axes: Any, pulled: Pulled, most: float) -> None:
     )
     axes.set_aspect("equal")
     axes.set_axis_off()
+    return drawn

@@ -210,6 +210,14 @@ def pull(sample: Sample, statics: Statics, strain: Array, pose: Pose | None = No
     return Pulled(strain, np.array(stresses), pose, statics)
 
 
+def elements_problems(elements: int) -> list[Problem]:
+    """A number of elements that is out of its range."""
+    if FEWEST <= elements <= MOST:
+        return []
+    message = f"{elements} is not allowed, must be {FEWEST} to {MOST}"
+    return [Problem("", "elements", message)]
+
+
 def traction_problems(test: Traction) -> list[Problem]:
     """Every value of the test that is out of its range."""
     problems = [
@@ -217,11 +225,7 @@ def traction_problems(test: Traction) -> list[Problem]:
         *moduli_problems(test.moduli),
         *strain_problems(test.strain, test.steps),
     ]
-    if not FEWEST <= test.elements <= MOST:
-        allowed = f"{FEWEST} to {MOST}"
-        problems.append(
-            Problem("", "elements", f"{test.elements} is not allowed, must be {allowed}")
-        )
+    problems += elements_problems(test.elements)
     if test.model == "inextensible" and test.mesh == "unaligned":
         message = "'unaligned' has no edges along barbs to keep inextensible, must be aligned"
         problems.append(Problem("", "mesh", message))

@@ -1,0 +1,168 @@
+"""Feathers of a shot in batches that are stepped together: those of one grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.build import build_feather
+from featherfx.feather.density import PointMap, density_map, scaled_map
+from featherfx.feather.scaled import feather_of
+from featherfx.feather.types import Feather
+from featherfx.groom.types import Placement
+from featherfx.mechanics.batch import has_elastic_clamp, make_model
+from featherfx.mechanics.model import Loads
+from featherfx.shot.detail import CARRIED, Resolution
+from featherfx.shot.forces import force_weights
+from featherfx.shot.loads import frame_loads
+from featherfx.shot.motion import Roots
+from featherfx.shot.rigid import FeatherPose
+from featherfx.shot.types import Force, Grip, Shot
+from featherfx.solver.modes import with_damping
+from featherfx.solver.state import State, rest_state
+from featherfx.solver.step import Settings, Solver
+
+Array = NDArray[np.float64]
+
+# Newton stops at this share of the step's tolerance from the step's solution
+NEWTON_SHARE = 1e-2
+# the same where forces of contact follow from the poses, so that feathers in balance come to rest
+CONTACT_NEWTON_SHARE = 1e-3
+
+
+@dataclass
+class Group:
+    """Feathers that share a grid: their places in the groom, solver, state and loads.
+
+    level: of detail. feathers: as simulated. maps: to the meshes' grid, where that is another one.
+    """
+
+    level: str
+    members: NDArray[np.int64]
+    feathers: list[Feather]
+    maps: list[PointMap | None]
+    names: list[str]
+    grips: list[tuple[int, Grip]]
+    forces: list[tuple[int, Force, Array]]
+    solver: Solver
+    state: State
+    start: Array
+    loads: Loads | None = None
+
+
+def make_groups(
+    shot: Shot,
+    drawn: Sequence[Feather],
+    resolutions: Sequence[Sequence[Resolution]],
+    motion: Roots,
+    jobs: int,
+) -> list[Group]:
+    """Batches of feathers of one grid, barb taper and clamp, on their roots at the first frame.
+
+    drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
+    each feather ever has; it is in a batch for each at which something is solved.
+    """
+    alike: dict[tuple[Resolution, float, bool], list[int]] = {}
+    for index, placement in enumerate(shot.groom.feathers):
+        kind = placement.kind
+        for resolution in resolutions[index]:
+            if resolution.level not in CARRIED:
+                key = (resolution, kind.vane_material.barb_taper, has_elastic_clamp(kind))
+                alike.setdefault(key, []).append(index)
+    return [
+        _group(shot, drawn, np.array(members), resolution, motion, jobs)
+        for (resolution, _, _), members in alike.items()
+    ]
+
+
+def _group(
+    shot: Shot,
+    drawn: Sequence[Feather],
+    members: NDArray[np.int64],
+    resolution: Resolution,
+    motion: Roots,
+    jobs: int,
+) -> Group:
+    quality = shot.quality
+    placements = [shot.groom.feathers[i] for i in members]
+    kinds = [p.kind for p in placements]
+    grid = resolution.rows, resolution.columns
+    feathers = [feather_of(p, *grid) for p in placements]
+    model = with_damping(make_model(feathers, kinds, resolution.coefficients), kinds)
+    positions, rotations = motion.frames(0.0)
+    state = rest_state(model, positions[members], rotations[members])
+    place = {p.id: k for k, p in enumerate(placements)}
+    newton = NEWTON_SHARE if shot.contact is None else CONTACT_NEWTON_SHARE
+    settings = Settings(
+        tolerance=quality.tolerance,
+        newton=newton * quality.tolerance,
+        # feathers that touch take common steps
+        max_substeps=quality.max_substeps if shot.contact is None else 1,
+        radius=quality.radius,
+    )
+    return Group(
+        level=resolution.level,
+        members=members,
+        feathers=feathers,
+        maps=_maps(placements, feathers, [drawn[i] for i in members]),
+        names=[p.id for p in placements],
+        grips=[(place[g.feather], g) for g in shot.grips if g.feather in place],
+        forces=[
+            (place[each.feather], each, force_weights(each, feathers[place[each.feather]]))
+            for each in shot.forces
+            if each.feather in place
+        ],
+        solver=Solver(model, settings, jobs),
+        state=state,
+        start=state.points.copy(),
+    )
+
+
+def loads_within(
+    shot: Shot, group: Group, motion: Roots, start: float, end: float, gripped: bool
+) -> Loads:
+    """What acts on a group from start to end (s).
+
+    gripped: whether grips act. They take hold of the settled feathers, so not while those settle.
+    """
+    roots = None
+    if shot.wind_source is not None:
+        roots = motion.frames(0.5 * (start + end))[0][group.members]
+    grips = group.grips if gripped else []
+    points = list(group.start)
+    return frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
+
+
+def pose_of(group: Group, k: int) -> FeatherPose:
+    """Points and rates of a group's feather on the grid of the meshes."""
+    state, to_mesh = group.state, group.maps[k]
+    values = state.points[k], state.velocity[k], state.acceleration[k]
+    return FeatherPose(*(values if to_mesh is None else map(to_mesh, values)))
+
+
+def _maps(
+    placements: Sequence[Placement], simulated: list[Feather], drawn: list[Feather]
+) -> list[PointMap | None]:
+    """From the simulated grids to the drawn ones; None where they are the same."""
+    known: dict[tuple[int, bool], PointMap] = {}
+    found: list[PointMap | None] = []
+    for placement, coarse, fine in zip(placements, simulated, drawn, strict=True):
+        if coarse.points.shape == fine.points.shape:
+            found.append(None)
+            continue
+        # one map for all feathers that differ in size only
+        shape = placement.prototype or placement.kind
+        key = id(shape), placement.mirrored
+        if key not in known:
+            known[key] = density_map(
+                *(
+                    build_feather(shape, f.rows, f.columns, placement.mirrored)
+                    for f in (coarse, fine)
+                )
+            )
+        size = placement.size if placement.prototype is not None else 1.0
+        found.append(scaled_map(known[key], size, coarse.points.shape[1]))
+    return found

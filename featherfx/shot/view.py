@@ -1,0 +1,88 @@
+"""How large feathers are in the picture of a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera at one time. eye: (3,) m. right, up, back: (3,) unit, it looks along -back.
+
+    width, height: of the picture, as shares of the depth (perspective) or m (orthographic).
+    shift: (2,) of the picture's middle to the right and up, in the same measure.
+    """
+
+    eye: Array
+    right: Array
+    up: Array
+    back: Array
+    width: float
+    height: float
+    shift: tuple[float, float]
+    orthographic: bool
+
+
+class Camera(Protocol):
+    """A camera of a scene."""
+
+    @property
+    def time_codes_per_second(self) -> float:
+        """Of the scene."""
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        """Path in the scene, and every file that the scene is made of."""
+
+    def view(self, code: float) -> View:
+        """Where it is and what it sees at a time code."""
+
+
+@dataclass(frozen=True)
+class TimedCamera:
+    """A scene's camera over the shot's time. start: time code at 0 s."""
+
+    source: Camera
+    start: float
+
+    def view(self, time: float) -> View:
+        """At a time in s since the first frame."""
+        return self.source.view(self.start + time * self.source.time_codes_per_second)
+
+
+def shares_of_height(view: View, roots: Array, lengths: Array, margin: float) -> Array:
+    """(F,) lengths of feathers in the picture as shares of its height; 0 where they are outside.
+
+    roots: (F, 3) m, lengths: (F,) m. A feather counts as a ball of its length around its root, so
+    that it is outside only where no pose of it can be seen. margin: share of the picture by which
+    it is widened on every side.
+    """
+    axes = np.stack([view.right, view.up, -view.back])
+    across, along, depth = axes @ (roots - view.eye).T
+    if view.orthographic:
+        inside = depth > -lengths
+        scale, slant = np.ones_like(depth), (1.0, 1.0)
+        near = np.ones_like(depth)
+    else:
+        inside = depth > -lengths
+        scale = np.maximum(depth, 0.0)
+        # distance of a plane through the eye from a point beside it
+        slant = (
+            float(np.hypot(1.0, 0.5 * view.width)),
+            float(np.hypot(1.0, 0.5 * view.height)),
+        )
+        near = np.maximum(depth, lengths)
+    for offset, size, shift, factor in (
+        (across, view.width, view.shift[0], slant[0]),
+        (along, view.height, view.shift[1], slant[1]),
+    ):
+        reach = (0.5 + margin) * size * scale + factor * lengths
+        inside &= np.abs(offset - shift * scale) <= reach
+    return np.where(inside, lengths / (near * view.height), 0.0)
