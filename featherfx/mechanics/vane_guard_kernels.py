@@ -11,7 +11,8 @@ from these two strains alone, in both kinematics. Value, slope and curvature are
 
 Without it a membrane that is linear in Green-Lagrange strain grows softer under compression and
 yields nothing at all at J = 0, where the triangle turns over. J itself has a cone there; d rounds
-it off, so that a vane can pass through a complete fold.
+it off, so that a vane can pass through a complete fold. Strained barbs (|a| < 1, nodal kinematics)
+may bring Q below zero: from J^2 = d / 2 down J is taken as its tangent there.
 Source: Kikuuwe et al. 2009 in the form of Jouve 2024, eq. 6.6; the derivatives are our own:
 
     dJ = (de_ww - s ds) / (J (1 + d)),     s = 2 e_vw
@@ -22,14 +23,22 @@ from math import sqrt
 from featherfx.compiled import kernel
 
 ROUNDING = 1e-3  # d
-SMALLEST = 1e-9  # of J^2: strained barbs may bring Q below zero
+SMALLEST = 0.5 * ROUNDING  # of J^2, below which J goes on linearly in it
+
+
+@kernel
+def _ratio_and_root(across, shear):
+    """J, and the root that dJ / d(J^2) = 1 / (2 root) holds."""
+    square = (1.0 + 2.0 * across - shear * shear + ROUNDING) / (1.0 + ROUNDING)
+    root = sqrt(max(square, SMALLEST))
+    return root + 0.5 * min(square - SMALLEST, 0.0) / root, root
 
 
 @kernel
 def area_ratio(across, shear):
     """J of strains e_ww and 2 e_vw."""
-    square = (1.0 + 2.0 * across - shear * shear + ROUNDING) / (1.0 + ROUNDING)
-    return sqrt(max(square, SMALLEST))
+    ratio, _ = _ratio_and_root(across, shear)
+    return ratio
 
 
 @kernel
@@ -42,9 +51,9 @@ def guard_energy(stiffness, across, shear):
 @kernel
 def guard_slopes(stiffness, across, shear):
     """(dW/dJ, d2W/dJ2, dJ/de_ww, dJ/d(2 e_vw)) of one triangle; the first two 0 if J >= 1."""
-    ratio = area_ratio(across, shear)
+    ratio, root = _ratio_and_root(across, shear)
     loss = max(1.0 - ratio, 0.0)
-    by_across = 1.0 / (ratio * (1.0 + ROUNDING))
+    by_across = 1.0 / (root * (1.0 + ROUNDING))
     slope = -3.0 * stiffness * loss * loss
     return slope, 6.0 * stiffness * loss, by_across, -shear * by_across
 

@@ -1,5 +1,7 @@
 """Forces of the nodal kinematics: derivatives, rigid motion, exact tractions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from nodal_cases import (
@@ -176,3 +178,23 @@ def test_wrong_options_are_all_named():
     assert [problem.key for problem in caught.value.problems] == ["bending", "stretch", "pinned"]
     with pytest.raises(InputError, match="improved, textbook"):
         NodalSolver(model, nodal, Settings(), "newest")
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_gradient_with_a_guard_is_the_derivative_of_the_energy(seed):
+    """The guard holds most of the energy, and without it the gradient is another one."""
+    kind = curved_kind()
+    guarded = replace(kind, vane_material=replace(kind.vane_material, compression_guard=1e12))
+    (model, nodal), loads = (
+        comparable(*feather_models(guarded, 7, 3)),
+        no_loads(1, (1.0, 2.0, -9.81)),
+    )
+    free = model._replace(cell_guard=np.zeros((1, 0, 0, 0, 0)))
+    solver, without = (NodalSolver(each, nodal, Settings()) for each in (model, free))
+    state, direction = random_pose(model, nodal, seed)
+    system = solver.system(state, loads, 0)
+    gradient, energy = system.gradient.copy(), system.energy
+    bare = without.system(state, loads, 0)
+    assert energy > 2.0 * bare.energy
+    assert sweep_order(solver, nodal, state, direction, gradient) == pytest.approx(2.0, abs=0.1)
+    assert sweep_order(solver, nodal, state, direction, bare.gradient) < 0.5
