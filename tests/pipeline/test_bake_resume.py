@@ -98,9 +98,14 @@ def test_killed_and_resumed_equals_undisturbed(tmp_path, undisturbed, layout, ki
         assert [file.name for file in tmp_path.iterdir()] == ["pull.usdc"]
 
 
-def stop_after(samples: int):
+def stop_after(samples: int, path: Path | None = None):
+    """Interrupts a bake after so many samples, and not before a chunk of the path is on disk."""
+
     def on_frame(done: int, total: int) -> None:
         if done > samples:
+            end = time.monotonic() + 60.0
+            while path is not None and not chunk_bytes(path) and time.monotonic() < end:
+                time.sleep(0.01)
             raise KeyboardInterrupt
 
     return on_frame
@@ -149,7 +154,7 @@ def test_other_settings_are_never_mixed(tmp_path, finished):
         featherfx.bake(SHOT, path, **options)
     else:
         with pytest.raises(KeyboardInterrupt):
-            featherfx.bake(SHOT, path, on_frame=stop_after(5), **options)
+            featherfx.bake(SHOT, path, on_frame=stop_after(5, path), **options)
     before = chunk_bytes(path)
     other = options | {"quality": "preview", "up_axis": "Y"}
     with pytest.raises(InputError) as caught:
