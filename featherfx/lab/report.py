@@ -9,6 +9,7 @@ import io
 import json
 import math
 import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -76,8 +77,8 @@ def taken(result: StudyResult) -> str:
     return f"{result.seconds:.1f} s, {result.processor_seconds:.1f} s of processor time"
 
 
-def markdown(entries: Sequence[Entry], version: str) -> str:
-    """The page as Markdown; figures are named, not shown."""
+def markdown(entries: Sequence[Entry], version: str, folder: str = ".") -> str:
+    """The page as Markdown; folder: of the figures, as the page refers to it."""
     parts = ["# Validation", INTRODUCTION, *facts(entries, version)]
     for study, result in ((entry.study, entry.result) for entry in entries):
         parts.append(f"## {study.title}")
@@ -91,7 +92,8 @@ def markdown(entries: Sequence[Entry], version: str) -> str:
             for row in result.rows
         ]
         parts.append("\n".join(lines))
-        parts += [f"*{figure.file.name}*: {figure.caption}" for figure in result.figures]
+        for figure in result.figures:
+            parts += [f"![]({folder}/{figure.file.name})", f"*{figure.caption}*"]
     return "\n\n".join(parts) + "\n"
 
 
@@ -204,6 +206,16 @@ def write_report(folder: Path, entries: Sequence[Entry], version: str) -> list[P
     for name, content in files.items():
         write_whole(folder / name, content)
     return [folder / name for name in files]
+
+
+def write_markdown(file: Path, entries: Sequence[Entry], version: str) -> None:
+    """Write the page as Markdown, its figures in a folder of the same name beside it."""
+    folder = file.with_suffix("")
+    for entry in entries:
+        for figure in entry.result.figures:
+            folder.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(figure.file, folder / figure.file.name)
+    write_whole(file, markdown(entries, version, folder.name))
 
 
 def write_whole(file: Path, content: str) -> None:

@@ -92,7 +92,12 @@ def test_report_holds_every_number_and_picture(tmp_path):
     assert studies["trial"]["rows"][0]["ours"] == 1.0
     assert studies["trial"]["verdict"] == studies["broken"]["verdict"] == "differs"
     assert files[2].read_text().splitlines()[1].startswith("trial,length <of> a | b,1.0,m,2.0,")
-    text = report.markdown(done, "1.2.3")
+    page = tmp_path / "page.md"
+    report.write_markdown(page, done, "1.2.3")
+    text = page.read_text()
+    for figure in done[0].result.figures:
+        assert (tmp_path / "page" / figure.file.name).exists()
+        assert f"](page/{figure.file.name})" in text
     assert "| length <of> a \\| b | 1 | m | 2 | 10 % | differs | too short |" in text
     assert "Of 3 numbers, 0 agree, 2 differ" in text
 

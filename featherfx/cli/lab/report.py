@@ -46,7 +46,7 @@ def listing(commands: Mapping[str, click.Command]) -> Iterator[str]:
     "--markdown",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="The page as Markdown too.",
+    help="The page as Markdown too, its figures in a folder of its name beside it.",
 )
 @click.option(
     "--jobs",
@@ -74,7 +74,7 @@ def report(output: Path, only: tuple[str, ...], markdown: Path | None, jobs: int
     for file in pages.write_report(output, entries, __version__):
         click.echo(file)
     if markdown is not None:
-        pages.write_whole(markdown, pages.markdown(entries, __version__))
+        pages.write_markdown(markdown, entries, __version__)
         click.echo(markdown)
     for entry in entries:
         click.echo(f"{entry.study.name.ljust(20)} {entry.result.verdict}")
