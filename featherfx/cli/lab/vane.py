@@ -176,7 +176,7 @@ def calibrate(
     if save is not None and name is not None:
         check_name(save, name)
     curves = read_curves(file)
-    found = fit(curves, elements)
+    found = fit(curves, elements, str(file))
     _finish(found.as_json(), as_json)
     if save is not None and name is not None:
         thickness = sum(curve.sample.thickness for curve in curves) / len(curves)

@@ -84,23 +84,23 @@ class Calibration:
         return found
 
 
-def calibrate(curves: Sequence[Curve], elements: int = FINE) -> Calibration:
+def calibrate(curves: Sequence[Curve], elements: int = FINE, source: str = "") -> Calibration:
     """Moduli that fit the curves best.
 
     elements: of the meshes of tilted samples. The fit uses coarser ones, corrected by the ratio of
-    fine to coarse stresses until it stays. Raises InputError for curves that cannot determine the
-    moduli, naming the tests that are missing.
+    fine to coarse stresses until it stays. source: file of the curves. Raises InputError for
+    curves that cannot determine the moduli, naming the tests that are missing.
     """
     begin = time.perf_counter()
     require(*elements_problems(elements))
-    _require_tests(curves)
+    _require_tests(curves, source)
     scale = [float(np.sqrt(np.mean(curve.stress**2))) for curve in curves]
     data = np.concatenate([c.stress / s for c, s in zip(curves, scale, strict=True)])
     tests = [_Test(curve, size) for curve, size in zip(curves, scale, strict=True)]
     guess, iterations = _first_guess(curves), 0
     for _ in range(1 + CORRECTIONS):
         before = guess
-        guess, jacobian, spent = _gauss_newton(tests, data, guess)
+        guess, jacobian, spent = _gauss_newton(tests, data, guess, source)
         iterations += spent
         for test in tests:
             test.correct(_moduli(guess), elements)
@@ -162,23 +162,23 @@ class _Test:
         return pull(sample, statics, self._knots).stress / self._knots
 
 
-def _require_tests(curves: Sequence[Curve]) -> None:
+def _require_tests(curves: Sequence[Curve], source: str) -> None:
     """InputError unless there is a test for every modulus."""
     problems = []
     for number, curve in enumerate(curves):
         if curve.sample.regime == "diagonal":
             problems.append(
                 Problem(
-                    "",
+                    source,
                     f"curve {number + 1}",
                     "one barb joins both clamps from corner to corner;"
                     " such a sample determines no modulus",
                 )
             )
         if not np.any(curve.strain):
-            problems.append(Problem("", f"curve {number + 1}", "has no strain other than zero"))
+            problems.append(Problem(source, f"curve {number + 1}", "has no strain other than zero"))
         elif not slope(curve.strain, curve.stress) > 0.0:
-            problems.append(Problem("", f"curve {number + 1}", "stress falls with strain"))
+            problems.append(Problem(source, f"curve {number + 1}", "stress falls with strain"))
     regimes = {curve.sample.regime for curve in curves}
     free = [abs(c.sample.angle) for c in curves if c.sample.regime == "free"]
     missing = []
@@ -190,13 +190,13 @@ def _require_tests(curves: Sequence[Curve]) -> None:
         missing.append("shear")
     elif len(set(free)) == 1 and len(free) == 1:
         missing.append("across" if max(free) >= TILTED else "shear")
-    problems += [_missing(name) for name in missing]
+    problems += [_missing(name, source) for name in missing]
     if problems:
         raise InputError(*problems)
 
 
-def _missing(name: str) -> Problem:
-    return Problem("", name, f"the curves do not determine it; missing is {MISSING[name]}")
+def _missing(name: str, source: str) -> Problem:
+    return Problem(source, name, f"the curves do not determine it; missing is {MISSING[name]}")
 
 
 def _first_guess(curves: Sequence[Curve]) -> Array:
@@ -207,7 +207,9 @@ def _first_guess(curves: Sequence[Curve]) -> Array:
     return np.log([slope(steep.strain, steep.stress), across, isotropic(across).shear])
 
 
-def _gauss_newton(tests: Sequence[_Test], data: Array, guess: Array) -> tuple[Array, Array, int]:
+def _gauss_newton(
+    tests: Sequence[_Test], data: Array, guess: Array, source: str
+) -> tuple[Array, Array, int]:
     for iteration in range(ROUNDS):
         base = np.concatenate([test.stress(_moduli(guess)) for test in tests])
         jacobian = np.empty((len(data), 3))
@@ -219,7 +221,7 @@ def _gauss_newton(tests: Sequence[_Test], data: Array, guess: Array) -> tuple[Ar
             n for n, share in zip(NAMES, _identified(jacobian), strict=True) if share < IDENTIFIED
         ]
         if weak:
-            raise InputError(*(_missing(name) for name in weak))
+            raise InputError(*(_missing(name, source) for name in weak))
         step = np.linalg.lstsq(jacobian, data - base, rcond=None)[0]
         step = np.clip(step, -1.5, 1.5)
         guess = guess + step
