@@ -133,10 +133,11 @@ def bake(
         err=True,
     )
     if result.get("substeps_over_tolerance"):
+        limit = "[contact] steps" if "contact" in result else "max_substeps"
         click.echo(
             f"warning: {result['substeps_over_tolerance']} sub-steps were accepted above the"
             f" tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
-            " raise max_substeps or choose a finer quality",
+            f" raise {limit} or choose a finer quality",
             err=True,
         )
 
