@@ -193,6 +193,13 @@ SHOT = {
         "along unstepped; needs `sleep`.",
         True,
     ),
+    "cycle": Key(
+        Number(0, 1_000_000, "frames", whole=True),
+        "Frames after which root, wind, grips and forces repeat: once a feather's motion has "
+        "become periodic to within the quality's tolerance, it is replayed instead of stepped. 0: "
+        "never.",
+        0,
+    ),
     "settle": Key(
         Flag(), "Whether feathers hang in balance at the first frame, instead of at rest.", True
     ),

@@ -173,7 +173,8 @@ class Shot:
 
     skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
     wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
-    through each other and through colliders. level_of_detail: None: levels do not change.
+    through each other and through colliders. level_of_detail: None: levels do not change. cycle:
+    frames after which what acts repeats, 0 where it does not.
     """
 
     name: str
@@ -192,6 +193,7 @@ class Shot:
     settle: bool = True
     sleep: bool = True
     coast: bool = True
+    cycle: int = 0
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()
