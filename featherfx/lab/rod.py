@@ -42,8 +42,9 @@ class Rod:
 
     length: m. ei: N m^2, bending in the xy plane. ei2: N m^2, bending out of it (in the xz plane
     of a straight rod); default ei. gj: N m^2, torsion; default ei. ea, ga: N, stretch and shear;
-    default: practically rigid (1e6 ei / length^2, or 1e5 times the load if that is more). taper: share of its width that the rod loses
-    from clamp to tip, 0 to below 1. rest_curvature: 1/m, constant, in the xy plane, towards +y.
+    default: practically rigid (1e6 ei / length^2, or 1e5 times the load if that is more). taper:
+    share of its width that the rod loses from clamp to tip, 0 to below 1. rest_curvature: 1/m,
+    constant, in the xy plane, towards +y.
     line_mass: kg/m at the clamp; default: what gives length^4 line mass / ei = 0.01 s^2.
     line_weight: N/m at the clamp, along -z, tapering as the mass does. segments: elements.
     """
@@ -97,7 +98,8 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
     """Constant arrays of a batch of one rod: no columns, no curvature coefficients.
 
     load: N, size of the forces that act on it besides its weight; matters where nothing but they
-    tells how stiff an inextensible rod must be. Raises InputError with every value that is out of its range.
+    tells how stiff an inextensible rod must be. Raises InputError with every value that is out of
+    its range.
     """
     _raise_if_any(rod_problems(rod))
     rows = rod.segments + 1
