@@ -136,18 +136,12 @@ class Loads(NamedTuple):
 
 
 def wind_of_each(loads: Loads, feathers: int) -> Loads:
-    """The same loads as the kernels take them: the mean wind of every feather, (F, 3), and rows in
-    order in memory, because kernels are compiled for each order that they meet."""
+    """The same loads with the mean wind of every feather, (F, 3), as the kernels take it.
+
+    A writable copy: kernels are compiled anew for arrays that are read-only.
+    """
     mean = np.broadcast_to(loads.wind_mean, (feathers, 3))
-    waves = (loads.wind_wave, loads.wind_rate, loads.wind_amplitude, loads.wind_phase)
-    wave, rate, amplitude, phase = (np.ascontiguousarray(array) for array in waves)
-    return loads._replace(
-        wind_mean=np.ascontiguousarray(mean, dtype=float),
-        wind_wave=wave,
-        wind_rate=rate,
-        wind_amplitude=amplitude,
-        wind_phase=phase,
-    )
+    return loads._replace(wind_mean=np.array(mean, dtype=float))
 
 
 def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Loads:
