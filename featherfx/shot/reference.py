@@ -48,6 +48,7 @@ _SHOT_PARTS = {
     "grip": ("[[grip]]", shot_keys.GRIP),
     "force": ("[[force]]", shot_keys.FORCE),
     "detail": ("[[detail]]", shot_keys.DETAIL),
+    "shelter": ("[[shelter]]", shot_keys.SHELTER),
     "level_of_detail": ("[level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
 }
 _GROOM_PARTS = {
