@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import FunctionCache
 
-from featherfx.kernel_parts import Dispatcher, Part, PartCompiler, Shared
+from featherfx.kernel_parts import Dispatcher, Part, PartCompiler, Shared, Stored
 
 ROOT = Path(__file__).resolve().parent
 # how kernels are compiled
@@ -89,8 +89,8 @@ class Locator:
         return str(self._line)
 
 
-class Stored(CompileResultCacheImpl):
-    """A kernel's machine code as it is stored."""
+class Found(Stored):
+    """A kernel's machine code where Locator says that it is."""
 
     _locator_classes: Any = (Locator,)
 
@@ -98,7 +98,7 @@ class Stored(CompileResultCacheImpl):
 class KernelCache(FunctionCache):
     """The stored machine code of one kernel, by types and by the names of their fields."""
 
-    _impl_class = Stored
+    _impl_class = Found
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return (*super()._index_key(sig, codegen), tuple(_fields(each) for each in sig))

@@ -7,8 +7,8 @@ calls is optimised once.
 
 A shared kernel is large and called from several entries. It is not linked to them: they call its
 machine code by a symbol (Shared). The symbol's name is the same in every run, and its address is
-made known before code that uses it is loaded, also from the cache: numba runs what a library has
-in _reload_init first.
+made known before code that uses it is loaded, also from the cache: what machine code needs is
+stored with it (Stored).
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from __future__ import annotations
 import copy
 import hashlib
 import importlib
-from functools import partial
 from typing import Any
 
 from llvmlite import binding
 from numba.core import sigutils
+from numba.core.caching import CompileResultCacheImpl
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
@@ -28,6 +28,8 @@ from numba.core.imputils import user_function
 from numba.core.registry import CPUDispatcher
 
 Types = tuple[Any, ...]
+# module and name of a shared kernel, types of its arguments
+Need = tuple[str, str, Types]
 # untyped: dispatchers bind like methods, which their attributes in a class are not meant to
 Dispatcher: Any = CPUDispatcher
 
@@ -87,7 +89,7 @@ class Shared(Dispatcher):
             address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
             binding.add_symbol(described.mangled_name, address)
             key = object()
-            call = _calling(user_function(described, ()), partial(_load, module, name, args))
+            call = _calling(user_function(described, ()), (module, name, args))
             self.targetctx.insert_func_defn([(call, key, call.signature)])
             self.overloads[args] = result._replace(entry_point=key)
         return self.overloads[args].entry_point
@@ -97,16 +99,30 @@ def _digest(args: Types) -> str:
     return hashlib.sha256(repr(args).encode()).hexdigest()[:16]
 
 
-def _load(module: str, name: str, args: Types) -> None:
-    """Make a shared kernel's machine code for the types args known."""
-    getattr(importlib.import_module(module), name).linked.compile(args)
+def needs_of(library: Any) -> set[Need]:
+    """The shared kernels that a library and the parts linked to it call."""
+    libraries = (library, *library._linking_libraries)
+    return {need for each in libraries for need in vars(each).get("needs", ())}
 
 
-def _calling(implementation: Any, load: Any) -> Any:
-    """The implementation of a call after which the calling code is not loaded without load."""
+class Stored(CompileResultCacheImpl):
+    """A kernel's machine code as the cache stores it, with the shared kernels that it needs."""
+
+    def reduce(self, result: Any) -> Any:
+        return needs_of(result.library), super().reduce(result)
+
+    def rebuild(self, target: Any, stored: Any) -> Any:
+        needs, code = stored
+        for module, name, args in needs:
+            getattr(importlib.import_module(module), name).linked.compile(args)
+        return super().rebuild(target, code)
+
+
+def _calling(implementation: Any, need: Need) -> Any:
+    """The implementation of a call that notes in the calling code's library what it needs."""
 
     def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        context.active_code_library._reload_init.add(load)
+        vars(context.active_code_library).setdefault("needs", set()).add(need)
         return implementation(context, builder, sig, args)
 
     described: Any = call

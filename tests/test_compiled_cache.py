@@ -54,6 +54,10 @@ def test_other_kernels_do_not_count(folder_after_change):
 
 
 KERNELS = """
+from typing import NamedTuple
+
+import numpy as np
+
 from featherfx.compiled import kernel, shared_kernel
 
 
