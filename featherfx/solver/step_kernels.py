@@ -16,8 +16,8 @@ from featherfx.solver.pose_kernels import chain, load_pose, material_points, tur
 from featherfx.solver.root_kernels import root_at
 
 # columns of a feather's counters
-STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(9)
-COUNTERS = 9
+STEPS, ITERATIONS, MATRICES, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(10)
+COUNTERS = 10
 # error over tolerance beyond which a step that may not be shorter is taken by implicit Euler
 LOST = 30.0
 # and as a share of the feather's length: beyond it even such a step is cut
@@ -229,11 +229,12 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         factors = _predict(
             model, loads, f, share, step, radius, option != GO_ON, path, base, state, work
         )
-        status, iterations, move = minimise(
+        status, iterations, move, matrices = minimise(
             model, loads, f, share, factors, settings[1], limit, work
         )
         spent += iterations
         counters[ITERATIONS] += iterations
+        counters[MATRICES] += matrices
         if status != CONVERGED:
             counters[FAILED] += 1
             option = BACKWARD if step < 0.999 * shortest and option < BACKWARD else option + 1
