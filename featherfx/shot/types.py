@@ -64,6 +64,19 @@ class Detail:
 
 
 @dataclass(frozen=True)
+class Shelter:
+    """How much of the air's motion against the roots the plumage keeps off some feathers.
+
+    share: 0 (none) to 1. feathers, region, kind: patterns, as in Detail.
+    """
+
+    feathers: str
+    share: float
+    region: str = "*"
+    kind: str = "*"
+
+
+@dataclass(frozen=True)
 class LevelOfDetail:
     """How levels of detail follow what is seen (featherfx/shot/levels.py).
 
@@ -173,7 +186,8 @@ class Shot:
 
     skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
     wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
-    through each other and through colliders. level_of_detail: None: levels do not change.
+    through each other and through colliders. level_of_detail: None: levels do not change. cycle:
+    frames after which what acts repeats, 0 where it does not.
     """
 
     name: str
@@ -192,11 +206,13 @@ class Shot:
     settle: bool = True
     sleep: bool = True
     coast: bool = True
+    cycle: int = 0
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[Surface, ...] = ()
     contact: Contact | None = None
     level_of_detail: LevelOfDetail | None = None
+    shelters: tuple[Shelter, ...] = ()
 
 
 @dataclass(frozen=True)

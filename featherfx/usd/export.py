@@ -13,8 +13,9 @@ from pxr import Sdf
 from featherfx.errors import InputError, Problem
 from featherfx.shot.whole_file import write_whole
 from featherfx.usd.atomic import publish
+from featherfx.usd.opening import open_stage
 from featherfx.usd.output import check_output, folder_problems
-from featherfx.usd.read import Cache, open_stage
+from featherfx.usd.read import Cache
 from featherfx.usd.types import OutputError
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
