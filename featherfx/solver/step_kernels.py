@@ -18,7 +18,6 @@ from featherfx.solver.retry_kernels import (
     FOLLOW,
     GO_ON,
     HARD,
-    MATRICES,
     STEPS,
     after_step,
     count_try,
@@ -227,23 +226,21 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
             # there are no rates to go on with
             option = max(option, FOLLOW)
         radius, limit = EULER if option == BACKWARD else settings[0], min(int(settings[2]), left)
-        follow = option != GO_ON
-        factors = _predict(model, loads, f, share, step, radius, follow, path, base, state, work)
+        factors = _predict(
+            model, loads, f, share, step, radius, option != GO_ON, path, base, state, work
+        )
         status, iterations, move, matrices = minimise(
             model, loads, f, share, factors, settings[1], limit, work
         )
-        # of iterations with a new matrix: the others cost a quarter
-        effort = (iterations + 3 * matrices) // 4
+        work_done = (iterations, matrices)
         error = _error(f, radius, step, state, work)
-        solved = status == CONVERGED
-        verdict, h, option = judge(h, step, option, GO_ON, solved, error, limits)
-        count_try(counters, verdict, option, iterations, error, settings[3], move)
-        counters[MATRICES] += matrices
+        verdict, h, option = judge(h, step, option, GO_ON, status, error, limits)
+        count_try(counters, verdict, option, work_done, error, limits, move)
         left -= iterations
         if verdict == STEPS:
             _accept(f, step, radius, state, work.now, work.around)
             done += step
-            h, option = after_step(step, option, GO_ON, error, limits, effort)
+            h, option = after_step(step, option, GO_ON, error, limits, work_done)
         elif h == 0.0:
             return stop(counters, status)
     state.proposal[f] = h
