@@ -163,7 +163,7 @@ def stage_space(options: StageOptions, groom: Groom, skin: BoundSkin | None) -> 
     if skin is not None and skin.parts:
         found = skin.parts[0].surface.space
     elif groom.source.suffix.lower() in SCENE_SUFFIXES:
-        from featherfx.usd.read import open_stage
+        from featherfx.usd.opening import open_stage
         from featherfx.usd.scene import stage_space as space_of
 
         found = space_of(open_stage(groom.source))

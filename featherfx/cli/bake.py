@@ -157,6 +157,8 @@ def _given(ctx: click.Context, left_out: Collection[str]) -> list[str]:
 
 
 def _as_text(value: Any) -> str:
+    if isinstance(value, Path):
+        return str(value.absolute())
     if isinstance(value, list):
         return ",".join(value)
     return f"{value[0]}-{value[1]}" if isinstance(value, tuple) else str(value)

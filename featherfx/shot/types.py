@@ -64,6 +64,19 @@ class Detail:
 
 
 @dataclass(frozen=True)
+class Shelter:
+    """How much of the air's motion against the roots the plumage keeps off some feathers.
+
+    share: 0 (none) to 1. feathers, region, kind: patterns, as in Detail.
+    """
+
+    feathers: str
+    share: float
+    region: str = "*"
+    kind: str = "*"
+
+
+@dataclass(frozen=True)
 class LevelOfDetail:
     """How levels of detail follow what is seen (featherfx/shot/levels.py).
 
@@ -199,6 +212,7 @@ class Shot:
     colliders: tuple[TimedSurface, ...] = ()
     contact: Contact | None = None
     level_of_detail: LevelOfDetail | None = None
+    shelters: tuple[Shelter, ...] = ()
 
 
 @dataclass(frozen=True)

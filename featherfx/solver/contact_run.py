@@ -90,7 +90,7 @@ def _joined(parts: Sequence[StepReport], count: int) -> StepReport:
     total = {name: zero.copy() for name in StepReport.__dataclass_fields__}
     for part in parts:
         solved = (part.steps > 0.0) | (part.status != 0.0)
-        for name in ("iterations", "rejected", "failed", "fallbacks"):
+        for name in ("iterations", "matrices", "rejected", "failed", "fallbacks"):
             total[name] = total[name] + getattr(part, name)
         for name in ("steps", "forced", "error", "move"):
             total[name] = np.where(solved, getattr(part, name), total[name])

@@ -21,13 +21,6 @@ from featherfx.solver.newton_kernels import (
 )
 from featherfx.solver.retry_kernels import (
     COUNTERS,
-    ERROR,
-    FAILED,
-    FALLBACKS,
-    FORCED,
-    ITERATIONS,
-    MOVE,
-    REJECTED,
     STATUS,
     STEPS,
 )
@@ -76,16 +69,17 @@ class Settings:
 class StepReport:
     """What one call did, per feather: (F,) arrays.
 
-    steps, iterations, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
-    iterations, steps repeated for their error, attempts that Newton gave up, implicit Euler steps.
-    forced: steps accepted above the tolerance because none shorter is allowed. error: m, largest
-    accepted local error. move: m, largest distance of a step from its solution, as Newton's last
-    moves tell. status: 0, or why
-    the feather stopped (featherfx/solver/newton_kernels.py).
+    steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
+    iterations (linear solves), new matrices among them, steps repeated for their error, attempts
+    that Newton gave up, implicit Euler steps. forced: steps accepted above the tolerance because
+    none shorter is allowed. error: m, largest accepted local error. move: m, largest distance of a
+    step from its solution, as Newton's last moves tell. status: 0, or why the feather stopped
+    (featherfx/solver/newton_kernels.py).
     """
 
     steps: Array
     iterations: Array
+    matrices: Array
     rejected: Array
     failed: Array
     fallbacks: Array
@@ -167,8 +161,7 @@ class Solver:
                     array[f] = given[f]
 
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
-        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
-        return new, StepReport(*(counters[:, column] for column in columns))
+        return new, StepReport(*counters.T)
 
     def equilibrium(
         self,

@@ -14,8 +14,9 @@ from featherfx.errors import InputError, Problem
 from featherfx.shot.whole_file import write_all
 from featherfx.usd.atomic import publish
 from featherfx.usd.inputs import refuse_inputs
+from featherfx.usd.opening import open_stage
 from featherfx.usd.output import check_output, folder_problems
-from featherfx.usd.read import Cache, open_stage
+from featherfx.usd.read import Cache
 from featherfx.usd.types import OutputError
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")

@@ -15,7 +15,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.schema import Place
-from featherfx.usd.read import open_stage
+from featherfx.usd.opening import open_stage
 
 Array = NDArray[np.float64]
 

@@ -125,7 +125,11 @@ def test_the_template_is_an_open_job_description(tmp_path):
     assert template["specificationVersion"] == "jobtemplate-2023-09"
     assert 0 < len(template["name"]) <= 128
     defined = {"Param." + each["name"] for each in template["parameterDefinitions"]}
-    (shares,) = template["parameterDefinitions"]
+    shot, output, shares = template["parameterDefinitions"]
+    assert {shot["type"], output["type"]} == {"PATH"}
+    # a default has to lie below the template's folder
+    assert output["default"] == "wing.usda"
+    assert "default" not in shot
     assert shares["minValue"] <= shares["default"] == 4 <= shares["maxValue"] == 20
     names = [step["name"] for step in template["steps"]]
     assert len(set(names)) == len(names) == 2
