@@ -107,7 +107,12 @@ def _backing_away(shot: Shot) -> Shot:
     left_out = ("enabled", "usd", "prim", "start", "pixels_per_metre")
     values = {name: value for name, value in keys.items() if name not in left_out}
     rules = LevelOfDetail(camera=TimedCamera(dolly, 0.0), pixels_per_metre=0.0, **values)
-    return replace(shot, level_of_detail=rules)
+    return replace(_undecided(shot), level_of_detail=rules)
+
+
+def _undecided(shot: Shot) -> Shot:
+    """Without the levels that the file gives, which overrule a camera's."""
+    return replace(shot, details=())
 
 
 def _same(shot: Shot) -> Shot:
@@ -188,7 +193,7 @@ SKIPS = (
     Skip("detail rachis", _level("rachis"), _FULL, _untouched),
     Skip("detail guided", _level("guided"), _FULL, _guidable),
     Skip("detail rigid", _level("rigid"), _FULL, _not_pulled),
-    Skip("levels by a camera that backs away", _backing_away, _same, _guidable),
+    Skip("levels by a camera that backs away", _backing_away, _undecided, _guidable),
 )
 
 
@@ -197,13 +202,14 @@ def skips_table(
     progress: Callable[[int, int], None],
     only: str = "*",
     frames: int | None = None,
+    every: int = 1,
 ) -> Table:
     """Every skip on every shot that it fits.
 
     progress: called with the lines done and all. only: pattern of the skips' names, with * and ?.
-    frames: of each shot, from its first on; all by default.
+    frames: of each shot, from its first on; all by default. every: n-th feather of each shot alone.
     """
-    shots = [_first(shot, frames) for shot in shots]
+    shots = [_first(share_of(shot, 1, every), frames) for shot in shots]
     pairs = [
         (shot, skip)
         for shot in shots
