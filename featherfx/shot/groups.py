@@ -15,6 +15,7 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
+from featherfx.shot.cycle import Cycle
 from featherfx.shot.detail import CARRIED, Resolution
 from featherfx.shot.forces import force_weights
 from featherfx.shot.loads import frame_loads
@@ -39,7 +40,7 @@ class Group:
     """Feathers that share a grid: their places in the groom, solver, state and loads.
 
     level: of detail. exposure: to the air (shelter.py). feathers: as simulated. maps: to the
-    meshes' grid, where that is another one.
+    meshes' grid, where that is another one. cycle: of a shot that repeats.
     """
 
     level: str
@@ -54,6 +55,7 @@ class Group:
     state: State
     start: Array
     loads: Loads | None = None
+    cycle: Cycle | None = None
 
 
 def make_groups(

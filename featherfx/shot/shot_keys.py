@@ -123,6 +123,7 @@ COLLIDER = {
     "usd": _FILE,
     "prims": Key(Array(Text(), 0, 10_000), "Paths, or names with * and ?, of meshes.", ()),
     "collection": Key(Text(), "Collection, such as /Bird.collection:colliders.", None),
+    "start": _START,
 }
 
 CONTACT = {
@@ -203,6 +204,13 @@ SHOT = {
         "Whether feathers at rest against a root that moves evenly on a straight line are carried "
         "along unstepped; needs `sleep`.",
         True,
+    ),
+    "cycle": Key(
+        Number(0, 1_000_000, "frames", whole=True),
+        "Frames after which root, wind, grips and forces repeat: once a feather's motion has "
+        "become periodic to within the quality's tolerance, it is replayed instead of stepped. 0: "
+        "never.",
+        0,
     ),
     "settle": Key(
         Flag(), "Whether feathers hang in balance at the first frame, instead of at rest.", True

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.types import Groom
-from featherfx.shot.scenes import Surface, TimedWind
+from featherfx.shot.scenes import TimedSurface, TimedWind
 from featherfx.shot.skin_motion import BoundSkin
 from featherfx.shot.view import TimedCamera
 
@@ -186,7 +186,8 @@ class Shot:
 
     skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
     wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
-    through each other and through colliders. level_of_detail: None: levels do not change.
+    through each other and through colliders. level_of_detail: None: levels do not change. cycle:
+    frames after which what acts repeats, 0 where it does not.
     """
 
     name: str
@@ -205,9 +206,10 @@ class Shot:
     settle: bool = True
     sleep: bool = True
     coast: bool = True
+    cycle: int = 0
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
-    colliders: tuple[Surface, ...] = ()
+    colliders: tuple[TimedSurface, ...] = ()
     contact: Contact | None = None
     level_of_detail: LevelOfDetail | None = None
     shelters: tuple[Shelter, ...] = ()
