@@ -18,12 +18,12 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact_bodies import Bodies
-from featherfx.shot.contact_pairs import candidate_pairs, order_at_rest
+from featherfx.shot.contact_pairs import candidate_pairs, normal_of, order_at_rest
 from featherfx.shot.detail import CARRIED, Resolution
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact import ContactReport, ContactSettings, ContactSolver
-from featherfx.solver.contact_surfaces import skin_of
+from featherfx.solver.contact_surfaces import Memory, grids_of_models, skin_of
 from featherfx.solver.root_path import RootPath, hold_roots
 from featherfx.solver.state import State
 from featherfx.solver.step import Solver, StepReport, raise_if_failed
@@ -112,13 +112,18 @@ class ShotContact:
             place(f.points, p.position, p.rotation)
             for f, p in zip(feathers, placements, strict=True)
         ]
+        normals = np.stack([normal_of(points) for points in rest])
         lengths = np.array([f.station[-1] for f in feathers])
         pairs = candidate_pairs(rest, lengths)
         halves = 0.5 * thickness
-        skin = skin_of([solver.model for solver in solvers], halves)
+        models = [solver.model for solver in solvers]
+        grids = grids_of_models(models)
+        skin = skin_of(models, grids, halves)
         ranks = np.array([placement.rank for placement in placements])
         dorsal = np.stack([placement.rotation[:, 2] for placement in placements])
-        sides = order_at_rest(pairs, np.stack(rest), skin, lengths, ranks, dorsal)
+        batches = zip(grids.first[:-1], grids.first[1:], strict=True)
+        together = grids.together([np.stack(rest[low:high]) for low, high in batches])
+        sides = order_at_rest(pairs, together, normals, skin, lengths, ranks, dorsal)
         self._thickness = float(thickness.min())
         settings = ContactSettings(
             friction=self.contact.friction,
@@ -261,13 +266,11 @@ class ShotContact:
 
     def memory(self) -> dict[str, Any]:
         """What is kept between frames, for checkpoints."""
-        memory = self.solver.memory
-        return memory._asdict() | {"step": np.array(self._proposal)}
+        return self.solver.memory._asdict() | {"step": np.array(self._proposal)}
 
     def restore(self, memory: dict[str, Any]) -> None:
         """Take over what `memory` gave."""
-        for name, array in self.solver.memory._asdict().items():
-            array[:] = memory[name]
+        self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
         self._proposal = float(memory["step"])
         self._bodies.begun = True
 

@@ -32,38 +32,37 @@ def candidate_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
 
     rest: per feather (n, P, 3) m, world points at rest. lengths: (F,) m.
     """
-    from scipy.spatial import cKDTree
-
-    low = np.stack([_nodes(points).min(axis=0) for points in rest])
-    high = np.stack([_nodes(points).max(axis=0) for points in rest])
-    centre, reach = 0.5 * (low + high), 0.5 * np.linalg.norm(high - low, axis=1)
-    near = cKDTree(centre).query_pairs(float(2.0 * reach.max() + REACH_SHARE * lengths.max()))
-    pairs = np.array(sorted(near), dtype=np.int64).reshape(-1, 2)
-    margin = REACH_SHARE * lengths[pairs].max(axis=1)[:, None]
-    first, second = pairs.T
-    meet = ((low[first] <= high[second] + margin) & (low[second] <= high[first] + margin)).all(
-        axis=1
-    )
-    pairs = pairs[meet]
+    nodes = [np.delete(points, (1, 2), axis=1).reshape(-1, 3) for points in rest]
+    low = np.stack([points.min(axis=0) for points in nodes])
+    high = np.stack([points.max(axis=0) for points in nodes])
+    found = []
+    for first in range(len(nodes) - 1):
+        others = slice(first + 1, None)
+        margin = REACH_SHARE * np.maximum(lengths[first], lengths[others])[:, None]
+        meet = (low[others] <= high[first] + margin) & (low[first] <= high[others] + margin)
+        second = first + 1 + np.flatnonzero(meet.all(axis=1))
+        found.append(np.stack([np.full(len(second), first), second], axis=1))
+    pairs = np.concatenate([np.zeros((0, 2), dtype=np.int64), *found])
     return np.concatenate([pairs, pairs[:, ::-1]])
 
 
-def _nodes(points: Array) -> Array:
-    """(k, 3) positions among material points (n, P, 3): all but the directors."""
-    return np.delete(points, (1, 2), axis=1).reshape(-1, 3)
-
-
 def order_at_rest(
-    pairs: Indices, rest: Array, skin: Skin, lengths: Array, ranks: Indices, dorsal: Array
+    pairs: Indices,
+    rest: Array,
+    normals: Array,
+    skin: Skin,
+    lengths: Array,
+    ranks: Indices,
+    dorsal: Array,
 ) -> Indices:
     """(N,) side of the host where the guest belongs, 0 where it is not clear.
 
-    pairs: from `candidate_pairs`. rest: (F, n, P, 3) m. ranks: (F,) places in the order in which a
-    layout laid the feathers, upwards, -1 without one. dorsal: (F, 3) unit vectors at the roots.
+    pairs: from `candidate_pairs`. rest: (F, n, P, 3) m, on the widest grid. normals: (F, 3) from
+    `normal_of`. ranks: (F,) places in the order in which a layout laid the feathers, upwards, -1
+    without one. dorsal: (F, 3) unit vectors at the roots.
     """
     votes = _votes(pairs, rest, skin, NEAR_SHARE * float(lengths.max()))
     half = len(pairs) // 2
-    normals = _normals(rest)
     agree = _agree(normals[pairs[:half, 0]], normals[pairs[:half, 1]])
     # the guest is over its host where the host is under the guest, seen from equal normals
     both = votes[:half] - agree[:, None] * votes[half:]
@@ -88,7 +87,7 @@ def _votes(pairs: Indices, rest: Array, skin: Skin, margin: float) -> Array:
         bounds=np.zeros((bodies, 6)),
         impedance=np.ones(rest.shape[:3]),
     )
-    memory = no_memory(len(pairs), skin)
+    memory = no_memory(skin)
     free = np.zeros(len(pairs), dtype=np.int64)
     touch, count = list_contacts(pairs, free, skin, scene, memory, margin, 0.0)
     votes = np.zeros((len(pairs), 2))
@@ -97,12 +96,11 @@ def _votes(pairs: Indices, rest: Array, skin: Skin, margin: float) -> Array:
     return votes
 
 
-def _normals(rest: Array) -> Array:
-    """(F, 3) normals of the feathers' surfaces (F, n, P, 3), on the whole; not of unit length."""
-    m = (rest.shape[2] - 3) // 2
-    across = rest[:, :, 2 + m] - rest[:, :, 2 + 2 * m]
-    along = np.gradient(rest[:, :, 0], axis=1)
-    normal: Array = np.cross(along, across).sum(axis=1)
+def normal_of(points: Array) -> Array:
+    """(3,) normal of a feather's surface (n, P, 3), on the whole; not of unit length."""
+    m = (points.shape[1] - 3) // 2
+    across = points[:, 2 + m] - points[:, 2 + 2 * m]
+    normal: Array = np.cross(np.gradient(points[:, 0], axis=0), across).sum(axis=0)
     return normal
 
 

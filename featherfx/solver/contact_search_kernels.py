@@ -22,8 +22,10 @@ def strip_point(column, columns):
 
 
 @kernel
-def guest_point(c, columns):
+def guest_point(c, columns, own):
     """(material point, share of the next row) of column c of a row's guests.
+
+    columns: of the widest grid, which the points are counted on; own: of the feather's.
 
     The first 2 m + 1 are the strip's nodes. The others lie on the trailing, then on the leading
     rim between this row's node and the next one's, because rims that cross touch between nodes.
@@ -32,7 +34,7 @@ def guest_point(c, columns):
     if extra < 0:
         return strip_point(c, columns), 0.0
     between = RIM_PARTS - 1
-    p = 2 + 2 * columns if extra < between else 2 + columns
+    p = 2 + columns + own if extra < between else 2 + own
     return p, (extra % between + 1.0) / RIM_PARTS
 
 

@@ -130,8 +130,30 @@ class Solver:
         feathers: indices to advance, all by default. A feather that cannot be solved stays at its
         last good sub-step and has a status in the report: see raise_if_failed.
         """
-        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
+        new = state.copy()
         carry_to(self.model, new, path)
+        counters = self.advance(new, loads, path, duration, feathers)
+        for f in np.flatnonzero((counters[:, STATUS] != CONVERGED) & (counters[:, STEPS] == 0)):
+            # not even where its path begins
+            for array, given in zip(new, state, strict=True):
+                array[f] = given[f]
+        return new, report_of(counters)
+
+    def advance(
+        self,
+        state: State,
+        loads: Loads,
+        path: RootPath,
+        duration: float,
+        feathers: Sequence[int] | None = None,
+        start: State | None = None,
+    ) -> Array:
+        """Advance feathers by a duration in s in place; (F, COUNTERS) of step_kernels.
+
+        start: where they begin, if that is not where the state has them. A feather that cannot be
+        solved stays at its last good sub-step.
+        """
+        loads = wind_of_each(loads, self.model.feathers)
         counters = np.zeros((self.model.feathers, COUNTERS))
         settings = self.settings
         shortest = duration / settings.max_substeps
@@ -147,8 +169,11 @@ class Solver:
         )
 
         def one(f: int) -> None:
-            if new.step[f] == 0.0:
-                start_acceleration(self.model, loads, f, duration, new, self._work())
+            if start is not None:
+                for array, given in zip(state, start, strict=True):
+                    array[f] = given[f]
+            if state.step[f] == 0.0:
+                start_acceleration(self.model, loads, f, duration, state, self._work())
             advance(
                 self.model,
                 loads,
@@ -156,19 +181,14 @@ class Solver:
                 duration,
                 path.samples[f],
                 path.base[f],
-                new,
+                state,
                 values,
                 self._work(),
                 counters[f],
             )
-            if counters[f, STATUS] != CONVERGED and counters[f, STEPS] == 0:
-                # not even where its path begins
-                for array, given in zip(new, state, strict=True):
-                    array[f] = given[f]
 
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
-        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
-        return new, StepReport(*(counters[:, column] for column in columns))
+        return counters
 
     def equilibrium(
         self,
@@ -215,6 +235,12 @@ class Solver:
         else:
             for _ in self._pool.map(function, feathers):
                 pass
+
+
+def report_of(counters: Array) -> StepReport:
+    """The report of (F, COUNTERS) as `Solver.advance` gives them."""
+    columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
+    return StepReport(*(counters[:, column] for column in columns))
 
 
 def reason_of(status: int, most: int = MOST_ITERATIONS) -> str:
