@@ -140,17 +140,22 @@ class ContactSolver:
         paths: Sequence[RootPath],
         duration: float,
         walls: Sequence[Wall] = (),
+        substeps: int = 1,
+        resting: Flags | None = None,
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
 
-        walls: bodies whose motion over the duration is given; of several, a node meets each.
+        substeps: most regular steps that a feather may divide the interval into by itself, to keep
+        to its tolerance. resting: (B,) bodies that are solved only if what touches them asks for
+        it; the report counts no steps of those that were not. walls: bodies whose motion over the
+        duration is given; of several, a node meets each.
         A feather that cannot be solved has a status in its batch's report, and then the other
         results mean nothing.
         """
-        run = Run(self.solvers, self.grids, states, loads, paths, duration)
+        run = Run(self.solvers, self.grids, states, loads, paths, duration, substeps)
         memory = self.memory
         rounds, depth, residual = 0, 0.0, 0.0
-        stale = np.ones(self.grids.bodies, dtype=np.bool_)
+        stale = np.ones(self.grids.bodies, dtype=np.bool_) if resting is None else ~resting
         forces = np.zeros(self.grids.bodies)
         for search in range(SEARCHES):
             searched = run.now.copy()
@@ -194,7 +199,9 @@ class ContactSolver:
                 mine = again & colour
                 if not mine.any():
                     continue
-                run.solve(mine, self._contacts(run, mine))
+                # at first they may still go far
+                reach = np.inf if number == 1 else FAR_SHARE * settings.margin
+                run.solve(mine, self._contacts(run, mine, reach))
                 update(touch, *self._listed, mine.astype(np.int8), run.now)
             if run.failed():
                 break
@@ -256,8 +263,11 @@ class ContactSolver:
         every = np.array(colour)
         return [every == c for c in range(int(every.max()) + 1)]
 
-    def _contacts(self, run: Run, mine: Flags) -> Contacts:
-        """The plane contacts of the bodies mine, by body; overwritten by the next call."""
+    def _contacts(self, run: Run, mine: Flags, reach: float) -> Contacts:
+        """The plane contacts of the bodies mine, by body; overwritten by the next call.
+
+        reach: m, gap beyond which those without a force are left out.
+        """
         settings, flags = self.settings, mine.astype(np.int8)
         while True:
             planes = self._planes
@@ -269,7 +279,7 @@ class ContactSolver:
                 run.now,
                 settings.friction,
                 settings.smoothing * run.duration,
-                FAR_SHARE * settings.margin,
+                reach,
                 self.grids.most_columns,
                 self.skin.columns,
                 planes,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
+# Newton iterations of one solve of a feather; one that needs more gets a shorter interval
+MOST_ITERATIONS = 400
 # columns of a feather's counters that add up over its solves; of the others the last one's holds
 SUMS = [ITERATIONS, REJECTED, FAILED, FALLBACKS]
 
@@ -33,7 +37,8 @@ SUMS = [ITERATIONS, REJECTED, FAILED, FALLBACKS]
 class Run:
     """Where the batches started, and where the last iterate stands.
 
-    solvers: of the batches. grids: theirs. duration: s. start, now: (B, n, P, 3) m, all bodies on
+    solvers: of the batches. grids: theirs. duration: s. substeps: most regular steps of a feather
+    within it. start, now: (B, n, P, 3) m, all bodies on
     the widest grid. counters: (B, COUNTERS), of all solves.
     """
 
@@ -45,13 +50,21 @@ class Run:
         loads: Sequence[Loads],
         paths: Sequence[RootPath],
         duration: float,
+        substeps: int = 1,
     ) -> None:
         self.solvers, self.grids, self.duration = solvers, grids, duration
         self.loads, self.paths = loads, paths
+        self.settings = [
+            replace(
+                solver.settings,
+                max_substeps=substeps,
+                max_iterations=min(solver.settings.max_iterations, MOST_ITERATIONS),
+            )
+            for solver in solvers
+        ]
         self.old = [state.copy() for state in states]
         for solver, state, path in zip(solvers, self.old, paths, strict=True):
             carry_to(solver.model, state, path)
-            state.proposal[:] = 0.0
         self.new = [state.copy() for state in self.old]
         self.start = grids.together([state.points for state in self.old])
         velocity = grids.together([state.velocity for state in self.old])
@@ -60,7 +73,11 @@ class Run:
         self.counters = np.zeros((grids.bodies, COUNTERS))
 
     def solve(self, mine: Flags, contacts: Contacts) -> None:
-        """Solve the bodies mine anew from the interval's start. contacts: of all bodies."""
+        """Solve the bodies mine anew from the interval's start. contacts: of all bodies.
+
+        All rounds begin with the step length that the interval before left, so that a feather that
+        takes shorter steps of its own takes the same ones in every round.
+        """
         for g, solver in enumerate(self.solvers):
             low, high = self.grids.first[g], self.grids.first[g + 1]
             feathers = np.flatnonzero(mine[low:high])
@@ -69,8 +86,15 @@ class Run:
             own = contacts._replace(first=contacts.first[low : high + 1])
             loads = self.loads[g]._replace(contacts=own)
             old, new = self.old[g], self.new[g]
+            solver.begin(old, loads, self.duration, feathers.tolist())
             counters = solver.advance(
-                new, loads, self.paths[g], self.duration, feathers.tolist(), old
+                new,
+                loads,
+                self.paths[g],
+                self.duration,
+                feathers.tolist(),
+                old,
+                self.settings[g],
             )
             self.grids.put(new.points[feathers], g, feathers, self.now)
             self.solves += len(feathers)
@@ -91,6 +115,4 @@ class Run:
 
     def reports(self) -> list[StepReport]:
         """Per batch, all solves of the interval as one report: counts add, the last error holds."""
-        first = self.grids.first
-        pairs = zip(first[:-1], first[1:], strict=True)
-        return [report_of(self.counters[low:high]) for low, high in pairs]
+        return [report_of(self.counters[low:high]) for low, high in pairwise(self.grids.first)]

@@ -48,6 +48,8 @@ REASONS = {
     NO_REST: "it finds no rest in this wind",
 }
 NEWTON_ITERATIONS = 40
+# length of the last step of a feather that has none, but its first acceleration
+BEGUN = -1.0
 # of one feather in one frame; bakes of the samples need 3 to 100
 MOST_ITERATIONS = 2000
 
@@ -147,15 +149,16 @@ class Solver:
         duration: float,
         feathers: Sequence[int] | None = None,
         start: State | None = None,
+        settings: Settings | None = None,
     ) -> Array:
         """Advance feathers by a duration in s in place; (F, COUNTERS) of step_kernels.
 
-        start: where they begin, if that is not where the state has them. A feather that cannot be
-        solved stays at its last good sub-step.
+        start: where they begin, if that is not where the state has them. settings: other than the
+        solver's. A feather that cannot be solved stays at its last good sub-step.
         """
         loads = wind_of_each(loads, self.model.feathers)
         counters = np.zeros((self.model.feathers, COUNTERS))
-        settings = self.settings
+        settings = settings or self.settings
         shortest = duration / settings.max_substeps
         values = np.array(
             [
@@ -189,6 +192,17 @@ class Solver:
 
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
         return counters
+
+    def begin(self, state: State, loads: Loads, duration: float, feathers: Sequence[int]) -> None:
+        """Set the first accelerations of feathers that have not been stepped yet, in place; solves
+        from this state do not do it again. duration: s, of the step to come."""
+        loads = wind_of_each(loads, self.model.feathers)
+
+        def one(f: int) -> None:
+            start_acceleration(self.model, loads, f, duration, state, self._work())
+            state.step[f] = BEGUN
+
+        self._for_each(one, [f for f in feathers if state.step[f] == 0.0])
 
     def equilibrium(
         self,
