@@ -40,8 +40,8 @@ CUT, SMALLEST_SHARE = 0.25, 1.0 / 64.0
 WRONG_SHARE = 0.5
 # what a gap may be off: a share of the quality's tolerance, between these of the thickness
 OFF_SHARE, LEAST_SHARE, MOST_SHARE = 0.05, 0.1, 0.4
-# smallest followed gap, as a share of the thickness
-MARGIN_SHARE = 8.0
+# smallest followed gap, in thicknesses
+MARGIN_SHARE = 6.0
 # share of the feathers that should need no more than one step of their own in a common one
 FEW_STEPS = 0.8
 # Newton iterations of a feather in a frame, over Settings.max_iterations: it is solved in rounds

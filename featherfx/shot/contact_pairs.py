@@ -9,12 +9,13 @@ order through feathers between (over the one that is over the other), else none.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.solver.contact_list_kernels import PAIR, SIDE
-from featherfx.solver.contact_surfaces import Scene, Skin, list_contacts, no_memory
+from featherfx.solver.contact_list_kernels import PAIR, SIDE, START_GAP, THICKNESS
+from featherfx.solver.contact_surfaces import Skin, list_contacts, no_memory, scene_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -25,6 +26,8 @@ REACH_SHARE = 0.5
 NEAR_SHARE = 0.1
 # part of the nodes by which one side must lead
 CLEAR = 0.2
+# depth at rest, as a share of the shorter feather's length, that an order may ask to be undone
+DEEP_SHARE = 0.05
 
 
 def candidate_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
@@ -59,40 +62,60 @@ def order_at_rest(
 
     pairs: from `candidate_pairs`. rest: (F, n, P, 3) m, on the widest grid. normals: (F, 3) from
     `normal_of`. ranks: (F,) places in the order in which a layout laid the feathers, upwards, -1
-    without one. dorsal: (F, 3) unit vectors at the roots.
+    without one. dorsal: (F, 3) unit vectors at the roots. An order that would have a feather
+    deeper in another than a layout ever leaves it is no order.
     """
-    votes = _votes(pairs, rest, skin, NEAR_SHARE * float(lengths.max()))
+    shorter = lengths[pairs].min(axis=1)
+    votes = _votes(pairs, rest, skin, shorter)
     half = len(pairs) // 2
-    agree = _agree(normals[pairs[:half, 0]], normals[pairs[:half, 1]])
-    # the guest is over its host where the host is under the guest, seen from equal normals
-    both = votes[:half] - agree[:, None] * votes[half:]
-    side, total = both[:, 0], np.abs(votes[:half, 1]) + np.abs(votes[half:, 1])
-    clear = np.abs(side) > CLEAR * np.maximum(total, 1.0)
-    order = np.where(clear, np.sign(side), 0.0).astype(np.int64)
     guest, host = pairs[:half].T
+    agree = _agree(normals[guest], normals[host])
+    # the guest is over its host where the host is under the guest, seen from equal normals
+    both = votes.side[:half] - agree * votes.side[half:]
+    total = votes.number[:half] + votes.number[half:]
+    clear = np.abs(both) > CLEAR * np.maximum(total, 1.0)
+    seen = np.where(clear, np.sign(both), 0.0).astype(np.int64)
     laid = (ranks[guest] >= 0) & (ranks[host] >= 0) & (total > 0.0)
     upward = _agree(normals, dorsal)[host] * np.sign(ranks[guest] - ranks[host])
-    order = np.where(laid, upward, order)
+    order = np.where(laid, upward, seen)
+    for other in (seen, np.zeros_like(seen)):
+        turned = -agree * order
+        deep = np.maximum(
+            np.where(order > 0, votes.below[:half], np.where(order < 0, votes.above[:half], 0.0)),
+            np.where(turned > 0, votes.below[half:], np.where(turned < 0, votes.above[half:], 0.0)),
+        )
+        order = np.where(deep > DEEP_SHARE * shorter[:half], other, order)
     order = _through_others(pairs[:half], order, agree)
     return np.concatenate([order, -agree * order])
 
 
-def _votes(pairs: Indices, rest: Array, skin: Skin, margin: float) -> Array:
-    """(N, 2) per pair: sum of the guest's nodes' sides over the host, and their number."""
-    bodies, rows, _ = skin.present.shape
-    scene = Scene(
-        start=rest,
-        ahead=rest,
-        boxes=np.zeros((bodies, rows, 6)),
-        bounds=np.zeros((bodies, 6)),
-        impedance=np.ones(rest.shape[:3]),
-    )
-    memory = no_memory(skin)
-    free = np.zeros(len(pairs), dtype=np.int64)
-    touch, count = list_contacts(pairs, free, skin, scene, memory, margin, 0.0)
-    votes = np.zeros((len(pairs), 2))
-    np.add.at(votes[:, 0], touch.who[:count, PAIR], touch.who[:count, SIDE])
-    np.add.at(votes[:, 1], touch.who[:count, PAIR], 1.0)
+class _Votes(NamedTuple):
+    """Of N pairs: sum of the sides of the guest's nodes over the host, their number, and m, how far
+    the farthest are above and below it."""
+
+    side: Array
+    number: Array
+    above: Array
+    below: Array
+
+
+def _votes(pairs: Indices, rest: Array, skin: Skin, shorter: Array) -> _Votes:
+    """shorter: (N,) m, length of the shorter feather of each pair."""
+    scene = scene_of(rest, rest, np.ones(rest.shape[:3]))
+    memory, votes = no_memory(skin), _Votes(*(np.zeros(len(pairs)) for _ in _Votes._fields))
+    octaves = np.floor(np.log2(shorter))
+    for octave in np.unique(octaves):
+        some = np.flatnonzero(octaves == octave)
+        free = np.zeros(len(some), dtype=np.int64)
+        margin = NEAR_SHARE * 2.0 ** (octave + 1.0)
+        touch, count = list_contacts(pairs[some], free, skin, scene, memory, float(margin), 0.0)
+        who, value = touch.who[:count], touch.value[:count]
+        pair, side = some[who[:, PAIR]], who[:, SIDE]
+        height = value[:, START_GAP] + value[:, THICKNESS]
+        np.add.at(votes.side, pair, side)
+        np.add.at(votes.number, pair, 1.0)
+        np.maximum.at(votes.above, pair[side > 0], height[side > 0])
+        np.maximum.at(votes.below, pair[side < 0], height[side < 0])
     return votes
 
 

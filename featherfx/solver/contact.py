@@ -34,8 +34,8 @@ from featherfx.solver.contact_list_kernels import (
 )
 from featherfx.solver.contact_run import Run
 from featherfx.solver.contact_surfaces import (
+    Found,
     Memory,
-    Scene,
     elastic_stiffness,
     grids_of_models,
     list_contacts,
@@ -43,6 +43,7 @@ from featherfx.solver.contact_surfaces import (
     new_touch,
     no_memory,
     remembered,
+    scene_of,
     skin_of,
 )
 from featherfx.solver.contact_wall import Wall
@@ -126,10 +127,9 @@ class ContactSolver:
         self.skin = skin_of(models, self.grids, halves)
         self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
         self._mass = self.grids.together([model.mass for model in models])
-        bodies, rows, _ = self.skin.present.shape
+        bodies = self.grids.bodies
         self.memory = no_memory(self.skin)
-        self._boxes = np.zeros((bodies, rows, 6)), np.zeros((bodies, 6))
-        self._touch, self._planes = new_touch(), new_planes(bodies)
+        self._touch, self._spare, self._planes = new_touch(), new_touch(), new_planes(bodies)
         self._count = 0
         self._listed = np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
 
@@ -159,7 +159,7 @@ class ContactSolver:
         forces = np.zeros(self.grids.bodies)
         for search in range(SEARCHES):
             searched = run.now.copy()
-            count = self._find(run, duration, walls, memory)
+            count = self._find(run, duration, walls, memory, stale if search else None)
             begun = float(self._touch.value[:count, SPARED].max(initial=0.0))
             if search:
                 # what was found before, of another body or at another place, pressed as well
@@ -221,31 +221,39 @@ class ContactSolver:
         who, value = self._touch.who[: self._count], self._touch.value[: self._count]
         return who[:, GUEST], who[:, HOST], value[:, SPARED] - value[:, GAP]
 
-    def _find(self, run: Run, duration: float, walls: Sequence[Wall], memory: Memory) -> int:
-        """Search for contacts; the room for them grows until they fit."""
+    def _find(
+        self,
+        run: Run,
+        duration: float,
+        walls: Sequence[Wall],
+        memory: Memory,
+        stale: Flags | None,
+    ) -> int:
+        """Search for contacts, again only for stale bodies; the room for them grows."""
         settings = self.settings
         inertia = integrator_coefficients(self.solvers[0].settings.radius, duration)[0]
-        boxes, bounds = self._boxes
         impedance = FIT * (inertia * self._mass + self._elastic)
-        scene = Scene(run.start, run.now, boxes, bounds, impedance)
         self._found_in = memory._replace(inside=memory.inside.copy())
-        self._touch, count = list_contacts(
+        found = list_contacts(
             self.pairs,
             self.order,
             self.skin,
-            scene,
+            scene_of(run.start, run.now, impedance),
             self._found_in,
             settings.margin,
             settings.recovery * duration,
-            self._touch,
             walls,
+            None if stale is None else Found(self._touch, self._count),
+            stale,
+            self._spare,
         )
+        self._spare, self._touch, self._count = self._touch, found.touch, found.number
         first, items = self._listed
-        if len(items) < 2 * count:
-            items = np.zeros(4 * count, dtype=np.int64)
-        list_by_body(self._touch, count, first, items)
-        self._listed, self._count = (first, items), count
-        return count
+        if len(items) < 2 * found.number:
+            items = np.zeros(4 * found.number, dtype=np.int64)
+        list_by_body(self._touch, found.number, first, items)
+        self._listed = first, items
+        return found.number
 
     def _colours(self, count: int) -> list[Flags]:
         """Bodies in groups that do not touch each other, greedily; all bodies in one of them."""

@@ -1,6 +1,7 @@
 """Which contacts there are: points of vanes near the vanes of others (contact_list_kernels)."""
 
 from featherfx.compiled import kernel
+from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.solver.contact_list_kernels import (
     COLUMN,
@@ -98,8 +99,10 @@ def _find_node(pair, i, c, guest, host, order, known, skin, scene, memory, limit
     if box_distance(x[0], x[1], x[2], bounds) > margin * margin:
         return count
     place = touch.place
+    limit = skin.far[host] + margin + scene.way[guest] + scene.way[host]
+    present, boxes = skin.present[host], scene.boxes[host]
     row, column = nearest_node(
-        x[0], x[1], x[2], now[host], skin.present[host], scene.boxes[host], place[4], place[5]
+        x[0], x[1], x[2], now[host], present, boxes, place[4], place[5], limit
     )
     if row < 0 or count >= touch.who.shape[0]:
         return count + (1 if row >= 0 else 0)
@@ -151,18 +154,27 @@ def _find_node(pair, i, c, guest, host, order, known, skin, scene, memory, limit
 
 
 @kernel
-def find_contacts(pairs, order, skin, scene, memory, limits, touch):
+def find_contacts(pairs, order, skin, scene, memory, limits, before, kept, stale, touch):
     """Contacts of all pairs (N, 2) guest and host, written to touch; returns how many there are.
 
     order: (N,) side of the host where the guest belongs, 0 for where it is. limits: (2,) m, gap
-    below which a node is followed, and way that a depth may be reduced by. More than touch has
-    room for: only their number is right.
+    below which a node is followed, and way that a depth may be reduced by. before: the contacts
+    found last, kept of them, which hold on for pairs of bodies that are not stale (B,). More than
+    touch has room for: only their number is right.
     """
-    count, at = 0, 0
+    count, at, old = 0, 0, 0
     margin = limits[0]
     _, rows, width = skin.guests.shape
     for pair in range(pairs.shape[0]):
         guest, host = pairs[pair, 0], pairs[pair, 1]
+        if stale[guest] == 0 and stale[host] == 0:
+            while old < kept and 0 <= before.who[old, PAIR] < pair:
+                old += 1
+            while old < kept and before.who[old, PAIR] == pair:
+                if count < touch.who.shape[0]:
+                    _copy_contact(before, old, touch, count)
+                count, old = count + 1, old + 1
+            continue
         if boxes_apart(scene.bounds[guest], scene.bounds[host], margin):
             continue
         # neighbours on the guest are near neighbours on the host
@@ -195,3 +207,12 @@ def find_contacts(pairs, order, skin, scene, memory, limits, touch):
                     count,
                 )
     return count
+
+
+@kernel
+def _copy_contact(source, k, target, to):
+    copy_values(source.who[k], target.who[to])
+    copy_values(source.corner[k], target.corner[to])
+    copy_values(source.weight[k], target.weight[to])
+    copy_values(source.value[k], target.value[to])
+    copy_values(source.place_start[k], target.place_start[to])

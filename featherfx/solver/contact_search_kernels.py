@@ -91,14 +91,18 @@ def boxes_apart(first, second, margin):
 
 
 @kernel
-def nearest_node(x, y, z, points, present, boxes, row, column):
-    """(row, column) of the strip's node nearest to a point; row, column: first guess, or -1."""
+def nearest_node(x, y, z, points, present, boxes, row, column, limit):
+    """(row, column) of the strip's node nearest to a point, -1 if none is nearer than limit (m).
+
+    row, column: first guess, or -1.
+    """
     columns = (present.shape[1] - 1) // 2
-    best, found_row, found_column = 1e300, -1, -1
+    best, found_row, found_column = limit * limit, -1, -1
     if row >= 0 and present[row, column] != 0:
         p = points[row, strip_point(column, columns)]
-        best = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2
-        found_row, found_column = row, column
+        square = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2
+        if square < best:
+            best, found_row, found_column = square, row, column
     for i in range(points.shape[0]):
         if box_distance(x, y, z, boxes[i]) >= best:
             continue

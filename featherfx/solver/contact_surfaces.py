@@ -37,30 +37,37 @@ WALL_FIT = 4.0
 # share of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
 # nanometres would switch forces that Newton then hunts for, and a feather that flies has no clamp
 NEAR_ROOT = 0.4
+# depth, as a share of the feather's length, beyond which a point counts as on the other side of
+# something else; how much farther barbs' tips are apart than rows, as a share of the barbs' length
+DEEPEST, FAN = 0.1, 0.3
 
 
 class Skin(NamedTuple):
     """Constant surfaces of B bodies on the widest grid (contact_grids). present: (B, n, 2 m + 1),
     which nodes a triangle has. guests: (B, n, W) points that may touch others
     (contact_search_kernels.guest_point). exists: (B, 2, n-1, m, 2) triangles. half: (B, n, P) m,
-    half thickness at the material points. columns: (B,) of each body's own grid."""
+    half thickness at the material points. columns: (B,) of each body's own grid. far: (B,) m, from
+    the nearest node, of points that may still be in the vane or touch it."""
 
     present: Bytes
     guests: Bytes
     exists: Bytes
     half: Array
     columns: Indices
+    far: Array
 
 
 class Scene(NamedTuple):
     """B bodies in an interval. start: (B, n, P, 3) m, its begin; ahead: where they will be about
-    its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, P) N/m."""
+    its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, P) N/m. way: (B,)
+    m, farthest that a node goes."""
 
     start: Array
     ahead: Array
     boxes: Array
     bounds: Array
     impedance: Array
+    way: Array
 
 
 class Memory(NamedTuple):
@@ -149,7 +156,29 @@ def skin_of(models: Sequence[Model], grids: Grids, halves: Sequence[float] | Arr
     half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, rows, 3 + 2 * m))
     columns = grids.own_columns()
     guests = _guests(present, columns)
-    return Skin(present, guests, exists.astype(np.int8), np.array(half, dtype=float), columns)
+    far = np.concatenate([_far(model) for model in models])
+    return Skin(present, guests, exists.astype(np.int8), np.array(half, dtype=float), columns, far)
+
+
+def _far(model: Model) -> Array:
+    """(F,) m, Skin.far: the deepest that a point is brought back from, and half a cell's size."""
+    row, length = model.length.max(axis=1), model.length.sum(axis=1)
+    segment = model.segment.max(axis=(1, 2), initial=0.0)
+    return DEEPEST * length + row + segment + FAN * model.columns * segment
+
+
+def scene_of(start: Array, ahead: Array, impedance: Array) -> Scene:
+    """A scene (B, n, P, 3) whose boxes are yet to be fitted."""
+    bodies, rows = start.shape[:2]
+    away = np.linalg.norm(np.delete(ahead - start, (1, 2), axis=2), axis=3)
+    return Scene(
+        start=start,
+        ahead=ahead,
+        boxes=np.zeros((bodies, rows, 6)),
+        bounds=np.zeros((bodies, 6)),
+        impedance=impedance,
+        way=away.max(axis=(1, 2)),
+    )
 
 
 def _guests(present: Bytes, columns: Indices) -> Bytes:
@@ -191,6 +220,13 @@ def elastic_stiffness(model: Model) -> Array:
     return np.where(np.isfinite(stiffness), stiffness, 0.0)
 
 
+class Found(NamedTuple):
+    """Contacts found last, so many of a Touch."""
+
+    touch: Touch
+    number: int
+
+
 def list_contacts(
     pairs: Indices,
     order: Indices,
@@ -199,23 +235,32 @@ def list_contacts(
     memory: Memory,
     margin: float,
     recovery: float,
-    touch: Touch | None = None,
     walls: Sequence[Wall] = (),
-) -> tuple[Touch, int]:
-    """Contacts of pairs (N, 2), guest and host, and how many; boxes of the scene are refitted.
+    before: Found | None = None,
+    stale: NDArray[np.bool_] | None = None,
+    room: Touch | None = None,
+) -> Found:
+    """Contacts of pairs (N, 2), guest and host; boxes of the scene are refitted.
 
-    order, margin, touch as in ContactSolver. recovery: m, that a depth is reduced by.
+    order, margin as in ContactSolver. recovery: m, that a depth is reduced by. before: contacts
+    that hold on for pairs of bodies that are not stale (B,). room: to be written over; not before.
     """
-    touch = touch or new_touch()
+    before = before or Found(new_touch(1), 0)
+    anew = np.ones(len(skin.far), dtype=np.int8) if stale is None else stale.astype(np.int8)
+    touch = room or new_touch()
     _refit(scene, skin)
     limits = np.array([margin, recovery, WALL_FIT])
     while True:
-        count = int(find_contacts(pairs, order, skin, scene, memory, limits, touch))
+        count = int(
+            find_contacts(
+                pairs, order, skin, scene, memory, limits, before.touch, before.number, anew, touch
+            )
+        )
         for wall in walls:
             if count <= len(touch.who):
                 count = int(find_wall_contacts(wall, skin, scene, memory, limits, touch, count))
         if count <= len(touch.who):
-            return touch, count
+            return Found(touch, count)
         touch = new_touch(2 * count)
 
 
