@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import SimulationError
+from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.shot.carried import Carried
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.contact import ShotContact, common_grid
+from featherfx.shot.contact import ShotContact
 from featherfx.shot.counts import Counts
 from featherfx.shot.cycle import Cycle, memory_of, restore, warn_if_never
 from featherfx.shot.detail import Resolution
@@ -152,9 +152,9 @@ class Simulation:
         plan = plan.part(np.union1d(wanted, carried.guides))
         every = plan.resolutions
         self.resolutions = [every[f][0] for f in wanted]
-        if shot.contact is not None:
-            self.resolutions = common_grid(shot, self.resolutions)
-            every = tuple((each,) for each in self.resolutions)
+        if shot.contact is not None and any(len(each) > 1 for each in every):
+            message = "feathers that touch keep their levels: they cannot follow a camera"
+            raise InputError(Problem(str(shot.source), "level_of_detail", message))
         groups = make_groups(shot, drawn, every, motion, self._jobs)
         if shot.cycle:
             for group in groups:
@@ -176,7 +176,7 @@ class Simulation:
         """Bring a group to the sample with this index, 0 at the first frame."""
         loads = self._loads(group, motion, index)
         if index == 0:
-            if self.shot.settle:
+            if self.shot.settle and self._contact is None:
                 chosen = np.flatnonzero(self._leveled().active(group)).tolist()
                 group.state = settled(group.solver, group.state, loads, group.names, chosen)
                 group.start = group.state.points.copy()
@@ -205,7 +205,10 @@ class Simulation:
         """Bring all groups, whose feathers touch, to the sample with this index."""
         assert self._contact is not None
         groups, start, end = self._groups, self._time(index - 1), self._time(index)
-        if self._all_asleep(motion, index):
+        resting = self._resting(motion, index)
+        self._counts.slept += int(resting.sum())
+        if resting.all():
+            self._pass(motion, index)
             return
 
         def loads_of(begin: float, stop: float) -> list[Loads]:
@@ -215,27 +218,28 @@ class Simulation:
             return [root_path(motion, group.members, begin, stop) for group in groups]
 
         states = [group.state for group in groups]
-        states, reports = self._contact.advance(states, loads_of, paths_of, start, end)
+        states, reports = self._contact.advance(states, loads_of, paths_of, start, end, resting)
         for group, state, report in zip(groups, states, reports, strict=True):
             group.state, group.loads = state, self._loads(group, motion, index)
             self._counts.reports.append(report)
 
-    def _all_asleep(self, motion: Roots, index: int) -> bool:
-        """Whether no feather stirs; then the frame passes. One that moves may push any other."""
-        if not self.shot.sleep:
-            return False
+    def _resting(self, motion: Roots, index: int) -> NDArray[np.bool_]:
+        """(B,) feathers of all groups that nothing stirs, unless others push them."""
+        flags = []
         for group in self._groups:
             path = root_path(motion, group.members, self._time(index - 1), self._time(index))
             loads = self._loads(group, motion, index)
             quiet = at_rest(group.state, path, self.shot.quality.tolerance, self._time(1))
-            if not (quiet & undisturbed(group.state, path, loads, group.loads)).all():
-                return False
+            quiet &= undisturbed(group.state, path, loads, group.loads)
+            flags.append(quiet & self.shot.sleep)
+        return np.concatenate(flags)
+
+    def _pass(self, motion: Roots, index: int) -> None:
+        """A frame in which all groups sleep."""
         for group in self._groups:
             everyone = np.ones(len(group.members), dtype=np.bool_)
             path = root_path(motion, group.members, self._time(index - 1), self._time(index))
             group.state = asleep(group.state, everyone, path, self._time(1))
-            self._counts.slept += len(group.members)
-        return True
 
     def _settle_together(self, motion: Roots, index: int) -> None:
         """At the first frame, bring the feathers into balance against each other."""
