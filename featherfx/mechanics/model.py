@@ -136,9 +136,12 @@ class Loads(NamedTuple):
 
 
 def wind_of_each(loads: Loads, feathers: int) -> Loads:
-    """The same loads with the mean wind of every feather, (F, 3), as the kernels take it."""
+    """The same loads with the mean wind of every feather, (F, 3), as the kernels take it.
+
+    A writable copy: kernels are compiled anew for arrays that are read-only.
+    """
     mean = np.broadcast_to(loads.wind_mean, (feathers, 3))
-    return loads._replace(wind_mean=np.ascontiguousarray(mean, dtype=float))
+    return loads._replace(wind_mean=np.array(mean, dtype=float))
 
 
 def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Loads:

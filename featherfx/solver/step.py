@@ -19,13 +19,7 @@ from featherfx.solver.newton_kernels import (
     NOT_FINITE,
     TOO_MUCH_WORK,
 )
-from featherfx.solver.root_path import RootPath as RootPath
-from featherfx.solver.root_path import hold_roots as hold_roots
-from featherfx.solver.settle import settle
-from featherfx.solver.settle_wind import NO_REST as NO_REST
-from featherfx.solver.start import start_acceleration
-from featherfx.solver.state import State as State
-from featherfx.solver.step_kernels import (
+from featherfx.solver.retry_kernels import (
     COUNTERS,
     ERROR,
     FAILED,
@@ -36,8 +30,14 @@ from featherfx.solver.step_kernels import (
     REJECTED,
     STATUS,
     STEPS,
-    advance,
 )
+from featherfx.solver.root_path import RootPath as RootPath
+from featherfx.solver.root_path import hold_roots as hold_roots
+from featherfx.solver.settle import settle
+from featherfx.solver.settle_wind import NO_REST as NO_REST
+from featherfx.solver.start import start_acceleration
+from featherfx.solver.state import State as State
+from featherfx.solver.step_kernels import advance
 from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]
