@@ -21,10 +21,11 @@ def start_acceleration(
 
     One implicit Euler step over the duration (s), a = (x - x0 - h v0) / h^2, which is then taken
     back. Damping and air take part: without them a relaxing material would first be thrown, and a
-    feather that hangs in balance with the wind would fall out of it. What vibrates faster than that is left at rest: with a tenth of the duration, vibrations
-    that the first step does not resolve would double their energy in it (radius 0; with a fifth
-    or more a linear one never gains, with the whole no crumpled feather was seen to). With wrong
-    accelerations the time integration would lose its second order at once.
+    feather that hangs in balance with the wind would fall out of it. What vibrates faster than
+    that is left at rest: with a tenth of the duration, vibrations that the first step does not
+    resolve would double their energy in it (radius 0; with a fifth or more a linear one never
+    gains, with the whole no crumpled feather was seen to). With wrong accelerations the time
+    integration would lose its second order at once.
     """
     h = INSTANT * duration
     now, around = work.now, work.around
