@@ -16,6 +16,8 @@ from featherfx.solver.state import State
 
 Array = NDArray[np.float64]
 
+_KEPT = ("contact", "levels", "cycles")
+
 
 @dataclass(frozen=True)
 class Checkpoint:
@@ -23,8 +25,8 @@ class Checkpoint:
 
     index: number of the sample, 0 at the first frame, counted in frames times subframes.
     states: one per group of feathers. starts: per group (F, n, P, 3) m, material points at the
-    first frame, from which grips count. contact, levels: arrays that contact and changes of level
-    keep between frames.
+    first frame, from which grips count. contact, levels, cycles: arrays that contact, changes of
+    level and repeated motion keep between frames.
     """
 
     index: int
@@ -32,6 +34,7 @@ class Checkpoint:
     starts: tuple[Array, ...]
     contact: dict[str, NDArray[Any]] = field(default_factory=dict)
     levels: dict[str, NDArray[Any]] = field(default_factory=dict)
+    cycles: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def save(self, path: Path) -> None:
         """Write it to an .npz file, whole or not at all."""
@@ -39,7 +42,8 @@ class Checkpoint:
         for k, (state, start) in enumerate(zip(self.states, self.starts, strict=True)):
             arrays |= {f"{k}.{name}": value for name, value in state._asdict().items()}
             arrays[f"{k}.start"] = start
-        for kind, kept in (("contact", self.contact), ("levels", self.levels)):
+        for kind in _KEPT:
+            kept = getattr(self, kind)
             arrays |= {f"{kind}.{name}": value for name, value in kept.items()}
         write_whole(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
@@ -53,14 +57,14 @@ class Checkpoint:
                     State(*(file[f"{k}.{name}"] for name in State._fields)) for k in groups
                 )
                 starts = tuple(file[f"{k}.start"] for k in groups)
-                contact, levels = (
+                kept = (
                     {
-                        name.removeprefix(kind): file[name]
+                        name.removeprefix(f"{kind}."): file[name]
                         for name in file.files
-                        if name.startswith(kind)
+                        if name.startswith(f"{kind}.")
                     }
-                    for kind in ("contact.", "levels.")
+                    for kind in _KEPT
                 )
-                return Checkpoint(int(file["index"]), states, starts, contact, levels)
+                return Checkpoint(int(file["index"]), states, starts, *kept)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error

@@ -15,13 +15,14 @@ from featherfx.solver.step import StepReport
 class Counts:
     """Sums over a shot so far.
 
-    reports: one per batch and frame. slept, coasted: feather frames that were not stepped; rigid,
-    guided: those of feathers that follow their roots or guides only.
+    reports: one per batch and frame. slept, coasted, repeated: feather frames that were not
+    stepped; rigid, guided: those of feathers that follow their roots or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)
     slept: int = 0
     coasted: int = 0
+    repeated: int = 0
     rigid: int = 0
     guided: int = 0
 
@@ -43,6 +44,7 @@ class Counts:
             "skipped": {
                 "sleeping feather frames": self.slept,
                 "coasting feather frames": self.coasted,
+                "repeated feather frames": self.repeated,
                 "rigid feather frames": self.rigid,
                 "guided feather frames": self.guided,
             },

@@ -19,7 +19,7 @@ from featherfx.groom.read import collect_groom, groom_of
 from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
 from featherfx.groom.toml_file import load_toml
 from featherfx.groom.types import Groom
-from featherfx.shot.read_loads import read_details, read_forces, read_grips
+from featherfx.shot.read_loads import read_details, read_forces, read_grips, read_shelters
 from featherfx.shot.read_scenes import (
     read_colliders,
     read_level_of_detail,
@@ -84,11 +84,13 @@ def _collect(
     settings = {name: _setting(name, raw, library, place) for name in _BUILD}
     grips, forces = read_grips(raw, groom, place), read_forces(raw, groom, place)
     details = read_details(raw, groom, place)
-    colliders = read_colliders(raw, place, readers)
+    shelters = read_shelters(raw, groom, place)
     _check_frames(raw, place)
+    _check_cycle(checked, place)
     _check_keyframes(settings["motion"], groom, place.child("motion"))
     if checked is INVALID or groom is None:
         return None
+    colliders = read_colliders(raw, checked, place, readers)
     skin = read_skin(raw, checked, groom, place, readers)
     wind_source = read_wind(raw, checked, place, readers)
     level_of_detail = read_level_of_detail(raw, checked, place, readers)
@@ -111,11 +113,13 @@ def _collect(
         settle=checked["settle"],
         sleep=checked["sleep"],
         coast=checked["coast"],
+        cycle=checked["cycle"],
         skin=skin,
         wind_source=wind_source,
         colliders=colliders,
         contact=_contact(checked["contact"]),
         level_of_detail=level_of_detail,
+        shelters=shelters,
     )
 
 
@@ -129,6 +133,12 @@ def _check_frames(raw: dict[str, Any], place: Place) -> None:
     frames = SHOT["frames"].type.check(raw.get("frames", [0, 0]), place.child("frames"), False)
     if frames is not INVALID and frames[1] < frames[0]:
         place.child("frames").fail(f"the last frame {frames[1]} comes before the first {frames[0]}")
+
+
+def _check_cycle(checked: Any, place: Place) -> None:
+    if checked is not INVALID and checked["cycle"] and _contact(checked["contact"]) is not None:
+        message = "feathers that touch act on each other and are not replayed: leave out contact"
+        place.child("cycle").fail(message)
 
 
 def _check_keyframes(motion: Motion | None, groom: Groom | None, place: Place) -> None:

@@ -15,6 +15,7 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.contact import ShotContact, common_grid
 from featherfx.shot.counts import Counts
+from featherfx.shot.cycle import Cycle, memory_of, restore, warn_if_never
 from featherfx.shot.detail import Resolution
 from featherfx.shot.groups import Group, loads_within, make_groups
 from featherfx.shot.level_run import LevelRun
@@ -93,6 +94,8 @@ class Simulation:
                 self._index = index
                 if index >= wanted:
                     yield self._frame(index)
+            cycles = [group.cycle for group in self._groups]
+            warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)
         finally:
             for group in self._groups:
                 group.solver.__exit__()
@@ -105,6 +108,15 @@ class Simulation:
             tuple(group.start for group in self._groups),
             {} if self._contact is None else self._contact.memory(),
             self._leveled().fades.memory(),
+            memory_of([group.cycle for group in self._groups]),
+        )
+
+    def simulated_bytes(self) -> tuple[int, int]:
+        """Bytes of the constant data, and of one state, of all feathers that are simulated."""
+        groups = self._groups
+        return (
+            sum(array.nbytes for group in groups for array in group.solver.model),
+            sum(array.nbytes for group in groups for array in group.state),
         )
 
     def _leveled(self) -> LevelRun:
@@ -123,6 +135,7 @@ class Simulation:
         if self._contact is not None:
             self._contact.restore(begin.contact)
         self._leveled().fades.restore(begin.levels)
+        restore([group.cycle for group in self._groups], begin.cycles)
         return begin.index + 1
 
     def _make_groups(self, motion: Roots) -> list[Group]:
@@ -134,6 +147,10 @@ class Simulation:
             self.resolutions = common_grid(self.shot, self.resolutions)
             every = tuple((each,) for each in self.resolutions)
         groups = make_groups(self.shot, self.feathers, every, motion, self._jobs)
+        if self.shot.cycle:
+            for group in groups:
+                period, count = self.shot.cycle * self._subframes, len(group.members)
+                group.cycle = Cycle(period, self.shot.quality.tolerance, count)
         self._levels = LevelRun(self.shot, plan, self.feathers, groups, motion, self._subframes)
         return groups
 
@@ -159,10 +176,18 @@ class Simulation:
         path = root_path(motion, group.members, self._time(index - 1), self._time(index))
         path, active = self._leveled().held(group, path), self._leveled().active(group)
         sleeping = self._sleeping(group, path, loads, duration)
-        awake = np.flatnonzero(active & ~sleeping).tolist()
+        repeating = np.zeros_like(active)
+        if group.cycle is not None:
+            repeating = group.cycle.repeating(path, loads) & active & ~sleeping
+        awake = np.flatnonzero(active & ~sleeping & ~repeating).tolist()
         group.state, report = group.solver.step(group.state, loads, path, duration, awake)
         if sleeping.any():
             group.state = asleep(group.state, sleeping, path, duration)
+        if group.cycle is not None:
+            if repeating.any():
+                group.state = group.cycle.replayed(group.state, repeating, path, duration)
+            group.cycle.keep(group.state, path, loads, active & ~self._leveled().fresh(group))
+            self._counts.repeated += int(repeating.sum())
         group.loads = loads
         self._counts.reports.append(report)
         raise_if_failed(report.status, group.state.time, group.names)

@@ -11,7 +11,7 @@ to shrink like that (Newton's shrink faster); else it is taken as d_k itself.
 
 from math import isfinite, sqrt
 
-from featherfx.compiled import kernel
+from featherfx.compiled import kernel, shared_kernel
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.banded_kernels import factorise, solve_factored
@@ -49,7 +49,7 @@ def largest_move(before, after, arm):
     return sqrt(worst)
 
 
-@kernel
+@shared_kernel
 def evaluate(model, loads, f, share, factors, pose, around):
     """Points and strains of a pose from its coordinates, and its energy (J)."""
     material_points(model, f, pose.turn, pose.centre, pose.coefficient, pose.points)
@@ -92,7 +92,7 @@ def _factorised(model, loads, f, share, factors, last, work):
             shift = STABLE
 
 
-@kernel
+@shared_kernel
 def minimise(model, loads, f, share, factors, tolerance, limit, work):
     """Bring the pose work.now to the minimum of step_energy.
 

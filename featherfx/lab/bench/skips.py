@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.lab.bench.skip_scenes import (
+    backing_away,
+    beat,
+    beating_on,
+    beats,
+    cruising,
+    still,
+)
 from featherfx.lab.bench.tables import Row, Table
 from featherfx.shot.detail import CHOSEN_BY_SOLVER
-from featherfx.shot.motion import root_motion
 from featherfx.shot.share import share_of
-from featherfx.shot.shot_keys import LEVEL_OF_DETAIL
 from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
-from featherfx.shot.view import TimedCamera, View
+from featherfx.shot.types import Detail, Shot
 
 Array = NDArray[np.float64]
 Change = Callable[[Shot], Shot]
@@ -28,8 +32,6 @@ Change = Callable[[Shot], Shot]
 WARMING = 16
 # the most coefficients that the solver chooses by itself
 MOST_COEFFICIENTS = 4
-# s, how long feathers are held still or fly straight on
-SCENE = 6.0
 # fewer feathers are no plumage whose feathers could follow each other
 GUIDABLE = 8
 # of the tolerance, so small that every sub-step is the shortest allowed
@@ -41,10 +43,10 @@ the file. Seconds are processor times of one thread, without the first frame, in
 settle; the error is the largest distance of any point at any frame, as a share of its feather's
 length, and the mean that of all points, frames and feathers. Sleeping and coasting have no occasion
 in shots in which something always moves, so they are measured on their feathers, held still in
-still air or flying straight on in vacuum for six seconds. `coarse`, `rachis` and `rigid` are for
-feathers that are far or small; here all are. `guided`: every eighth feather of a region is a guide.
-The camera has the whole plumage in view and backs away until a feather of mean length is ten pixels
-long, at the usual levels by size."""
+still air or flying straight on in vacuum for six seconds; repeated cycles on eight beats of the
+wing, without gusts. `coarse`, `rachis` and `rigid` are for feathers that are far or small; here all
+are. `guided`: every eighth feather of a region is a guide. The camera has the whole plumage in view
+and backs away until a feather of mean length is ten pixels long, at the usual levels by size."""
 
 
 class Skip(NamedTuple):
@@ -78,65 +80,12 @@ def _level(level: str) -> Change:
 _FULL = _level("full")
 
 
-@dataclass(frozen=True)
-class _Dolly:
-    """A camera that looks along x at a place and backs away from it evenly, one code a second."""
-
-    target: Array
-    near: float
-    far: float
-    duration: float
-    time_codes_per_second: float = 1.0
-    origin: tuple[str, tuple[Path, ...]] = ("", ())
-
-    def view(self, code: float) -> View:
-        x, y, z = np.eye(3)
-        distance = self.near + (self.far - self.near) * code / self.duration
-        return View(self.target - distance * x, -y, z, -x, 0.8, 0.45, (0.0, 0.0), False)
-
-
-def _backing_away(shot: Shot) -> Shot:
-    lengths = np.array([p.kind.length for p in shot.groom.feathers])
-    roots, _ = root_motion(shot).frames(0.0)
-    size = float(np.linalg.norm(np.ptp(roots, axis=0))) + 2.0 * float(lengths.max())
-    keys = {name: key.default for name, key in LEVEL_OF_DETAIL.items()}
-    height = float(keys["image_height"])
-    far = height * float(lengths.mean()) / (10.0 * 0.45)
-    duration = (shot.last_frame - shot.first_frame) / shot.frames_per_second
-    dolly = _Dolly(roots.mean(axis=0), 2.0 * size, max(far, 2.0 * size), max(duration, 1e-3))
-    left_out = ("enabled", "usd", "prim", "start", "pixels_per_metre")
-    values = {name: value for name, value in keys.items() if name not in left_out}
-    rules = LevelOfDetail(camera=TimedCamera(dolly, 0.0), pixels_per_metre=0.0, **values)
-    return replace(shot, level_of_detail=rules)
-
-
 def _same(shot: Shot) -> Shot:
     return shot
 
 
 def _tight(shot: Shot) -> Shot:
     return _quality(tolerance=TIGHT * shot.quality.tolerance)(shot)
-
-
-def _still(shot: Shot) -> Shot:
-    """Nothing moves, in still air, for some seconds."""
-    wind = replace(shot.wind, speed=0.0, gust=0.0)
-    free = replace(shot, grips=(), forces=(), skin=None, wind_source=None)
-    last = shot.first_frame + round(SCENE * shot.frames_per_second)
-    return replace(free, motion=Motion("hold", {}), wind=wind, last_frame=last)
-
-
-def _cruising(shot: Shot) -> Shot:
-    """The whole groom flies straight on at 10 m/s in vacuum, after a start of a second."""
-    still, start = _still(shot), 1.0
-    times = np.linspace(0.0, SCENE, 121)
-    way = np.where(times < start, 5.0 * times**2 / start, 10.0 * (times - 0.5 * start))
-    keys = [
-        {"time": float(t), "joint": "", "position": (float(x), 0.0, 0.0)}
-        for t, x in zip(times, way, strict=True)
-    ]
-    motion = Motion("keys", {"keyframes": keys})
-    return replace(still, motion=motion, wind=replace(still.wind, air_density=0.0))
 
 
 def _always(shot: Shot) -> bool:
@@ -162,14 +111,21 @@ SKIPS = (
         lambda shot: replace(shot, sleep=True),
         lambda shot: replace(shot, sleep=False),
         _always,
-        ("held still", _still),
+        ("held still", still),
     ),
     Skip(
         "feathers on even roots coast",
         lambda shot: replace(shot, coast=True),
         lambda shot: replace(shot, coast=False),
         _always,
-        ("flying straight on", _cruising),
+        ("flying straight on", cruising),
+    ),
+    Skip(
+        "cycles are replayed",
+        lambda shot: replace(shot, cycle=beat(shot)),
+        lambda shot: replace(shot, cycle=0),
+        beats,
+        ("beating on", beating_on),
     ),
     Skip(
         "coefficients chosen, not 4",
@@ -188,7 +144,7 @@ SKIPS = (
     Skip("detail rachis", _level("rachis"), _FULL, _untouched),
     Skip("detail guided", _level("guided"), _FULL, _guidable),
     Skip("detail rigid", _level("rigid"), _FULL, _not_pulled),
-    Skip("levels by a camera that backs away", _backing_away, _same, _guidable),
+    Skip("levels by a camera that backs away", backing_away, _same, _guidable),
 )
 
 
