@@ -49,7 +49,7 @@ REASONS = {
     NO_REST: "it finds no rest in this wind",
     GREW: "its energy would grow without work being done",
 }
-NEWTON_ITERATIONS = 40
+NEWTON_ITERATIONS = 24
 # of one feather in one frame; bakes of the samples need 3 to 100
 MOST_ITERATIONS = 2000
 

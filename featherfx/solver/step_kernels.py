@@ -20,7 +20,12 @@ from featherfx.solver.integrator_kernels import (
     integrator_coefficients,
     step_error,
 )
-from featherfx.solver.newton_kernels import CONVERGED, TOO_MUCH_WORK, minimise
+from featherfx.solver.newton_kernels import (
+    CONVERGED,
+    NOT_CONVERGED,
+    TOO_MUCH_WORK,
+    minimise,
+)
 from featherfx.solver.pose_kernels import chain, load_pose, material_points, turn_by
 from featherfx.solver.retry_kernels import (
     BACKWARD,
@@ -38,6 +43,8 @@ from featherfx.solver.root_kernels import root_at
 
 # share of the feather's length that the error of a step may not exceed where it can be shorter
 COARSE = 0.01
+# share of a step's own error that it may be away from its solution when its iterations are used up
+NEARLY = 0.01
 
 
 @kernel
@@ -257,6 +264,8 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
             model, loads, f, share, factors, settings[1], limit, work
         )
         error = _error(f, radius, step, state, work)
+        if status == NOT_CONVERGED and iterations == limit and move <= NEARLY * error:
+            status = CONVERGED
         keeps, after = 1.0, energy
         if alone and status == CONVERGED:
             resolved = radius != EULER and error <= min(settings[3], limits[2])
