@@ -39,7 +39,8 @@ class Run:
     """Where the batches started, and where the last iterate stands.
 
     solvers: of the batches. grids: theirs. duration: s. substeps: most regular steps of a feather
-    within it. start, now: (B, n, P, 3) m, all bodies on the widest grid. counters: (B, COUNTERS), of all solves.
+    within it. start, now: (B, n, P, 3) m, all bodies on the widest grid. counters:
+    (B, COUNTERS), of all solves.
     """
 
     def __init__(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.cut import carry_to
+from featherfx.solver.energy_promise_kernels import GREW
 from featherfx.solver.newton_kernels import (
     CONVERGED,
     NOT_DEFINITE,
@@ -39,8 +40,9 @@ REASONS = {
     NOT_FINITE: "a value is not finite",
     NOT_DEFINITE: "the linear system is not positive definite",
     NO_REST: "it finds no rest in this wind",
+    GREW: "its energy would grow without work being done",
 }
-NEWTON_ITERATIONS = 40
+NEWTON_ITERATIONS = 24
 # length of the last step of a feather that has none, but its first acceleration
 BEGUN = -1.0
 # of one feather in one frame; bakes of the samples need 3 to 100
