@@ -8,6 +8,7 @@ that it does not resolve.
 """
 
 from featherfx.compiled import kernel
+from featherfx.solver.energy_promise_kernels import GREW
 from featherfx.solver.newton_kernels import CONVERGED
 
 # columns of a feather's counters
@@ -69,12 +70,15 @@ def judge(h, step, option, first, status, error, limits):
     """What becomes of a step: (STEPS, REJECTED or FAILED, next wanted length h, next option).
 
     h: s, wanted length; step: s, the one tried. first: option of a fresh step. status: of
-    Newton. error: m. limits: (shortest regular step s, tolerance m, error in m that no
+    Newton, or GREW. error: m. limits: (shortest regular step s, tolerance m, error in m that no
     step may have where it can be shorter, Newton iterations beyond which the next step is not made
     longer). The next h is 0 where a step cannot be cut further.
     """
     shortest, tolerance, coarse, _ = limits
     smallest, shorter = shortest / SMALLEST_SHARE, CUT * step
+    if status == GREW:
+        # another start of Newton would find the same
+        option = max(option, FOLLOW)
     if status != CONVERGED:
         option = BACKWARD if step < 0.999 * shortest and option < BACKWARD else option + 1
         if option <= BACKWARD:
