@@ -58,7 +58,9 @@ def test_half_of_the_wind_bends_as_a_wind_of_half_the_speed() -> None:
 
 def test_air_in_the_plumage_goes_with_the_body() -> None:
     """A body at 10 m/s in still air, all of which is kept off, is one in a wind that keeps up."""
-    keys = [{"time": t, "joint": "", "position": (10.0 * t, 0.0, 0.0)} for t in (0.0, 0.2)]
+    # keys reach far to both sides, because a motion starts and ends at rest
+    times = np.linspace(-5.0, 5.0, 101).tolist()
+    keys = [{"time": t, "joint": "", "position": (10.0 * t, 0.0, 0.0)} for t in times]
     flight = {"motion": Motion("keys", {"keyframes": keys}), "settle": False}
     inside = replace(one_feather(0.0, 1.0, 0.0), **flight)
     wind = replace(inside.wind, speed=10.0, direction=np.array([1.0, 0.0, 0.0]))
