@@ -3,9 +3,9 @@
 python docs/measure_feathers.py [COUNT ...]     default 20 to 5,000
 
 Contour feathers of one density on a growing patch of a skin, in a light wind; quality draft. Times
-are processor times of the whole process, one thread simulating: they do not depend on what else
-the machine does, save for the caches that it shares; of two rounds the least is taken. "Each" is the time of a frame over the number of feathers, of frames after the
-first.
+are processor times of the whole process, one thread simulating: other work on the machine disturbs
+them through shared caches only, and of two rounds the least is taken. "Each" is the time of a frame
+after the first over the number of feathers.
 """
 
 from __future__ import annotations
