@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from featherfx import __version__
-from featherfx.api import read_quality, read_shot
+from featherfx.api import read_quality, scene_readers
 from featherfx.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -124,13 +124,14 @@ def prepare(
     from featherfx.usd.resume import is_finished
 
     overwrite, layout = options.get("overwrite", False), options.get("layout", "auto")
+    read: list[Path] = []
 
     def checked(path: str | Path) -> Path:
         own = part_path(Path(path), feathers) if feathers else path
         return check_output(own, overwrite or resume, layout)
 
     shot, chosen, path, *_ = all_of(
-        lambda: wanted_shot(shot_path, frames, folders),
+        lambda: wanted_shot(shot_path, frames, folders, read.append),
         lambda: read_quality(quality, folders) if quality else None,
         lambda: checked(output) if output is not None else None,
         lambda: _check_report(report),
@@ -138,6 +139,7 @@ def prepare(
     )
     whole = Path(output) if output is not None else default_output(shot)
     path = path or checked(whole)
+    _refuse_inputs(path, report, [*read, shot.source, shot.groom.source])
     shot = replace(shot, quality=chosen) if chosen else shot
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
@@ -225,15 +227,34 @@ def default_output(shot: Shot) -> Path:
 
 
 def wanted_shot(
-    shot_path: str | Path, frames: tuple[int, int] | None, folders: Sequence[str | Path]
+    shot_path: str | Path,
+    frames: tuple[int, int] | None,
+    folders: Sequence[str | Path],
+    note: Callable[[Path], object],
 ) -> Shot:
-    """The shot. Raises InputError for it, its groom, and frames that it does not have."""
-    shot = read_shot(shot_path, folders)
+    """The shot. Raises InputError for it, its groom, and frames that it does not have.
+
+    note: is told every scene that is read.
+    """
+    from featherfx.shot.read import read_shot
+
+    shot = read_shot(shot_path, folders, scene_readers(note))
     if frames and not shot.first_frame <= frames[0] <= frames[1] <= shot.last_frame:
         allowed = f"allowed {shot.first_frame} to {shot.last_frame}"
         message = f"{frames[0]}-{frames[1]} is out of range, {allowed}"
         raise InputError(Problem(str(shot_path), "frames", message))
     return shot
+
+
+def _refuse_inputs(path: Path, report: str | Path | None, inputs: Sequence[Path]) -> None:
+    """Raise InputError where the cache or its report would take the place of an input."""
+    from featherfx.usd.inputs import refuse_inputs
+    from featherfx.usd.output import output_files
+
+    outputs = {file for layout in ("payload", "clips") for file in output_files(path, layout)}
+    if report is not None and Path(report).absolute() in {file.absolute() for file in outputs}:
+        raise InputError(Problem(str(report), "", "is the cache itself; choose another name"))
+    refuse_inputs([*sorted(outputs), *([Path(report)] if report is not None else [])], inputs)
 
 
 def _check_report(report: str | Path | None) -> None:

@@ -85,7 +85,7 @@ def bake(
         "samples_taken_over": done,
         "wall_seconds": time.perf_counter() - begin,
         "simulated_seconds": (last - task.shot.first_frame) / task.shot.frames_per_second,
-        "peak_memory_bytes": _peak_memory_bytes(),
+        "peak_memory_bytes": peak_memory_bytes(),
         **figures,
     }
     if report is not None:
@@ -225,7 +225,7 @@ def _spent(seconds: dict[str, float], what: str, since: float) -> float:
     return now
 
 
-def _peak_memory_bytes() -> int | None:
+def peak_memory_bytes() -> int | None:
     """Largest resident memory of this process so far; None where the system does not tell."""
     try:
         import resource

@@ -51,18 +51,21 @@ def export_groom(
     barbs: as in bake. Raises InputError with every problem.
     """
     from featherfx.feather.scaled import repeated_shapes
+    from featherfx.usd.inputs import refuse_inputs
     from featherfx.usd.names import unique_prim_names
-    from featherfx.usd.output import check_output
+    from featherfx.usd.output import check_output, output_files
 
     folders, drawn = tuple(preset_folders), Drawn(render_rows, render_columns, barbs)
+    read: list[Path] = [Path(groom_path)]
     groom, grid, path, *_ = all_of(
-        lambda: read_groom(groom_path, folders),
+        lambda: read_groom(groom_path, folders, read.append),
         lambda: read_quality(quality, folders),
         lambda: check_output(output, stage.get("overwrite", False), stage.get("layout", "flat")),
         drawn.check,
     )
     if instances and barbs:
         raise InputError(Problem("groom", "barbs", "are not drawn of instances; leave one out"))
+    refuse_inputs(output_files(path, "payload"), read)
     options = {**stage, **stage_space(stage, groom, None)}
     metadata = metadata_of(groom, grid)
     first, chosen = repeated_shapes(groom.feathers)

@@ -135,8 +135,8 @@ def bake(
     if result.get("substeps_over_tolerance"):
         limit = "[contact] steps" if "contact" in result else "max_substeps"
         click.echo(
-            f"warning: {result['substeps_over_tolerance']} sub-steps were accepted above the"
-            f" tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
+            f"featherfx: warning: {result['substeps_over_tolerance']} sub-steps were accepted above"
+            f" the tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
             f" raise {limit} or choose a finer quality",
             err=True,
         )

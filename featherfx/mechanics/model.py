@@ -70,6 +70,14 @@ class Model(NamedTuple):
     def coefficients(self) -> int:
         return self.shapes.shape[0]
 
+    def only(self, feather: int) -> Model:
+        """The model of one of its feathers."""
+        own = slice(feather, feather + 1)
+        parts = self._asdict() | {
+            name: value[own] for name, value in self._asdict().items() if name != "shapes"
+        }
+        return Model(**parts)
+
     @property
     def unknowns(self) -> int:
         """Generalised coordinates of one feather."""

@@ -85,12 +85,12 @@ def _collect(
     grips, forces = read_grips(raw, groom, place), read_forces(raw, groom, place)
     details = read_details(raw, groom, place)
     shelters = read_shelters(raw, groom, place)
-    colliders = read_colliders(raw, place, readers)
     _check_frames(raw, place)
     _check_cycle(checked, place)
     _check_keyframes(settings["motion"], groom, place.child("motion"))
     if checked is INVALID or groom is None:
         return None
+    colliders = read_colliders(raw, checked, place, readers)
     skin = read_skin(raw, checked, groom, place, readers)
     wind_source = read_wind(raw, checked, place, readers)
     level_of_detail = read_level_of_detail(raw, checked, place, readers)

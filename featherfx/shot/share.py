@@ -23,8 +23,12 @@ def share_of(shot: Shot, index: int, count: int) -> Shot:
     if not 1 <= index <= count <= most:
         message = f"{index}/{count} is out of range; allowed 1/1 to {most}/{most}"
         raise InputError(Problem(str(shot.source), "feathers", message))
-    chosen = np.arange(index - 1, most, count)
-    groom = replace(shot.groom, feathers=shot.groom.feathers[index - 1 :: count])
+    return part_of(shot, np.arange(index - 1, most, count))
+
+
+def part_of(shot: Shot, chosen: NDArray[np.int64]) -> Shot:
+    """The shot with some of its feathers, by their numbers (K,) in ascending order."""
+    groom = replace(shot.groom, feathers=tuple(shot.groom.feathers[k] for k in chosen))
     skin = None if shot.skin is None else _skin(shot.skin, chosen)
     return replace(shot, groom=groom, skin=skin)
 

@@ -123,6 +123,7 @@ COLLIDER = {
     "usd": _FILE,
     "prims": Key(Array(Text(), 0, 10_000), "Paths, or names with * and ?, of meshes.", ()),
     "collection": Key(Text(), "Collection, such as /Bird.collection:colliders.", None),
+    "start": _START,
 }
 
 CONTACT = {

@@ -111,6 +111,14 @@ class Simulation:
             memory_of([group.cycle for group in self._groups]),
         )
 
+    def simulated_bytes(self) -> tuple[int, int]:
+        """Bytes of the constant data, and of one state, of all feathers that are simulated."""
+        groups = self._groups
+        return (
+            sum(array.nbytes for group in groups for array in group.solver.model),
+            sum(array.nbytes for group in groups for array in group.state),
+        )
+
     def _leveled(self) -> LevelRun:
         assert self._levels is not None
         return self._levels

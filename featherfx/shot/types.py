@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.types import Groom
-from featherfx.shot.scenes import Surface, TimedWind
+from featherfx.shot.scenes import TimedSurface, TimedWind
 from featherfx.shot.skin_motion import BoundSkin
 from featherfx.shot.view import TimedCamera
 
@@ -209,7 +209,7 @@ class Shot:
     cycle: int = 0
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
-    colliders: tuple[Surface, ...] = ()
+    colliders: tuple[TimedSurface, ...] = ()
     contact: Contact | None = None
     level_of_detail: LevelOfDetail | None = None
     shelters: tuple[Shelter, ...] = ()

@@ -1,6 +1,6 @@
 """Gradient and Hessian of step_energy in generalised coordinates, as a band."""
 
-from featherfx.compiled import kernel
+from featherfx.compiled import kernel, shared_kernel
 from featherfx.mechanics.contact_kernels import add_contact_forces
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
@@ -179,7 +179,7 @@ def _add_vane(model, f, damping, wanted, work):
     )
 
 
-@kernel
+@shared_kernel
 def assemble(model, loads, f, share, factors, wanted, shift, work):
     """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
 

@@ -10,7 +10,7 @@ a column's end gets zeros subtracted.
 
 from math import sqrt
 
-from featherfx.compiled import kernel
+from featherfx.compiled import kernel, shared_kernel
 
 BLOCK = 8  # columns; `_subtract` is written out for this many
 CHUNK = 16
@@ -70,7 +70,7 @@ def _subtract(panel, count, flat, width):
             column[r] -= first + second
 
 
-@kernel
+@shared_kernel
 def factorise(band, panel):
     """Factor band in place; returns False if the matrix is not positive definite.
 
@@ -138,7 +138,7 @@ def _backward(band, j, x):
     x[j], x[j + 1], x[j + 2], x[j + 3] = p, q, r, s
 
 
-@kernel
+@shared_kernel
 def solve_factored(band, x):
     """Solve with the factor of `factorise`; x: (N,), right-hand side in, solution out.
 

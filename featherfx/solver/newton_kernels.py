@@ -18,7 +18,7 @@ as no less than d_k.
 
 from math import isfinite, sqrt
 
-from featherfx.compiled import kernel
+from featherfx.compiled import kernel, shared_kernel
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.banded_kernels import factorise
@@ -55,7 +55,7 @@ def largest_move(before, after, arm):
     return sqrt(worst)
 
 
-@kernel
+@shared_kernel
 def evaluate(model, loads, f, share, factors, pose, around):
     """Points and strains of a pose from its coordinates, and its energy (J)."""
     material_points(model, f, pose.turn, pose.centre, pose.coefficient, pose.points)
@@ -130,7 +130,7 @@ def _distance_left(move, before, fresh):
     return move * max(1.0, shrink / (1.0 - min(shrink, 0.9)))
 
 
-@kernel
+@shared_kernel
 def minimise(model, loads, f, share, factors, tolerance, limit, work):
     """Bring the pose work.now to the minimum of step_energy.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,10 @@ from featherfx.errors import InputError, Problem
 def open_stage(path: str | Path) -> Any:
     """Open a USD file with all payloads. Raises InputError if that fails."""
     if not Path(path).is_file():
-        raise InputError(Problem(str(path), "", "file does not exist"))
+        fault = "is a folder" if Path(path).is_dir() else "file does not exist"
+        raise InputError(Problem(str(path), "", fault))
+    if not os.access(path, os.R_OK):
+        raise InputError(Problem(str(path), "", "no permission to read it"))
     opened = str(path)
     try:
         stage = Usd.Stage.Open(opened)
