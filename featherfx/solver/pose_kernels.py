@@ -5,7 +5,7 @@ Increments of a row, w = 6 + 4 C of them: dr (3), world rotation vector u (3), l
 coefficients.
 """
 
-from featherfx.compiled import kernel
+from featherfx.compiled import kernel, shared_kernel
 from featherfx.mechanics.barb_kernels import barb_axes, barb_jacobian, barb_points, root_jacobian
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
@@ -51,7 +51,7 @@ def joint_axes(model, f, pose, axes):
             )
 
 
-@kernel
+@shared_kernel
 def barb_jacobians(shapes, pose, axes, jacobian):
     """Derivatives of the nodes of all barbs by their row's increments.
 

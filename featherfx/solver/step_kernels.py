@@ -4,6 +4,15 @@ from featherfx.compiled import kernel
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.rotations_kernels import logarithm, multiply, normalised, same_sign
+from featherfx.solver.energy_promise_kernels import (
+    GREW,
+    held_energy,
+    left_alone,
+    rounding_energy,
+    slow_down,
+    solved_energy,
+    state_energy,
+)
 from featherfx.solver.integrator_kernels import (
     EULER,
     begin_step,
@@ -11,7 +20,12 @@ from featherfx.solver.integrator_kernels import (
     integrator_coefficients,
     step_error,
 )
-from featherfx.solver.newton_kernels import CONVERGED, TOO_MUCH_WORK, minimise
+from featherfx.solver.newton_kernels import (
+    CONVERGED,
+    NOT_CONVERGED,
+    TOO_MUCH_WORK,
+    minimise,
+)
 from featherfx.solver.pose_kernels import chain, load_pose, material_points, turn_by
 from featherfx.solver.retry_kernels import (
     BACKWARD,
@@ -30,6 +44,8 @@ from featherfx.solver.root_kernels import root_at
 
 # share of the feather's length that the error of a step may not exceed where it can be shorter
 COARSE = 0.01
+# share of a step's own error that it may be away from its solution when its iterations are used up
+NEARLY = 0.01
 
 
 @kernel
@@ -208,17 +224,33 @@ def coarse_error(length):
 
 
 @kernel
+def _energy_after(model, loads, f, h, drift, energy, rounding, resolved, rate, state, work):
+    """As solved_energy, of the pose work.now; a resolved step may give back what is held."""
+    growth = rounding
+    if resolved:
+        growth += held_energy(
+            model.mass[f], h, drift, state.velocity[f], state.acceleration[f], state.smoothed[f]
+        )
+    return solved_energy(model, loads, f, drift, energy, growth, rate, work.now, work.around.past)
+
+
+@kernel
 def advance(model, loads, f, duration, path, base, state, settings, work, counters):
     """Bring feather f of the state through one frame of the given duration (s), in place.
 
     path (K, 6), base (4,): root_kernels. settings: (spectral radius, Newton tolerance m, most
     iterations of an attempt, error tolerance per step m, shortest regular step s, most iterations
-    of the call). counters: (COUNTERS,), added to. Returns the Newton status; if it is not
+    of the call). counters: (COUNTERS,), added to. Returns the Newton status or GREW; if it is not
     CONVERGED the state is that of the last good step. How steps are repeated: retry_kernels.
     """
     limits = (min(settings[4], duration), settings[3], coarse_error(model.length[f]), HARD)
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
     done, option, left = 0.0, GO_ON, int(settings[5])
+    alone, drift = left_alone(model, loads, f, path, duration)
+    energy, rounding = 0.0, 0.0
+    if alone:
+        energy = state_energy(model, loads, f, drift, state)
+        rounding = rounding_energy(model, f)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
             return stop(counters, TOO_MUCH_WORK)
@@ -235,6 +267,17 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         # of iterations with a new matrix: the others cost a quarter
         effort = (iterations + 3 * matrices) // 4
         error = _error(f, radius, step, state, work)
+        if status == NOT_CONVERGED and iterations == limit and move <= NEARLY * error:
+            status = CONVERGED
+        keeps, after = 1.0, energy
+        if alone and status == CONVERGED:
+            resolved = radius != EULER and error <= min(settings[3], limits[2])
+            keeps, after = _energy_after(
+                model, loads, f, step, drift, energy, rounding, resolved, factors[1], state, work
+            )
+            if keeps < 0.0:
+                # another start of Newton would find the same
+                status, option = GREW, max(option, FOLLOW)
         solved = status == CONVERGED
         verdict, h, option = judge(h, step, option, GO_ON, solved, error, limits)
         count_try(counters, verdict, option, iterations, error, settings[3], move)
@@ -242,6 +285,9 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         left -= iterations
         if verdict == STEPS:
             _accept(f, step, radius, state, work.now, work.around)
+            if keeps < 1.0:
+                slow_down(keeps, drift, state.velocity[f])
+            energy = after
             done += step
             h, option = after_step(step, option, GO_ON, error, limits, effort)
         elif h == 0.0:
