@@ -186,7 +186,8 @@ class ShotContact:
             self.tally.forced += int(contact.residual > WRONG_SHARE * self._thickness)
             yielding = None
             parts.append(reports)
-            h = min(shortest, 2.0 * step)
+            easy = contact.rounds <= self.solver.settings.rounds
+            h = min(shortest, 2.0 * step if easy else step)
             if not steps:
                 h = max(h, step * self._change(reports))
         self._proposal = h
