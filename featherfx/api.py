@@ -6,7 +6,7 @@ the process has, and only where a file is a USD file or names one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,16 +22,21 @@ if TYPE_CHECKING:
 Folders = Iterable[str | Path]
 
 
-def read_groom(path: str | Path, preset_folders: Folders = ()) -> Groom:
+def read_groom(
+    path: str | Path,
+    preset_folders: Folders = (),
+    note: Callable[[Path], object] = lambda path: None,
+) -> Groom:
     """The groom of a TOML or USD file: which feathers, where, metres and z up.
 
-    preset_folders: searched before the user's and the shipped presets. Raises InputError with all
-    problems of the file, of the tables and scenes that it names, and of the presets.
+    preset_folders: searched before the user's and the shipped presets. note: is told every USD
+    file that is read. Raises InputError with all problems of the file, of the tables and scenes
+    that it names, and of the presets.
     """
     from featherfx.feather.layout import lay_out
     from featherfx.groom import read
 
-    return lay_out(read.read_groom(path, preset_folders, scene_readers()))
+    return lay_out(read.read_groom(path, preset_folders, scene_readers(note)))
 
 
 def read_shot(path: str | Path, preset_folders: Folders = ()) -> Shot:
@@ -88,38 +93,47 @@ def simulate(
     return loop.simulate(read_shot(shot) if isinstance(shot, str | Path) else shot, jobs, frames)
 
 
-def scene_readers() -> SceneReaders:
-    """Readers of USD for read_shot, which import USD when they are first called."""
+def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneReaders:
+    """Readers of USD for read_shot, which import USD when they are first called.
+
+    note: is told every file that is read.
+    """
     from featherfx.shot.scenes import SceneReaders
 
-    def feathers(*arguments: Any) -> Any:
+    def feathers(entry: Any, folder: Path, *arguments: Any) -> Any:
         from featherfx.usd.read_groom import read_feathers
 
-        return read_feathers(*arguments)
+        note(folder / entry["file"])
+        return read_feathers(entry, folder, *arguments)
 
-    def skin(*arguments: Any) -> Any:
+    def skin(entry: Any, paths: Any, folder: Path, *arguments: Any) -> Any:
         from featherfx.usd.skin_source import read_skin
 
-        return read_skin(*arguments)
+        note(folder / entry["usd"])
+        return read_skin(entry, paths, folder, *arguments)
 
-    def curves(*arguments: Any) -> Any:
+    def curves(path: Path, *arguments: Any) -> Any:
         from featherfx.usd.skin_source import read_curves
 
-        return read_curves(*arguments)
+        note(path)
+        return read_curves(path, *arguments)
 
-    def meshes(*arguments: Any) -> Any:
+    def meshes(path: Path, *arguments: Any) -> Any:
         from featherfx.usd.read_scenes import open_meshes
 
-        return open_meshes(*arguments)
+        note(path)
+        return open_meshes(path, *arguments)
 
-    def wind(*arguments: Any) -> Any:
+    def wind(path: Path, *arguments: Any) -> Any:
         from featherfx.usd.read_scenes import open_wind
 
-        return open_wind(*arguments)
+        note(path)
+        return open_wind(path, *arguments)
 
-    def camera(*arguments: Any) -> Any:
+    def camera(path: Path, *arguments: Any) -> Any:
         from featherfx.usd.read_camera import open_camera
 
-        return open_camera(*arguments)
+        note(path)
+        return open_camera(path, *arguments)
 
     return SceneReaders(feathers, skin, curves, meshes, wind, camera)

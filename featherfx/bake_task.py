@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from featherfx import __version__
-from featherfx.api import read_quality, read_shot
+from featherfx.api import read_quality, scene_readers
 from featherfx.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -89,7 +89,8 @@ class Drawn:
 class Task:
     """A bake that can start: shot (reduced to its part of the feathers), output, frames, settings.
 
-    names: prim name per feather. root: name of the root prim. finished: whether the output is
+    whole, wanted: what is simulated for it, and the numbers of the task's feathers in that (None:
+    all). names: prim name per feather. root: name of the root prim. finished: whether the output is
     there already. options: of the writer, units and axis included.
     """
 
@@ -102,6 +103,8 @@ class Task:
     finished: bool
     drawn: Drawn
     options: dict[str, Any]
+    whole: Shot
+    wanted: Sequence[int] | None
 
 
 def prepare(
@@ -117,40 +120,54 @@ def prepare(
     drawn: Drawn,
 ) -> Task:
     """The bake to do, after all that can be known to be wrong."""
-    from featherfx.shot.guides import uses_guides
-    from featherfx.shot.share import share_of
     from featherfx.usd.names import prim_name, unique_prim_names
     from featherfx.usd.output import check_output
     from featherfx.usd.resume import is_finished
 
     overwrite, layout = options.get("overwrite", False), options.get("layout", "auto")
+    read: list[Path] = []
 
     def checked(path: str | Path) -> Path:
         own = part_path(Path(path), feathers) if feathers else path
         return check_output(own, overwrite or resume, layout)
 
     shot, chosen, path, *_ = all_of(
-        lambda: wanted_shot(shot_path, frames, folders),
+        lambda: wanted_shot(shot_path, frames, folders, read.append),
         lambda: read_quality(quality, folders) if quality else None,
         lambda: checked(output) if output is not None else None,
         lambda: _check_report(report),
         drawn.check,
     )
-    whole = Path(output) if output is not None else default_output(shot)
-    path = path or checked(whole)
+    target = Path(output) if output is not None else default_output(shot)
+    path = path or checked(target)
+    _refuse_inputs(path, report, [*read, shot.source, shot.groom.source])
     shot = replace(shot, quality=chosen) if chosen else shot
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
     resolved = {**options, **stage_space(options, shot.groom, shot.skin)}
     settings = _settings(shot, frames, feathers, resolved, drawn)
+    part, whole, wanted = _share(shot, feathers)
     if feathers:
-        if uses_guides(shot):
-            message = "feathers that follow guides cannot be baked in shares"
-            raise InputError(Problem(str(shot.source), "detail", message))
-        shot, names = share_of(shot, *feathers), names[feathers[0] - 1 :: feathers[1]]
+        names = names[feathers[0] - 1 :: feathers[1]]
     finished = resume and is_finished(path, settings, overwrite)
-    root = prim_name(whole.stem)
-    return Task(shot, path, frames, settings, names, root, finished, drawn, resolved)
+    root = prim_name(target.stem)
+    return Task(part, path, frames, settings, names, root, finished, drawn, resolved, whole, wanted)
+
+
+def _share(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Sequence[int] | None]:
+    """The shot of a share, what is simulated for it, and the share's numbers in that."""
+    from featherfx.shot.guides import uses_guides
+    from featherfx.shot.share import part_of, share_numbers
+
+    if feathers is None:
+        return shot, shot, None
+    if shot.contact is not None:
+        message = "feathers that touch cannot be baked in shares; leave out [contact]"
+        raise InputError(Problem(str(shot.source), "contact", message))
+    numbers = share_numbers(shot, *feathers)
+    part = part_of(shot, numbers)
+    # followers need guides that may be of another share
+    return (part, shot, numbers.tolist()) if uses_guides(shot) else (part, part, None)
 
 
 def stage_space(options: StageOptions, groom: Groom, skin: BoundSkin | None) -> dict[str, Any]:
@@ -161,7 +178,7 @@ def stage_space(options: StageOptions, groom: Groom, skin: BoundSkin | None) -> 
     if skin is not None and skin.parts:
         found = skin.parts[0].surface.space
     elif groom.source.suffix.lower() in SCENE_SUFFIXES:
-        from featherfx.usd.read import open_stage
+        from featherfx.usd.opening import open_stage
         from featherfx.usd.scene import stage_space as space_of
 
         found = space_of(open_stage(groom.source))
@@ -225,15 +242,34 @@ def default_output(shot: Shot) -> Path:
 
 
 def wanted_shot(
-    shot_path: str | Path, frames: tuple[int, int] | None, folders: Sequence[str | Path]
+    shot_path: str | Path,
+    frames: tuple[int, int] | None,
+    folders: Sequence[str | Path],
+    note: Callable[[Path], object],
 ) -> Shot:
-    """The shot. Raises InputError for it, its groom, and frames that it does not have."""
-    shot = read_shot(shot_path, folders)
+    """The shot. Raises InputError for it, its groom, and frames that it does not have.
+
+    note: is told every scene that is read.
+    """
+    from featherfx.shot.read import read_shot
+
+    shot = read_shot(shot_path, folders, scene_readers(note))
     if frames and not shot.first_frame <= frames[0] <= frames[1] <= shot.last_frame:
         allowed = f"allowed {shot.first_frame} to {shot.last_frame}"
         message = f"{frames[0]}-{frames[1]} is out of range, {allowed}"
         raise InputError(Problem(str(shot_path), "frames", message))
     return shot
+
+
+def _refuse_inputs(path: Path, report: str | Path | None, inputs: Sequence[Path]) -> None:
+    """Raise InputError where the cache or its report would take the place of an input."""
+    from featherfx.usd.inputs import refuse_inputs
+    from featherfx.usd.output import output_files
+
+    outputs = {file for layout in ("payload", "clips") for file in output_files(path, layout)}
+    if report is not None and Path(report).absolute() in {file.absolute() for file in outputs}:
+        raise InputError(Problem(str(report), "", "is the cache itself; choose another name"))
+    refuse_inputs([*sorted(outputs), *([Path(report)] if report is not None else [])], inputs)
 
 
 def _check_report(report: str | Path | None) -> None:

@@ -85,7 +85,7 @@ def bake(
         "samples_taken_over": done,
         "wall_seconds": time.perf_counter() - begin,
         "simulated_seconds": (last - task.shot.first_frame) / task.shot.frames_per_second,
-        "peak_memory_bytes": _peak_memory_bytes(),
+        "peak_memory_bytes": peak_memory_bytes(),
         **figures,
     }
     if report is not None:
@@ -197,7 +197,8 @@ def _simulate(
         done = taken_over = writer.samples_done
         notify(done, samples)
         start = Checkpoint.load(writer.state) if writer.state else None
-        simulation = simulate(shot, jobs, task.frames, options.get("subframes", 1), start)
+        subframes = options.get("subframes", 1)
+        simulation = simulate(task.whole, jobs, task.frames, subframes, start, task.wanted)
         sink, mark = Background(writer.write), time.perf_counter()
         try:
             with sink:
@@ -225,7 +226,7 @@ def _spent(seconds: dict[str, float], what: str, since: float) -> float:
     return now
 
 
-def _peak_memory_bytes() -> int | None:
+def peak_memory_bytes() -> int | None:
     """Largest resident memory of this process so far; None where the system does not tell."""
     try:
         import resource

@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "featherfx"
 ORDER = ("groom", "feather", "mechanics", "solver", "shot", "usd", "render", "lab", "cli")
-FOR_ALL = {"errors", "compiled", "__version__"}
+FOR_ALL = {"errors", "compiled", "kernel_parts", "__version__"}
 FORBIDDEN = {"lab": {"usd", "render"}, "usd": {"solver"}}
 HOME_OF = {
     "pxr": {"usd"},

@@ -1,10 +1,17 @@
-"""A changed kernel file gives a new cache folder to all that call it, and to nothing else."""
+"""Machine code of kernels: compiled anew where it must be, and only there."""
 
+import os
+import subprocess
+import sys
+from collections import namedtuple
 from pathlib import Path
 
 import pytest
+from numba import types
+from numba.core import registry
 
 from featherfx import compiled
+from featherfx.mechanics import copy_kernels
 
 ROOT = Path(compiled.__file__).parent
 
@@ -44,3 +51,84 @@ def test_other_kernels_do_not_count(folder_after_change):
         "usd/surface_kernels.py", "mechanics/vane_membrane_kernels.py"
     )
     assert before == after
+
+
+KERNELS = """
+from typing import NamedTuple
+
+import numpy as np
+
+from featherfx.compiled import kernel, shared_kernel
+
+
+class Pair(NamedTuple):
+    values: np.ndarray
+    first: float
+
+
+@kernel
+def square(x):
+    return x * x
+
+
+@shared_kernel
+def total(values, first):
+    result = first
+    for i in range(values.shape[0]):
+        result += square(values[i])
+    return result, values.shape[0]
+
+
+@kernel
+def mean(pair):
+    result, count = total(pair.values, pair.first)
+    return result / count
+"""
+RUN = """
+import numpy as np
+from trial_kernels import Pair, mean, square, total
+
+found = mean(Pair(np.arange(4.0), 2.0))
+print(found, total(np.ones(3), 0.0), square(3.0), sorted(k.__name__ for k in (mean, total, square)
+      if sum(k.stats.cache_misses.values())))
+"""
+
+
+@pytest.fixture
+def run_kernels(tmp_path):
+    """Runs RUN in a process of its own, with the kernels in a folder; what it prints."""
+
+    def run(folder):
+        folder.mkdir()
+        (folder / "trial_kernels.py").write_text(KERNELS)
+        paths = os.pathsep.join([str(folder), str(ROOT.parent)])
+        names = os.environ | {"FEATHERFX_CACHE": str(tmp_path / "cache"), "PYTHONPATH": paths}
+        done = subprocess.run(
+            [sys.executable, "-c", RUN], env=names, capture_output=True, text=True, check=True
+        )
+        return done.stdout.split(maxsplit=1)
+
+    return run
+
+
+def test_another_process_loads_what_one_compiled(run_kernels, tmp_path):
+    value, rest = run_kernels(tmp_path / "here")
+    # (2 + 0 + 1 + 4 + 9) / 4
+    assert float(value) == 4.0
+    assert rest == "(3.0, 3) 9.0 ['mean', 'square', 'total']\n"
+    # also where the same files were installed anew
+    assert run_kernels(tmp_path / "there") == ["4.0", "(3.0, 3) 9.0 []\n"]
+
+
+def test_fields_in_another_order_are_compiled_anew():
+    def named(*fields):
+        return types.NamedTuple((types.float64, types.float64), namedtuple("Pair", fields))
+
+    cache = compiled.KernelCache(copy_kernels.copy_values.py_func)
+
+    def key(kind):
+        return cache._index_key((kind,), registry.cpu_target.target_context.codegen())
+
+    assert key(named("a", "b")) != key(named("b", "a"))
+    nested = [types.Tuple((named(*fields),)) for fields in (("a", "b"), ("b", "a"))]
+    assert key(nested[0]) != key(nested[1])

@@ -74,10 +74,17 @@ def _lines(stats: dict[str, Any]) -> list[str]:
 
 
 def _bake_lines(bake: dict[str, Any]) -> list[str]:
-    return [
+    lines = [
         f"bake of {bake['frames']} frames: {bake['unknowns']} unknowns,"
         f" {1e3 * bake['seconds_of_a_feather_and_frame']:.3g} ms a feather and frame"
         f" (by {bake['tried_feathers']} feathers and {bake['tried_frames']} frames)",
-        f"  about {bake['wall_seconds']:.3g} s with {bake['jobs']} jobs,"
-        f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples",
     ]
+    if len(bake["levels"]) > 1:
+        levels = ", ".join(f"{count:.0f} {level}" for level, count in bake["levels"].items())
+        lines.append(f"  levels in the mean of the frames: {levels}")
+    lines.append(
+        f"  about {bake['wall_seconds']:.3g} s with {bake['jobs']} jobs,"
+        f" {bake['memory_bytes'] / 1e6:.3g} MB of memory,"
+        f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples"
+    )
+    return lines

@@ -27,8 +27,8 @@ from featherfx.groom.schema import Place
 Array = NDArray[np.float64]
 
 
-# (file, path of a prim, place) to the polylines (k, 3) m at or below it; None after problems
-CurveReader = Callable[[Path, str, Place], "list[Array] | None"]
+# (folder, checked keys of a curve, place) to its polylines (k, 3) m; None after problems
+CurveReader = Callable[[Path, dict[str, Any], Place], "list[Array] | None"]
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def _curve(
     if entry["path"] is not None:
         at.fail("stands beside path, expects one of the two")
         return None
-    found = read(folder / entry["curve"]["usd"], entry["curve"]["prim"], at)
+    found = read(folder, entry["curve"], at)
     if found is not None and len(found) > 1:
         at.child("prim").fail(f"holds {len(found)} curves, expects one")
         return None

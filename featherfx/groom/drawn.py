@@ -119,7 +119,10 @@ def _draft(
     kind = feather.kind or entry["kind"]
     left = (entry["side"] == "left") != feather.mirrored
     if not kind:
-        at.child(_named(entry, "kind")).fail("missing, and there is no kind in the groom")
+        # once for a prim, however many curves it has
+        prim = Place(at.source, at.key.partition("[")[0], at.problems)
+        missing = "missing; give the primvar, or kind in the [groom] or [[usd]] that names the file"
+        prim.child(_named(entry, "kind")).fail(missing)
     if feather.direction is None and len(points) < 2:
         at.child("points").fail("the curve has no length")
     if not kind or (feather.direction is None and len(points) < 2):

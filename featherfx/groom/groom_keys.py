@@ -110,7 +110,13 @@ ROOT = {
 
 CURVE = {
     "usd": Key(Text(), "USD file, as seen from the groom's folder."),
-    "prim": Key(Text(), "Path of the BasisCurves, which hold one curve."),
+    "prim": Key(Text(), "Path of the BasisCurves, which hold one curve, or of a Skeleton."),
+    "joints": Key(
+        Array(Text(), 0, 10_000),
+        "Joints of the Skeleton, by path or last name: the roots stand on the straight lines from "
+        "one to the next, in the bind pose.",
+        (),
+    ),
 }
 
 ROW = {

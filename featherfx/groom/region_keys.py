@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from featherfx.groom.preset_keys import FEATHER, vector
+from featherfx.groom.preset_keys import FEATHER, is_list, is_text, vector
 from featherfx.groom.schema import (
     Array,
     Direction,
+    Either,
     Flag,
     Key,
     Number,
@@ -93,11 +94,28 @@ SPREAD = {
     "roll": Key(Number(0, 60, "deg"), "Standard deviation of the roll.", 0.0),
 }
 
+REGION_KIND = {
+    "name": Key(Text(), "Name of a feather preset."),
+    "share": Key(Number(0, 1e6), "How much of it there is, against the other kinds.", 1.0),
+    "where": Key(
+        Array(Table(WHERE, "table"), 0, 100),
+        "Rules as of a region; the share is multiplied by their product, so maps choose kinds. "
+        "Where no kind has a share, the first is taken.",
+        (),
+    ),
+}
+
 _NO_SPREAD = {name: key.default for name, key in SPREAD.items()}
 
 REGION = {
     "id": Key(Text(), "Start of the ids, and the region's label; a stable number follows."),
-    "kind": Key(Text(), "Name of a feather preset."),
+    "kind": Key(
+        Either(
+            ((is_list, Array(Table(REGION_KIND, "table of a kind"), 1, 100)), (is_text, Text()))
+        ),
+        "Name of a feather preset, or an array of tables: kinds that mix, each feather's drawn by "
+        "their shares.",
+    ),
     "prim": Key(Text(), "Path of the mesh; default: that of [skin].", None),
     "where": Key(
         Array(Table(WHERE, "table"), 0, 100),

@@ -13,31 +13,21 @@ import numpy as np
 from featherfx.errors import InputWarning
 from featherfx.groom.drafts import Draft
 from featherfx.groom.frames import frames_from
-from featherfx.groom.kind_store import KindChoice, KindStore
-from featherfx.groom.library import sourced
+from featherfx.groom.kind_store import KindStore
+from featherfx.groom.region_kinds import RegionKinds, region_kinds
 from featherfx.groom.region_rules import Rule, along_skin, flow, presence
-from featherfx.groom.scatter import Scattered, expected_count, hashed, scatter, uniform
+from featherfx.groom.region_shapes import STREAMS, normal_draws, shapes
+from featherfx.groom.scatter import Scattered, expected_count, scatter
 from featherfx.groom.schema import Place
 from featherfx.groom.surface_points import Array, Indices, SkinSource, SkinSurface, SurfacePoints
-from featherfx.groom.types import FeatherKind
 
 # (checked keys of [skin], paths of meshes, folder, place) to the meshes; None after problems.
 SkinReader = Callable[
     [dict[str, Any], tuple[str, ...], Path, Place], "dict[str, SkinSource] | None"
 ]
 
-LIMIT = 3.0  # standard deviations
-# steps in which a blend between regions passes, so that shapes repeat there, too
-_WIDTH_STEP = 0.1
-_CURL_STEP = 10.0  # deg
-_HOLLOW_STEP = 10.0  # deg
-# a skin that falls off further is not followed; and where a vane's side is, in feather lengths
-_MOST_TURNING = 45.0  # deg
-_SIDE = 0.2
 _MOST_NAMED = 5
 _LEAST_FIT = 0.25  # of a feather's length, left where there is no room
-_STREAMS = {"length": 10, "width": 12, "curl": 14, "tilt": 16, "turn": 18, "roll": 20}
-_VARIANT_STREAM = 22
 
 
 @dataclass(frozen=True)
@@ -47,14 +37,16 @@ class _Region:
     entry: dict[str, Any]
     place: Place
     surface: SkinSurface
-    choice: KindChoice
+    kinds: RegionKinds
     presence: Rule
     flow: Rule
-    kind: FeatherKind
 
-    @property
-    def length(self) -> float:
-        return float(self.entry["length"] or self.kind.length)
+    def length(self, points: SurfacePoints) -> Array:
+        """(N,) m, at points; of several kinds the mean."""
+        given = self.entry["length"]
+        if given is None:
+            return self.kinds.weights(points) @ self.kinds.lengths
+        return np.full(len(points), float(given))
 
     def density(self, points: SurfacePoints) -> Array:
         """(N,) feathers per m^2, 1 where the region is whole if it has a count instead."""
@@ -105,24 +97,19 @@ def _region(
     count = len(place.problems)
     if (entry["density"] is None) == (entry["count"] is None):
         place.child("density").fail("expects either density or count, one of the two")
-    changes: tuple[int, ...] = ()
-    if entry["overrides"]:
-        at = place.child("overrides")
-        changes = (store.change(sourced(entry["overrides"], place.source), at),)
-    choice = KindChoice((entry["kind"],), 0.0, changes, place)
-    kind = store.kind(choice)
+    kinds = region_kinds(entry, place, surface, folder, store)
     where = presence(entry["where"], surface, folder, place.child("where"))
     along = flow(entry["flow"], surface, place.child("flow"))
-    if where is None or along is None or kind is None or len(place.problems) > count:
+    if where is None or along is None or kinds is None or len(place.problems) > count:
         return None
-    length = float(entry["length"] or kind.length)
+    length = float(entry["length"] or kinds.lengths.max())
     if length > surface.diagonal:
         place.child("length").fail(
             f"{length:g} m is longer than the whole skin {surface.source.path}, "
             f"{surface.diagonal:.3g} m; are its units right?"
         )
         return None
-    return _Region(entry, place, surface, choice, where, along, kind)
+    return _Region(entry, place, surface, kinds, where, along)
 
 
 def _count(region: _Region) -> int:
@@ -158,35 +145,37 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     points = found.points
     if len(points) == 0:
         return []
-    blend = _blended(region, [r for r in regions if r.surface is region.surface], points)
+    own = region.kinds.drawn(points, entry["seed"], found.number)
+    blend = _blended(region, [r for r in regions if r.surface is region.surface], points, own)
     blend["length"] = _fitted(blend["length"], points, entry["fit"])
-    draws = {name: _normal(entry, name, found.number) for name in _STREAMS}
+    draws = {name: normal_draws(entry, name, found.number) for name in STREAMS}
     direction = _directions(region, blend["flow"], points, draws["turn"])
-    shapes = _shapes(region, blend, direction, found)
+    cambers = region.kinds.cambers[own], region.kinds.barb_cambers[own]
+    width, curl, hollow = shapes(entry, blend, direction, points, found.number, cambers)
     tilt = np.radians(np.clip(blend["tilt"] + draws["tilt"], -89.0, 89.0))[:, None]
     shaft = np.cos(tilt) * direction + np.sin(tilt) * points.normal
     dorsal = np.cos(tilt) * points.normal - np.sin(tilt) * direction
     rotations = frames_from(shaft, dorsal)
-    scales = blend["length"] * (1.0 + draws["length"]) / region.kind.length
+    scales = blend["length"] * (1.0 + draws["length"]) / region.kinds.lengths[own]
     left = np.full(len(points), entry["side"] == "left")
     if entry["side"] == "auto":
         left = np.asarray(points.position[:, 1] > 0.0)
     return [
         Draft(
             id=f"{entry['id']}_{found.number[k]:06d}",
-            choice=region.choice,
+            choice=region.kinds.choices[own[k]],
             position=points.position[k],
             rotation=rotations[k],
             region=entry["id"],
             joint=entry["joint"],
             left=bool(left[k]),
             scale=float(scales[k]),
-            width=float(shapes[0][k]),
+            width=float(width[k]),
             roll=float(entry["roll"] + draws["roll"][k]),
             place=region.place,
             skin=prim,
-            curl=float(shapes[1][k]),
-            hollow=float(shapes[2][k]),
+            curl=float(curl[k]),
+            hollow=float(hollow[k]),
             layer=entry["layer"],
             grown=True,
         )
@@ -194,8 +183,13 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     ]
 
 
-def _blended(region: _Region, others: Sequence[_Region], points: SurfacePoints) -> dict[str, Array]:
-    """Length (m), width, curl, tilt and flow at points, between those of overlapping regions."""
+def _blended(
+    region: _Region, others: Sequence[_Region], points: SurfacePoints, own: Indices
+) -> dict[str, Array]:
+    """Length (m), width, curl, tilt and flow at points, between those of overlapping regions.
+
+    own: (N,) kinds of the region's feathers, which keep their own length within it.
+    """
     members = [r for r in others if r.entry["blend"]] if region.entry["blend"] else [region]
     total = np.zeros(len(points))
     result = {name: np.zeros(len(points)) for name in ("length", "width", "curl", "tilt")}
@@ -204,9 +198,13 @@ def _blended(region: _Region, others: Sequence[_Region], points: SurfacePoints) 
         weight = each.presence(points)
         total += weight
         for name, value in result.items():
-            value += weight * (each.length if name == "length" else each.entry[name])
+            value += weight * (each.length(points) if name == "length" else each.entry[name])
         along += weight[:, None] * each.flow(points)
-    return {name: value / total for name, value in result.items()} | {"flow": along}
+    result = {name: value / total for name, value in result.items()}
+    if region.entry["length"] is None:
+        # a mean over its kinds that each feather departs from by its own kind
+        result["length"] *= region.kinds.lengths[own] / region.length(points)
+    return result | {"flow": along}
 
 
 def _above_ground(region: _Region, found: Scattered) -> Scattered:
@@ -231,67 +229,6 @@ def _fitted(length: Array, points: SurfacePoints, fit: float | None) -> Array:
         return length
     room = points.interpolated(points.surface.room)
     return np.asarray(np.clip(fit * room, _LEAST_FIT * length, length))
-
-
-def _normal(entry: dict[str, Any], name: str, numbers: Indices) -> Array:
-    """(N,) normal draws of one quantity (Box and Muller 1958), by its deviation, limited."""
-    stream, seed = _STREAMS[name], entry["seed"]
-    radius = np.sqrt(-2.0 * np.log(uniform(seed, stream, numbers)))
-    wave = np.cos(2.0 * np.pi * uniform(seed, stream + 1, numbers))
-    return np.asarray(entry["variation"][name] * np.clip(radius * wave, -LIMIT, LIMIT))
-
-
-def _shapes(
-    region: _Region, blend: dict[str, Array], direction: Array, found: Scattered
-) -> tuple[Array, Array, Array]:
-    """Factors of the width, changes of the camber of shafts and of barbs (deg).
-
-    They take few different values where the region has variants.
-    """
-    entry, variants, follow = region.entry, region.entry["variants"], region.entry["follow"]
-    own, points, length = found.number, found.points, blend["length"]
-    width, curl = blend["width"], blend["curl"]
-    hollow = np.zeros(len(points))
-    if follow:
-        along, across = _turning(points, direction, length)
-        curl = curl + follow * (along - region.kind.rachis.camber)
-        hollow = follow * (across - _mean_barb_camber(region.kind))
-    if variants:
-        own = (hashed(entry["seed"], _VARIANT_STREAM, own) % np.uint64(variants)).astype(np.int64)
-        width = entry["width"] + _stepped(width - entry["width"], _WIDTH_STEP)
-        curl = entry["curl"] + _stepped(curl - entry["curl"], _CURL_STEP)
-        hollow = _stepped(hollow, _HOLLOW_STEP)
-    width = width * (1.0 + _normal(entry, "width", own))
-    return np.maximum(width, 0.01), curl + _normal(entry, "curl", own), hollow
-
-
-def _mean_barb_camber(kind: FeatherKind) -> float:
-    """deg, of the guides of both vanes."""
-    return float(np.mean([guide.camber for guide in kind.leading.guides + kind.trailing.guides]))
-
-
-def _stepped(values: Array, step: float) -> Array:
-    return np.asarray(step * np.round(values / step))
-
-
-def _turning(points: SurfacePoints, direction: Array, length: Array) -> tuple[Array, Array]:
-    """(N,) deg, by which the skin falls off beneath feathers: to the tip, and to their sides.
-
-    At least 0. Where the skin ends before the tip does, what the first half shows counts.
-    """
-    half = _fall(points, 0.5 * length[:, None] * direction)
-    along = np.minimum(_fall(points, length[:, None] * direction), 2.0 * half)
-    side = _SIDE * length[:, None] * np.cross(points.normal, direction)
-    across = 0.5 * (_fall(points, side) + _fall(points, -side))
-    return along, across
-
-
-def _fall(points: SurfacePoints, way: Array) -> Array:
-    """(N,) deg, by which the skin's normal leans towards a way (N, 3) m, at its end."""
-    normals = points.surface.normals_near(points.position + way)
-    ahead = np.einsum("nc,nc->n", normals, way) / np.linalg.norm(way, axis=1)
-    up = np.einsum("nc,nc->n", normals, points.normal)
-    return np.clip(np.degrees(np.arctan2(ahead, up)), 0.0, _MOST_TURNING)
 
 
 def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Array) -> Array:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.lab.rod import Rod, Vector, clamped, rod_loads, rod_model, straight
 from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.state import State
@@ -66,10 +68,14 @@ def bend(
 ) -> Bent:
     """Equilibrium of a rod under its weight, a dead tip force (N) and point forces (rod_loads).
 
-    Starts from the rest shape. Raises InputError for wrong values, SimulationError where no
-    equilibrium is found.
+    Starts from the rest shape. Warns (InputWarning) of elements that are too long for the loads.
+    Raises InputError for wrong values, SimulationError where no equilibrium is found.
     """
-    model, loads = _all(lambda: rod_model(rod), lambda: rod_loads(rod, tip_force, points))
+    forces = [tip_force, *(force for _, force in points)]
+    load = sum(float(np.linalg.norm(force)) for force in forces)
+    load = load if np.isfinite(load) else 0.0
+    model, loads = _all(lambda: rod_model(rod, load), lambda: rod_loads(rod, tip_force, points))
+    _warn_of_coarse(rod, load + abs(rod.line_weight) * rod.length)
     _compile()
     begin = time.perf_counter()
     settings = Settings(newton=STATIC_MOVE * rod.length)
@@ -83,6 +89,20 @@ def bend(
         residual=_residual(model, loads, state, rod.length),
         seconds=seconds,
     )
+
+
+def _warn_of_coarse(rod: Rod, load: float) -> None:
+    """InputWarning where a load (N) bends the rod within less than an element."""
+    within = float(np.sqrt(min(rod.ei, rod.ei2 or rod.ei) / max(load, 1e-300)))
+    element = rod.length / rod.segments
+    if within < element:
+        warnings.warn(
+            f"rod: its loads of {load:g} N bend it within {within:.3g} m, less than an element of"
+            f" {element:.3g} m; it may rest folded: use at least {math.ceil(rod.length / within)}"
+            " segments",
+            InputWarning,
+            stacklevel=3,
+        )
 
 
 def natural_frequencies(rod: Rod, count: int) -> Array:
@@ -173,9 +193,10 @@ def total_energy(model: Model, loads: Loads, state: State) -> float:
 def _residual(model: Model, loads: Loads, state: State, length: float) -> float:
     from featherfx.lab.pose import STATIC, posed
     from featherfx.solver.assembly_kernels import assemble
+    from featherfx.solver.vane_force_kernels import FORCES_ONLY
 
     work = posed(model, loads, state)
-    assemble(model, loads, 0, 0.0, STATIC, False, 0.0, work)
+    assemble(model, loads, 0, 0.0, STATIC, FORCES_ONLY, 0.0, work)
     unbalanced = np.abs(work.system.right.reshape(model.rows, -1))
     return float(max(unbalanced[:, :3].max(), unbalanced[:, 3:].max() / length))
 

@@ -26,6 +26,8 @@ Vector = tuple[float, float, float]
 # stretch and shear stiffness of rods that are to have none, in units of EI / length^2: a load of
 # EI / length^2 stretches them by one part in a million; more would cost digits of the forces
 RIGID = 1e6
+# and at least this many times the load, for loads that are beyond all bending
+STIFFER = 1e5
 # radius of gyration of the section as a share of the length, for rotary inertia
 GYRATION = 1e-4
 # mass that gives statics a time scale to settle in: length^4 line mass / EI, s^2
@@ -40,8 +42,9 @@ class Rod:
 
     length: m. ei: N m^2, bending in the xy plane. ei2: N m^2, bending out of it (in the xz plane
     of a straight rod); default ei. gj: N m^2, torsion; default ei. ea, ga: N, stretch and shear;
-    default: practically rigid (1e6 ei / length^2). taper: share of its width that the rod loses
-    from clamp to tip, 0 to below 1. rest_curvature: 1/m, constant, in the xy plane, towards +y.
+    default: practically rigid (1e6 ei / length^2, or 1e5 times the load if that is more). taper:
+    share of its width that the rod loses from clamp to tip, 0 to below 1. rest_curvature: 1/m,
+    constant, in the xy plane, towards +y.
     line_mass: kg/m at the clamp; default: what gives length^4 line mass / ei = 0.01 s^2.
     line_weight: N/m at the clamp, along -z, tapering as the mass does. segments: elements.
     """
@@ -91,10 +94,12 @@ def _raise_if_any(problems: list[Problem]) -> None:
         raise InputError(*problems)
 
 
-def rod_model(rod: Rod) -> Model:
+def rod_model(rod: Rod, load: float = 0.0) -> Model:
     """Constant arrays of a batch of one rod: no columns, no curvature coefficients.
 
-    Raises InputError with every value that is out of its range.
+    load: N, size of the forces that act on it besides its weight; matters where nothing but they
+    tells how stiff an inextensible rod must be. Raises InputError with every value that is out of
+    its range.
     """
     _raise_if_any(rod_problems(rod))
     rows = rod.segments + 1
@@ -113,7 +118,7 @@ def rod_model(rod: Rod) -> Model:
         held=np.ones(1, dtype=np.bool_),
         length=length[None],
         rachis_rest=rachis_rest[None],
-        rachis_stiffness=_stiffness(rod, station)[None],
+        rachis_stiffness=_stiffness(rod, station, load)[None],
         clamp=np.broadcast_to(np.array([1.0, 0.0, 0.0, 0.0]), (1, 2, rows, 4)).copy(),
         joints=np.zeros((*barbs, 4)),
         segment=np.zeros((1, 2, rows)),
@@ -139,9 +144,10 @@ def first_frequency(rod: Rod) -> float:
     return FIRST_WAVE_NUMBER**2 * float(np.sqrt(rod.ei / line_mass(rod))) / rod.length**2
 
 
-def _stiffness(rod: Rod, station: Array) -> Array:
-    """(n-1, 6) rachis_stiffness of Model."""
-    rigid = RIGID * rod.ei / rod.length**2
+def _stiffness(rod: Rod, station: Array, load: float) -> Array:
+    """(n-1, 6) rachis_stiffness of Model. load: as for rod_model."""
+    load += abs(rod.line_weight) * rod.length
+    rigid = max(RIGID * rod.ei / rod.length**2, STIFFER * load)
     ea, ga = rod.ea or rigid, rod.ga or rigid
     along = np.array([ea, ga, ga])
     turning = np.array([rod.gj or rod.ei, rod.ei2 or rod.ei, rod.ei])

@@ -70,6 +70,14 @@ class Model(NamedTuple):
     def coefficients(self) -> int:
         return self.shapes.shape[0]
 
+    def only(self, feather: int) -> Model:
+        """The model of one of its feathers."""
+        own = slice(feather, feather + 1)
+        parts = self._asdict() | {
+            name: value[own] for name, value in self._asdict().items() if name != "shapes"
+        }
+        return Model(**parts)
+
     @property
     def unknowns(self) -> int:
         """Generalised coordinates of one feather."""
@@ -136,9 +144,12 @@ class Loads(NamedTuple):
 
 
 def wind_of_each(loads: Loads, feathers: int) -> Loads:
-    """The same loads with the mean wind of every feather, (F, 3), as the kernels take it."""
+    """The same loads with the mean wind of every feather, (F, 3), as the kernels take it.
+
+    A writable copy: kernels are compiled anew for arrays that are read-only.
+    """
     mean = np.broadcast_to(loads.wind_mean, (feathers, 3))
-    return loads._replace(wind_mean=np.ascontiguousarray(mean, dtype=float))
+    return loads._replace(wind_mean=np.array(mean, dtype=float))
 
 
 def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Loads:

@@ -17,7 +17,7 @@ stiffness to a step and never makes it unstable. Unequal C_n and C_t give lift.
 
 from math import cos, sqrt
 
-from featherfx.compiled import kernel
+from featherfx.compiled import kernel, shared_kernel
 
 
 @kernel
@@ -102,7 +102,7 @@ def area_vectors(points, cell_stiffness, area):
                     area[ic, kc, 2] += nz
 
 
-@kernel
+@shared_kernel
 def blow(points, time, loads, f, velocity, cell_stiffness, around):
     """Wind, vane areas and speeds through the air at the predicted points of feather f."""
     sample_wind(

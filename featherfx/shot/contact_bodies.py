@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.shot.scenes import Surface
 from featherfx.shot.types import Shot
 from featherfx.solver.contact_wall import Wall, outward, wall_of
 from featherfx.solver.state import State
@@ -26,25 +25,22 @@ class Bodies:
     """
 
     def __init__(self, shot: Shot, longest: float) -> None:
-        self._surfaces = shot.colliders
-        self._triangles = [outward(surface.triangles, surface.rest) for surface in self._surfaces]
-        self._first = shot.first_frame / shot.frames_per_second
+        self._bodies = shot.colliders
+        surfaces = [body.surface for body in self._bodies]
+        self._triangles = [outward(surface.triangles, surface.rest) for surface in surfaces]
         self._depth = DEPTH_SHARE * longest
         self.begun = False
 
     def walls(self, states: Sequence[State], start: float, end: float, margin: float) -> list[Wall]:
         """The bodies from start to end, s since the first frame, for feathers in these states."""
-        if not self._surfaces:
+        if not self._bodies:
             return []
         fastest = max(float(np.abs(state.velocity).max()) for state in states)
         walls = []
-        for surface, triangles in zip(self._surfaces, self._triangles, strict=True):
-            before, after = self._points(surface, start), self._points(surface, end)
+        for body, triangles in zip(self._bodies, self._triangles, strict=True):
+            before, after = body.points(start), body.points(end)
             own = float(np.abs(after - before).max(initial=0.0))
             way = np.sqrt(3.0) * (fastest * (end - start) + own)
             reach = margin + self._depth + float(way)
             walls.append(wall_of(before, after, triangles, reach, not self.begun))
         return walls
-
-    def _points(self, surface: Surface, time: float) -> Array:
-        return surface.points((self._first + time) * surface.time_codes_per_second)

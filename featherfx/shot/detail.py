@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +30,9 @@ from featherfx.mechanics.resolution import (
 )
 from featherfx.shot.guides import GuideRule
 from featherfx.shot.motion import Roots
-from featherfx.shot.types import Detail, Shot
+from featherfx.shot.patterns import fits
+from featherfx.shot.shelter import exposures
+from featherfx.shot.types import Shot
 
 Array = NDArray[np.float64]
 
@@ -119,15 +120,6 @@ def _level(shot: Shot, placement: Placement) -> tuple[str, GuideRule, bool]:
     return "full", rule, False
 
 
-def fits(detail: Detail, placement: Placement) -> bool:
-    """Whether a detail is about a feather."""
-    return (
-        fnmatchcase(placement.id, detail.feathers)
-        and fnmatchcase(placement.region, detail.region)
-        and fnmatchcase(placement.kind.name, detail.kind)
-    )
-
-
 def _simulated_rows(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[int]:
     quality = shot.quality
     if quality.simulated_rows != CHOSEN_BY_SOLVER:
@@ -182,6 +174,7 @@ def _loads(shot: Shot, motion: Roots) -> _LoadEstimate:
     gravity = float(np.linalg.norm(shot.gravity))
     wind = shot.wind
     through_air = wind.speed * (1.0 + 2.0 * wind.gust) + _scene_speed(shot, motion) + speed
+    through_air = exposures(shot) * through_air
     air = 0.5 * wind.air_density * wind.drag_normal * through_air**2
     return _LoadEstimate(LOAD_FACTOR * gravity + acceleration, air)
 

@@ -21,6 +21,7 @@ from featherfx.shot.forces import force_weights
 from featherfx.shot.loads import frame_loads
 from featherfx.shot.motion import Roots
 from featherfx.shot.rigid import FeatherPose
+from featherfx.shot.shelter import exposures, sheltered
 from featherfx.shot.types import Force, Grip, Shot
 from featherfx.solver.modes import with_damping
 from featherfx.solver.state import State, rest_state
@@ -38,11 +39,12 @@ CONTACT_NEWTON_SHARE = 1e-3
 class Group:
     """Feathers that share a grid: their places in the groom, solver, state and loads.
 
-    level: of detail. feathers: as simulated. maps: to the meshes' grid, where that is another one.
-    cycle: of a shot that repeats.
+    level: of detail. exposure: to the air (shelter.py). feathers: as simulated. maps: to the
+    meshes' grid, where that is another one. cycle: of a shot that repeats.
     """
 
     level: str
+    exposure: float
     members: NDArray[np.int64]
     feathers: list[Feather]
     maps: list[PointMap | None]
@@ -63,21 +65,23 @@ def make_groups(
     motion: Roots,
     jobs: int,
 ) -> list[Group]:
-    """Batches of feathers of one grid, barb taper and clamp, on their roots at the first frame.
+    """Batches of feathers of one grid, barb taper, clamp and exposure, at the first frame.
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
     each feather ever has; it is in a batch for each at which something is solved.
     """
-    alike: dict[tuple[Resolution, float, bool], list[int]] = {}
+    alike: dict[tuple[Resolution, float, bool, float], list[int]] = {}
+    exposed = exposures(shot).tolist()
     for index, placement in enumerate(shot.groom.feathers):
         kind = placement.kind
         for resolution in resolutions[index]:
             if resolution.level not in CARRIED:
-                key = (resolution, kind.vane_material.barb_taper, has_elastic_clamp(kind))
+                taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
+                key = (resolution, taper, clamp, exposed[index])
                 alike.setdefault(key, []).append(index)
     return [
-        _group(shot, drawn, np.array(members), resolution, motion, jobs)
-        for (resolution, _, _), members in alike.items()
+        _group(shot, drawn, np.array(members), resolution, exposure, motion, jobs)
+        for (resolution, _, _, exposure), members in alike.items()
     ]
 
 
@@ -86,6 +90,7 @@ def _group(
     drawn: Sequence[Feather],
     members: NDArray[np.int64],
     resolution: Resolution,
+    exposure: float,
     motion: Roots,
     jobs: int,
 ) -> Group:
@@ -107,6 +112,7 @@ def _group(
     )
     return Group(
         level=resolution.level,
+        exposure=exposure,
         members=members,
         feathers=feathers,
         maps=_maps(placements, feathers, [drawn[i] for i in members]),
@@ -135,7 +141,11 @@ def loads_within(
         roots = motion.frames(0.5 * (start + end))[0][group.members]
     grips = group.grips if gripped else []
     points = list(group.start)
-    return frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
+    loads = frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
+    if group.exposure == 1.0:
+        return loads
+    before, after = (motion.frames(time)[0][group.members] for time in (start, end))
+    return sheltered(loads, group.exposure, after - before, end - start)
 
 
 def pose_of(group: Group, k: int) -> FeatherPose:

@@ -19,7 +19,7 @@ from featherfx.groom.read import collect_groom, groom_of
 from featherfx.groom.schema import INVALID, Place, Problems, Table, nearest
 from featherfx.groom.toml_file import load_toml
 from featherfx.groom.types import Groom
-from featherfx.shot.read_loads import read_details, read_forces, read_grips
+from featherfx.shot.read_loads import read_details, read_forces, read_grips, read_shelters
 from featherfx.shot.read_scenes import (
     read_colliders,
     read_level_of_detail,
@@ -84,12 +84,13 @@ def _collect(
     settings = {name: _setting(name, raw, library, place) for name in _BUILD}
     grips, forces = read_grips(raw, groom, place), read_forces(raw, groom, place)
     details = read_details(raw, groom, place)
-    colliders = read_colliders(raw, place, readers)
+    shelters = read_shelters(raw, groom, place)
     _check_frames(raw, place)
     _check_cycle(checked, place)
     _check_keyframes(settings["motion"], groom, place.child("motion"))
     if checked is INVALID or groom is None:
         return None
+    colliders = read_colliders(raw, checked, place, readers)
     skin = read_skin(raw, checked, groom, place, readers)
     wind_source = read_wind(raw, checked, place, readers)
     level_of_detail = read_level_of_detail(raw, checked, place, readers)
@@ -118,6 +119,7 @@ def _collect(
         colliders=colliders,
         contact=_contact(checked["contact"]),
         level_of_detail=level_of_detail,
+        shelters=shelters,
     )
 
 

@@ -1,4 +1,4 @@
-"""Grips, forces and levels of detail of a shot file."""
+"""Grips, forces, levels of detail and shelters of a shot file."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from featherfx.groom.schema import INVALID, Place, Table, nearest
 from featherfx.groom.types import Groom
-from featherfx.shot.shot_keys import DETAIL, FORCE, GRIP
-from featherfx.shot.types import Detail, Force, Grip
+from featherfx.shot.shot_keys import DETAIL, FORCE, GRIP, SHELTER
+from featherfx.shot.types import Detail, Force, Grip, Shelter
 
 
 def read_grips(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple[Grip, ...]:
@@ -44,21 +44,32 @@ def read_forces(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple
 
 def read_details(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple[Detail, ...]:
     """Levels of detail of a shot; problems where a pattern fits no feather."""
+    return tuple(Detail(**each) for each in _of_some("detail", DETAIL, raw, groom, place))
+
+
+def read_shelters(raw: dict[str, Any], groom: Groom | None, place: Place) -> tuple[Shelter, ...]:
+    """Shelters of a shot; problems where a pattern fits no feather."""
+    return tuple(Shelter(**each) for each in _of_some("shelter", SHELTER, raw, groom, place))
+
+
+def _of_some(
+    name: str, keys: dict[str, Any], raw: dict[str, Any], groom: Groom | None, place: Place
+) -> list[dict[str, Any]]:
+    """Checked tables of one name, each about the feathers that its patterns fit."""
     feathers = groom.feathers if groom is not None else ()
     known = {
         "feathers": {feather.id for feather in feathers},
         "region": {feather.region for feather in feathers},
         "kind": {feather.kind.name for feather in feathers},
     }
-    details = []
-    for checked, at in _tables("detail", DETAIL, raw, place):
+    found = _tables(name, keys, raw, place)
+    for checked, at in found:
         for key, names in known.items():
             pattern, what = checked[key], "feather" if key == "feathers" else key
             if names and not any(fnmatchcase(each, pattern) for each in names):
                 message = f"no {what} of the groom fits '{pattern}', {nearest(pattern, names)}"
                 at.child(key).fail(message)
-        details.append(Detail(**checked))
-    return tuple(details)
+    return [checked for checked, _ in found]
 
 
 def _entries(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
+from featherfx.errors import InputWarning
 from featherfx.groom.schema import INVALID, Place, Table
 from featherfx.groom.types import Groom
-from featherfx.shot.scenes import SceneReaders, Surface, TimedWind
+from featherfx.shot.scenes import SceneReaders, Surface, TimedSurface, TimedWind, WindSource
 from featherfx.shot.shot_keys import COLLIDER, SKIN, WIND_USD
 from featherfx.shot.skin_motion import BoundSkin, bind_groom
 from featherfx.shot.types import LevelOfDetail
@@ -40,7 +42,7 @@ def read_skin(
         return None
     start = _start(entry, checked, surfaces[0].time_codes_per_second)
     if entry["beyond"] == "error":
-        _check_range(surfaces, checked, start, at)
+        _check_range(surfaces, entry["rest"], checked, start, at)
     for surface in surfaces:
         own = {surface.path, ""} if surface is surfaces[0] else {surface.path}
         placed = [f.id for f in groom.feathers if f.skin_uv is not None and f.skin in own]
@@ -63,15 +65,16 @@ def read_wind(
     if source is None:
         return None
     start = _start(entry, checked, source.time_codes_per_second)
+    _warn_of_range(source, checked, start, at)
     return TimedWind(source, start, entry["scale"])
 
 
 def read_colliders(
-    raw: dict[str, Any], place: Place, readers: SceneReaders | None
-) -> tuple[Surface, ...]:
+    raw: dict[str, Any], checked: dict[str, Any], place: Place, readers: SceneReaders | None
+) -> tuple[TimedSurface, ...]:
     """The collider meshes of a shot; incomplete after adding problems."""
     entries = raw.get("collider", [])
-    found: list[Surface] = []
+    found: list[TimedSurface] = []
     for number, _ in enumerate(entries if isinstance(entries, list) else []):
         at = place.child("collider").item(number)
         entry = Table(COLLIDER).check(entries[number], at, False)
@@ -83,7 +86,10 @@ def read_colliders(
         assert readers is not None
         path = Path(place.source).parent / entry["usd"]
         meshes = readers.meshes(path, entry["prims"], entry["collection"], None, at)
-        found += meshes or []
+        for mesh in meshes or []:
+            start = _start(entry, checked, mesh.time_codes_per_second)
+            _warn_of_range(mesh, checked, start, at)
+            found.append(TimedSurface(mesh, start))
     return tuple(found)
 
 
@@ -142,17 +148,40 @@ def _start(entry: dict[str, Any], checked: dict[str, Any], codes_per_second: flo
     return float(checked["frames"][0] * codes_per_second / checked["frames_per_second"])
 
 
-def _check_range(surfaces: list[Surface], checked: dict[str, Any], start: float, at: Place) -> None:
-    """Problems where the shot runs out of the samples of a moving surface."""
-    first, last = checked["frames"]
-    seconds = (last - first) / checked["frames_per_second"]
+def _check_range(
+    surfaces: list[Surface], rest: float | None, checked: dict[str, Any], start: float, at: Place
+) -> None:
+    """Problems where shot or rest, a time code, run out of the samples of a moving surface."""
     for surface in surfaces:
-        end = start + seconds * surface.time_codes_per_second
-        if surface.sampled is None:
+        missing = _missing(surface, checked, start)
+        if missing:
+            at.fail(f'{missing}; add the missing frames, or beyond = "hold"')
+        if rest is None or surface.sampled is None:
             continue
         low, high = surface.sampled
-        if start < low - 1e-6 or end > high + 1e-6:
-            at.fail(
-                f"{surface.path} has samples from {low:g} to {high:g}, the shot needs {start:g} to "
-                f'{end:g}; add the missing frames, or beyond = "hold"'
+        if not low <= rest <= high:
+            at.child("rest").fail(
+                f"{rest:g} is outside of the samples of {surface.path}, which has {low:g} to "
+                f'{high:g}; choose one of them, or beyond = "hold"'
             )
+
+
+def _warn_of_range(
+    source: Surface | WindSource, checked: dict[str, Any], start: float, at: Place
+) -> None:
+    missing = _missing(source, checked, start)
+    if missing:
+        message = f"{at.source}: {at.key}: {missing}; the nearest is held beyond"
+        warnings.warn(message, InputWarning, stacklevel=2)
+
+
+def _missing(source: Surface | WindSource, checked: dict[str, Any], start: float) -> str:
+    """Which samples a shot needs that a scene does not have; empty where it has all."""
+    first, last = checked["frames"]
+    seconds = (last - first) / checked["frames_per_second"]
+    end = start + seconds * source.time_codes_per_second
+    low, high = source.sampled or (start, end)
+    if low - 1e-6 <= start and end <= high + 1e-6:
+        return ""
+    needs = f"the shot needs {start:g} to {end:g}"
+    return f"{source.path} has samples from {low:g} to {high:g}, {needs}"

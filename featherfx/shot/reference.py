@@ -48,6 +48,7 @@ _SHOT_PARTS = {
     "grip": ("[[grip]]", shot_keys.GRIP),
     "force": ("[[force]]", shot_keys.FORCE),
     "detail": ("[[detail]]", shot_keys.DETAIL),
+    "shelter": ("[[shelter]]", shot_keys.SHELTER),
     "level_of_detail": ("[level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
 }
 _GROOM_PARTS = {
@@ -60,6 +61,7 @@ _GROOM_PARTS = {
     "names": ("names of [[usd]]", groom_keys.USD_NAMES),
     "skin": ("[skin] of a groom", region_keys.SKIN),
     "region": ("[[region]]", region_keys.REGION),
+    "region_kind": ("kind of a [[region]]", region_keys.REGION_KIND),
     "where": ("where of a [[region]]", region_keys.WHERE),
     "flow": ("flow of a [[region]]", region_keys.FLOW),
     "spread": ("variation of a [[region]]", region_keys.SPREAD),

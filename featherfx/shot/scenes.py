@@ -59,7 +59,13 @@ class Surface(Protocol):
 
 
 class WindSource(Protocol):
-    """A wind that a scene gives. time_codes_per_second: of the scene."""
+    """A wind that a scene gives.
+
+    path: of its prim. sampled: first and last time code of its samples, None where it is steady.
+    """
+
+    path: str
+    sampled: tuple[float, float] | None
 
     @property
     def time_codes_per_second(self) -> float:
@@ -85,6 +91,18 @@ class SceneReaders(GroomReaders):
     meshes: Callable[[Path, Sequence[str], str | None, float | None, Place], Any]
     wind: Callable[[Path, dict[str, Any], Place], Any]
     camera: Callable[[Path, str, Place], Any]
+
+
+@dataclass(frozen=True)
+class TimedSurface:
+    """A scene's mesh over the shot's time. start: time code at 0 s."""
+
+    surface: Surface
+    start: float
+
+    def points(self, time: float) -> Array:
+        """(V, 3) m, all points at a time in s since the first frame."""
+        return self.surface.points(self.start + time * self.surface.time_codes_per_second)
 
 
 @dataclass(frozen=True)

@@ -13,18 +13,30 @@ from featherfx.shot.skin_motion import BoundSkin
 from featherfx.shot.types import Shot
 
 
+def share_numbers(shot: Shot, index: int, count: int) -> NDArray[np.int64]:
+    """Numbers of every count-th feather from the index-th on, index from 1 to count.
+
+    Raises InputError where there are none.
+    """
+    most = len(shot.groom.feathers)
+    if not 1 <= index <= count <= most:
+        message = f"{index}/{count} is out of range; allowed 1/1 to {most}/{most}"
+        raise InputError(Problem(str(shot.source), "feathers", message))
+    return np.arange(index - 1, most, count)
+
+
 def share_of(shot: Shot, index: int, count: int) -> Shot:
     """The shot with every count-th feather from the index-th on, index from 1 to count.
 
     Neighbours cost about the same, so shares made in this way are about equal work. Raises
     InputError where a share would be empty.
     """
-    most = len(shot.groom.feathers)
-    if not 1 <= index <= count <= most:
-        message = f"{index}/{count} is out of range; allowed 1/1 to {most}/{most}"
-        raise InputError(Problem(str(shot.source), "feathers", message))
-    chosen = np.arange(index - 1, most, count)
-    groom = replace(shot.groom, feathers=shot.groom.feathers[index - 1 :: count])
+    return part_of(shot, share_numbers(shot, index, count))
+
+
+def part_of(shot: Shot, chosen: NDArray[np.int64]) -> Shot:
+    """The shot with some of its feathers, by their numbers (K,) in ascending order."""
+    groom = replace(shot.groom, feathers=tuple(shot.groom.feathers[k] for k in chosen))
     skin = None if shot.skin is None else _skin(shot.skin, chosen)
     return replace(shot, groom=groom, skin=skin)
 

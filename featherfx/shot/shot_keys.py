@@ -47,10 +47,13 @@ FORCE = {
     ),
 }
 
-DETAIL = {
+_SOME_FEATHERS = {
     "feathers": Key(Text(), "Ids, with * and ? as wild cards.", "*"),
     "region": Key(Text(), "Regions, with * and ? as wild cards.", "*"),
     "kind": Key(Text(), "Kinds, with * and ? as wild cards.", "*"),
+}
+
+DETAIL = _SOME_FEATHERS | {
     "level": Key(
         Text(LEVELS),
         "full: as the quality says; coarse: half the rows and columns, one coefficient; rachis: "
@@ -68,6 +71,14 @@ DETAIL = {
         "Of guided feathers, no more guides than leave none farther from one; `every = 1` lets the "
         "spacing alone decide.",
         None,
+    ),
+}
+
+SHELTER = _SOME_FEATHERS | {
+    "share": Key(
+        Number(0, 1),
+        "Share of the air's velocity against the roots that the plumage around keeps off: 0 none, "
+        "as for a feather that stands alone; 1 all.",
     ),
 }
 
@@ -112,6 +123,7 @@ COLLIDER = {
     "usd": _FILE,
     "prims": Key(Array(Text(), 0, 10_000), "Paths, or names with * and ?, of meshes.", ()),
     "collection": Key(Text(), "Collection, such as /Bird.collection:colliders.", None),
+    "start": _START,
 }
 
 CONTACT = {
@@ -212,6 +224,12 @@ SHOT = {
     "detail": Key(
         Array(Table(DETAIL, "table"), 0, 10_000),
         "Level of detail by feather, before the quality's lengths; the last one that fits holds.",
+        (),
+    ),
+    "shelter": Key(
+        Array(Table(SHELTER, "table"), 0, 10_000),
+        "Which feathers the wind reaches less, because they lie within plumage; the last one that "
+        "fits holds.",
         (),
     ),
     "level_of_detail": Key(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
+from featherfx.shot.carried import Carried
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.contact import ShotContact
 from featherfx.shot.counts import Counts
@@ -28,13 +29,14 @@ from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.step import RootPath, raise_if_failed
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 class Simulation:
     """Iterates over the frames of a shot; `report` is complete after the last one.
 
-    feathers: one per placement, in groom order, on the grid of the quality, whatever is simulated;
-    resolutions: what is. Between two frames, `checkpoint` is all that a
+    feathers: one per placement that is wanted, in groom order, on the grid of the quality, whatever
+    is simulated; resolutions: what is. Between two frames, `checkpoint` is all that a
     later simulation of the same shot needs to go on from there. report: newton_iterations and
     substeps per feather and frame (mean, max), rejected_substeps and substeps_over_tolerance
     (accepted above the quality's tolerance, because none shorter is allowed), worst_residual (m,
@@ -48,6 +50,7 @@ class Simulation:
         frames: tuple[int, int] | None,
         subframes: int = 1,
         start: Checkpoint | None = None,
+        wanted: Sequence[int] | None = None,
     ) -> None:
         self.shot, self._jobs, self._subframes, self._start = shot, jobs, subframes, start
         self._range = frames or (shot.first_frame, shot.last_frame)
@@ -56,9 +59,12 @@ class Simulation:
         self._levels: LevelRun | None = None
         self.resolutions: list[Resolution] = []
         quality = shot.quality
-        self.feathers: tuple[Feather, ...] = tuple(
+        self._drawn = tuple(
             feather_of(p, quality.rows, quality.columns) for p in shot.groom.feathers
         )
+        chosen = range(len(self._drawn)) if wanted is None else wanted
+        self._wanted: Indices = np.array(chosen, dtype=np.int64)
+        self.feathers: tuple[Feather, ...] = tuple(self._drawn[f] for f in self._wanted)
         self._counts = Counts()
         self._contact: ShotContact | None = None
 
@@ -111,6 +117,14 @@ class Simulation:
             memory_of([group.cycle for group in self._groups]),
         )
 
+    def simulated_bytes(self) -> tuple[int, int]:
+        """Bytes of the constant data, and of one state, of all feathers that are simulated."""
+        groups = self._groups
+        return (
+            sum(array.nbytes for group in groups for array in group.solver.model),
+            sum(array.nbytes for group in groups for array in group.state),
+        )
+
     def _leveled(self) -> LevelRun:
         assert self._levels is not None
         return self._levels
@@ -132,18 +146,21 @@ class Simulation:
 
     def _make_groups(self, motion: Roots) -> list[Group]:
         """All batches, and the levels at which feathers go through the shot."""
-        plan = level_plan(self.shot, self.feathers, motion)
+        shot, drawn, wanted = self.shot, self._drawn, self._wanted
+        plan = level_plan(shot, drawn, motion)
+        carried = Carried(shot, drawn, plan.of("guided"), plan.leading, wanted)
+        plan = plan.part(np.union1d(wanted, carried.guides))
         every = plan.resolutions
-        self.resolutions = [each[0] for each in every]
-        if self.shot.contact is not None and any(len(each) > 1 for each in every):
+        self.resolutions = [every[f][0] for f in wanted]
+        if shot.contact is not None and any(len(each) > 1 for each in every):
             message = "feathers that touch keep their levels: they cannot follow a camera"
-            raise InputError(Problem(str(self.shot.source), "level_of_detail", message))
-        groups = make_groups(self.shot, self.feathers, every, motion, self._jobs)
-        if self.shot.cycle:
+            raise InputError(Problem(str(shot.source), "level_of_detail", message))
+        groups = make_groups(shot, drawn, every, motion, self._jobs)
+        if shot.cycle:
             for group in groups:
-                period, count = self.shot.cycle * self._subframes, len(group.members)
-                group.cycle = Cycle(period, self.shot.quality.tolerance, count)
-        self._levels = LevelRun(self.shot, plan, self.feathers, groups, motion, self._subframes)
+                period, count = shot.cycle * self._subframes, len(group.members)
+                group.cycle = Cycle(period, shot.quality.tolerance, count)
+        self._levels = LevelRun(shot, plan, drawn, groups, motion, carried, wanted, self._subframes)
         return groups
 
     def _time(self, index: int) -> float:
@@ -253,9 +270,9 @@ class Simulation:
         time = self._time(index)
         self._counts.frame(*self._leveled().counts())
         poses = self._leveled().shown(index)
-        for placement, pose in zip(self.shot.groom.feathers, poses, strict=True):
+        for f, pose in zip(self._wanted.tolist(), poses, strict=True):
             if not np.isfinite(pose.points).all():
-                raise SimulationError(placement.id, time, "a point is not finite")
+                raise SimulationError(self.shot.groom.feathers[f].id, time, "a point is not finite")
         return Frame(
             number=sample_number(self.shot.first_frame, index, self._subframes),
             time=time,
@@ -271,13 +288,16 @@ def simulate(
     frames: tuple[int, int] | None = None,
     subframes: int = 1,
     start: Checkpoint | None = None,
+    wanted: Sequence[int] | None = None,
 ) -> Simulation:
     """Simulate a shot.
 
     jobs: threads. frames: first and last of those wanted, inclusive; default: all of the shot's.
     Those before are simulated, too, because the motion depends on its past. subframes: samples a
     frame, at evenly spaced times from the first frame to the last. start: where a simulation of
-    the same shot and subframes stood; goes on after it. Raises InputError where a feather cannot
+    the same shot and subframes stood; goes on after it. wanted: numbers of the feathers in the
+    frames, ascending, None: all; others are simulated only where they guide some of these. Where
+    feathers touch, all are wanted. Raises InputError where a feather cannot
     be built and, while iterating, SimulationError.
     """
-    return Simulation(shot, jobs, frames, subframes, start)
+    return Simulation(shot, jobs, frames, subframes, start, wanted)

@@ -92,7 +92,8 @@ class BoundSkin:
         face = part.surface.face[part.binding.triangle[bad[0]]]
         feather = self.ids[part.members[bad[0]]]
         more = f" (and {len(bad) - 1} more roots)" if len(bad) > 1 else ""
-        message = f"face {face} has no area at time code {code:g}; '{feather}' sits on it{more}"
+        fault = "has no area" if np.isfinite(corners[bad[0]]).all() else "is not finite"
+        message = f"face {face} {fault} at time code {code:g}; '{feather}' sits on it{more}"
         raise InputError(Problem(part.surface.path, "points", message))
 
 

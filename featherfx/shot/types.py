@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.types import Groom
-from featherfx.shot.scenes import Surface, TimedWind
+from featherfx.shot.scenes import TimedSurface, TimedWind
 from featherfx.shot.skin_motion import BoundSkin
 from featherfx.shot.view import TimedCamera
 
@@ -61,6 +61,19 @@ class Detail:
     kind: str = "*"
     every: int = 8
     spacing: float | None = None
+
+
+@dataclass(frozen=True)
+class Shelter:
+    """How much of the air's motion against the roots the plumage keeps off some feathers.
+
+    share: 0 (none) to 1. feathers, region, kind: patterns, as in Detail.
+    """
+
+    feathers: str
+    share: float
+    region: str = "*"
+    kind: str = "*"
 
 
 @dataclass(frozen=True)
@@ -196,9 +209,10 @@ class Shot:
     cycle: int = 0
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
-    colliders: tuple[Surface, ...] = ()
+    colliders: tuple[TimedSurface, ...] = ()
     contact: Contact | None = None
     level_of_detail: LevelOfDetail | None = None
+    shelters: tuple[Shelter, ...] = ()
 
 
 @dataclass(frozen=True)

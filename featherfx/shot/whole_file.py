@@ -3,26 +3,39 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import BinaryIO
 
 
 def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Write a file under a temporary name beside it, force it to disk, then rename it.
+    """Write one file; see write_all."""
+    write_all([(path, write)])
 
-    write: called with the open file. Raises what write or the system raises; then nothing of the
-    file is left and an older one under its name is unchanged.
+
+def write_all(files: Iterable[tuple[Path, Callable[[BinaryIO], object]]]) -> None:
+    """Write files under temporary names beside them, force them to disk, then rename them all.
+
+    files: names, each with what is called with the open file. Raises what that raises, or the
+    system, as an OSError that names the file; then nothing of any is left and older ones under
+    their names are unchanged.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    written: list[tuple[Path, Path]] = []
+    path = Path()
     try:
-        with temporary.open("wb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
+        for path, write in files:
+            written.append((path.with_name(f".{path.name}.{os.getpid()}.tmp"), path))
+            with written[-1][0].open("wb") as file:
+                write(file)
+                file.flush()
+                os.fsync(file.fileno())
+        for temporary, path in written:
+            os.replace(temporary, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        for temporary, _ in written:
+            temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import Contacts, Loads
 from featherfx.solver.contact_grids import Grids
 from featherfx.solver.cut import carry_to
-from featherfx.solver.root_path import RootPath
-from featherfx.solver.state import State
-from featherfx.solver.step import Solver, StepReport, report_of
-from featherfx.solver.step_kernels import (
+from featherfx.solver.retry_kernels import (
     COUNTERS,
     FAILED,
     FALLBACKS,
     ITERATIONS,
+    MATRICES,
     REJECTED,
     STATUS,
 )
+from featherfx.solver.root_path import RootPath
+from featherfx.solver.state import State
+from featherfx.solver.step import Solver, StepReport, report_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,15 +32,15 @@ Flags = NDArray[np.bool_]
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
 MOST_ITERATIONS = 400
 # columns of a feather's counters that add up over its solves; of the others the last one's holds
-SUMS = [ITERATIONS, REJECTED, FAILED, FALLBACKS]
+SUMS = [ITERATIONS, MATRICES, REJECTED, FAILED, FALLBACKS]
 
 
 class Run:
     """Where the batches started, and where the last iterate stands.
 
     solvers: of the batches. grids: theirs. duration: s. substeps: most regular steps of a feather
-    within it. start, now: (B, n, P, 3) m, all bodies on
-    the widest grid. counters: (B, COUNTERS), of all solves.
+    within it. start, now: (B, n, P, 3) m, all bodies on the widest grid. counters:
+    (B, COUNTERS), of all solves.
     """
 
     def __init__(

@@ -9,8 +9,9 @@ from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.newton_kernels import evaluate
-from featherfx.solver.pose_kernels import barb_jacobians, load_pose
+from featherfx.solver.pose_kernels import load_pose
 from featherfx.solver.state import State, rest_state
+from featherfx.solver.vane_force_kernels import STABILISING
 from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]
@@ -26,25 +27,24 @@ def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
 
     The six coordinates of a held root have unit stiffness and no mass.
     """
-    state = rest_state(
-        model, np.zeros((model.feathers, 3)), np.tile(np.eye(3), (model.feathers, 1, 1))
-    )
+    # nothing here may take time for the others, or a batch would take the square of their number
+    model = model.only(feather)
+    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
     weightless = {name: np.zeros_like(getattr(model, name)) for name in STIFFNESSES}
     work = make_work(model)
-    stiffness = _band(model, feather, 0.0, state, work)
-    mass = _band(model._replace(**weightless), feather, 1.0, state, work)
-    if model.held[feather]:
+    stiffness = _band(model, 0.0, state, work)
+    mass = _band(model._replace(**weightless), 1.0, state, work)
+    if model.held[0]:
         mass[:6, 0] = 0.0
     return stiffness, mass
 
 
-def _band(model: Model, f: int, inertia: float, state: State, work: Work) -> Array:
-    """Stiffness plus inertia (1/s^2) times mass of one feather's pose."""
-    loads, factors, now = no_loads(model.feathers), (inertia, 0.0, 0.0), work.now
+def _band(model: Model, inertia: float, state: State, work: Work) -> Array:
+    """Stiffness plus inertia (1/s^2) times mass of the pose of a model's only feather."""
+    f, loads, factors, now = 0, no_loads(1), (inertia, 0.0, 0.0), work.now
     load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
     evaluate(model, loads, f, 0.0, factors, now, work.around)
-    barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
-    assemble(model, loads, f, 0.0, factors, False, 0.0, work)
+    assemble(model, loads, f, 0.0, factors, STABILISING, 0.0, work)
     return work.system.band.copy()
 
 
@@ -97,11 +97,10 @@ def _sparse(band: Array, diagonals):
 
 def _times(band: Array, x: Array) -> Array:
     """Symmetric band times vector."""
-    result = band[:, 0] * x
-    for d in range(1, min(band.shape[1], len(x))):
-        result[d:] += band[:-d, d] * x[:-d]
-        result[:-d] += band[:-d, d] * x[d:]
-    return result
+    from scipy.linalg.blas import dsbmv
+
+    width = min(band.shape[1], len(x))
+    return np.asarray(dsbmv(width - 1, 1.0, band[:, :width].T, x, lower=1))
 
 
 def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:

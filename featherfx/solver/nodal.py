@@ -14,8 +14,7 @@ from featherfx.mechanics.nodal_model import NodalModel
 from featherfx.solver.nodal_settle import nodal_settle, nodal_start, nodal_system
 from featherfx.solver.nodal_state import NodalState, NodalWork, make_nodal_work
 from featherfx.solver.nodal_step_kernels import nodal_advance
-from featherfx.solver.step import RootPath, Settings, StepReport
-from featherfx.solver.step_kernels import (
+from featherfx.solver.retry_kernels import (
     COUNTERS,
     ERROR,
     FAILED,
@@ -27,6 +26,7 @@ from featherfx.solver.step_kernels import (
     STATUS,
     STEPS,
 )
+from featherfx.solver.step import RootPath, Settings, StepReport
 
 Array = NDArray[np.float64]
 Method = Literal["improved", "textbook"]
@@ -99,8 +99,9 @@ class NodalSolver:
                 self._work,
                 counters[f],
             )
-        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
-        return new, StepReport(*(counters[:, column] for column in columns))
+        # each iteration has a matrix of its own
+        names = (STEPS, ITERATIONS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE)
+        return new, StepReport(*(counters[:, column] for column in (*names, STATUS)))
 
     def equilibrium(
         self, state: NodalState, loads: Loads, share: float = 0.0

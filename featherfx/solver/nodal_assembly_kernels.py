@@ -1,6 +1,6 @@
 """Gradient and Hessian of nodal_step_energy, as a band: the vane's stencils, and all together."""
 
-from featherfx.compiled import kernel
+from featherfx.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
 from featherfx.mechanics.vane_plate_kernels import hinge_of, patch_hinge_gradient, patch_nodes
@@ -133,7 +133,7 @@ def _add_triangle(
         add_element(3, 6, element, system)
 
 
-@kernel
+@shared_kernel
 def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work):
     """Hessian of nodal_step_energy at work.now to work.system.band, minus gradient to right.
 

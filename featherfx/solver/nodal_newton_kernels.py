@@ -17,7 +17,7 @@ that is eliminated instead would couple all nodes of a barb: that is the barb-cu
 
 from math import isfinite, sqrt
 
-from featherfx.compiled import kernel
+from featherfx.compiled import kernel, shared_kernel
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.rachis_kernels import rachis_gradient
 from featherfx.mechanics.rotations_kernels import rotate
@@ -120,7 +120,7 @@ def _barb(first, slot, now, step, scale, trial):
         mx, my, mz, q = nx, ny, nz, p
 
 
-@kernel
+@shared_kernel
 def move_by(model, nodal, f, now, step, scale, straight, element, trial):
     """Pose now plus scale times the increment step (N,), to trial.
 
@@ -153,7 +153,7 @@ def move_by(model, nodal, f, now, step, scale, straight, element, trial):
     set_directors(trial.turn, trial.points)
 
 
-@kernel
+@shared_kernel
 def evaluate(model, nodal, loads, f, share, factors, pose, work):
     """Strains of a pose from its points and frames, and its energy (J)."""
     nodal_strains(model, nodal, f, pose, work.element.frame)
@@ -198,7 +198,7 @@ def _solve(model, nodal, loads, f, share, factors, textbook, work):
     return False
 
 
-@kernel
+@shared_kernel
 def nodal_minimise(model, nodal, loads, f, share, factors, tolerance, limit, textbook, work):
     """Bring the pose work.now to the minimum of nodal_step_energy.
 

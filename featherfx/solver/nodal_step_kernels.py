@@ -14,22 +14,20 @@ from featherfx.solver.integrator_kernels import (
 from featherfx.solver.newton_kernels import CONVERGED
 from featherfx.solver.nodal_newton_kernels import gather, nodal_minimise, set_directors
 from featherfx.solver.pose_kernels import turn_by
-from featherfx.solver.root_kernels import root_at
-from featherfx.solver.step_kernels import (
+from featherfx.solver.retry_kernels import (
     BACKWARD,
-    ERROR,
-    FAILED,
-    FALLBACKS,
     FOLLOW,
     GO_ON,
-    ITERATIONS,
-    MOVE,
-    REJECTED,
-    SMALLEST_SHARE,
-    STATUS,
+    HARD,
     STEPS,
-    _strain_rate,
+    after_step,
+    count_try,
+    judge,
+    next_step,
+    stop,
 )
+from featherfx.solver.root_kernels import root_at
+from featherfx.solver.step_kernels import coarse_error, strain_rate_of
 
 # beside the options of step_kernels: start at the last pose
 STAY = -1
@@ -118,7 +116,7 @@ def _predict(model, nodal, loads, f, share, h, radius, option, path, base, state
         around.target,
         around.past,
     )
-    strain_rate = _strain_rate(h, state.step[f], state.strains[f], around.reference)
+    strain_rate = strain_rate_of(h, state.step[f], state.strains[f], around.reference)
     if option == GO_ON:
         _go_on(h, nodal.slot[f], state.spin[f], state.velocity[f], now)
     if model.held[f]:
@@ -189,58 +187,35 @@ def nodal_advance(
     As advance of featherfx/solver/step_kernels.py, which explains path, base, settings, counters
     and the status that is returned.
     """
-    shortest = min(settings[4], duration)
-    h = state.proposal[f]
-    if h <= 0.0 or h > duration:
-        h = duration
-    done, option = 0.0, GO_ON
+    hard = int(settings[2]) if textbook else HARD
+    limits = (min(settings[4], duration), settings[3], coarse_error(model.length[f]), hard)
+    h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
+    # the textbook method begins every step at the last pose, so there is nothing else to try
+    first = FOLLOW if textbook else GO_ON
+    done, option, limit = 0.0, first, int(settings[2])
     while done < duration * (1.0 - 1e-9):
-        left = duration - done
-        step = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
-        share = 1.0 if step == left else (done + step) / duration
-        radius = settings[0]
+        step, share = next_step(h, done, duration)
         if state.step[f] <= 0.0:
             # there are no rates to go on with
             option = max(option, FOLLOW)
-        if option == BACKWARD:
-            radius = EULER
-            counters[FALLBACKS] += 1
+        radius = EULER if option == BACKWARD else settings[0]
         place = STAY if textbook else option
         factors = _predict(
             model, nodal, loads, f, share, step, radius, place, path, base, state, work
         )
         status, iterations, move = nodal_minimise(
-            model, nodal, loads, f, share, factors, settings[1], int(settings[2]), textbook, work
+            model, nodal, loads, f, share, factors, settings[1], limit, textbook, work
         )
-        counters[ITERATIONS] += iterations
-        if status != CONVERGED:
-            counters[FAILED] += 1
-            option = BACKWARD if textbook and option < BACKWARD else option + 1
-            if option > BACKWARD:
-                h, option = 0.5 * step, GO_ON
-                if h < shortest / SMALLEST_SHARE:
-                    counters[STATUS] = status
-                    return status
-            continue
-        option = GO_ON
-        error = step_error(
-            radius,
-            step,
-            work.now.points,
-            state.acceleration[f],
-            state.smoothed[f],
-            work.around.target,
-        )
-        change = 0.9 * (settings[3] / max(error, 1e-30)) ** (1.0 / 3.0)
-        if error > settings[3] and step > 1.001 * shortest:
-            counters[REJECTED] += 1
-            h = max(shortest, step * max(0.2, change))
-            continue
-        _accept(f, step, radius, state, work)
-        done += step
-        counters[STEPS] += 1
-        counters[ERROR] = max(counters[ERROR], error)
-        counters[MOVE] = max(counters[MOVE], move)
-        h = max(shortest, step * min(2.0, max(0.5, change)))
+        now, target = work.now.points, work.around.target
+        error = step_error(radius, step, now, state.acceleration[f], state.smoothed[f], target)
+        solved = status == CONVERGED
+        verdict, h, option = judge(h, step, option, first, solved, error, limits)
+        count_try(counters, verdict, option, iterations, error, settings[3], move)
+        if verdict == STEPS:
+            _accept(f, step, radius, state, work)
+            done += step
+            h, option = after_step(step, option, first, error, limits, iterations)
+        elif h == 0.0:
+            return stop(counters, status)
     state.proposal[f] = h
     return CONVERGED

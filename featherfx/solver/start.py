@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from featherfx.mechanics.model import Loads, Model
+from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.newton_kernels import minimise
 from featherfx.solver.pose_kernels import load_pose
 from featherfx.solver.state import State
@@ -10,7 +11,7 @@ from featherfx.solver.work import Work
 
 # the instant over which the first acceleration is taken, as a share of the step, and the Newton
 # iterations that it gets: the second one only corrects for the curved paths of barbs and frames
-INSTANT, START_ITERATIONS = 1.0, 3
+INSTANT, START_ITERATIONS = 1.0, 8
 
 
 def start_acceleration(
@@ -19,17 +20,24 @@ def start_acceleration(
     """Set the accelerations of feather f, in place, to those that its pose and velocity give.
 
     One implicit Euler step over the duration (s), a = (x - x0 - h v0) / h^2, which is then taken
-    back. What vibrates faster than that is left at rest: with a tenth of the duration, vibrations
-    that the first step does not resolve would double their energy in it (radius 0; with a fifth
-    or more a linear one never gains, with the whole no crumpled feather was seen to). With wrong
-    accelerations the time integration would lose its second order at once.
+    back. Damping and air take part: without them a relaxing material would first be thrown, and a
+    feather that hangs in balance with the wind would fall out of it. What vibrates faster than
+    that is left at rest: with a tenth of the duration, vibrations that the first step does not
+    resolve would double their energy in it (radius 0; with a fifth or more a linear one never
+    gains, with the whole no crumpled feather was seen to). With wrong accelerations the time
+    integration would lose its second order at once.
     """
     h = INSTANT * duration
     now, around = work.now, work.around
     load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
     around.target[:] = state.points[f] + h * state.velocity[f]
+    around.past[:] = state.points[f]
     around.reference[:] = state.strains[f, 0]
-    factors = (1.0 / (h * h), 0.0, 0.0)
+    if loads.air[0] > 0.0:
+        now.points[:] = state.points[f]
+        time, stiffness = state.time[f] + h, model.cell_stiffness[f]
+        blow(now.points, time, loads, f, state.velocity[f], stiffness, around)
+    factors = (1.0 / (h * h), 1.0 / h, 1.0 / h)
     minimise(model, loads, f, 0.0, factors, 0.0, START_ITERATIONS, work)
     state.acceleration[f] = (now.points - around.target) / (h * h)
     state.smoothed[f] = state.acceleration[f]

@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.cut import carry_to
+from featherfx.solver.energy_promise_kernels import GREW
 from featherfx.solver.newton_kernels import (
     CONVERGED,
     NOT_DEFINITE,
     NOT_FINITE,
     TOO_MUCH_WORK,
+)
+from featherfx.solver.retry_kernels import (
+    COUNTERS,
+    STATUS,
+    STEPS,
 )
 from featherfx.solver.root_path import RootPath as RootPath
 from featherfx.solver.root_path import hold_roots as hold_roots
@@ -25,19 +31,7 @@ from featherfx.solver.settle import settle
 from featherfx.solver.settle_wind import NO_REST as NO_REST
 from featherfx.solver.start import start_acceleration
 from featherfx.solver.state import State as State
-from featherfx.solver.step_kernels import (
-    COUNTERS,
-    ERROR,
-    FAILED,
-    FALLBACKS,
-    FORCED,
-    ITERATIONS,
-    MOVE,
-    REJECTED,
-    STATUS,
-    STEPS,
-    advance,
-)
+from featherfx.solver.step_kernels import advance
 from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]
@@ -46,8 +40,9 @@ REASONS = {
     NOT_FINITE: "a value is not finite",
     NOT_DEFINITE: "the linear system is not positive definite",
     NO_REST: "it finds no rest in this wind",
+    GREW: "its energy would grow without work being done",
 }
-NEWTON_ITERATIONS = 40
+NEWTON_ITERATIONS = 24
 # length of the last step of a feather that has none, but its first acceleration
 BEGUN = -1.0
 # of one feather in one frame; bakes of the samples need 3 to 100
@@ -78,16 +73,17 @@ class Settings:
 class StepReport:
     """What one call did, per feather: (F,) arrays.
 
-    steps, iterations, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
-    iterations, steps repeated for their error, attempts that Newton gave up, implicit Euler steps.
-    forced: steps accepted above the tolerance because none shorter is allowed. error: m, largest
-    accepted local error. move: m, largest distance of a step from its solution, as Newton's last
-    moves tell. status: 0, or why
-    the feather stopped (featherfx/solver/newton_kernels.py).
+    steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
+    iterations (linear solves), new matrices among them, steps repeated for their error, attempts
+    that Newton gave up, implicit Euler steps. forced: steps accepted above the tolerance because
+    none shorter is allowed. error: m, largest accepted local error. move: m, largest distance of a
+    step from its solution, as Newton's last moves tell. status: 0, or why the feather stopped
+    (featherfx/solver/newton_kernels.py).
     """
 
     steps: Array
     iterations: Array
+    matrices: Array
     rejected: Array
     failed: Array
     fallbacks: Array
@@ -253,8 +249,7 @@ class Solver:
 
 def report_of(counters: Array) -> StepReport:
     """The report of (F, COUNTERS) as `Solver.advance` gives them."""
-    columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
-    return StepReport(*(counters[:, column] for column in columns))
+    return StepReport(*counters.T)
 
 
 def reason_of(status: int, most: int = MOST_ITERATIONS) -> str:

@@ -4,6 +4,15 @@ from featherfx.compiled import kernel
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.rotations_kernels import logarithm, multiply, normalised, same_sign
+from featherfx.solver.energy_promise_kernels import (
+    GREW,
+    held_energy,
+    left_alone,
+    rounding_energy,
+    slow_down,
+    solved_energy,
+    state_energy,
+)
 from featherfx.solver.integrator_kernels import (
     EULER,
     begin_step,
@@ -11,23 +20,32 @@ from featherfx.solver.integrator_kernels import (
     integrator_coefficients,
     step_error,
 )
-from featherfx.solver.newton_kernels import CONVERGED, TOO_MUCH_WORK, minimise
+from featherfx.solver.newton_kernels import (
+    CONVERGED,
+    NOT_CONVERGED,
+    TOO_MUCH_WORK,
+    minimise,
+)
 from featherfx.solver.pose_kernels import chain, load_pose, material_points, turn_by
+from featherfx.solver.retry_kernels import (
+    BACKWARD,
+    FOLLOW,
+    GO_ON,
+    HARD,
+    MATRICES,
+    STEPS,
+    after_step,
+    count_try,
+    judge,
+    next_step,
+    stop,
+)
 from featherfx.solver.root_kernels import root_at
 
-# columns of a feather's counters
-STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(9)
-COUNTERS = 9
-# error over tolerance beyond which a step that may not be shorter is taken by implicit Euler
-LOST = 30.0
-# and as a share of the feather's length: beyond it even such a step is cut
+# share of the feather's length that the error of a step may not exceed where it can be shorter
 COARSE = 0.01
-# Newton iterations beyond which the next step is not made longer
-HARD = 12
-# how a step is tried, in this order
-GO_ON, FOLLOW, BACKWARD = 0, 1, 2
-# a regular step may be cut this far when Newton fails, by this share each time
-SMALLEST_SHARE, CUT = 1e6, 0.25
+# share of a step's own error that it may be away from its solution when its iterations are used up
+NEARLY = 0.01
 
 
 @kernel
@@ -80,7 +98,7 @@ def _follow_root(before, length, pose):
 
 
 @kernel
-def _strain_rate(h, before, strains, reference):
+def strain_rate_of(h, before, strains, reference):
     """Rate of the backward difference of strains (2, S); its reference is written (S,).
 
     before: s, length of the last step, 0 for the one-step difference.
@@ -130,7 +148,7 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
     )
     # the two-step difference may put energy into strains that relax within a step
     before = 0.0 if radius == EULER else state.step[f]
-    strain_rate = _strain_rate(h, before, state.strains[f], around.reference)
+    strain_rate = strain_rate_of(h, before, state.strains[f], around.reference)
     if model.held[f]:
         turn_by(state.turn[f, 0], state.spin[f, 0], h, work.trial.turn[0])
         root_at(path, base, share, now.turn[0], now.centre[0])
@@ -190,90 +208,89 @@ def _accept(f, h, radius, state, now, around):
 
 
 @kernel
+def _error(f, radius, h, state, work):
+    """Local error (m) of the step solved in work.now."""
+    now, target = work.now.points, work.around.target
+    return step_error(radius, h, now, state.acceleration[f], state.smoothed[f], target)
+
+
+@kernel
+def coarse_error(length):
+    """The error (m) that no step may have where it can be shorter; length: (n-1,) m, of rows."""
+    total = 0.0
+    for i in range(length.shape[0]):
+        total += COARSE * length[i]
+    return total
+
+
+@kernel
+def _energy_after(model, loads, f, h, drift, energy, rounding, resolved, rate, state, work):
+    """As solved_energy, of the pose work.now; a resolved step may give back what is held."""
+    growth = rounding
+    if resolved:
+        growth += held_energy(
+            model.mass[f], h, drift, state.velocity[f], state.acceleration[f], state.smoothed[f]
+        )
+    return solved_energy(model, loads, f, drift, energy, growth, rate, work.now, work.around.past)
+
+
+@kernel
 def advance(model, loads, f, duration, path, base, state, settings, work, counters):
     """Bring feather f of the state through one frame of the given duration (s), in place.
 
     path (K, 6), base (4,): root_kernels. settings: (spectral radius, Newton tolerance m, most
     iterations of an attempt, error tolerance per step m, shortest regular step s, most iterations
-    of the call). counters: (COUNTERS,), added to. Returns the Newton status; if it is not
-    CONVERGED the state is that of the last good step.
-
-    A step is tried from the predicted pose, then from the rigidly moved one, then by implicit
-    Euler, and is then cut. Steps that were cut grow again from their own length, by implicit Euler
-    if that was needed, because where Newton failed it mostly fails again at once. Implicit Euler is
-    also taken where the shortest step misses the tolerance by far: the other method may gain energy
-    from motions that it does not resolve.
+    of the call). counters: (COUNTERS,), added to. Returns the Newton status or GREW; if it is not
+    CONVERGED the state is that of the last good step. How steps are repeated: retry_kernels.
     """
-    shortest = min(settings[4], duration)
-    h = state.proposal[f]
-    if h <= 0.0 or h > duration:
-        h = duration
-    coarse = 0.0
-    for i in range(model.length.shape[1]):
-        coarse += COARSE * model.length[f, i]
-    done, option, spent = 0.0, GO_ON, 0
+    limits = (min(settings[4], duration), settings[3], coarse_error(model.length[f]), HARD)
+    h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
+    done, option, left = 0.0, GO_ON, int(settings[5])
+    alone, drift = left_alone(model, loads, f, path, duration)
+    energy, rounding = 0.0, 0.0
+    if alone:
+        energy = state_energy(model, loads, f, drift, state)
+        rounding = rounding_energy(model, f)
     while done < duration * (1.0 - 1e-9):
-        limit = min(int(settings[2]), int(settings[5]) - spent)
-        if limit <= 0:
-            counters[STATUS] = TOO_MUCH_WORK
-            return TOO_MUCH_WORK
-        left = duration - done
-        step = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
-        share = 1.0 if step == left else (done + step) / duration
-        radius = settings[0]
+        if left <= 0:
+            return stop(counters, TOO_MUCH_WORK)
+        step, share = next_step(h, done, duration)
         if state.step[f] <= 0.0:
             # there are no rates to go on with
             option = max(option, FOLLOW)
-        if option == BACKWARD:
-            radius = EULER
-        factors = _predict(
-            model, loads, f, share, step, radius, option != GO_ON, path, base, state, work
-        )
-        status, iterations, move = minimise(
+        radius, limit = EULER if option == BACKWARD else settings[0], min(int(settings[2]), left)
+        follow = option != GO_ON
+        factors = _predict(model, loads, f, share, step, radius, follow, path, base, state, work)
+        status, iterations, move, matrices = minimise(
             model, loads, f, share, factors, settings[1], limit, work
         )
-        spent += iterations
-        counters[ITERATIONS] += iterations
-        if status != CONVERGED:
-            counters[FAILED] += 1
-            option = BACKWARD if step < 0.999 * shortest and option < BACKWARD else option + 1
-            if option > BACKWARD:
-                h, option = CUT * step, GO_ON
-                if h < shortest / SMALLEST_SHARE:
-                    counters[STATUS] = status
-                    return status
-            continue
-        error = step_error(
-            radius,
-            step,
-            work.now.points,
-            state.acceleration[f],
-            state.smoothed[f],
-            work.around.target,
-        )
-        change = 0.9 * (settings[3] / max(error, 1e-30)) ** (1.0 / 3.0)
-        if error > settings[3] and step > 1.001 * shortest:
-            counters[REJECTED] += 1
-            h, option = max(shortest, step * max(0.2, change)), GO_ON
-            continue
-        lost = error > LOST * settings[3]
-        if lost and option != BACKWARD:
-            counters[REJECTED] += 1
-            option = BACKWARD
-            continue
-        if lost and error > coarse and CUT * step > shortest / SMALLEST_SHARE:
-            counters[REJECTED] += 1
-            h = CUT * step
-            continue
-        _accept(f, step, radius, state, work.now, work.around)
-        done += step
-        counters[STEPS] += 1
-        counters[FALLBACKS] += 1 if option == BACKWARD else 0
-        counters[FORCED] += 1 if error > settings[3] else 0
-        counters[ERROR] = max(counters[ERROR], error)
-        counters[MOVE] = max(counters[MOVE], move)
-        option = BACKWARD if option == BACKWARD and step < 0.999 * shortest else GO_ON
-        most = 1.0 if iterations > HARD or lost else 2.0
-        h = max(min(shortest, most * step), step * min(most, max(0.5, change)))
+        # of iterations with a new matrix: the others cost a quarter
+        effort = (iterations + 3 * matrices) // 4
+        error = _error(f, radius, step, state, work)
+        if status == NOT_CONVERGED and iterations == limit and move <= NEARLY * error:
+            status = CONVERGED
+        keeps, after = 1.0, energy
+        if alone and status == CONVERGED:
+            resolved = radius != EULER and error <= min(settings[3], limits[2])
+            keeps, after = _energy_after(
+                model, loads, f, step, drift, energy, rounding, resolved, factors[1], state, work
+            )
+            if keeps < 0.0:
+                # another start of Newton would find the same
+                status, option = GREW, max(option, FOLLOW)
+        solved = status == CONVERGED
+        verdict, h, option = judge(h, step, option, GO_ON, solved, error, limits)
+        count_try(counters, verdict, option, iterations, error, settings[3], move)
+        counters[MATRICES] += matrices
+        left -= iterations
+        if verdict == STEPS:
+            _accept(f, step, radius, state, work.now, work.around)
+            if keeps < 1.0:
+                slow_down(keeps, drift, state.velocity[f])
+            energy = after
+            done += step
+            h, option = after_step(step, option, GO_ON, error, limits, effort)
+        elif h == 0.0:
+            return stop(counters, status)
     state.proposal[f] = h
     return CONVERGED

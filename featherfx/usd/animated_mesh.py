@@ -22,10 +22,12 @@ from featherfx.usd.scene import (
     codes_of,
     find_prim,
     rest_code,
+    sampled_range,
     transform_code,
+    transform_fault,
     transformed,
 )
-from featherfx.usd.skinning import Skinning, find_skinning
+from featherfx.usd.skinning import find_skinning
 from featherfx.usd.triangles import triangles_of
 
 Array = NDArray[np.float64]
@@ -48,7 +50,8 @@ class AnimatedMesh:
         self.triangles, self.face, self.st = triangles_of(mesh)
         self._rest_code = DEFAULT if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
-        self.sampled = _sampled(mesh.GetPrim(), skinning)
+        moving = [] if skinning is None else skinning.attributes()
+        self.sampled = sampled_range(mesh.GetPrim(), [*moving, mesh.GetPointsAttr()])
         self._rest_sign = self._sign(self._rest_code)
         sound = ~is_flat(self.rest, self.triangles)
         self.triangles, self.face = self.triangles[sound], self.face[sound]
@@ -125,6 +128,9 @@ def open_mesh(scene: Scene, path: str, rest: float | None, place: Place) -> Anim
     count = len(place.problems)
     for attribute, message in _faults(mesh):
         place.fail(f"{path}.{attribute} in {scene.path}: {message}")
+    fault = transform_fault(scene, prim)
+    if fault:
+        place.fail(fault)
     if len(place.problems) > count:
         return None
     skinning = find_skinning(scene, mesh, place)
@@ -147,7 +153,7 @@ def _faults(mesh: Any) -> Iterator[tuple[str, str]]:
     values = {name: _changing(attribute) for name, attribute in attributes.items()}
     for name, (_, changed) in values.items():
         if changed is not None:
-            yield name, f"changes at time code {changed:g}; a skin keeps its topology"
+            yield name, f"changes at time code {changed:g}; topology has to stay the same"
     counts, indices = values["faceVertexCounts"][0], values["faceVertexIndices"][0]
     if counts is None or indices is None:
         yield "faceVertexCounts" if counts is None else "faceVertexIndices", "has no value"
@@ -197,23 +203,3 @@ def _points_faults(attribute: Any) -> tuple[str, int]:
         if not np.isfinite(points.sum(dtype=np.float64)):
             return f"holds values that are not finite {where}", 0
     return ("has no value", 0) if size < 0 else ("", size)
-
-
-def _sampled(prim: Any, skinning: Skinning | None) -> tuple[float, float] | None:
-    """First and last time code with samples of the points or of any transform above."""
-    attributes = [] if skinning is None else skinning.attributes()
-    attributes.append(UsdGeom.Mesh(prim).GetPointsAttr())
-    while prim and not prim.IsPseudoRoot():
-        if prim.IsA(UsdGeom.Xformable):
-            ops = UsdGeom.Xformable(prim).GetOrderedXformOps()
-            attributes += [op.GetAttr() for op in ops]
-        prim = prim.GetParent()
-    times = [time for each in attributes if each for time in _ends(each)]
-    return (min(times), max(times)) if times else None
-
-
-def _ends(attribute: Any) -> list[float]:
-    if attribute.GetNumTimeSamples() < 2:  # a single sample is a constant
-        return []
-    times = attribute.GetTimeSamples()
-    return [times[0], times[-1]]

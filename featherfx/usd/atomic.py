@@ -110,7 +110,9 @@ def _failure(target: Path, reason: str) -> OutputError:
 def _reason(error: Exception) -> str:
     if isinstance(error, OSError):
         return error.strerror or str(error)
-    return "; ".join(str(part.commentary) for part in error.args) or "unknown USD error"
+    # USD repeats itself, once for every block that it could not write.
+    said = dict.fromkeys(str(part.commentary) for part in error.args)
+    return "; ".join(said) or "unknown USD error"
 
 
 def _flush(path: Path) -> None:

@@ -12,7 +12,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.usd.check_geometry import GeometryCheck
 from featherfx.usd.check_instances import instancer_problems
 from featherfx.usd.check_scene import check_scene, missing_files
-from featherfx.usd.read import open_stage
+from featherfx.usd.opening import open_stage
 from featherfx.usd.resume import layer_metadata
 
 

@@ -20,6 +20,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.usd import arrays
 from featherfx.usd.atomic import publish
+from featherfx.usd.inputs import refuse_inputs
 from featherfx.usd.output import check_output
 from featherfx.usd.read import Cache, CachedFeather
 from featherfx.usd.resume import layer_metadata
@@ -61,6 +62,7 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
     """
     target = check_output(output, overwrite)
     cache = Cache(path)
+    refuse_inputs([target], [Path(path)])
     grids = [_grid(path, feather, cache.pose(k)) for k, feather in enumerate(cache.feathers)]
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)

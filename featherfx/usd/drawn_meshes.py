@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from featherfx.groom.schema import Place, Problems
 from featherfx.usd.instances import Instances
+from featherfx.usd.scene import Scene
+from featherfx.usd.skinning import Skinning, find_skinning
 
 Array = NDArray[np.float64]
 
@@ -30,12 +34,14 @@ class DrawnMesh:
     """A mesh, or one instance of it.
 
     matrix: from its own space to the world at a time code, (4, 4), row vectors. labels: what an
-    instance says of itself, None for a mesh.
+    instance says of itself, None for a mesh. skinning: of a mesh that a skeleton moves; its points
+    are then in the space that matrix is of.
     """
 
     mesh: Any
     matrix: Callable[[Any], Array]
     labels: Labels | None
+    skinning: Skinning | None = None
 
 
 def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
@@ -48,7 +54,17 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
             if _is_drawn(prim):
                 yield from _instanced(prim)
         elif prim.IsA(UsdGeom.Mesh) and _is_drawn(prim):
-            yield DrawnMesh(UsdGeom.Mesh(prim), partial(_local_to_world, prim), None)
+            mesh = UsdGeom.Mesh(prim)
+            skinning = _skinning(mesh)
+            space = prim if skinning is None else skinning.space
+            yield DrawnMesh(mesh, partial(_local_to_world, space), None, skinning)
+
+
+def _skinning(mesh: Any) -> Skinning | None:
+    """What a skeleton does to a mesh; None where none moves it, or it cannot."""
+    stage = mesh.GetPrim().GetStage()
+    scene = Scene(Path(stage.GetRootLayer().realPath), stage, np.eye(4))
+    return find_skinning(scene, mesh, Place("", "", Problems()))
 
 
 def _instanced(prim: Any) -> Iterator[DrawnMesh]:

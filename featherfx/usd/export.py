@@ -11,10 +11,12 @@ import numpy as np
 from pxr import Sdf
 
 from featherfx.errors import InputError, Problem
-from featherfx.shot.whole_file import write_whole
+from featherfx.shot.whole_file import write_all
 from featherfx.usd.atomic import publish
+from featherfx.usd.inputs import refuse_inputs
+from featherfx.usd.opening import open_stage
 from featherfx.usd.output import check_output, folder_problems
-from featherfx.usd.read import Cache, open_stage
+from featherfx.usd.read import Cache
 from featherfx.usd.types import OutputError
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
@@ -32,6 +34,7 @@ def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Pa
     """
     target = check_output(output, overwrite)
     stage = open_stage(path)
+    refuse_inputs([target], [Path(path)])
     layer = stage.Flatten(addSourceFileComment=False)
     source = stage.GetRootLayer().customLayerData
     if source:
@@ -53,7 +56,8 @@ def mesh_sequence(
 
     output: .glb, .obj, .ply or .stl; wing.glb gives wing.0001.glb and so on; a cache without time
     gives the one file. frames: time codes, by default every whole one. glTF is in metres with y
-    up, as it has to be; the others keep the stage's units and axes. Raises InputError.
+    up, as it has to be; the others keep the stage's units and axes. All files appear, or none.
+    Raises InputError.
     """
     cache, output = Cache(path), Path(output)
     codes = _codes(cache, frames)
@@ -68,15 +72,18 @@ def mesh_sequence(
         problems += [Problem(str(file), "", message) for file in taken]
     if problems:
         raise OutputError(*problems)
-    for file, code in zip(files, codes, strict=True):
+
+    def put(file: BinaryIO, code: float | None) -> None:
         content = _scene(cache, code, output.suffix == ".glb").export(file_type=output.suffix[1:])
-        data = content.encode() if isinstance(content, str) else content
-        write_whole(file, partial(_put, data=data))
+        file.write(content.encode() if isinstance(content, str) else content)
+
+    try:
+        each = zip(files, codes, strict=True)
+        write_all((file, partial(put, code=code)) for file, code in each)
+    except OSError as error:
+        message = f"not written: {error.strerror or error}"
+        raise OutputError(Problem(str(error.filename), "", message)) from error
     return files
-
-
-def _put(file: BinaryIO, data: bytes) -> None:
-    file.write(data)
 
 
 def _codes(cache: Cache, frames: Sequence[float] | None) -> list[float | None]:

@@ -24,16 +24,17 @@ def author_labels(prim: Any, entry: FeatherEntry) -> None:
 def author_root(prim: Any, root: SkinRoot | None) -> None:
     """skinPrim, skinFace, skinPoints and skinBarycentric: where the feather sits on its skin.
 
-    The skin point is the sum of the three skin points by their barycentric coordinates.
+    The skin point is the sum of the three skin points by their barycentric coordinates: one
+    element of three numbers each.
     """
     if root is None:
         return
     types = Sdf.ValueTypeNames
     _author(prim, "skinPrim", types.StringArray, "constant", arrays.strings(root.path))
     _author(prim, "skinFace", types.IntArray, "constant", arrays.ints([root.face]))
-    _author(prim, "skinPoints", types.IntArray, "constant", arrays.ints(root.points))
+    _author(prim, "skinPoints", types.IntArray, "constant", arrays.ints(root.points), 3)
     weights = arrays.floats(root.barycentric)
-    _author(prim, "skinBarycentric", types.FloatArray, "constant", weights)
+    _author(prim, "skinBarycentric", types.FloatArray, "constant", weights, 3)
 
 
 def author_rest(prim: Any, points: Any) -> None:
@@ -64,5 +65,10 @@ def author_colour(prim: Any, colour: tuple[float, float, float]) -> None:
     _author(prim, "displayColor", Sdf.ValueTypeNames.Color3fArray, "constant", value)
 
 
-def _author(prim: Any, name: str, kind: Any, interpolation: str, value: Any) -> None:
-    UsdGeom.PrimvarsAPI(prim).CreatePrimvar(name, kind, interpolation).Set(value)
+def _author(
+    prim: Any, name: str, kind: Any, interpolation: str, value: Any, element: int = 1
+) -> None:
+    primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(name, kind, interpolation)
+    primvar.Set(value)
+    if element > 1:
+        primvar.SetElementSize(element)

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Tf, Usd, UsdGeom
+from pxr import Usd, UsdGeom
 
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING
 from featherfx.usd import arrays
 from featherfx.usd.drawn_meshes import DrawnMesh, drawn_meshes
+from featherfx.usd.opening import open_stage
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -57,25 +58,6 @@ class CachedPose:
     extent: Floats | None
 
 
-def open_stage(path: str | Path) -> Any:
-    """Open a USD file with all payloads. Raises InputError if that fails."""
-    if not Path(path).is_file():
-        raise InputError(Problem(str(path), "", "file does not exist"))
-    opened = str(path)
-    try:
-        stage = Usd.Stage.Open(opened)
-        # USD keeps layers that are open elsewhere in this process; the file may be newer. Layers
-        # with edits that are not saved belong to the host, and are read as they stand there.
-        for layer in stage.GetUsedLayers():
-            if not layer.dirty:
-                opened = layer.realPath or opened
-                layer.Reload()
-    except Tf.ErrorException as error:
-        reason = "; ".join(str(part.commentary) for part in error.args)
-        raise InputError(Problem(opened, "", f"USD cannot open it: {reason}")) from error
-    return stage
-
-
 class Cache:
     """A USD file with its meshes; purposes other than default and render are left out.
 
@@ -96,6 +78,7 @@ class Cache:
             raise InputError(Problem(str(path), "", "holds no visible mesh"))
         self._meshes = [each.mesh for each in drawn]
         self._matrices = [each.matrix for each in drawn]
+        self._skinnings = [each.skinning for each in drawn]
         self.feathers = tuple(_constant_parts(drawn))
 
     def codes(self) -> list[float]:
@@ -117,7 +100,7 @@ class Cache:
         if time is None and mesh.GetPointsAttr().Get(code) is None:
             code = Usd.TimeCode.EarliestTime()
         matrix = self._matrices[index](code)
-        points = _get(mesh.GetPointsAttr(), code, None)
+        points = self._points(index, code)
         if points is None:
             raise InputError(Problem(feather.path, "points", f"no value at {code}"))
         count = len(points)
@@ -137,6 +120,14 @@ class Cache:
             barb_direction=direction,
             extent=_get(mesh.GetExtentAttr(), code, 2),
         )
+
+    def _points(self, index: int, code: Any) -> Any:
+        """(P, 3) in the space of the mesh's matrix; None where it has none."""
+        skinning = self._skinnings[index]
+        if skinning is None:
+            return _get(self._meshes[index].GetPointsAttr(), code, None)
+        moved = skinning.bind_points() if code.IsDefault() else skinning.points(code)
+        return np.asarray(moved, dtype=np.float32)
 
 
 def _constant_parts(drawn: Sequence[DrawnMesh]) -> Iterator[CachedFeather]:

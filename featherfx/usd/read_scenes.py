@@ -20,6 +20,8 @@ from featherfx.usd.scene import (
     find_prim,
     open_scene,
     prims_below,
+    sampled_range,
+    transform_fault,
     transformed,
 )
 
@@ -89,6 +91,8 @@ class UniformWind:
 
     def __init__(self, scene: Scene, prim: Any, attribute: Any) -> None:
         self._scene, self._prim, self._attribute = scene, prim, attribute
+        self.path = str(prim.GetPath())
+        self.sampled = sampled_range(prim, [attribute])
 
     @property
     def time_codes_per_second(self) -> float:
@@ -96,7 +100,7 @@ class UniformWind:
 
     @property
     def origin(self) -> tuple[str, tuple[Path, ...]]:
-        return str(self._prim.GetPath()), self._scene.files
+        return self.path, self._scene.files
 
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s, the same at all points, at a time code."""
@@ -112,6 +116,8 @@ class SampledWind:
     def __init__(self, scene: Scene, prim: Any) -> None:
         self._scene, self._prim = scene, prim
         self._base = UsdGeom.PointBased(prim)
+        moving = [self._base.GetPointsAttr(), self._base.GetVelocitiesAttr()]
+        self.path, self.sampled = str(prim.GetPath()), sampled_range(prim, moving)
         self._last: tuple[float, Any, Array] | None = None
 
     @property
@@ -120,7 +126,7 @@ class SampledWind:
 
     @property
     def origin(self) -> tuple[str, tuple[Path, ...]]:
-        return str(self._prim.GetPath()), self._scene.files
+        return self.path, self._scene.files
 
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s at points (N, 3) m, at a time code."""
@@ -149,6 +155,10 @@ def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | 
     scene = open_scene(path, place.child("usd"))
     prim = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"))
     if scene is None or prim is None:
+        return None
+    fault = transform_fault(scene, prim)
+    if fault:
+        place.child("prim").fail(fault)
         return None
     if entry["attribute"] is not None:
         return _uniform(scene, prim, entry["attribute"], place.child("attribute"))

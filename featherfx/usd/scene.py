@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.schema import Place
-from featherfx.usd.read import open_stage
+from featherfx.usd.opening import open_stage
 
 Array = NDArray[np.float64]
 
@@ -75,6 +75,8 @@ def broken_clips(stage: Any) -> dict[str, str]:
 
 
 def _why_not(path: str) -> str:
+    if os.path.isfile(path) and not os.access(path, os.R_OK):
+        return "no permission to read it"
     try:
         return "" if Sdf.Layer.FindOrOpen(path) else "is missing"
     except Tf.ErrorException as error:
@@ -113,9 +115,6 @@ def transformed(points: Array, matrix: Array) -> Array:
 
 def open_scene(path: Path, place: Place) -> Scene | None:
     """Open a stage with its payloads; None after adding a problem at the place that names it."""
-    if path.is_file() and not os.access(path, os.R_OK):
-        place.fail(f"{path}: no permission to read it")
-        return None
     try:
         stage = open_stage(path)
     except InputError as error:
@@ -213,3 +212,32 @@ def transform_code(prim: Any, code: Any) -> Any:
             return EARLIEST
         prim = prim.GetParent()
     return code
+
+
+def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] | None:
+    """First and last time code with samples of attributes, or of any transform of a prim."""
+    every = [each for each in (*attributes, *_transforms(prim)) if each]
+    # a single sample is a constant
+    moving = [each.GetTimeSamples() for each in every if each.GetNumTimeSamples() > 1]
+    return (min(each[0] for each in moving), max(each[-1] for each in moving)) if moving else None
+
+
+def transform_fault(scene: Scene, prim: Any) -> str:
+    """Where the transforms of a prim are not finite, at any of their samples; empty if nowhere."""
+    transforms = _transforms(prim)
+    times = sorted({time for each in transforms for time in each.GetTimeSamples()})
+    for code in (DEFAULT, *map(Usd.TimeCode, times)):
+        if not np.isfinite(scene.matrix(prim, code)).all():
+            where = "by default" if code.IsDefault() else f"at time code {code.GetValue():g}"
+            return f"{prim.GetPath()} in {scene.path}: transforms are not finite {where}"
+    return ""
+
+
+def _transforms(prim: Any) -> list[Any]:
+    """The attributes of the transforms of a prim and of all above it."""
+    found: list[Any] = []
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.Xformable):
+            found += [op.GetAttr() for op in UsdGeom.Xformable(prim).GetOrderedXformOps()]
+        prim = prim.GetParent()
+    return found

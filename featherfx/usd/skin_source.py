@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdSkel
 
 from featherfx.errors import InputWarning
 from featherfx.groom.rachis_curve import spline_points
@@ -16,6 +16,7 @@ from featherfx.groom.schema import Place, nearest
 from featherfx.groom.skin_faults import skin_faults
 from featherfx.usd import arrays
 from featherfx.usd.animated_mesh import AnimatedMesh, open_mesh
+from featherfx.usd.read_joints import joint_line
 from featherfx.usd.scene import (
     EARLIEST,
     Scene,
@@ -155,10 +156,25 @@ class Skin:
         return result
 
 
-def read_curves(path: Path, prim: str, place: Place) -> list[Array] | None:
-    """Polylines (k, 3) m of the curves at or below a prim of a USD file; None after problems."""
-    scene = open_scene(path, place.child("usd"))
-    return None if scene is None else _curves(scene, (prim,), place.child("prim"))
+def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array] | None:
+    """Polylines (k, 3) m of the curves at or below a prim of a USD file, or of a skeleton's joints.
+
+    entry: checked keys of the curve of a row. None after adding problems.
+    """
+    scene = open_scene(folder / entry["usd"], place.child("usd"))
+    root = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"))
+    if scene is None or root is None:
+        return None
+    if not root.IsA(UsdSkel.Skeleton):
+        if entry["joints"]:
+            place.child("joints").fail(f"{entry['prim']} in {scene.path} is no Skeleton")
+            return None
+        return _curves(scene, (entry["prim"],), place.child("prim"))
+    if len(entry["joints"]) < 2:
+        place.child("joints").fail(f"expects two joints of {entry['prim']} or more")
+        return None
+    line = joint_line(scene, root, entry["joints"], place)
+    return None if line is None else [line]
 
 
 def _curves(scene: Scene, prims: tuple[str, ...], place: Place) -> list[Array] | None:

@@ -12,6 +12,7 @@ from contact_cases import crossings
 
 from featherfx.errors import InputError
 from featherfx.shot.read import read_shot
+from featherfx.shot.scenes import TimedSurface
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Contact, Frame, Motion, Shot
 
@@ -168,13 +169,14 @@ class Board:
 
 
 def test_feathers_are_carried_by_a_body_that_moves():
-    shot = replace(half_wing(bird()), motion=Motion("hold", {}), colliders=(Board(),))
+    still = replace(half_wing(bird()), motion=Motion("hold", {}))
+    first = still.first_frame / still.frames_per_second
+    shot = replace(still, colliders=(TimedSurface(Board(), first),))
     free, _ = baked(replace(shot, colliders=()), 1)
     simulation, frames = baked(shot, 8)
     assert free.report["contact"]["bodies"] == 0
     contact = simulation.report["contact"]
     assert contact["bodies"] == 1
-    first = shot.first_frame / shot.frames_per_second
     for frame in frames:
         level = Board().points(first + frame.time)[0, 2]
         for feather, points in zip(simulation.feathers, frame.points, strict=True):

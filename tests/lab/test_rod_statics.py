@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from featherfx.errors import InputWarning
 from featherfx.lab.experiments import bend
 from featherfx.lab.oracles import elastica_tip, kirchhoff_tip
 from featherfx.lab.rod import Rod, clamped, rod_loads, rod_model
@@ -163,3 +164,10 @@ def test_a_rod_without_loads_keeps_its_rest_shape():
     s = np.linspace(0.0, 1.0, 8)
     expected = np.stack([np.sin(2 * s) / 2, (1 - np.cos(2 * s)) / 2, 0 * s], axis=1)
     assert points == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_load_beyond_all_bending_stretches_nothing_and_is_warned_of():
+    # sqrt(EI / F) = 1 mm, elements of 25 mm
+    with pytest.warns(InputWarning, match="at least 1000 segments"):
+        bent = bend(Rod(1.0, 1.0, segments=40), (0.0, 0.0, -1e6))
+    assert np.linalg.norm(np.diff(bent.points, axis=0), axis=1).max() < 0.025 * (1.0 + 2e-5)

@@ -161,6 +161,24 @@ def test_stats_of_a_shot(groom):
     assert "feathers over a point" in plain.stdout
 
 
+def test_stats_know_guides_and_memory(groom):
+    text = (
+        "name = 's'\ngroom = 'groom.toml'\nframes = [1, 4]\nquality = 'draft'\n"
+        "[skin]\nusd = 'skin.usda'\nprim = '/skin'\n"
+    )
+    shot = groom.with_name("followed.toml")
+    shot.write_text(text)
+    full = plumage_stats(shot)["bake"]
+    shot.write_text(text + "[[detail]]\nlevel = 'guided'\nevery = 6\n")
+    guided = plumage_stats(shot)["bake"]
+    assert full["levels"] == {"full": 60}
+    assert guided["levels"] == {"full": 10, "guided": 50}
+    assert guided["unknowns"] == pytest.approx(full["unknowns"] / 6, abs=1)
+    # the caches are of one size, and what is simulated of them needs room
+    assert guided["bytes_of_the_cache"] == full["bytes_of_the_cache"]
+    assert full["memory_bytes"] > 50e6
+
+
 def test_stats_of_a_bad_file(tmp_path):
     (tmp_path / "bad.toml").write_text("name = 3\n")
     result = CliRunner().invoke(main, ["stats", str(tmp_path / "bad.toml")])

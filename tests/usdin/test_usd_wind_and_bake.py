@@ -116,9 +116,9 @@ def test_colliders_by_path_name_and_collection(tmp_path):
     }.items():
         path.write_text(head + keys + "\n")
         colliders = featherfx.read_shot(path).colliders
-        assert [each.path for each in colliders] == [f"/set/{name}" for name in names]
+        assert [each.surface.path for each in colliders] == [f"/set/{name}" for name in names]
         np.testing.assert_allclose(colliders[0].points(1.0), points, atol=1e-7)
-        assert len(colliders[0].triangles) == 2 * len(counts)
+        assert len(colliders[0].surface.triangles) == 2 * len(counts)
     for keys, words in {
         "": "names neither prims nor a collection",
         'prims = ["cliff"]': "no mesh is called 'cliff'",

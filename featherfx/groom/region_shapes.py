@@ -1,0 +1,83 @@
+"""How the feathers of a region differ in shape: seeded draws, and bending as the skin does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from featherfx.groom.scatter import hashed, uniform
+from featherfx.groom.surface_points import Array, Indices, SurfacePoints
+
+LIMIT = 3.0  # standard deviations
+STREAMS = {"length": 10, "width": 12, "curl": 14, "tilt": 16, "turn": 18, "roll": 20}
+_VARIANT_STREAM = 22
+# steps in which a blend between regions passes, so that shapes repeat there, too
+_WIDTH_STEP = 0.1
+_CURL_STEP = 10.0  # deg
+_HOLLOW_STEP = 10.0  # deg
+# a skin that falls off further is not followed; and where a vane's side is, in feather lengths
+_MOST_TURNING = 45.0  # deg
+_SIDE = 0.2
+
+
+def normal_draws(entry: dict[str, Any], name: str, numbers: Indices) -> Array:
+    """(N,) normal draws of one quantity (Box and Muller 1958), by its deviation, limited."""
+    stream, seed = STREAMS[name], entry["seed"]
+    radius = np.sqrt(-2.0 * np.log(uniform(seed, stream, numbers)))
+    wave = np.cos(2.0 * np.pi * uniform(seed, stream + 1, numbers))
+    return np.asarray(entry["variation"][name] * np.clip(radius * wave, -LIMIT, LIMIT))
+
+
+def shapes(
+    entry: dict[str, Any],
+    blend: dict[str, Array],
+    direction: Array,
+    points: SurfacePoints,
+    numbers: Indices,
+    cambers: tuple[Array, Array],
+) -> tuple[Array, Array, Array]:
+    """Factors of the width, changes of the camber of shafts and of barbs (deg).
+
+    They take few different values where the region has variants. entry: checked keys of the
+    region. blend: (N,) width, curl and length of each feather. direction: (N, 3). numbers: (N,)
+    of the candidates. cambers: (N,) deg, of shafts and barbs by their kinds.
+    """
+    own, variants, follow = numbers, entry["variants"], entry["follow"]
+    width, curl = blend["width"], blend["curl"]
+    hollow = np.zeros(len(points))
+    if follow:
+        along, across = _turning(points, direction, blend["length"])
+        curl = curl + follow * (along - cambers[0])
+        hollow = follow * (across - cambers[1])
+    if variants:
+        own = (hashed(entry["seed"], _VARIANT_STREAM, own) % np.uint64(variants)).astype(np.int64)
+        width = entry["width"] + _stepped(width - entry["width"], _WIDTH_STEP)
+        curl = entry["curl"] + _stepped(curl - entry["curl"], _CURL_STEP)
+        hollow = _stepped(hollow, _HOLLOW_STEP)
+    width = width * (1.0 + normal_draws(entry, "width", own))
+    return np.maximum(width, 0.01), curl + normal_draws(entry, "curl", own), hollow
+
+
+def _stepped(values: Array, step: float) -> Array:
+    return np.asarray(step * np.round(values / step))
+
+
+def _turning(points: SurfacePoints, direction: Array, length: Array) -> tuple[Array, Array]:
+    """(N,) deg, by which the skin falls off beneath feathers: to the tip, and to their sides.
+
+    At least 0. Where the skin ends before the tip does, what the first half shows counts.
+    """
+    half = _fall(points, 0.5 * length[:, None] * direction)
+    along = np.minimum(_fall(points, length[:, None] * direction), 2.0 * half)
+    side = _SIDE * length[:, None] * np.cross(points.normal, direction)
+    across = 0.5 * (_fall(points, side) + _fall(points, -side))
+    return along, across
+
+
+def _fall(points: SurfacePoints, way: Array) -> Array:
+    """(N,) deg, by which the skin's normal leans towards a way (N, 3) m, at its end."""
+    normals = points.surface.normals_near(points.position + way)
+    ahead = np.einsum("nc,nc->n", normals, way) / np.linalg.norm(way, axis=1)
+    up = np.einsum("nc,nc->n", normals, points.normal)
+    return np.clip(np.degrees(np.arctan2(ahead, up)), 0.0, _MOST_TURNING)

@@ -1,0 +1,156 @@
+"""How kernels call kernels: each is turned into machine code where Python calls it, and only there.
+
+On its own numba optimises a function and turns it into machine code before it links it to those
+that call it, at every level of calls anew. Here a function that others call gives them its
+intermediate code alone (Part), function by function simplified, and the whole of what an entry
+calls is optimised once.
+
+A shared kernel is large and called from several entries. It is not linked to them: they call its
+machine code by a symbol (Shared). The symbol's name is the same in every run, and its address is
+made known before code that uses it is loaded, also from the cache: what machine code needs is
+stored with it (Stored).
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import importlib
+import itertools
+from typing import Any
+
+from llvmlite import binding
+from numba.core import sigutils
+from numba.core.caching import CompileResultCacheImpl
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.imputils import user_function
+from numba.core.registry import CPUDispatcher
+
+Types = tuple[Any, ...]
+# module and name of a shared kernel, types of its arguments
+Need = tuple[str, str, Types]
+# untyped: dispatchers bind like methods, which their attributes in a class are not meant to
+Dispatcher: Any = CPUDispatcher
+
+
+# parts are finished after those that they call
+_NUMBERS = itertools.count()
+
+
+class PartLibrary(JITCodeLibrary):
+    """Intermediate code of one function, for others to link; no machine code is made of it."""
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        self._final_module.verify()
+        self._finalized = True
+        self.number = next(_NUMBERS)
+
+    def closure(self) -> list[Any]:
+        """This library and all that it needs, each once."""
+        return list(dict.fromkeys([self, *self._linking_libraries]))
+
+
+class EntryLibrary(JITCodeLibrary):
+    """Machine code of an entry."""
+
+    def finalize(self) -> None:
+        # LLVM leaves out what nothing calls yet when it is linked, so callers come first. A part
+        # may list what its own simplified code no longer calls, so the order of lists will not do.
+        self._linking_libraries.sort(key=lambda each: -getattr(each, "number", -1))
+        super().finalize()
+
+
+class EntryCompiler(CompilerBase):
+    """Numba's own way, with parts linked in their order."""
+
+    def define_pipelines(self) -> list[Any]:
+        state = self.state
+        state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return [DefaultPassBuilder.define_nopython_pipeline(state)]
+
+
+class PartCompiler(CompilerBase):
+    """Types and lowers a function, and stops there."""
+
+    def define_pipelines(self) -> list[Any]:
+        state = self.state
+        state.flags.no_compile = True
+        state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        return [DefaultPassBuilder.define_nopython_pipeline(state)]
+
+
+class Part(Dispatcher):
+    """A function as the kernels see it that call it."""
+
+    @global_compiler_lock
+    def compile(self, sig: Any) -> Any:
+        args, _ = sigutils.normalize_signature(sig)
+        if tuple(args) not in self.overloads:
+            result: Any = self._compiler.compile(args, None)
+            # what numba finds the code by, which has no entry point
+            key = object()
+            self.targetctx.insert_user_function(key, result.fndesc, result.library.closure())
+            self.overloads[tuple(args)] = result._replace(entry_point=key)
+        return self.overloads[tuple(args)].entry_point
+
+
+class Shared(Dispatcher):
+    """A kernel as others see it that call its machine code; entry: the kernel for Python."""
+
+    entry: Any
+
+    @global_compiler_lock
+    def compile(self, sig: Any) -> Any:
+        args = tuple(sigutils.normalize_signature(sig)[0])
+        if args not in self.overloads:
+            self.entry.compile(args)
+            result = self.entry.overloads[args]
+            described = copy.copy(result.fndesc)
+            name, module = self.py_func.__name__, self.py_func.__module__
+            described.mangled_name = f"{module}.{name}.{_digest(args)}"
+            address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+            binding.add_symbol(described.mangled_name, address)
+            key = object()
+            call = _calling(user_function(described, ()), (module, name, args))
+            self.targetctx.insert_func_defn([(call, key, call.signature)])
+            self.overloads[args] = result._replace(entry_point=key)
+        return self.overloads[args].entry_point
+
+
+def _digest(args: Types) -> str:
+    return hashlib.sha256(repr(args).encode()).hexdigest()[:16]
+
+
+def needs_of(library: Any) -> set[Need]:
+    """The shared kernels that a library and the parts linked to it call."""
+    libraries = (library, *library._linking_libraries)
+    return {need for each in libraries for need in vars(each).get("needs", ())}
+
+
+class Stored(CompileResultCacheImpl):
+    """A kernel's machine code as the cache stores it, with the shared kernels that it needs."""
+
+    def reduce(self, result: Any) -> Any:
+        return needs_of(result.library), super().reduce(result)
+
+    def rebuild(self, target: Any, stored: Any) -> Any:
+        needs, code = stored
+        for module, name, args in needs:
+            getattr(importlib.import_module(module), name).linked.compile(args)
+        return super().rebuild(target, code)
+
+
+def _calling(implementation: Any, need: Need) -> Any:
+    """The implementation of a call that notes in the calling code's library what it needs."""
+
+    def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        vars(context.active_code_library).setdefault("needs", set()).add(need)
+        return implementation(context, builder, sig, args)
+
+    described: Any = call
+    described.signature, described.libs = implementation.signature, ()
+    return described

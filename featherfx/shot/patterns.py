@@ -1,0 +1,17 @@
+"""Which feathers an entry of a shot is about, by patterns of ids, regions and kinds."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+
+from featherfx.groom.types import Placement
+from featherfx.shot.types import Detail, Shelter
+
+
+def fits(entry: Detail | Shelter, placement: Placement) -> bool:
+    """Whether an entry is about a feather."""
+    return (
+        fnmatchcase(placement.id, entry.feathers)
+        and fnmatchcase(placement.region, entry.region)
+        and fnmatchcase(placement.kind.name, entry.kind)
+    )
