@@ -16,7 +16,7 @@ from featherfx.solver.root_path import hold_roots
 from featherfx.solver.step import NO_REST, Solver, State, raise_if_failed
 
 # s of motion before the first frame, and of one of its intervals
-PRE_ROLL, INTERVAL = 1.0, 1.0 / 24.0
+PRE_ROLL, INTERVAL = 0.5, 1.0 / 24.0
 
 
 def settled(
@@ -26,7 +26,7 @@ def settled(
     names: Sequence[str],
     feathers: Sequence[int] | None = None,
 ) -> State:
-    """The feathers as the first frame finds them under its loads. feathers: indices, by default all.
+    """The feathers as the first frame finds them under its loads; feathers: indices, else all.
 
     At rest where there is a rest; else in motion, after PRE_ROLL seconds. Raises SimulationError
     where one cannot be solved; its time is below 0 in the motion before the first frame.
