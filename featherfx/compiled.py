@@ -21,7 +21,7 @@ from typing import Any
 import numba
 from numba.core.caching import FunctionCache
 
-from featherfx.kernel_parts import Dispatcher, Part, PartCompiler, Shared, Stored
+from featherfx.kernel_parts import Dispatcher, EntryCompiler, Part, PartCompiler, Shared, Stored
 
 ROOT = Path(__file__).resolve().parent
 # how kernels are compiled
@@ -154,6 +154,6 @@ def _entry(function: Callable[..., Any], linked: Part | Shared) -> Any:
     config: Any = numba.config
     if config.DISABLE_JIT:
         return function
-    entry: Any = Kernel(function, targetoptions=OPTIONS)
+    entry: Any = Kernel(function, targetoptions=OPTIONS, pipeline_class=EntryCompiler)
     entry.linked, entry._cache = linked, KernelCache(function)
     return entry

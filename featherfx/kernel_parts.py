@@ -16,6 +16,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import importlib
+import itertools
 from typing import Any
 
 from llvmlite import binding
@@ -34,6 +35,10 @@ Need = tuple[str, str, Types]
 Dispatcher: Any = CPUDispatcher
 
 
+# parts are finished after those that they call
+_NUMBERS = itertools.count()
+
+
 class PartLibrary(JITCodeLibrary):
     """Intermediate code of one function, for others to link; no machine code is made of it."""
 
@@ -41,10 +46,31 @@ class PartLibrary(JITCodeLibrary):
         self._raise_if_finalized()
         self._final_module.verify()
         self._finalized = True
+        self.number = next(_NUMBERS)
 
     def closure(self) -> list[Any]:
         """This library and all that it needs, each once."""
         return list(dict.fromkeys([self, *self._linking_libraries]))
+
+
+class EntryLibrary(JITCodeLibrary):
+    """Machine code of an entry."""
+
+    def finalize(self) -> None:
+        # LLVM leaves out what nothing calls yet when it is linked, so callers come first. A part
+        # may list what its own simplified code no longer calls, so the order of lists will not do.
+        self._linking_libraries.sort(key=lambda each: -getattr(each, "number", -1))
+        super().finalize()
+
+
+class EntryCompiler(CompilerBase):
+    """Numba's own way, with parts linked in their order."""
+
+    def define_pipelines(self) -> list[Any]:
+        state = self.state
+        state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return [DefaultPassBuilder.define_nopython_pipeline(state)]
 
 
 class PartCompiler(CompilerBase):

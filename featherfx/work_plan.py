@@ -7,6 +7,7 @@ all others. The template follows the Open Job Description specification, jobtemp
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,8 @@ def plan(
 ) -> list[Path]:
     """Write the items and the job template beside the output, and return both paths.
 
-    output: of the whole cache, default as for a bake; wing.usdc gives wing.plan.json and
-    wing.openjd.json, whose paths are as given here.
+    output: of the whole cache, default as for a bake; wing.usdc gives wing.plan.json, whose paths
+    are absolute, and wing.openjd.json, whose job has shot and output as parameters.
 
     shares: items that bake, at least 1 and at most the number of feathers. options: of `featherfx
     bake`, passed on to every item. Raises InputError where the shot or the number is wrong.
@@ -37,7 +38,8 @@ def plan(
     from featherfx.shot.whole_file import write_text
 
     shot = read_shot(shot_path, preset_folders)
-    output = default_output(shot) if output is None else Path(output)
+    shot_path = Path(os.path.abspath(shot_path))
+    output = Path(os.path.abspath(default_output(shot) if output is None else output))
     most = len(shot.groom.feathers)
     if not 1 <= shares <= most:
         message = f"{shares} is out of range; allowed 1 to {most}, the number of feathers"
@@ -45,8 +47,7 @@ def plan(
     commands = [
         bake_command(shot_path, output, f"{k}/{shares}", options) for k in range(1, shares + 1)
     ]
-    bake = bake_command(shot_path, output, "{{Task.Param.Share}}/{{Param.Shares}}", options)
-    template = job_template(shot.name, shares, most, bake, join_command(output, "{{Param.Shares}}"))
+    template = job_template(shot.name, shares, most, _paths(shot_path, output), options)
     texts = {
         output.with_suffix(".plan.json"): work_items(commands, join_command(output, str(shares))),
         output.with_suffix(".openjd.json"): template,
@@ -57,7 +58,7 @@ def plan(
 
 
 def bake_command(
-    shot_path: str | Path, output: Path, share: str, options: Sequence[str]
+    shot_path: str | Path, output: str | Path, share: str, options: Sequence[str]
 ) -> list[str]:
     """Command that bakes one share, i/n.
 
@@ -67,7 +68,7 @@ def bake_command(
     return [*fixed, "--resume", "--progress", "json", *options]
 
 
-def join_command(output: Path, shares: str) -> list[str]:
+def join_command(output: str | Path, shares: str) -> list[str]:
     """Command of the item that comes last."""
     return ["featherfx", "join", str(output), "--shares", shares, "--overwrite"]
 
@@ -82,18 +83,42 @@ def work_items(commands: Sequence[Sequence[str]], join: Sequence[str]) -> dict[s
     return {"items": [*items, {"name": "join", "command": list(join), "after": names}]}
 
 
+def _paths(shot: Path, output: Path) -> list[dict[str, Any]]:
+    """The parameters Shot and Output, which a farm may map to its own paths.
+
+    Defaults of paths are relative to the template's folder, which stands beside the output, and
+    must lie within it; a shot elsewhere has none, and is named where the job is submitted.
+    """
+    parameters: list[dict[str, Any]] = []
+    for name, path, flow in (("Shot", shot, "IN"), ("Output", output, "OUT")):
+        each = {"name": name, "type": "PATH", "objectType": "FILE", "dataFlow": flow}
+        if path.is_relative_to(output.parent):
+            each["default"] = path.relative_to(output.parent).as_posix()
+        parameters.append(each)
+    return parameters
+
+
 def job_template(
-    name: str, shares: int, most: int, bake: Sequence[str], join: Sequence[str]
+    name: str,
+    shares: int,
+    most: int,
+    paths: Sequence[dict[str, Any]],
+    options: Sequence[str],
 ) -> dict[str, Any]:
     """An Open Job Description template: a step with a task per share, and one that joins.
 
-    shares: the default of the job's parameter Shares, most: its greatest value.
+    shares: the default of the job's parameter Shares, most: its greatest value. paths: its
+    parameters Shot and Output. options: of every bake.
     """
+    share = "{{Task.Param.Share}}/{{Param.Shares}}"
+    bake = bake_command("{{Param.Shot}}", "{{Param.Output}}", share, options)
+    join = join_command("{{Param.Output}}", "{{Param.Shares}}")
     return {
         "specificationVersion": "jobtemplate-2023-09",
         "name": f"featherfx {name}"[:_NAME_LENGTH],
         "parameterDefinitions": [
-            {"name": "Shares", "type": "INT", "default": shares, "minValue": 1, "maxValue": most}
+            *paths,
+            {"name": "Shares", "type": "INT", "default": shares, "minValue": 1, "maxValue": most},
         ],
         "steps": [
             {

@@ -135,14 +135,20 @@ def barb_slopes(
 ) -> Array:
     """(6 + 2 C, 3, m) derivatives of a barb's nodes by shift and turn of its row (about a rachis
     point at the origin) and by its coefficients."""
-    from featherfx.mechanics.barb_kernels import barb_jacobian, barb_points, root_jacobian
+    from featherfx.mechanics.barb_kernels import (
+        barb_axes,
+        barb_jacobian,
+        barb_points,
+        root_jacobian,
+    )
 
     columns, origin = shapes.shape[1], np.zeros(3)
     points, jacobian = np.zeros((columns, 3)), np.zeros((6 + len(coefficients), 3, columns + 1))
     barb_points(turn, origin, clamp, joints, segment, shapes, coefficients, points)
     root_jacobian(origin, points, jacobian)
-    frame, spin = np.zeros((3, 3)), np.zeros((3, len(coefficients)))
-    barb_jacobian(turn, clamp, joints, segment, shapes, coefficients, frame, spin, jacobian)
+    axes = np.zeros((columns, 6))
+    barb_axes(turn, clamp, joints, shapes, coefficients, axes)
+    barb_jacobian(axes, shapes, origin, points, jacobian)
     return jacobian[:, :, 1:]
 
 
@@ -154,8 +160,8 @@ def assembled(
     The Hessian is left in work.system.band.
     """
     from featherfx.solver.assembly_kernels import assemble
-    from featherfx.solver.pose_kernels import barb_jacobians
+    from featherfx.solver.vane_force_kernels import STABILISING, WHOLE
 
-    barb_jacobians(model, 0, work.now, work.frame, work.spin, work.jacobian)
-    assemble(model, loads, 0, share, factors, signed, 0.0, work)
+    wanted = WHOLE if signed else STABILISING
+    assemble(model, loads, 0, share, factors, wanted, 0.0, work)
     return -work.system.right.copy()

@@ -135,8 +135,8 @@ def bake(
     if result.get("substeps_over_tolerance"):
         limit = "[contact] steps" if "contact" in result else "max_substeps"
         click.echo(
-            f"featherfx: warning: {result['substeps_over_tolerance']} sub-steps were accepted above"
-            f" the tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
+            f"featherfx: warning: {result['substeps_over_tolerance']} sub-steps were accepted"
+            f" above the tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
             f" raise {limit} or choose a finer quality",
             err=True,
         )
@@ -157,6 +157,8 @@ def _given(ctx: click.Context, left_out: Collection[str]) -> list[str]:
 
 
 def _as_text(value: Any) -> str:
+    if isinstance(value, Path):
+        return str(value.absolute())
     if isinstance(value, list):
         return ",".join(value)
     return f"{value[0]}-{value[1]}" if isinstance(value, tuple) else str(value)

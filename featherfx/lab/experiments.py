@@ -193,9 +193,10 @@ def total_energy(model: Model, loads: Loads, state: State) -> float:
 def _residual(model: Model, loads: Loads, state: State, length: float) -> float:
     from featherfx.lab.pose import STATIC, posed
     from featherfx.solver.assembly_kernels import assemble
+    from featherfx.solver.vane_force_kernels import FORCES_ONLY
 
     work = posed(model, loads, state)
-    assemble(model, loads, 0, 0.0, STATIC, False, 0.0, work)
+    assemble(model, loads, 0, 0.0, STATIC, FORCES_ONLY, 0.0, work)
     unbalanced = np.abs(work.system.right.reshape(model.rows, -1))
     return float(max(unbalanced[:, :3].max(), unbalanced[:, 3:].max() / length))
 

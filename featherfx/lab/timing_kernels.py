@@ -3,7 +3,7 @@
 from featherfx.compiled import kernel
 from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.banded_kernels import factorise, solve_factored
-from featherfx.solver.pose_kernels import barb_jacobians
+from featherfx.solver.vane_force_kernels import WHOLE
 
 
 @kernel
@@ -13,9 +13,8 @@ def repeat_iteration(model, loads, f, factors, solve, count, work):
     Other arguments as in assemble. Returns how many matrices were positive definite.
     """
     good = 0
-    for iteration in range(count):
-        barb_jacobians(model, f, work.now, work.frame, work.spin, work.jacobian)
-        assemble(model, loads, f, 0.0, factors, iteration >= 0, 0.0, work)
+    for _ in range(count):
+        assemble(model, loads, f, 0.0, factors, WHOLE, 0.0, work)
         if solve and factorise(work.system.band, work.system.panel):
             solve_factored(work.system.band, work.system.right)
             good += 1

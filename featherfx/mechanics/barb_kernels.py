@@ -18,21 +18,24 @@ curvature unknowns is that of super-helices and ribbon elements (Charrondiere et
 from math import cos, sin, sqrt
 
 from featherfx.compiled import kernel
-from featherfx.mechanics.rotations_kernels import exponential, matrix_into, multiply, normalised
+from featherfx.mechanics.rotations_kernels import SMALL_SQUARE, exponential, multiply, rotate
 
 
 @kernel
-def _left_jacobian(y, z):
-    """Columns 2 and 3 of the left Jacobian of exp at (0, y, z)."""
+def _right_jacobian(y, z):
+    """Columns 2 and 3 of the right Jacobian of exp at (0, y, z)."""
     square = y * y + z * z
-    if square < 1e-8:
-        a = 0.5 - square / 24.0
-        b = 1.0 / 6.0 - square / 120.0
+    if square < SMALL_SQUARE:
+        # the terms left out are below rounding
+        a = 1.0 / 40320.0 - square * (1.0 / 3628800.0 - square / 479001600.0)
+        a = 0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square * a))
+        b = 1.0 / 362880.0 - square * (1.0 / 39916800.0 - square / 6227020800.0)
+        b = 1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square * b))
     else:
         angle = sqrt(square)
         a = (1.0 - cos(angle)) / square
         b = (angle - sin(angle)) / (square * angle)
-    return -a * z, 1.0 - b * z * z, b * y * z, a * y, b * y * z, 1.0 - b * y * y
+    return a * z, 1.0 - b * z * z, b * y * z, -a * y, b * y * z, 1.0 - b * y * y
 
 
 @kernel
@@ -44,6 +47,14 @@ def _joint_angles(shapes, coefficients, j):
         normal += shapes[c, j] * coefficients[c]
         in_plane += shapes[c, j] * coefficients[count + c]
     return normal, in_plane
+
+
+@kernel
+def _next_frame(w, x, y, z, joint, normal, in_plane):
+    """T_j from T_{j-1}. The turn between them is made first: that does not wait for T_{j-1}."""
+    ew, ex, ey, ez = exponential(0.0, normal, in_plane)
+    ew, ex, ey, ez = multiply(joint[0], joint[1], joint[2], joint[3], ew, ex, ey, ez)
+    return multiply(w, x, y, z, ew, ex, ey, ez)
 
 
 @kernel
@@ -59,10 +70,7 @@ def barb_points(turn, root, clamp, joints, segment, shapes, coefficients, points
     px, py, pz = root[0], root[1], root[2]
     for j in range(shapes.shape[1]):
         normal, in_plane = _joint_angles(shapes, coefficients, j)
-        w, x, y, z = multiply(w, x, y, z, joints[j, 0], joints[j, 1], joints[j, 2], joints[j, 3])
-        ew, ex, ey, ez = exponential(0.0, normal, in_plane)
-        w, x, y, z = multiply(w, x, y, z, ew, ex, ey, ez)
-        w, x, y, z = normalised(w, x, y, z)
+        w, x, y, z = _next_frame(w, x, y, z, joints[j], normal, in_plane)
         px += segment * (1.0 - 2.0 * (y * y + z * z))
         py += segment * 2.0 * (x * y + w * z)
         pz += segment * 2.0 * (x * z - w * y)
@@ -70,50 +78,59 @@ def barb_points(turn, root, clamp, joints, segment, shapes, coefficients, points
 
 
 @kernel
-def barb_jacobian(turn, clamp, joints, segment, shapes, coefficients, frame, spin, jacobian):
-    """Derivative of a barb's nodes by its coefficients.
+def barb_axes(turn, clamp, joints, shapes, coefficients, axes):
+    """World vectors about which a joint turns what lies beyond it, per unit of n_j and of b_j.
 
-    As barb_points. Scratch: frame (3, 3); spin (3, 2 C), world rotation of the current segment by
-    each coefficient. Written: rows 6 and on of jacobian (6 + 2 C, 3, m + 1), node 0 being the
-    rachis point.
+    Arguments as of barb_points. Written: axes (m, 6), n_j first.
     """
-    count = shapes.shape[0]
     w, x, y, z = multiply(
         turn[0], turn[1], turn[2], turn[3], clamp[0], clamp[1], clamp[2], clamp[3]
     )
-    spin[:] = 0.0
-    jacobian[6:, :, 0] = 0.0
     for j in range(shapes.shape[1]):
         normal, in_plane = _joint_angles(shapes, coefficients, j)
-        w, x, y, z = multiply(w, x, y, z, joints[j, 0], joints[j, 1], joints[j, 2], joints[j, 3])
-        matrix_into(w, x, y, z, frame)
-        n1, n2, n3, b1, b2, b3 = _left_jacobian(normal, in_plane)
-        for k in range(3):
-            by_normal = frame[k, 0] * n1 + frame[k, 1] * n2 + frame[k, 2] * n3
-            by_in_plane = frame[k, 0] * b1 + frame[k, 1] * b2 + frame[k, 2] * b3
-            for c in range(count):
-                spin[k, c] += shapes[c, j] * by_normal
-                spin[k, count + c] += shapes[c, j] * by_in_plane
-        ew, ex, ey, ez = exponential(0.0, normal, in_plane)
-        w, x, y, z = multiply(w, x, y, z, ew, ex, ey, ez)
-        w, x, y, z = normalised(w, x, y, z)
-        tx = segment * (1.0 - 2.0 * (y * y + z * z))
-        ty = segment * 2.0 * (x * y + w * z)
-        tz = segment * 2.0 * (x * z - w * y)
-        for c in range(2 * count):
-            d = jacobian[6 + c]
-            d[0, j + 1] = d[0, j] + spin[1, c] * tz - spin[2, c] * ty
-            d[1, j + 1] = d[1, j] + spin[2, c] * tx - spin[0, c] * tz
-            d[2, j + 1] = d[2, j] + spin[0, c] * ty - spin[1, c] * tx
+        w, x, y, z = _next_frame(w, x, y, z, joints[j], normal, in_plane)
+        n1, n2, n3, b1, b2, b3 = _right_jacobian(normal, in_plane)
+        axis = axes[j]
+        axis[0], axis[1], axis[2] = rotate(w, x, y, z, n1, n2, n3)
+        axis[3], axis[4], axis[5] = rotate(w, x, y, z, b1, b2, b3)
+
+
+@kernel
+def barb_jacobian(axes, shapes, root, points, jacobian):
+    """Derivative of a barb's nodes by its coefficients.
+
+    dx_k = sum of phi_c(j) axis_j x (x_k - x_{j-1}) over j up to k. axes: (m, 6) of barb_axes.
+    shapes: (C, m). root: (3,). points: (m, 3). Written: rows 6 and on of jacobian
+    (6 + 2 C, 3, m + 1), node 0, the rachis point, left out: it does not move.
+    """
+    count = shapes.shape[0]
+    for c in range(2 * count):
+        shape = shapes[c if c < count else c - count]
+        first = 0 if c < count else 3
+        d = jacobian[6 + c]
+        sx, sy, sz = 0.0, 0.0, 0.0
+        dx, dy, dz = 0.0, 0.0, 0.0
+        before = root
+        for j in range(shape.shape[0]):
+            share, axis, point = shape[j], axes[j], points[j]
+            sx += share * axis[first]
+            sy += share * axis[first + 1]
+            sz += share * axis[first + 2]
+            tx, ty, tz = point[0] - before[0], point[1] - before[1], point[2] - before[2]
+            dx += sy * tz - sz * ty
+            dy += sz * tx - sx * tz
+            dz += sx * ty - sy * tx
+            d[0, j + 1], d[1, j + 1], d[2, j + 1] = dx, dy, dz
+            before = point
 
 
 @kernel
 def root_jacobian(root, points, jacobian):
     """Derivative of a barb's nodes by its row: dx = dr + u x (x - root).
 
-    root: (3,). points: (m, 3). Written: rows 0 to 5 of jacobian (6 + 2 C, 3, m + 1).
+    root: (3,). points: (m, 3). Written: rows 0 to 5 of jacobian (6 + 2 C, 3, m + 1), except for
+    what is always zero.
     """
-    jacobian[0:6] = 0.0
     for j in range(points.shape[0] + 1):
         for k in range(3):
             jacobian[k, k, j] = 1.0
@@ -125,6 +142,40 @@ def root_jacobian(root, points, jacobian):
         jacobian[3, 1, j], jacobian[3, 2, j] = -z, y
         jacobian[4, 0, j], jacobian[4, 2, j] = z, -x
         jacobian[5, 0, j], jacobian[5, 1, j] = -y, x
+
+
+@kernel
+def add_barb_forces(axes, shapes, root, points, forces, row, barb):
+    """Gradient by a barb's increments from that by its nodes, subtracted: the transposed Jacobian.
+
+    Sums of forces and of their moments run from the tip inwards. axes to points: as in
+    barb_jacobian. forces: (m, 3). Changed: row (6,), of the row's dr and u, and barb (2 C,).
+    """
+    count, columns = shapes.shape
+    fx, fy, fz = 0.0, 0.0, 0.0
+    mx, my, mz = 0.0, 0.0, 0.0
+    for back in range(columns):
+        j = columns - 1 - back
+        before = points[j - 1] if j > 0 else root
+        point, force, axis = points[j], forces[j], axes[j]
+        fx += force[0]
+        fy += force[1]
+        fz += force[2]
+        tx, ty, tz = point[0] - before[0], point[1] - before[1], point[2] - before[2]
+        mx += ty * fz - tz * fy
+        my += tz * fx - tx * fz
+        mz += tx * fy - ty * fx
+        normal = axis[0] * mx + axis[1] * my + axis[2] * mz
+        in_plane = axis[3] * mx + axis[4] * my + axis[5] * mz
+        for c in range(count):
+            barb[c] -= shapes[c, j] * normal
+            barb[count + c] -= shapes[c, j] * in_plane
+    row[0] -= fx
+    row[1] -= fy
+    row[2] -= fz
+    row[3] -= mx
+    row[4] -= my
+    row[5] -= mz
 
 
 @kernel

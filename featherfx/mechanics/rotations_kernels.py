@@ -4,7 +4,8 @@ from math import atan2, cos, sin, sqrt
 
 from featherfx.compiled import kernel
 
-SMALL_ANGLE = 1e-4
+# rad^2: below it power series are as exact as sines, and need no branches and roots
+SMALL_SQUARE = 0.1
 
 
 @kernel
@@ -27,9 +28,12 @@ def multiply(aw, ax, ay, az, bw, bx, by, bz):
 def exponential(x, y, z):
     """Quaternion of the rotation vector (x, y, z), rad."""
     square = x * x + y * y + z * z
-    if square < SMALL_ANGLE * SMALL_ANGLE:
-        half = 0.5 - square / 48.0
-        w = 1.0 - square / 8.0
+    if square < SMALL_SQUARE:
+        # the terms left out are below rounding
+        q = 0.25 * square
+        half = 0.5 - q * (1.0 / 12.0 - q * (1.0 / 240.0 - q * (1.0 / 10080.0 - q / 725760.0)))
+        w = 1.0 / 720.0 - q * (1.0 / 40320.0 - q / 3628800.0)
+        w = 1.0 - q * (0.5 - q * (1.0 / 24.0 - q * w))
     else:
         angle = sqrt(square)
         half = sin(0.5 * angle) / angle

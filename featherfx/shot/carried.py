@@ -23,16 +23,29 @@ class Carried:
     """The guided feathers of a shot.
 
     drawn: all feathers on the meshes' grid. guided, simulated: numbers in the groom, of those that
-    are ever guided and those that may guide. guides: numbers of those that do.
+    are ever guided and those that may guide. wanted: numbers of those that are shown; of others
+    nothing is computed, but whom a feather follows does not depend on them. guides: numbers of
+    those that do guide.
     """
 
     def __init__(
-        self, shot: Shot, drawn: Sequence[Feather], guided: Indices, simulated: Indices
+        self,
+        shot: Shot,
+        drawn: Sequence[Feather],
+        guided: Indices,
+        simulated: Indices,
+        wanted: Indices,
     ) -> None:
         self.guided, self.guides = guided, np.zeros(0, dtype=np.int64)
         if not len(guided):
             return
         guides, weights = guide_weights(shot, guided, simulated)
+        weights = weights[np.isin(guided, wanted)]
+        self.guided = guided = guided[np.isin(guided, wanted)]
+        if not len(guided):
+            return
+        used = np.unique(weights.indices)
+        guides, weights = guides[used], weights[:, used]
         placements = shot.groom.feathers
         own, others = (
             Shapes([drawn[f] for f in members], [placements[f].mirrored for f in members])

@@ -1,8 +1,9 @@
 """Feathers in balance before the first frame, or in full flutter where the wind allows no balance.
 
-Across a wind of 10 m/s most feathers flutter for good: no pose is at rest, and one that starts from
-any pose in mid-wind is thrown. Such feathers live through PRE_ROLL seconds before the first frame,
-their roots held, in the wind that their shot would have had then.
+Across a wind of 20 m/s a swan primary flutters for good: no pose is at rest, and one that starts
+from any pose in mid-wind is thrown. Such feathers live through PRE_ROLL seconds before the first
+frame, their roots held, in the wind that their shot would have had then. After half a second the
+flutter is as strong as two seconds later.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ def settled(
     names: Sequence[str],
     feathers: Sequence[int] | None = None,
 ) -> State:
-    """The feathers as the first frame finds them under its loads; feathers: indices, else all.
+    """The feathers as the first frame finds them under its loads. feathers: indices, default all.
 
     At rest where there is a rest; else in motion, after PRE_ROLL seconds. Raises SimulationError
     where one cannot be solved; its time is below 0 in the motion before the first frame.

@@ -6,28 +6,40 @@ from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
 from featherfx.mechanics.rachis_variation_kernels import rachis_variation
 from featherfx.mechanics.rotations_kernels import cross
-from featherfx.solver.vane_assembly_kernels import add_rows
-from featherfx.solver.vane_force_kernels import add_vane_forces, damped_stress
+from featherfx.solver.pose_kernels import barb_jacobians, joint_axes
+from featherfx.solver.vane_assembly_kernels import add_rows, subtract_barb_forces
+from featherfx.solver.vane_force_kernels import (
+    FORCES_ONLY,
+    WHOLE,
+    add_vane_forces,
+    damped_stress,
+)
 
 
 @kernel
-def _add_rachis_nodes(i, points, force, stiff, row_size, system):
-    """Inertia, gravity, air and grips of row i's rachis point and directors."""
-    band, right = system.band, system.right
-    at = i * row_size
+def _subtract_node_forces(i, points, force, right):
+    """Forces on row i's rachis point and directors, projected, to the row's right-hand side."""
     for k in range(3):
-        right[at + k] -= force[i, 0, k]
+        right[k] -= force[i, 0, k]
+    for p in range(1, 3):
+        x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
+        mx, my, mz = cross(x, y, z, force[i, p, 0], force[i, p, 1], force[i, p, 2])
+        right[3] -= mx
+        right[4] -= my
+        right[5] -= mz
+
+
+@kernel
+def _add_rachis_nodes(i, points, stiff, at, band):
+    """Inertia, gravity, air and grips of row i's rachis point and directors."""
+    for k in range(3):
         band[at + k, 0] += stiff[i, 0, k]
     band[at, 1] += stiff[i, 0, 3]
     band[at, 2] += stiff[i, 0, 4]
     band[at + 1, 1] += stiff[i, 0, 5]
     for p in range(1, 3):
         x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
-        mx, my, mz = cross(x, y, z, force[i, p, 0], force[i, p, 1], force[i, p, 2])
         inertia = stiff[i, p, 0]
-        right[at + 3] -= mx
-        right[at + 4] -= my
-        right[at + 5] -= mz
         band[at + 3, 0] += inertia * (y * y + z * z)
         band[at + 4, 0] += inertia * (x * x + z * z)
         band[at + 5, 0] += inertia * (x * x + y * y)
@@ -37,27 +49,31 @@ def _add_rachis_nodes(i, points, force, stiff, row_size, system):
 
 
 @kernel
-def _add_rachis_element(i, pose, length, stiffness, reference, damping, signed, beam, system):
+def _add_rachis_element(i, pose, length, stiffness, reference, damping, wanted, beam, system):
     """Stretch, shear, twist and bending between rows i and i + 1.
 
-    stiffness: (6,); reference: (6,) of this element; beam: scratch; signed: as in assemble.
+    stiffness: (6,); reference: (6,) of this element; beam: scratch; wanted: as in assemble.
     """
     row_size = system.band.shape[1] // 3
     at = i * row_size
     gradient, matrix, stress = beam.gradient, beam.matrix, beam.stress
     start, end, halfway = pose.centre[i], pose.centre[i + 1], pose.halfway[i]
     rachis_gradient(start, end, length, halfway, pose.rachis[i], gradient)
-    matrix[:] = 0.0
     for k in range(6):
         stress[k] = damped_stress(stiffness[k], pose.strains[6 * i + k], reference[k], damping)
+        for a in range(6):
+            system.right[at + a] -= stress[k] * gradient[k, a]
+            system.right[at + row_size + a] -= stress[k] * gradient[k, 6 + a]
+    if wanted == FORCES_ONLY:
+        return
+    matrix[:] = 0.0
+    for k in range(6):
         weight = stiffness[k] * (1.0 + damping)
         for a in range(12):
-            to = at + a if a < 6 else at + row_size + a - 6
-            system.right[to] -= stress[k] * gradient[k, a]
             scaled = weight * gradient[k, a]
             for b in range(a + 1):
                 matrix[a, b] += scaled * gradient[k, b]
-    if signed:
+    if wanted == WHOLE:
         rachis_variation(start, end, length, halfway, pose.rachis[i], stress, matrix)
     else:
         rachis_tension(start, end, length, halfway, stress, matrix)
@@ -91,31 +107,24 @@ def add_grips(node, start, end, stiffness, share, points, force, stiff):
 
 
 @kernel
-def _hold_root(row_size, system):
+def _hold_root(wanted, system):
     """Take the six coordinates of row 0 out of the system: their increment is zero."""
     band = system.band
     for a in range(6):
         system.right[a] = 0.0
+        if wanted == FORCES_ONLY:
+            continue
         for d in range(band.shape[1]):
             band[a, d] = 0.0
         band[a, 0] = 1.0
 
 
-@shared_kernel
-def assemble(model, loads, f, share, factors, signed, shift, work):
-    """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
-
-    work.jacobian must belong to the pose. share: of the frame, for the grips. factors: (inertia,
-    rate, strain rate) of the integrator. signed: whether geometric stiffness of compression is
-    included, too: then the Hessian may be indefinite, but Newton converges where a vane wrinkles.
-    shift: inertia that is added to the Hessian alone, as a share of the integrator's.
-    """
-    pose, around, system = work.now, work.around, work.system
-    rows, row_size = pose.turn.shape[0], system.band.shape[1] // 3
-    system.band[:] = 0.0
-    system.right[:] = 0.0
+@kernel
+def _add_nodes(model, loads, f, share, factors, shift, work):
+    """Forces and stiffnesses of single nodes to work.force and work.stiff."""
+    points, around = work.now.points, work.around
     node_forces(
-        pose.points,
+        points,
         around.target,
         factors[0],
         around.past,
@@ -138,17 +147,61 @@ def assemble(model, loads, f, share, factors, signed, shift, work):
         loads.grip_end[f],
         loads.grip_stiffness[f],
         share,
-        pose.points,
+        points,
         work.force,
         work.stiff,
     )
     add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
-    add_contact_forces(loads.contacts, f, share, pose.points, work.force, work.stiff)
-    damping = model.retardation[f, 1] * factors[2]
+    add_contact_forces(loads.contacts, f, share, points, work.force, work.stiff)
+
+
+@kernel
+def _add_vane(model, f, damping, wanted, work):
+    """Forces of barbs and vane, and their stiffness where it is wanted."""
+    pose, reference, system = work.now, work.around.reference, work.system
+    joint_axes(model, f, pose, work.axes)
+    add_vane_forces(model, f, damping, wanted, pose, reference, work.vane, work.force)
+    subtract_barb_forces(model, f, damping, pose, reference, work.force, work.axes, system.right)
+    if wanted == FORCES_ONLY:
+        return
+    barb_jacobians(model.shapes, pose, work.axes, work.jacobian)
+    add_rows(
+        model,
+        f,
+        damping,
+        wanted == WHOLE,
+        pose,
+        work.force,
+        work.stiff,
+        work.jacobian,
+        work.vane,
+        system.band,
+    )
+
+
+@shared_kernel
+def assemble(model, loads, f, share, factors, wanted, shift, work):
+    """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
+
+    share: of the frame, for the grips. factors: (inertia, rate, strain rate) of the integrator.
+    wanted: WHOLE, with the geometric stiffness of compression: then the Hessian may be indefinite,
+    but Newton converges where a vane wrinkles; STABILISING, without; FORCES_ONLY: right alone, the
+    band stays as it is. shift: inertia that is added to the Hessian alone, as a share of the
+    integrator's.
+    """
+    pose, around, system = work.now, work.around, work.system
+    rows, row_size = pose.turn.shape[0], system.band.shape[1] // 3
+    if wanted != FORCES_ONLY:
+        system.band[:] = 0.0
+    system.right[:] = 0.0
+    _add_nodes(model, loads, f, share, factors, shift, work)
     if model.joints.shape[3] > 0:
-        add_vane_forces(model, f, damping, signed, pose, around.reference, work.vane, work.force)
+        _add_vane(model, f, model.retardation[f, 1] * factors[2], wanted, work)
     for i in range(rows):
-        _add_rachis_nodes(i, pose.points, work.force, work.stiff, row_size, system)
+        at = i * row_size
+        _subtract_node_forces(i, pose.points, work.force, system.right[at : at + 6])
+        if wanted != FORCES_ONLY:
+            _add_rachis_nodes(i, pose.points, work.stiff, at, system.band)
     for i in range(rows - 1):
         _add_rachis_element(
             i,
@@ -157,23 +210,9 @@ def assemble(model, loads, f, share, factors, signed, shift, work):
             model.rachis_stiffness[f, i],
             around.reference[6 * i :],
             model.retardation[f, 0] * factors[2],
-            signed,
+            wanted,
             work.beam,
             system,
         )
-    if model.joints.shape[3] > 0:
-        add_rows(
-            model,
-            f,
-            damping,
-            signed,
-            pose,
-            around.reference,
-            work.force,
-            work.stiff,
-            work.jacobian,
-            work.vane,
-            system,
-        )
     if model.held[f]:
-        _hold_root(row_size, system)
+        _hold_root(wanted, system)

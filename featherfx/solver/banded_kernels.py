@@ -88,19 +88,75 @@ def factorise(band, panel):
     return True
 
 
+@kernel
+def _forward(band, j, x):
+    """Take columns j to j + 3 out of the rows after them."""
+    size, width = band.shape
+    a, b, c, d = band[j], band[j + 1], band[j + 2], band[j + 3]
+    p = x[j] / a[0]
+    q = (x[j + 1] - a[1] * p) / b[0]
+    r = (x[j + 2] - a[2] * p - b[1] * q) / c[0]
+    s = (x[j + 3] - a[3] * p - b[2] * q - c[1] * r) / d[0]
+    x[j], x[j + 1], x[j + 2], x[j + 3] = p, q, r, s
+    rest, e, f, g, h = x[j + 4 :], a[4:], b[3:], c[2:], d[1:]
+    count = min(width - 4, size - j - 4)
+    for k in range(count):
+        rest[k] -= (e[k] * p + f[k] * q) + (g[k] * r + h[k] * s)
+    for k in range(count, min(width - 1, size - j - 4)):
+        value = h[k] * s
+        if k < width - 2:
+            value += g[k] * r
+        if k < width - 3:
+            value += f[k] * q
+        rest[k] -= value
+
+
+@kernel
+def _backward(band, j, x):
+    """Solve for rows j to j + 3 from those after them."""
+    size, width = band.shape
+    a, b, c, d = band[j], band[j + 1], band[j + 2], band[j + 3]
+    rest, e, f, g, h = x[j + 4 :], a[4:], b[3:], c[2:], d[1:]
+    p, q, r, s = 0.0, 0.0, 0.0, 0.0
+    count = min(width - 4, size - j - 4)
+    for k in range(count):
+        value = rest[k]
+        p += e[k] * value
+        q += f[k] * value
+        r += g[k] * value
+        s += h[k] * value
+    for k in range(count, min(width - 1, size - j - 4)):
+        s += h[k] * rest[k]
+        if k < width - 2:
+            r += g[k] * rest[k]
+        if k < width - 3:
+            q += f[k] * rest[k]
+    s = (x[j + 3] - s) / d[0]
+    r = (x[j + 2] - r - c[1] * s) / c[0]
+    q = (x[j + 1] - q - b[1] * r - b[2] * s) / b[0]
+    p = (x[j] - p - a[1] * q - a[2] * r - a[3] * s) / a[0]
+    x[j], x[j + 1], x[j + 2], x[j + 3] = p, q, r, s
+
+
 @shared_kernel
 def solve_factored(band, x):
-    """Solve with the factor of `factorise`; x: (N,), right-hand side in, solution out."""
+    """Solve with the factor of `factorise`; x: (N,), right-hand side in, solution out.
+
+    Four columns at a time where there are as many, so that x is read and written once for them.
+    """
     size, width = band.shape
-    for j in range(size):
+    blocks = size // 4 if width >= 4 else 0
+    for block in range(blocks):
+        _forward(band, 4 * block, x)
+    for j in range(4 * blocks, size):
         value = x[j] / band[j, 0]
         x[j] = value
-        last = min(width, size - j)
-        for d in range(1, last):
+        for d in range(1, min(width, size - j)):
             x[j + d] -= band[j, d] * value
-    for j in range(size - 1, -1, -1):
+    for j in range(size - 1, 4 * blocks - 1, -1):
         value = x[j]
-        last = min(width, size - j)
-        for d in range(1, last):
+        for d in range(1, min(width, size - j)):
             value -= band[j, d] * x[j + d]
         x[j] = value / band[j, 0]
+    for block in range(blocks - 1, -1, -1):
+        _backward(band, 4 * block, x)

@@ -9,8 +9,9 @@ from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.newton_kernels import evaluate
-from featherfx.solver.pose_kernels import barb_jacobians, load_pose
+from featherfx.solver.pose_kernels import load_pose
 from featherfx.solver.state import State, rest_state
+from featherfx.solver.vane_force_kernels import STABILISING
 from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]
@@ -43,8 +44,7 @@ def _band(model: Model, inertia: float, state: State, work: Work) -> Array:
     f, loads, factors, now = 0, no_loads(1), (inertia, 0.0, 0.0), work.now
     load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
     evaluate(model, loads, f, 0.0, factors, now, work.around)
-    barb_jacobians(model, f, now, work.frame, work.spin, work.jacobian)
-    assemble(model, loads, f, 0.0, factors, False, 0.0, work)
+    assemble(model, loads, f, 0.0, factors, STABILISING, 0.0, work)
     return work.system.band.copy()
 
 

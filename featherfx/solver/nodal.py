@@ -99,8 +99,9 @@ class NodalSolver:
                 self._work,
                 counters[f],
             )
-        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
-        return new, StepReport(*(counters[:, column] for column in columns))
+        # each iteration has a matrix of its own
+        names = (STEPS, ITERATIONS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE)
+        return new, StepReport(*(counters[:, column] for column in (*names, STATUS)))
 
     def equilibrium(
         self, state: NodalState, loads: Loads, share: float = 0.0

@@ -6,7 +6,7 @@ coefficients.
 """
 
 from featherfx.compiled import kernel, shared_kernel
-from featherfx.mechanics.barb_kernels import barb_jacobian, barb_points, root_jacobian
+from featherfx.mechanics.barb_kernels import barb_axes, barb_jacobian, barb_points, root_jacobian
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.rotations_kernels import exponential, multiply, normalised, rotate
@@ -36,32 +36,37 @@ def material_points(model, f, turn, centre, coefficient, points):
             )
 
 
-@shared_kernel
-def barb_jacobians(model, f, pose, frame, spin, jacobian):
-    """Derivatives of the nodes of all barbs by their row's increments.
-
-    Written: jacobian (n, 2, 6 + 2 C, 3 S): increment (dr, u and the coefficients of this side),
-    then axis by axis the nodes, of which 0 is the rachis point; what follows the m + 1 nodes is not
-    touched and stays zero.
-    frame: (3, 3) and spin: (3, 2 C) are scratch.
-    """
-    columns, wide, size = model.joints.shape[3], jacobian.shape[2], jacobian.shape[3] // 3
-    for i in range(pose.turn.shape[0]):
-        for side in range(2):
-            start = 3 + side * columns
-            barb = jacobian[i, side].reshape((wide, 3, size))
-            root_jacobian(pose.points[i, 0], pose.points[i, start : start + columns], barb)
-            barb_jacobian(
+@kernel
+def joint_axes(model, f, pose, axes):
+    """Axes (2, n, m, 6) of the joints of all barbs, as barb_axes gives them."""
+    for side in range(2):
+        for i in range(pose.turn.shape[0]):
+            barb_axes(
                 pose.turn[i],
                 model.clamp[f, side, i],
                 model.joints[f, side, i],
-                model.segment[f, side, i],
                 model.shapes,
                 pose.coefficient[side, i],
-                frame,
-                spin,
-                barb,
+                axes[side, i],
             )
+
+
+@shared_kernel
+def barb_jacobians(shapes, pose, axes, jacobian):
+    """Derivatives of the nodes of all barbs by their row's increments.
+
+    shapes: (C, m). axes: of joint_axes at this pose. Written: jacobian (n, 2, 6 + 2 C, 3 S):
+    increment (dr, u and the coefficients of this side), then axis by axis the nodes, of which 0 is
+    the rachis point; what is always zero is not touched, nor what follows the m + 1 nodes.
+    """
+    columns, wide, size = shapes.shape[1], jacobian.shape[2], jacobian.shape[3] // 3
+    for i in range(pose.turn.shape[0]):
+        for side in range(2):
+            start = 3 + side * columns
+            root, points = pose.points[i, 0], pose.points[i, start : start + columns]
+            barb = jacobian[i, side].reshape((wide, 3, size))
+            root_jacobian(root, points, barb)
+            barb_jacobian(axes[side, i], shapes, root, points, barb)
 
 
 @kernel

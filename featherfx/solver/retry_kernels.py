@@ -10,8 +10,8 @@ that it does not resolve.
 from featherfx.compiled import kernel
 
 # columns of a feather's counters
-STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(9)
-COUNTERS = 9
+STEPS, ITERATIONS, MATRICES, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(10)
+COUNTERS = 10
 # how a step is tried, in this order
 GO_ON, FOLLOW, BACKWARD = 0, 1, 2
 # error over tolerance beyond which a step that may not be shorter is taken by implicit Euler

@@ -11,7 +11,7 @@ from featherfx.solver.work import Work
 
 # the instant over which the first acceleration is taken, as a share of the step, and the Newton
 # iterations that it gets: the second one only corrects for the curved paths of barbs and frames
-INSTANT, START_ITERATIONS = 1.0, 3
+INSTANT, START_ITERATIONS = 1.0, 8
 
 
 def start_acceleration(

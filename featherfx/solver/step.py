@@ -22,13 +22,6 @@ from featherfx.solver.newton_kernels import (
 )
 from featherfx.solver.retry_kernels import (
     COUNTERS,
-    ERROR,
-    FAILED,
-    FALLBACKS,
-    FORCED,
-    ITERATIONS,
-    MOVE,
-    REJECTED,
     STATUS,
     STEPS,
 )
@@ -50,6 +43,8 @@ REASONS = {
     GREW: "its energy would grow without work being done",
 }
 NEWTON_ITERATIONS = 24
+# length of the last step of a feather that has none, but its first acceleration
+BEGUN = -1.0
 # of one feather in one frame; bakes of the samples need 3 to 100
 MOST_ITERATIONS = 2000
 
@@ -78,16 +73,17 @@ class Settings:
 class StepReport:
     """What one call did, per feather: (F,) arrays.
 
-    steps, iterations, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
-    iterations, steps repeated for their error, attempts that Newton gave up, implicit Euler steps.
-    forced: steps accepted above the tolerance because none shorter is allowed. error: m, largest
-    accepted local error. move: m, largest distance of a step from its solution, as Newton's last
-    moves tell. status: 0, or why
-    the feather stopped (featherfx/solver/newton_kernels.py).
+    steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
+    iterations (linear solves), new matrices among them, steps repeated for their error, attempts
+    that Newton gave up, implicit Euler steps. forced: steps accepted above the tolerance because
+    none shorter is allowed. error: m, largest accepted local error. move: m, largest distance of a
+    step from its solution, as Newton's last moves tell. status: 0, or why the feather stopped
+    (featherfx/solver/newton_kernels.py).
     """
 
     steps: Array
     iterations: Array
+    matrices: Array
     rejected: Array
     failed: Array
     fallbacks: Array
@@ -132,10 +128,33 @@ class Solver:
         feathers: indices to advance, all by default. A feather that cannot be solved stays at its
         last good sub-step and has a status in the report: see raise_if_failed.
         """
-        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
+        new = state.copy()
         carry_to(self.model, new, path)
+        counters = self.advance(new, loads, path, duration, feathers)
+        for f in np.flatnonzero((counters[:, STATUS] != CONVERGED) & (counters[:, STEPS] == 0)):
+            # not even where its path begins
+            for array, given in zip(new, state, strict=True):
+                array[f] = given[f]
+        return new, report_of(counters)
+
+    def advance(
+        self,
+        state: State,
+        loads: Loads,
+        path: RootPath,
+        duration: float,
+        feathers: Sequence[int] | None = None,
+        start: State | None = None,
+        settings: Settings | None = None,
+    ) -> Array:
+        """Advance feathers by a duration in s in place; (F, COUNTERS) of step_kernels.
+
+        start: where they begin, if that is not where the state has them. settings: other than the
+        solver's. A feather that cannot be solved stays at its last good sub-step.
+        """
+        loads = wind_of_each(loads, self.model.feathers)
         counters = np.zeros((self.model.feathers, COUNTERS))
-        settings = self.settings
+        settings = settings or self.settings
         shortest = duration / settings.max_substeps
         values = np.array(
             [
@@ -149,8 +168,11 @@ class Solver:
         )
 
         def one(f: int) -> None:
-            if new.step[f] == 0.0:
-                start_acceleration(self.model, loads, f, duration, new, self._work())
+            if start is not None:
+                for array, given in zip(state, start, strict=True):
+                    array[f] = given[f]
+            if state.step[f] == 0.0:
+                start_acceleration(self.model, loads, f, duration, state, self._work())
             advance(
                 self.model,
                 loads,
@@ -158,19 +180,25 @@ class Solver:
                 duration,
                 path.samples[f],
                 path.base[f],
-                new,
+                state,
                 values,
                 self._work(),
                 counters[f],
             )
-            if counters[f, STATUS] != CONVERGED and counters[f, STEPS] == 0:
-                # not even where its path begins
-                for array, given in zip(new, state, strict=True):
-                    array[f] = given[f]
 
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
-        columns = (STEPS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS)
-        return new, StepReport(*(counters[:, column] for column in columns))
+        return counters
+
+    def begin(self, state: State, loads: Loads, duration: float, feathers: Sequence[int]) -> None:
+        """Set the first accelerations of feathers that have not been stepped yet, in place; solves
+        from this state do not do it again. duration: s, of the step to come."""
+        loads = wind_of_each(loads, self.model.feathers)
+
+        def one(f: int) -> None:
+            start_acceleration(self.model, loads, f, duration, state, self._work())
+            state.step[f] = BEGUN
+
+        self._for_each(one, [f for f in feathers if state.step[f] == 0.0])
 
     def equilibrium(
         self,
@@ -217,6 +245,11 @@ class Solver:
         else:
             for _ in self._pool.map(function, feathers):
                 pass
+
+
+def report_of(counters: Array) -> StepReport:
+    """The report of (F, COUNTERS) as `Solver.advance` gives them."""
+    return StepReport(*counters.T)
 
 
 def reason_of(status: int, most: int = MOST_ITERATIONS) -> str:

@@ -32,6 +32,7 @@ from featherfx.solver.retry_kernels import (
     FOLLOW,
     GO_ON,
     HARD,
+    MATRICES,
     STEPS,
     after_step,
     count_try,
@@ -260,9 +261,11 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         radius, limit = EULER if option == BACKWARD else settings[0], min(int(settings[2]), left)
         follow = option != GO_ON
         factors = _predict(model, loads, f, share, step, radius, follow, path, base, state, work)
-        status, iterations, move = minimise(
+        status, iterations, move, matrices = minimise(
             model, loads, f, share, factors, settings[1], limit, work
         )
+        # of iterations with a new matrix: the others cost a quarter
+        effort = (iterations + 3 * matrices) // 4
         error = _error(f, radius, step, state, work)
         if status == NOT_CONVERGED and iterations == limit and move <= NEARLY * error:
             status = CONVERGED
@@ -278,6 +281,7 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
         solved = status == CONVERGED
         verdict, h, option = judge(h, step, option, GO_ON, solved, error, limits)
         count_try(counters, verdict, option, iterations, error, settings[3], move)
+        counters[MATRICES] += matrices
         left -= iterations
         if verdict == STEPS:
             _accept(f, step, radius, state, work.now, work.around)
@@ -285,7 +289,7 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
                 slow_down(keeps, drift, state.velocity[f])
             energy = after
             done += step
-            h, option = after_step(step, option, GO_ON, error, limits, iterations)
+            h, option = after_step(step, option, GO_ON, error, limits, effort)
         elif h == 0.0:
             return stop(counters, status)
     state.proposal[f] = h

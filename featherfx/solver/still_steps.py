@@ -63,7 +63,7 @@ class Rest:
         around.target[:] = now.points
         around.past[:] = now.points
         factors = (1.0 / (h * h), 1.0 / h, 0.0)
-        status, count, _ = minimise(
+        status, count, _, _ = minimise(
             self.model,
             self.loads,
             self.f,

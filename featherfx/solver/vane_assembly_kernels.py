@@ -8,7 +8,7 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 """
 
 from featherfx.compiled import kernel
-from featherfx.mechanics.barb_kernels import barb_tensions
+from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.solver.energy_kernels import node_index
 from featherfx.solver.vane_force_kernels import ALONG, OWN, SKIP, SLANT, UP, damped_stress
 
@@ -150,51 +150,53 @@ def _add_within_row(rows, columns, row_at, shift, band):
 
 
 @kernel
-def _add_forces(i, side, force, jacobian, row_at, shift, right):
-    """Minus the forces on the barb's nodes, projected; jacobian: (w, 3 S)."""
-    count, columns = jacobian.shape[1] // 3, (force.shape[1] - 3) // 2
-    first = node_index(side, 1, columns) - 1
-    for a in range(jacobian.shape[0]):
-        total = 0.0
-        for j in range(1, columns + 1):
-            g = force[i, first + j]
-            total += (
-                jacobian[a, j] * g[0]
-                + jacobian[a, count + j] * g[1]
-                + jacobian[a, 2 * count + j] * g[2]
+def subtract_barb_forces(model, f, damping, pose, reference, force, axes, right):
+    """Forces of all barbs and on their nodes, projected, to the right-hand side.
+
+    force: (n, P, 3), of all that acts. axes: (2, n, m, 6) of pose_kernels.joint_axes.
+    """
+    rows, count = pose.turn.shape[0], pose.coefficient.shape[2]
+    columns, row_size = axes.shape[2], 6 + 2 * count
+    for side in range(2):
+        start = 3 + side * columns
+        for i in range(rows):
+            at = i * row_size
+            first = at + 6 + side * count
+            add_barb_forces(
+                axes[side, i],
+                model.shapes,
+                pose.points[i, 0],
+                pose.points[i, start : start + columns],
+                force[i, start : start + columns],
+                right[at : at + 6],
+                right[first : first + count],
             )
-        right[row_at + a + (shift if a >= 6 else 0)] -= total
+            strain = (rows - 1) * 6 + (side * rows + i) * count
+            stiffness = model.barb_stiffness[f, side, i]
+            for c in range(count):
+                right[first + c] -= damped_stress(
+                    stiffness[c], pose.strains[strain + c], reference[strain + c], damping
+                )
 
 
 @kernel
-def _add_barb(stiffness, strains, reference, damping, at, system):
-    """Bending of one barb, whose coefficients are its strains; at: of the first in the system."""
-    for c in range(stiffness.shape[0]):
-        system.band[at + c, 0] += stiffness[c] * (1.0 + damping)
-        system.right[at + c] -= damped_stress(stiffness[c], strains[c], reference[c], damping)
+def add_rows(model, f, damping, signed, pose, force, stiff, jacobian, vane, band):
+    """Stiffness of feather f's vane and barbs: row by row and side by side.
 
-
-@kernel
-def add_rows(model, f, damping, signed, pose, reference, force, stiff, jacobian, vane, system):
-    """Vane of feather f: row by row and side by side. force: (n, P, 3), of all that acts."""
+    signed: whether tension's geometric stiffness is whole or only its stabilising part. force:
+    (n, P, 3), of all that acts.
+    """
     rows, count = pose.turn.shape[0], pose.coefficient.shape[2]
     row_size = 6 + 2 * count
-    blocks, product, tiles, band = vane.blocks, vane.product, vane.tiles, system.band
+    blocks, product, tiles = vane.blocks, vane.product, vane.tiles
     for i in range(rows):
         at = i * row_size
         for side in range(2):
             shift = side * count
             barb, own, along = jacobian[i, side], blocks[i, side, OWN], blocks[i, side, ALONG]
-            _add_forces(i, side, force, barb, at, shift, system.right)
-            strain = (rows - 1) * 6 + (side * rows + i) * count
-            _add_barb(
-                model.barb_stiffness[f, side, i],
-                pose.strains[strain:],
-                reference[strain:],
-                damping,
-                at + 6 + shift,
-                system,
-            )
+            for c in range(count):
+                stiffness = model.barb_stiffness[f, side, i, c]
+                band[at + 6 + shift + c, 0] += stiffness * (1.0 + damping)
             _add_node_stiffness(i, side, stiff, own)
             _add_tension(
                 i,

@@ -29,6 +29,8 @@ from featherfx.solver.energy_kernels import node_index
 # (i+1, j), (i-1, j+1)
 OWN, ALONG, UP, SLANT, SKIP = 0, 1, 2, 3, 4
 PAIRS = 5
+# which second derivatives are wanted: none, those without what may be indefinite, all
+FORCES_ONLY, STABILISING, WHOLE = 0, 1, 2
 
 
 @kernel
@@ -79,7 +81,7 @@ def _add_guard(a, c, v, by_reach, turn, guard, dd, de, ee):
 
 
 @kernel
-def _fill_blocks(triangle, rest, terms, signed):
+def _fill_blocks(triangle, rest, terms, wanted):
     """Second derivatives by (d, d), (d, e) and (e, e) of one triangle, to triangle[1:4].
 
     triangle: (4, 3, 3), of which [0, 0] is a and [0, 1] is c. rest: (1/s, p, 1/h). terms: (3, 3)
@@ -101,7 +103,7 @@ def _fill_blocks(triangle, rest, terms, signed):
             ee[k, m] = stiffness[0] * turn * turn * cc + stiffness[1] * v[k] * v[m]
     if terms[2, 0] > 0.0:
         _add_guard(a, c, v, by_reach, turn, terms[2], dd, de, ee)
-    if not signed:
+    if wanted == STABILISING:
         _add_stable_part(a, c, across, shear, by_edge, by_reach, turn, dd, de, ee)
         return
     for k in range(3):
@@ -136,7 +138,7 @@ def _add_blocks(triangle, half, j, own, along, other, up, slant):
 
 
 @kernel
-def _add_cell(i, j, half, side, points, rest, signed, vane, force):
+def _add_cell(i, j, half, side, points, rest, wanted, vane, force):
     """Force and stiffness of triangle A or B (half) of cell (i, j).
 
     rest: (3,). vane: scratch and blocks; its pair holds the terms of _fill_blocks.
@@ -158,7 +160,9 @@ def _add_cell(i, j, half, side, points, rest, signed, vane, force):
         f0[k] -= on_d + on_e
         f1[k] += on_e
         f2[k] += on_d
-    _fill_blocks(triangle, rest, vane.pair, signed)
+    if wanted == FORCES_ONLY:
+        return
+    _fill_blocks(triangle, rest, vane.pair, wanted)
     if half == 0:
         _add_blocks(triangle, 0, j, low[OWN], low[ALONG], high[OWN], low[UP], low[SLANT])
     else:
@@ -167,7 +171,7 @@ def _add_cell(i, j, half, side, points, rest, signed, vane, force):
 
 @kernel
 def _add_strip(
-    i, side, points, rest, stiffness, guard, strains, reference, damping, signed, vane, force
+    i, side, points, rest, stiffness, guard, strains, reference, damping, wanted, vane, force
 ):
     """Cells between rows i and i + 1.
 
@@ -191,7 +195,7 @@ def _add_strip(
                 )
                 stress[0] += slope * extra[1]
                 stress[1] += slope * extra[2]
-            _add_cell(i, j, half, side, points, rest[j, half], signed, vane, force)
+            _add_cell(i, j, half, side, points, rest[j, half], wanted, vane, force)
 
 
 @kernel
@@ -221,7 +225,9 @@ def _crush(share, angle, reference, stiffness, damping, hinge):
 
 
 @kernel
-def _add_hinges(i, side, points, above, below, stiffness, strains, reference, damping, vane, force):
+def _add_hinges(
+    i, side, points, above, below, stiffness, strains, reference, damping, wanted, vane, force
+):
     """Hinges on row i's barb; stiffness to reference: (m,).
 
     above, below: (m, 2, 3) rest values of the cells on either side of the barb.
@@ -248,6 +254,8 @@ def _add_hinges(i, side, points, above, below, stiffness, strains, reference, da
             force[i, far, k] += stress * total[1, k]
             force[i + 1, near, k] += stress * total[2, k]
             force[i - 1, far, k] += stress * total[3, k]
+        if wanted == FORCES_ONLY:
+            continue
         _add_square(0.5 * weight, g[0], g[0], j, blocks[i, side, OWN])
         _add_square(0.5 * weight, g[1], g[1], j + 1, blocks[i, side, OWN])
         _add_square(0.5 * weight, g[2], g[2], j, blocks[i + 1, side, OWN])
@@ -261,15 +269,17 @@ def _add_hinges(i, side, points, above, below, stiffness, strains, reference, da
 
 
 @kernel
-def add_vane_forces(model, f, damping, signed, pose, reference, vane, force):
+def add_vane_forces(model, f, damping, wanted, pose, reference, vane, force):
     """Membrane and hinges of feather f: forces added to force (n, P, 3), stiffness to vane.blocks.
 
-    signed: whether the geometric stiffness is whole or only its stabilising part.
+    wanted: FORCES_ONLY leaves the blocks as they are, STABILISING leaves out what of the geometric
+    stiffness may be indefinite.
     """
     rows, columns = pose.turn.shape[0], model.joints.shape[3]
     cells_at = (rows - 1) * 6 + 2 * rows * pose.coefficient.shape[2]
     hinges_at = cells_at + 2 * (rows - 1) * columns * 4
-    vane.blocks[:] = 0.0
+    if wanted != FORCES_ONLY:
+        vane.blocks[:] = 0.0
     for side in range(2):
         for i in range(rows - 1):
             at = cells_at + (side * (rows - 1) + i) * columns * 4
@@ -283,7 +293,7 @@ def add_vane_forces(model, f, damping, signed, pose, reference, vane, force):
                 pose.strains[at:],
                 reference[at:],
                 damping,
-                signed,
+                wanted,
                 vane,
                 force,
             )
@@ -299,6 +309,7 @@ def add_vane_forces(model, f, damping, signed, pose, reference, vane, force):
                 pose.strains[at:],
                 reference[at:],
                 damping,
+                wanted,
                 vane,
                 force,
             )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Model
 from featherfx.solver.banded_kernels import panel_shape
+from featherfx.solver.secant_kernels import PAIRS
 
 Array = NDArray[np.float64]
 
@@ -93,22 +94,24 @@ class Beam(NamedTuple):
 
 
 class Work(NamedTuple):
-    """now, trial: poses. around: Surroundings. system, vane: sums. force (n, P, 3), stiff
-    (n, P, 6): of the nodes. jacobian (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis.
-    beam: sums of one rachis element. frame (3, 3), spin (3, 2 C), stretch (3,): scratch.
+    """now, trial: poses. around: Surroundings. system, vane: sums. secants
+    (PAIRS, 3, N): steps since the matrix was made (secant_kernels). force (n, P, 3), stiff
+    (n, P, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints. jacobian
+    (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element.
+    stretch (3,): scratch.
     """
 
     now: Pose
     trial: Pose
     around: Surroundings
     system: System
+    secants: Array
     vane: Vane
     force: Array
     stiff: Array
+    axes: Array
     jacobian: Array
     beam: Beam
-    frame: Array
-    spin: Array
     stretch: Array
 
 
@@ -147,6 +150,7 @@ def make_work(model: Model) -> Work:
             speed=np.zeros((n, size)),
         ),
         system=make_system(model.unknowns, 3 * (6 + 4 * c)),
+        secants=np.zeros((PAIRS, 3, model.unknowns)),
         vane=Vane(
             blocks=np.zeros((n, 2, 5, 3, 3 * padded)),
             product=np.zeros((wide, 3 * padded)),
@@ -158,9 +162,8 @@ def make_work(model: Model) -> Work:
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
+        axes=np.zeros((2, n, m, 6)),
         jacobian=np.zeros((n, 2, wide, 3 * padded)),
         beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
-        frame=np.zeros((3, 3)),
-        spin=np.zeros((3, 2 * c)),
         stretch=np.zeros(3),
     )

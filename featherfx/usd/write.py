@@ -9,34 +9,20 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from pxr import Usd
-
 from featherfx.errors import Problem, SimulationError
 from featherfx.shot.background import Background
 from featherfx.shot.types import Frame, sample_number
 from featherfx.usd.arguments import check_arguments
 from featherfx.usd.assemble import assemble
 from featherfx.usd.chunk import ChunkWriter, WrittenChunk
-from featherfx.usd.curves import define_barbs, define_rachis
+from featherfx.usd.define import animated_prims, define_prims
 from featherfx.usd.layout import new_layers
-from featherfx.usd.material import define_materials
-from featherfx.usd.mesh import MeshValues, define_mesh
-from featherfx.usd.names import prim_name, unique_prim_names
+from featherfx.usd.names import prim_name
 from featherfx.usd.output import check_output, chosen_layout, parts_folder
 from featherfx.usd.parts import Parts
-from featherfx.usd.poses import BARB, MESH, RACHIS, posed_feathers
-from featherfx.usd.representations import define_representations
-from featherfx.usd.samples import AnimatedPrims
+from featherfx.usd.poses import posed_feathers
 from featherfx.usd.space import StageSpace
-from featherfx.usd.stage import (
-    BARBS,
-    FEATHERS,
-    MATERIALS,
-    RACHISES,
-    StageInfo,
-    define_root,
-    define_scopes,
-)
+from featherfx.usd.stage import StageInfo
 from featherfx.usd.types import ACCELERATIONS, FeatherEntry, OutputError
 
 CHUNK_FRAMES = 24
@@ -111,12 +97,13 @@ class CacheWriter:
         bytes_per_sample = sum(each.bytes_per_sample for each in self._posed)
         layout = chosen_layout(layout, bytes_per_sample * self._samples)
         self._info = replace(self._info, metadata={**(metadata or {}), "layout": layout})
-        self._layers = new_layers(self._info, layout)
-        self._prims = self._define_prims()
+        self._layout = layout
+        self._check_finite([k for k, each in enumerate(self._posed) if not each.rest().finite], 0.0)
+        self._prims = animated_prims(self._info, self._feathers, self._posed)
         self._resumable = settings is not None
         self._parts: Parts | None = None
         if frames is not None:
-            folder = parts_folder(self._path, self._layers.layout)
+            folder = parts_folder(self._path, layout)
             self._parts = Parts(folder, settings or self._settings_of_stage(chunk), resume)
             step = 1.0 / (frames_per_second * subframes)
             self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
@@ -220,36 +207,6 @@ class CacheWriter:
         values = (space, info.frames, info.frames_per_second, info.metadata, self._subframes, chunk)
         return {"stage": repr(values)}
 
-    def _define_prims(self) -> AnimatedPrims:
-        info, posed = self._info, self._posed
-        stage = Usd.Stage.Open(self._layers.topology)
-        define_root(stage, info)
-        drawn = [each.has_barbs for each in posed]
-        define_scopes(stage, info, any(drawn))
-        define_representations(stage, info, any(drawn))
-        materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
-        names = unique_prim_names([entry.name or entry.id for entry in self._feathers])
-
-        def paths(scope: str, suffix: str = "") -> list[Any]:
-            own = unique_prim_names([name + suffix for name in names])
-            return [info.root_path.AppendPath(f"{scope}/{name}") for name in own]
-
-        meshes, rachises = paths(FEATHERS), paths(RACHISES, "_rachis")
-        named = paths(BARBS, "_barbs")
-        barbs = [path if has else None for path, has in zip(named, drawn, strict=True)]
-        shapes: dict[int, MeshValues] = {}
-        for k, entry in enumerate(self._feathers):
-            pose, surface = posed[k].rest(), entry.feather.surface
-            same = shapes.setdefault(id(surface), shapes.get(id(surface)) or MeshValues(surface))
-            self._check_finite([] if pose.finite else [k], 0.0)
-            rest = {part: pose.values[part, "points"].value for part in posed[k].parts}
-            define_mesh(stage, meshes[k], entry, same, rest[MESH], materials)
-            up, widths = info.space.directions(entry.rest_points[0, 2]), posed[k].widths
-            define_rachis(stage, rachises[k], entry, rest[RACHIS], widths, up, materials)
-            if barbs[k] is not None:
-                define_barbs(stage, barbs[k], entry, rest[BARB], posed[k].barb_widths, materials)
-        return AnimatedPrims(posed, meshes, rachises, barbs)
-
     def _finish(self) -> None:
         frames = self._info.frames
         if self._finishing is not None:
@@ -258,11 +215,13 @@ class CacheWriter:
             message = f"not written: frames {self._code:g} to {frames[1]} never came"
             raise OutputError(Problem(str(self._path), "frames", message))
         if self._parts:
-            # Samples are on disk; their memory is wanted for the defaults.
+            # Samples are on disk; their memory is wanted for what is constant.
             del self._chunk
-        assemble(self._layers, self._info, self._prims, self._static, self._path, self._parts)
+        layers = new_layers(self._info, self._layout)
+        define_prims(layers.topology, self._info, self._feathers, self._prims)
+        assemble(layers, self._info, self._prims, self._static, self._path, self._parts)
         if self._parts:
-            self._parts.finish(keep_chunks=self._layers.layout == "clips")
+            self._parts.finish(keep_chunks=self._layout == "clips")
 
     def _check_finite(self, bad: Sequence[int], time: float) -> None:
         for index in bad:
