@@ -35,9 +35,10 @@ LoadsOf = Callable[[float, float], Sequence[Loads]]
 PathsOf = Callable[[float, float], Sequence[RootPath]]
 
 # a step that cannot be solved is cut by this share, to that of the shortest regular one at least
-CUT, SMALLEST_SHARE = 0.25, 1.0 / 64.0
-# misfit of a step's contacts, as a share of the thickness, beyond which it is cut
-WRONG_SHARE = 0.5
+CUT, SMALLEST_SHARE = 0.25, 1.0 / 16.0
+# misfit of a step's contacts, over the thickness, beyond which it is cut to the shortest regular
+# one, and beyond which it is cut further
+WRONG_SHARE, BAD_SHARE = 0.5, 2.0
 # what a gap may be off: a share of the quality's tolerance, between these of the thickness
 OFF_SHARE, LEAST_SHARE, MOST_SHARE = 0.05, 0.1, 0.4
 # smallest followed gap, in thicknesses
@@ -154,6 +155,7 @@ class ShotContact:
         h = shortest if steps else min(self._proposal or duration, duration)
         time, current, parts = start, list(states), []
         spent, resting = np.zeros(len(self.names)), resting.copy()
+        yielding: Flags | None = None
         while time < end - 1e-9 * duration:
             left = end - time
             step = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
@@ -162,16 +164,18 @@ class ShotContact:
             walls = self._bodies.walls(current, time, stop, self.solver.settings.margin)
             loads, paths = loads_of(time, stop), paths_of(time, stop)
             new, reports, contact = self.solver.interval(
-                current, loads, paths, stop - time, walls, substeps, resting
+                current, loads, paths, stop - time, walls, substeps, resting, yielding
             )
             spent += np.concatenate([report.iterations for report in reports])
             status = np.concatenate([report.status for report in reports])
             if self._again(status, contact, step, shortest):
                 self._stop_at_limit(spent, time)
                 self.tally.repeated += 1
-                if CUT * step < SMALLEST_SHARE * shortest:
-                    raise_if_failed(status, np.full(len(status), time), self.names)
                 h = CUT * step if status.any() else 0.5 * step
+                if h < SMALLEST_SHARE * shortest:
+                    if yielding is not None:
+                        raise_if_failed(status, np.full(len(status), time), self.names)
+                    yielding, h = status != 0.0, step
                 continue
             self._stop_at_limit(spent, time)
             current, time = _slept(new, reports, paths, stop - time), stop
@@ -180,8 +184,10 @@ class ShotContact:
             self._bodies.begun = True
             self.tally.add(contact, step)
             self.tally.forced += int(contact.residual > WRONG_SHARE * self._thickness)
+            yielding = None
             parts.append(reports)
-            h = min(shortest, 2.0 * step)
+            easy = contact.rounds <= self.solver.settings.rounds
+            h = min(shortest, 2.0 * step if easy else step)
             if not steps:
                 h = max(h, step * self._change(reports))
         self._proposal = h
@@ -189,8 +195,11 @@ class ShotContact:
 
     def _again(self, status: Array, contact: ContactReport, step: float, shortest: float) -> bool:
         """Whether a step is to be tried again, shorter."""
-        wrong = contact.residual > WRONG_SHARE * self._thickness
-        return bool(status.any()) or (wrong and step > 1.001 * shortest)
+        wrong, bad = contact.residual > np.array([WRONG_SHARE, BAD_SHARE]) * self._thickness
+        least = 1.001 * shortest
+        if bad:
+            least = 2.0 * SMALLEST_SHARE * shortest
+        return bool(status.any()) or (bool(wrong) and step > least)
 
     def _stop_at_limit(self, spent: Array, time: float) -> None:
         """SimulationError for a feather that took too many Newton iterations in a frame."""

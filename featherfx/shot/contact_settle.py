@@ -27,6 +27,10 @@ Flags = NDArray[np.bool_]
 STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
 # what one that cannot be solved is cut to, and the shortest tried, s
 CUT, SHORTEST = 0.25, 1e-5
+# misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s
+BAD_SHARE, SHORTEST_OFF = 2.0, 5e-4
+# Newton iterations of a feather after which settling ends, in balance or not
+MOST_ITERATIONS = 4000
 
 
 @dataclass(frozen=True)
@@ -52,11 +56,14 @@ def settled_together(
     """
     current = [_stopped(state) for state in states]
     rest_depth, depth = None, 0.0
-    everyone = np.zeros(len(names), dtype=np.bool_)
+    spent, resting = np.zeros(len(names)), np.zeros(len(names), dtype=np.bool_)
     for longest in STEPS:
-        h, resting = longest, everyone
+        h = longest
+        resting[:] = False
         for _ in range(MOST_STEPS):
-            new, contact, h = _step(solver, bodies, current, loads, names, h, resting)
+            if spent.max() > MOST_ITERATIONS:
+                break
+            new, contact, h = _step(solver, bodies, current, loads, names, h, resting, spent)
             moved = _moves(new, current)
             current = [_stopped(state) for state in new]
             solver.accept()
@@ -80,17 +87,29 @@ def _step(
     names: Sequence[str],
     h: float,
     resting: Flags,
+    spent: NDArray[np.float64],
 ) -> tuple[list[State], ContactReport, float]:
-    """One damped step of h (s), or of as much of it as can be solved; and its length."""
+    """One damped step of h (s), or of as much of it as can be solved; and its length.
+
+    spent: (B,) Newton iterations, added to. What cannot be solved at the shortest step yields.
+    """
+    yielding: Flags | None = None
     while True:
         paths = [hold_roots(state) for state in states]
         walls = bodies.walls(states, 0.0, 0.0, solver.settings.margin)
-        new, reports, contact = solver.interval(states, loads, paths, h, walls, resting=resting)
+        new, reports, contact = solver.interval(
+            states, loads, paths, h, walls, 1, resting, yielding
+        )
+        spent += np.concatenate([report.iterations for report in reports])
         status = np.concatenate([report.status for report in reports])
-        if not status.any():
+        far_off = contact.residual > BAD_SHARE * 2.0 * float(solver.skin.half.max(initial=0.0))
+        if not status.any() and not (far_off and CUT * h > SHORTEST_OFF):
             return new, contact, h
-        h *= CUT
-        if h < SHORTEST:
+        if CUT * h >= SHORTEST:
+            h *= CUT
+        elif yielding is None:
+            yielding = status != 0.0
+        else:
             raise_if_failed(status, np.zeros(len(status)), names)
 
 

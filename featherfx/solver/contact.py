@@ -30,6 +30,7 @@ from featherfx.solver.contact_list_kernels import (
     list_by_body,
     measure,
     residuals,
+    soften,
     update,
 )
 from featherfx.solver.contact_run import Run
@@ -63,6 +64,8 @@ FIT = 4.0
 QUIET_SHARE = 0.3
 # gap, as a share of the margin, beyond which a contact without a force is not handed to a feather
 FAR_SHARE = 0.5
+# stiffness of contacts that yield, over what it would be
+SOFT = 1e-2
 # searches for contacts in one interval: the poses at its end are not known before
 SEARCHES = 4
 
@@ -142,12 +145,15 @@ class ContactSolver:
         walls: Sequence[Wall] = (),
         substeps: int = 1,
         resting: Flags | None = None,
+        yielding: Flags | None = None,
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
 
         substeps: most regular steps that a feather may divide the interval into by itself, to keep
         to its tolerance. resting: (B,) bodies that are solved only if what touches them asks for
-        it; the report counts no steps of those that were not. walls: bodies whose motion over the
+        it; the report counts no steps of those that were not. yielding: (B,) bodies whose contacts
+        are soft, because they cannot be solved otherwise; what goes too deep comes out later, at
+        the recovery speed. walls: bodies whose motion over the
         duration is given; of several, a node meets each.
         A feather that cannot be solved has a status in its batch's report, and then the other
         results mean nothing.
@@ -160,6 +166,8 @@ class ContactSolver:
         for search in range(SEARCHES):
             searched = run.now.copy()
             count = self._find(run, duration, walls, memory, stale if search else None)
+            if yielding is not None:
+                soften(self._touch, count, yielding.astype(np.int8), SOFT)
             begun = float(self._touch.value[:count, SPARED].max(initial=0.0))
             if search:
                 # what was found before, of another body or at another place, pressed as well

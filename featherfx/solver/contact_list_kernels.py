@@ -142,6 +142,18 @@ def closed_on_walls(touch, count, closed):
 
 
 @kernel
+def soften(touch, count, bodies, share):
+    """Take from all contacts of some bodies (B,) their forces, and all but a share of stiffness."""
+    for k in range(count):
+        index, value = touch.who[k], touch.value[k]
+        if bodies[index[GUEST]] == 0 and (index[HOST] < 0 or bodies[index[HOST]] == 0):
+            continue
+        value[GUEST_FORCE], value[HOST_FORCE] = 0.0, 0.0
+        value[GUEST_STIFFNESS] *= share
+        value[HOST_STIFFNESS] *= share
+
+
+@kernel
 def add_forces(touch, count, total):
     """Sums of the forces (N) that each body feels, to total (B,)."""
     total[:] = 0.0
