@@ -154,3 +154,21 @@ def test_a_pose_out_of_balance_is_not_thrown_at_its_first_step():
     kinetic = 0.5 * np.einsum("np,npk->", model.mass[0], new.velocity[0] ** 2)
     assert kinetic < 1e-3 * before
     assert total_energy(model, no_loads(1), new) < before
+
+
+@pytest.mark.parametrize("speed", [1.0, 10.0])
+def test_a_feather_taken_up_in_even_flight_with_its_root_stays_as_it_is(speed):
+    """Its first acceleration is none: the root is where its path leads, not held back."""
+    _, model = preset_batch("swan_primary")
+    state, rest = at_origin(model), at_origin(model).points[0]
+    places = [0, *range(3, rest.shape[1])]
+    state.velocity[0][:, places, 0] = speed
+    with Solver(model, Settings(radius=0.5)) as solver:
+        for _ in range(3):
+            path = hold_roots(state)
+            path.samples[0, -1, 0] += speed / 24.0
+            state, report = solver.step(state, no_loads(1), path, 1.0 / 24.0)
+            assert (report.steps[0], report.failed[0]) == (1, 0)
+    moved = rest.copy()
+    moved[:, places, 0] += 3.0 * speed / 24.0
+    np.testing.assert_allclose(state.points[0], moved, atol=1e-12 * speed)
