@@ -47,7 +47,8 @@ def start_acceleration(
     h = INSTANT * duration
     now, around = work.now, work.around
     turn, centre = state.turn[f], state.centre[f]
-    if model.held[f] and state.velocity[f].any():
+    moving = state.velocity[f].any() and np.ptp(path.samples[f], axis=0).any()
+    if model.held[f] and moving:
         turn, centre = _carried(path.samples[f], path.base[f], turn, centre)
     load_pose(turn, centre, state.coefficient[f], model.length[f], now)
     around.target[:] = state.points[f] + h * state.velocity[f]

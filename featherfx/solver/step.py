@@ -42,7 +42,7 @@ REASONS = {
     NO_REST: "it finds no rest in this wind",
     GREW: "its energy would grow without work being done",
 }
-NEWTON_ITERATIONS = 24
+NEWTON_ITERATIONS = 32
 # length of the last step of a feather that has none, but its first acceleration
 BEGUN = -1.0
 # of one feather in one frame; bakes of the samples need 3 to 100
