@@ -89,7 +89,8 @@ class Drawn:
 class Task:
     """A bake that can start: shot (reduced to its part of the feathers), output, frames, settings.
 
-    names: prim name per feather. root: name of the root prim. finished: whether the output is
+    whole, wanted: what is simulated for it, and the numbers of the task's feathers in that (None:
+    all). names: prim name per feather. root: name of the root prim. finished: whether the output is
     there already. options: of the writer, units and axis included.
     """
 
@@ -102,6 +103,8 @@ class Task:
     finished: bool
     drawn: Drawn
     options: dict[str, Any]
+    whole: Shot
+    wanted: Sequence[int] | None
 
 
 def prepare(
@@ -117,8 +120,6 @@ def prepare(
     drawn: Drawn,
 ) -> Task:
     """The bake to do, after all that can be known to be wrong."""
-    from featherfx.shot.guides import uses_guides
-    from featherfx.shot.share import share_of
     from featherfx.usd.names import prim_name, unique_prim_names
     from featherfx.usd.output import check_output
     from featherfx.usd.resume import is_finished
@@ -137,22 +138,36 @@ def prepare(
         lambda: _check_report(report),
         drawn.check,
     )
-    whole = Path(output) if output is not None else default_output(shot)
-    path = path or checked(whole)
+    target = Path(output) if output is not None else default_output(shot)
+    path = path or checked(target)
     _refuse_inputs(path, report, [*read, shot.source, shot.groom.source])
     shot = replace(shot, quality=chosen) if chosen else shot
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
     resolved = {**options, **stage_space(options, shot.groom, shot.skin)}
     settings = _settings(shot, frames, feathers, resolved, drawn)
+    part, whole, wanted = _share(shot, feathers)
     if feathers:
-        if uses_guides(shot):
-            message = "feathers that follow guides cannot be baked in shares"
-            raise InputError(Problem(str(shot.source), "detail", message))
-        shot, names = share_of(shot, *feathers), names[feathers[0] - 1 :: feathers[1]]
+        names = names[feathers[0] - 1 :: feathers[1]]
     finished = resume and is_finished(path, settings, overwrite)
-    root = prim_name(whole.stem)
-    return Task(shot, path, frames, settings, names, root, finished, drawn, resolved)
+    root = prim_name(target.stem)
+    return Task(part, path, frames, settings, names, root, finished, drawn, resolved, whole, wanted)
+
+
+def _share(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Sequence[int] | None]:
+    """The shot of a share, what is simulated for it, and the share's numbers in that."""
+    from featherfx.shot.guides import uses_guides
+    from featherfx.shot.share import part_of, share_numbers
+
+    if feathers is None:
+        return shot, shot, None
+    if shot.contact is not None:
+        message = "feathers that touch cannot be baked in shares; leave out [contact]"
+        raise InputError(Problem(str(shot.source), "contact", message))
+    numbers = share_numbers(shot, *feathers)
+    part = part_of(shot, numbers)
+    # followers need guides that may be of another share
+    return (part, shot, numbers.tolist()) if uses_guides(shot) else (part, part, None)
 
 
 def stage_space(options: StageOptions, groom: Groom, skin: BoundSkin | None) -> dict[str, Any]:

@@ -197,7 +197,8 @@ def _simulate(
         done = taken_over = writer.samples_done
         notify(done, samples)
         start = Checkpoint.load(writer.state) if writer.state else None
-        simulation = simulate(shot, jobs, task.frames, options.get("subframes", 1), start)
+        subframes = options.get("subframes", 1)
+        simulation = simulate(task.whole, jobs, task.frames, subframes, start, task.wanted)
         sink, mark = Background(writer.write), time.perf_counter()
         try:
             with sink:

@@ -164,17 +164,27 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
 
     from featherfx.shot.read import check_file
 
-    return check_file(path, folders, scene_readers()) or _tried(path, folders)
+    try:
+        tried = _tried(path, folders)
+    except InputError:
+        tried = None
+    return check_file(path, folders, scene_readers()) if tried is None else tried
 
 
-def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
-    """Problems that show only when feathers are built and moved; path holds no wrong value."""
+def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
+    """Problems of a shot or groom that show only when feathers are built and moved.
+
+    None where it is neither. Raises InputError where it holds a wrong value.
+    """
     import tomllib
 
     from featherfx.feather.scaled import feather_of, repeated_shapes
     from featherfx.shot.motion import root_motion
 
-    keys = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    try:
+        keys = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError):
+        return None
     tasks: list[Callable[[], Any]] = []
     if "groom" in keys:
         shot = read_shot(path, folders)
@@ -183,7 +193,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem]:
     elif {"feather", "row", "table", "usd", "region"} & keys.keys():
         groom, grid = read_groom(path, folders), read_quality("final", folders)
     else:
-        return []
+        return None
     first, _ = repeated_shapes(groom.feathers)
     tasks += [partial(feather_of, groom.feathers[k], grid.rows, grid.columns) for k in first]
     try:

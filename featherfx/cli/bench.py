@@ -45,6 +45,13 @@ QUICK_ROWS, MOST_ROWS = 40, 200
 @click.option("--only", default="*", help="Of --skips: names of skips, with * and ?.")
 @click.option("--frames", type=click.IntRange(min=2), help="Of --skips: frames of each shot.")
 @click.option(
+    "--every",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Of --skips: every n-th feather of each shot alone.",
+)
+@click.option(
     "--cases",
     type=click.IntRange(min=1),
     help=f"Number of random cases.  [default: {STRESS_CASES}, quick: {QUICK_STRESS_CASES}]",
@@ -64,6 +71,7 @@ def bench(
     skips: tuple[Path, ...],
     only: str,
     frames: int | None,
+    every: int,
     cases: int | None,
     seed: int,
     jobs: int | None,
@@ -80,8 +88,8 @@ def bench(
     """
     if stress + peers + bool(skips) > 1:
         raise click.UsageError("--stress, --peers and --skips exclude each other")
-    if not skips and (only != "*" or frames is not None):
-        raise click.UsageError("--only and --frames go with --skips")
+    if not skips and (only != "*" or frames is not None or every != 1):
+        raise click.UsageError("--only, --frames and --every go with --skips")
     if peers:
         _beside_peers(quick, output)
         return
@@ -96,7 +104,7 @@ def bench(
 
         shots = [read_shot(path) for path in skips]
         with Progress("skips") as progress:
-            tables.append(skips_table(shots, progress, only, frames))
+            tables.append(skips_table(shots, progress, only, frames, every))
     elif stress:
         seeds = range(seed, seed + (cases or (QUICK_STRESS_CASES if quick else STRESS_CASES)))
         outcome = _stress(seeds, jobs, QUICK_ROWS if quick else MOST_ROWS, output)

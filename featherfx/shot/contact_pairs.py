@@ -9,12 +9,13 @@ order through feathers between (over the one that is over the other), else none.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.solver.contact_list_kernels import PAIR, SIDE
-from featherfx.solver.contact_surfaces import Scene, Skin, list_contacts, no_memory
+from featherfx.solver.contact_list_kernels import PAIR, SIDE, START_GAP, THICKNESS
+from featherfx.solver.contact_surfaces import Skin, list_contacts, no_memory, scene_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -25,6 +26,8 @@ REACH_SHARE = 0.5
 NEAR_SHARE = 0.1
 # part of the nodes by which one side must lead
 CLEAR = 0.2
+# depth at rest, as a share of the shorter feather's length, that an order may ask to be undone
+DEEP_SHARE = 0.05
 
 
 def candidate_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
@@ -32,77 +35,95 @@ def candidate_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
 
     rest: per feather (n, P, 3) m, world points at rest. lengths: (F,) m.
     """
-    from scipy.spatial import cKDTree
-
-    low = np.stack([_nodes(points).min(axis=0) for points in rest])
-    high = np.stack([_nodes(points).max(axis=0) for points in rest])
-    centre, reach = 0.5 * (low + high), 0.5 * np.linalg.norm(high - low, axis=1)
-    near = cKDTree(centre).query_pairs(float(2.0 * reach.max() + REACH_SHARE * lengths.max()))
-    pairs = np.array(sorted(near), dtype=np.int64).reshape(-1, 2)
-    margin = REACH_SHARE * lengths[pairs].max(axis=1)[:, None]
-    first, second = pairs.T
-    meet = ((low[first] <= high[second] + margin) & (low[second] <= high[first] + margin)).all(
-        axis=1
-    )
-    pairs = pairs[meet]
+    nodes = [np.delete(points, (1, 2), axis=1).reshape(-1, 3) for points in rest]
+    low = np.stack([points.min(axis=0) for points in nodes])
+    high = np.stack([points.max(axis=0) for points in nodes])
+    found = []
+    for first in range(len(nodes) - 1):
+        others = slice(first + 1, None)
+        margin = REACH_SHARE * np.maximum(lengths[first], lengths[others])[:, None]
+        meet = (low[others] <= high[first] + margin) & (low[first] <= high[others] + margin)
+        second = first + 1 + np.flatnonzero(meet.all(axis=1))
+        found.append(np.stack([np.full(len(second), first), second], axis=1))
+    pairs = np.concatenate([np.zeros((0, 2), dtype=np.int64), *found])
     return np.concatenate([pairs, pairs[:, ::-1]])
 
 
-def _nodes(points: Array) -> Array:
-    """(k, 3) positions among material points (n, P, 3): all but the directors."""
-    return np.delete(points, (1, 2), axis=1).reshape(-1, 3)
-
-
 def order_at_rest(
-    pairs: Indices, rest: Array, skin: Skin, lengths: Array, ranks: Indices, dorsal: Array
+    pairs: Indices,
+    rest: Array,
+    normals: Array,
+    skin: Skin,
+    lengths: Array,
+    ranks: Indices,
+    dorsal: Array,
 ) -> Indices:
     """(N,) side of the host where the guest belongs, 0 where it is not clear.
 
-    pairs: from `candidate_pairs`. rest: (F, n, P, 3) m. ranks: (F,) places in the order in which a
-    layout laid the feathers, upwards, -1 without one. dorsal: (F, 3) unit vectors at the roots.
+    pairs: from `candidate_pairs`. rest: (F, n, P, 3) m, on the widest grid. normals: (F, 3) from
+    `normal_of`. ranks: (F,) places in the order in which a layout laid the feathers, upwards, -1
+    without one. dorsal: (F, 3) unit vectors at the roots. An order that would have a feather
+    deeper in another than a layout ever leaves it is no order.
     """
-    votes = _votes(pairs, rest, skin, NEAR_SHARE * float(lengths.max()))
+    shorter = lengths[pairs].min(axis=1)
+    votes = _votes(pairs, rest, skin, shorter)
     half = len(pairs) // 2
-    normals = _normals(rest)
-    agree = _agree(normals[pairs[:half, 0]], normals[pairs[:half, 1]])
-    # the guest is over its host where the host is under the guest, seen from equal normals
-    both = votes[:half] - agree[:, None] * votes[half:]
-    side, total = both[:, 0], np.abs(votes[:half, 1]) + np.abs(votes[half:, 1])
-    clear = np.abs(side) > CLEAR * np.maximum(total, 1.0)
-    order = np.where(clear, np.sign(side), 0.0).astype(np.int64)
     guest, host = pairs[:half].T
+    agree = _agree(normals[guest], normals[host])
+    # the guest is over its host where the host is under the guest, seen from equal normals
+    both = votes.side[:half] - agree * votes.side[half:]
+    total = votes.number[:half] + votes.number[half:]
+    clear = np.abs(both) > CLEAR * np.maximum(total, 1.0)
+    seen = np.where(clear, np.sign(both), 0.0).astype(np.int64)
     laid = (ranks[guest] >= 0) & (ranks[host] >= 0) & (total > 0.0)
     upward = _agree(normals, dorsal)[host] * np.sign(ranks[guest] - ranks[host])
-    order = np.where(laid, upward, order)
+    order = np.where(laid, upward, seen)
+    for other in (seen, np.zeros_like(seen)):
+        turned = -agree * order
+        deep = np.maximum(
+            np.where(order > 0, votes.below[:half], np.where(order < 0, votes.above[:half], 0.0)),
+            np.where(turned > 0, votes.below[half:], np.where(turned < 0, votes.above[half:], 0.0)),
+        )
+        order = np.where(deep > DEEP_SHARE * shorter[:half], other, order)
     order = _through_others(pairs[:half], order, agree)
     return np.concatenate([order, -agree * order])
 
 
-def _votes(pairs: Indices, rest: Array, skin: Skin, margin: float) -> Array:
-    """(N, 2) per pair: sum of the guest's nodes' sides over the host, and their number."""
-    bodies, rows, _ = skin.present.shape
-    scene = Scene(
-        start=rest,
-        ahead=rest,
-        boxes=np.zeros((bodies, rows, 6)),
-        bounds=np.zeros((bodies, 6)),
-        impedance=np.ones(rest.shape[:3]),
-    )
-    memory = no_memory(len(pairs), skin)
-    free = np.zeros(len(pairs), dtype=np.int64)
-    touch, count = list_contacts(pairs, free, skin, scene, memory, margin, 0.0)
-    votes = np.zeros((len(pairs), 2))
-    np.add.at(votes[:, 0], touch.who[:count, PAIR], touch.who[:count, SIDE])
-    np.add.at(votes[:, 1], touch.who[:count, PAIR], 1.0)
+class _Votes(NamedTuple):
+    """Of N pairs: sum of the sides of the guest's nodes over the host, their number, and m, how far
+    the farthest are above and below it."""
+
+    side: Array
+    number: Array
+    above: Array
+    below: Array
+
+
+def _votes(pairs: Indices, rest: Array, skin: Skin, shorter: Array) -> _Votes:
+    """shorter: (N,) m, length of the shorter feather of each pair."""
+    scene = scene_of(rest, rest, np.ones(rest.shape[:3]))
+    memory, votes = no_memory(skin), _Votes(*(np.zeros(len(pairs)) for _ in _Votes._fields))
+    octaves = np.floor(np.log2(shorter))
+    for octave in np.unique(octaves):
+        some = np.flatnonzero(octaves == octave)
+        free = np.zeros(len(some), dtype=np.int64)
+        margin = NEAR_SHARE * 2.0 ** (octave + 1.0)
+        touch, count = list_contacts(pairs[some], free, skin, scene, memory, float(margin), 0.0)
+        who, value = touch.who[:count], touch.value[:count]
+        pair, side = some[who[:, PAIR]], who[:, SIDE]
+        height = value[:, START_GAP] + value[:, THICKNESS]
+        np.add.at(votes.side, pair, side)
+        np.add.at(votes.number, pair, 1.0)
+        np.maximum.at(votes.above, pair[side > 0], height[side > 0])
+        np.maximum.at(votes.below, pair[side < 0], height[side < 0])
     return votes
 
 
-def _normals(rest: Array) -> Array:
-    """(F, 3) normals of the feathers' surfaces (F, n, P, 3), on the whole; not of unit length."""
-    m = (rest.shape[2] - 3) // 2
-    across = rest[:, :, 2 + m] - rest[:, :, 2 + 2 * m]
-    along = np.gradient(rest[:, :, 0], axis=1)
-    normal: Array = np.cross(along, across).sum(axis=1)
+def normal_of(points: Array) -> Array:
+    """(3,) normal of a feather's surface (n, P, 3), on the whole; not of unit length."""
+    m = (points.shape[1] - 3) // 2
+    across = points[:, 2 + m] - points[:, 2 + 2 * m]
+    normal: Array = np.cross(np.gradient(points[:, 0], axis=0), across).sum(axis=0)
     return normal
 
 

@@ -107,8 +107,7 @@ def _group(
     settings = Settings(
         tolerance=quality.tolerance,
         newton=newton * quality.tolerance,
-        # feathers that touch take common steps
-        max_substeps=quality.max_substeps if shot.contact is None else 1,
+        max_substeps=quality.max_substeps,
         radius=quality.radius,
     )
     return Group(

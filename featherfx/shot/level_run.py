@@ -20,6 +20,7 @@ from featherfx.solver.root_path import RootPath
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 Poses = dict[tuple[int, int], FeatherPose]
 
 _RIGID, _GUIDED = NUMBER["rigid"], NUMBER["guided"]
@@ -30,7 +31,8 @@ class LevelRun:
     after.
 
     drawn: all feathers on the meshes' grid. groups: all batches; a feather is in one for each
-    level that it ever has. subframes: samples a frame.
+    level that it ever has. carried: those that follow guides. wanted: numbers of the feathers that
+    are shown. subframes: samples a frame.
     """
 
     def __init__(
@@ -40,8 +42,12 @@ class LevelRun:
         drawn: Sequence[Feather],
         groups: Sequence[Group],
         motion: Roots,
+        carried: Carried,
+        wanted: Indices,
         subframes: int,
     ) -> None:
+        self._carried, self._wanted = carried, wanted
+        self._computing = np.union1d(wanted, carried.guides)
         self._shot, self._drawn, self._motion = shot, drawn, motion
         self._groups = groups
         self._duration = 1.0 / (shot.frames_per_second * subframes)
@@ -54,9 +60,6 @@ class LevelRun:
             for group in groups
             for k, f in enumerate(group.members)
         }
-        guided = np.flatnonzero((plan.table == _GUIDED).any(axis=0))
-        leading = {f for f, _ in self._place} - set(guided.tolist())
-        self._carried = Carried(shot, drawn, guided, np.array(sorted(leading), dtype=np.int64))
         self._changes: list[Change] = []
         self._known: tuple[int, Poses] | None = None
 
@@ -115,14 +118,14 @@ class LevelRun:
             self.fades.grow(fading, self._poses(index))
 
     def shown(self, index: int) -> list[FeatherPose]:
-        """The poses of all feathers at a sample."""
+        """The poses of the wanted feathers at a sample."""
         poses = self._poses(index)
-        return [self.fades.blended(f, poses) for f in range(len(self._drawn))]
+        return [self.fades.blended(f, poses) for f in self._wanted.tolist()]
 
     def counts(self) -> tuple[int, int]:
-        """How many feathers are rigid and guided, and nothing else."""
-        settled = self.fades.now == self.fades.to
-        rigid, guided = (settled & (self.fades.now == level) for level in (_RIGID, _GUIDED))
+        """How many of the wanted are rigid and guided, and nothing else."""
+        now, to = self.fades.now[self._wanted], self.fades.to[self._wanted]
+        rigid, guided = ((now == to) & (now == level) for level in (_RIGID, _GUIDED))
         return int(rigid.sum()), int(guided.sum())
 
     def held(self, group: Group, path: RootPath) -> RootPath:
@@ -144,7 +147,7 @@ class LevelRun:
 
     def _computed(self, index: int) -> Poses:
         start, end = max(index - 1, 0) * self._duration, index * self._duration
-        every = np.arange(len(self._drawn))
+        every = self._computing
         found: Poses = {}
         for group in self._groups:
             level = NUMBER[group.level]

@@ -25,6 +25,7 @@ from featherfx.shot.view import shares_of_height
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int8]
+Indices = NDArray[np.int64]
 
 NUMBER = {level: number for number, level in enumerate(LEVELS)}
 # m/s^2, accelerations are measured in
@@ -43,6 +44,24 @@ class LevelPlan:
     def changes(self) -> bool:
         """Whether any feather changes its level."""
         return bool((self.table != self.table[:1]).any())
+
+    def of(self, level: str) -> Indices:
+        """Numbers of the feathers that are ever at a level."""
+        return np.flatnonzero((self.table == NUMBER[level]).any(axis=0))
+
+    @property
+    def leading(self) -> Indices:
+        """Numbers of the feathers that may guide: never guided, and simulated at some level."""
+        solved = [bool(simulated(each)) for each in self.resolutions]
+        return np.setdiff1d(np.flatnonzero(solved), self.of("guided"))
+
+    def part(self, feathers: Indices) -> LevelPlan:
+        """The plan in which all others are rigid, and nothing is solved of them."""
+        others = np.ones(self.table.shape[1], dtype=np.bool_)
+        others[feathers] = False
+        table = np.where(others, np.int8(NUMBER["rigid"]), self.table)
+        kept = zip(self.resolutions, others, strict=True)
+        return LevelPlan(table, tuple(() if other else each for each, other in kept))
 
     def at(self, frame: int) -> Numbers:
         """(F,) at a frame, counted from the shot's first."""

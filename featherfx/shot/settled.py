@@ -1,15 +1,23 @@
-"""Feathers brought to rest before the first frame."""
+"""Feathers in balance before the first frame, or in full flutter where the wind allows no balance.
+
+Across a wind of 20 m/s a swan primary flutters for good: no pose is at rest, and one that starts
+from any pose in mid-wind is thrown. Such feathers live through PRE_ROLL seconds before the first
+frame, their roots held, in the wind that their shot would have had then. After half a second the
+flutter is as strong as two seconds later.
+"""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
-from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
+from featherfx.solver.root_path import hold_roots
 from featherfx.solver.step import NO_REST, Solver, State, raise_if_failed
+
+# s of motion before the first frame, and of one of its intervals
+PRE_ROLL, INTERVAL = 0.5, 1.0 / 24.0
 
 
 def settled(
@@ -19,20 +27,24 @@ def settled(
     names: Sequence[str],
     feathers: Sequence[int] | None = None,
 ) -> State:
-    """The feathers at rest under their loads; feathers: indices, all by default.
+    """The feathers as the first frame finds them under its loads. feathers: indices, default all.
 
-    Raises SimulationError where one cannot be solved. One that flutters in the wind has no rest:
-    it is left in a pose on its way, with a warning (InputWarning) that names the first.
+    At rest where there is a rest; else in motion, after PRE_ROLL seconds. Raises SimulationError
+    where one cannot be solved; its time is below 0 in the motion before the first frame.
     """
     state, status, _ = solver.equilibrium(state, loads, feathers=feathers)
-    fluttering = np.flatnonzero(status == NO_REST)
-    if len(fluttering):
-        more = f" and {len(fluttering) - 1} more" if len(fluttering) > 1 else ""
-        warnings.warn(
-            f"settle: feather '{names[int(fluttering[0])]}'{more} found no rest in the wind of the"
-            " first frame and starts out of balance",
-            InputWarning,
-            stacklevel=2,
-        )
     raise_if_failed(np.where(status == NO_REST, 0, status), state.time, names)
+    fluttering = np.flatnonzero(status == NO_REST)
+    return _in_motion(solver, state, loads, names, fluttering) if len(fluttering) else state
+
+
+def _in_motion(
+    solver: Solver, state: State, loads: Loads, names: Sequence[str], chosen: np.ndarray
+) -> State:
+    start, path, members = state.time[chosen].copy(), hold_roots(state), chosen.tolist()
+    state.time[chosen] -= PRE_ROLL
+    for _ in range(round(PRE_ROLL / INTERVAL)):
+        state, report = solver.step(state, loads, path, INTERVAL, members)
+        raise_if_failed(report.status, state.time, names, solver.settings.max_iterations)
+    state.time[chosen] = start
     return state

@@ -13,17 +13,25 @@ from featherfx.shot.skin_motion import BoundSkin
 from featherfx.shot.types import Shot
 
 
+def share_numbers(shot: Shot, index: int, count: int) -> NDArray[np.int64]:
+    """Numbers of every count-th feather from the index-th on, index from 1 to count.
+
+    Raises InputError where there are none.
+    """
+    most = len(shot.groom.feathers)
+    if not 1 <= index <= count <= most:
+        message = f"{index}/{count} is out of range; allowed 1/1 to {most}/{most}"
+        raise InputError(Problem(str(shot.source), "feathers", message))
+    return np.arange(index - 1, most, count)
+
+
 def share_of(shot: Shot, index: int, count: int) -> Shot:
     """The shot with every count-th feather from the index-th on, index from 1 to count.
 
     Neighbours cost about the same, so shares made in this way are about equal work. Raises
     InputError where a share would be empty.
     """
-    most = len(shot.groom.feathers)
-    if not 1 <= index <= count <= most:
-        message = f"{index}/{count} is out of range; allowed 1/1 to {most}/{most}"
-        raise InputError(Problem(str(shot.source), "feathers", message))
-    return part_of(shot, np.arange(index - 1, most, count))
+    return part_of(shot, share_numbers(shot, index, count))
 
 
 def part_of(shot: Shot, chosen: NDArray[np.int64]) -> Shot:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import SimulationError
+from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
+from featherfx.shot.carried import Carried
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.contact import ShotContact, common_grid
+from featherfx.shot.contact import ShotContact
 from featherfx.shot.counts import Counts
 from featherfx.shot.cycle import Cycle, memory_of, restore, warn_if_never
 from featherfx.shot.detail import Resolution
@@ -28,13 +29,14 @@ from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.step import RootPath, raise_if_failed
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 class Simulation:
     """Iterates over the frames of a shot; `report` is complete after the last one.
 
-    feathers: one per placement, in groom order, on the grid of the quality, whatever is simulated;
-    resolutions: what is. Between two frames, `checkpoint` is all that a
+    feathers: one per placement that is wanted, in groom order, on the grid of the quality, whatever
+    is simulated; resolutions: what is. Between two frames, `checkpoint` is all that a
     later simulation of the same shot needs to go on from there. report: newton_iterations and
     substeps per feather and frame (mean, max), rejected_substeps and substeps_over_tolerance
     (accepted above the quality's tolerance, because none shorter is allowed), worst_residual (m,
@@ -48,6 +50,7 @@ class Simulation:
         frames: tuple[int, int] | None,
         subframes: int = 1,
         start: Checkpoint | None = None,
+        wanted: Sequence[int] | None = None,
     ) -> None:
         self.shot, self._jobs, self._subframes, self._start = shot, jobs, subframes, start
         self._range = frames or (shot.first_frame, shot.last_frame)
@@ -56,9 +59,12 @@ class Simulation:
         self._levels: LevelRun | None = None
         self.resolutions: list[Resolution] = []
         quality = shot.quality
-        self.feathers: tuple[Feather, ...] = tuple(
+        self._drawn = tuple(
             feather_of(p, quality.rows, quality.columns) for p in shot.groom.feathers
         )
+        chosen = range(len(self._drawn)) if wanted is None else wanted
+        self._wanted: Indices = np.array(chosen, dtype=np.int64)
+        self.feathers: tuple[Feather, ...] = tuple(self._drawn[f] for f in self._wanted)
         self._counts = Counts()
         self._contact: ShotContact | None = None
 
@@ -140,18 +146,21 @@ class Simulation:
 
     def _make_groups(self, motion: Roots) -> list[Group]:
         """All batches, and the levels at which feathers go through the shot."""
-        plan = level_plan(self.shot, self.feathers, motion)
+        shot, drawn, wanted = self.shot, self._drawn, self._wanted
+        plan = level_plan(shot, drawn, motion)
+        carried = Carried(shot, drawn, plan.of("guided"), plan.leading, wanted)
+        plan = plan.part(np.union1d(wanted, carried.guides))
         every = plan.resolutions
-        self.resolutions = [each[0] for each in every]
-        if self.shot.contact is not None:
-            self.resolutions = common_grid(self.shot, self.resolutions)
-            every = tuple((each,) for each in self.resolutions)
-        groups = make_groups(self.shot, self.feathers, every, motion, self._jobs)
-        if self.shot.cycle:
+        self.resolutions = [every[f][0] for f in wanted]
+        if shot.contact is not None and any(len(each) > 1 for each in every):
+            message = "feathers that touch keep their levels: they cannot follow a camera"
+            raise InputError(Problem(str(shot.source), "level_of_detail", message))
+        groups = make_groups(shot, drawn, every, motion, self._jobs)
+        if shot.cycle:
             for group in groups:
-                period, count = self.shot.cycle * self._subframes, len(group.members)
-                group.cycle = Cycle(period, self.shot.quality.tolerance, count)
-        self._levels = LevelRun(self.shot, plan, self.feathers, groups, motion, self._subframes)
+                period, count = shot.cycle * self._subframes, len(group.members)
+                group.cycle = Cycle(period, shot.quality.tolerance, count)
+        self._levels = LevelRun(shot, plan, drawn, groups, motion, carried, wanted, self._subframes)
         return groups
 
     def _time(self, index: int) -> float:
@@ -167,7 +176,7 @@ class Simulation:
         """Bring a group to the sample with this index, 0 at the first frame."""
         loads = self._loads(group, motion, index)
         if index == 0:
-            if self.shot.settle:
+            if self.shot.settle and self._contact is None:
                 chosen = np.flatnonzero(self._leveled().active(group)).tolist()
                 group.state = settled(group.solver, group.state, loads, group.names, chosen)
                 group.start = group.state.points.copy()
@@ -196,7 +205,10 @@ class Simulation:
         """Bring all groups, whose feathers touch, to the sample with this index."""
         assert self._contact is not None
         groups, start, end = self._groups, self._time(index - 1), self._time(index)
-        if self._all_asleep(motion, index):
+        resting = self._resting(motion, index)
+        self._counts.slept += int(resting.sum())
+        if resting.all():
+            self._pass(motion, index)
             return
 
         def loads_of(begin: float, stop: float) -> list[Loads]:
@@ -206,27 +218,28 @@ class Simulation:
             return [root_path(motion, group.members, begin, stop) for group in groups]
 
         states = [group.state for group in groups]
-        states, reports = self._contact.advance(states, loads_of, paths_of, start, end)
+        states, reports = self._contact.advance(states, loads_of, paths_of, start, end, resting)
         for group, state, report in zip(groups, states, reports, strict=True):
             group.state, group.loads = state, self._loads(group, motion, index)
             self._counts.reports.append(report)
 
-    def _all_asleep(self, motion: Roots, index: int) -> bool:
-        """Whether no feather stirs; then the frame passes. One that moves may push any other."""
-        if not self.shot.sleep:
-            return False
+    def _resting(self, motion: Roots, index: int) -> NDArray[np.bool_]:
+        """(B,) feathers of all groups that nothing stirs, unless others push them."""
+        flags = []
         for group in self._groups:
             path = root_path(motion, group.members, self._time(index - 1), self._time(index))
             loads = self._loads(group, motion, index)
             quiet = at_rest(group.state, path, self.shot.quality.tolerance, self._time(1))
-            if not (quiet & undisturbed(group.state, path, loads, group.loads)).all():
-                return False
+            quiet &= undisturbed(group.state, path, loads, group.loads)
+            flags.append(quiet & self.shot.sleep)
+        return np.concatenate(flags)
+
+    def _pass(self, motion: Roots, index: int) -> None:
+        """A frame in which all groups sleep."""
         for group in self._groups:
             everyone = np.ones(len(group.members), dtype=np.bool_)
             path = root_path(motion, group.members, self._time(index - 1), self._time(index))
             group.state = asleep(group.state, everyone, path, self._time(1))
-            self._counts.slept += len(group.members)
-        return True
 
     def _settle_together(self, motion: Roots, index: int) -> None:
         """At the first frame, bring the feathers into balance against each other."""
@@ -257,9 +270,9 @@ class Simulation:
         time = self._time(index)
         self._counts.frame(*self._leveled().counts())
         poses = self._leveled().shown(index)
-        for placement, pose in zip(self.shot.groom.feathers, poses, strict=True):
+        for f, pose in zip(self._wanted.tolist(), poses, strict=True):
             if not np.isfinite(pose.points).all():
-                raise SimulationError(placement.id, time, "a point is not finite")
+                raise SimulationError(self.shot.groom.feathers[f].id, time, "a point is not finite")
         return Frame(
             number=sample_number(self.shot.first_frame, index, self._subframes),
             time=time,
@@ -275,13 +288,16 @@ def simulate(
     frames: tuple[int, int] | None = None,
     subframes: int = 1,
     start: Checkpoint | None = None,
+    wanted: Sequence[int] | None = None,
 ) -> Simulation:
     """Simulate a shot.
 
     jobs: threads. frames: first and last of those wanted, inclusive; default: all of the shot's.
     Those before are simulated, too, because the motion depends on its past. subframes: samples a
     frame, at evenly spaced times from the first frame to the last. start: where a simulation of
-    the same shot and subframes stood; goes on after it. Raises InputError where a feather cannot
+    the same shot and subframes stood; goes on after it. wanted: numbers of the feathers in the
+    frames, ascending, None: all; others are simulated only where they guide some of these. Where
+    feathers touch, all are wanted. Raises InputError where a feather cannot
     be built and, while iterating, SimulationError.
     """
-    return Simulation(shot, jobs, frames, subframes, start)
+    return Simulation(shot, jobs, frames, subframes, start, wanted)

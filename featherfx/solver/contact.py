@@ -24,20 +24,27 @@ from featherfx.solver.contact_list_kernels import (
     HOST,
     PAIR,
     SPARED,
-    count_contacts,
+    add_forces,
+    closed_on_walls,
     hand_out,
+    list_by_body,
     measure,
-    remember,
     residuals,
-    update_forces,
+    soften,
+    update,
 )
 from featherfx.solver.contact_run import Run
 from featherfx.solver.contact_surfaces import (
-    Scene,
+    Found,
+    Memory,
     elastic_stiffness,
+    grids_of_models,
     list_contacts,
+    new_planes,
     new_touch,
     no_memory,
+    remembered,
+    scene_of,
     skin_of,
 )
 from featherfx.solver.contact_wall import Wall
@@ -48,13 +55,17 @@ from featherfx.solver.step import Solver, StepReport
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-Bytes = NDArray[np.int8]
+Flags = NDArray[np.bool_]
 
 # springs of a round over the estimated stiffness of one node; of 0.5 to 8, 4 took the fewest
 # iterations in a wing beat (5.9, 4.7, 2.9, 2.3 rounds at 0.5, 1, 3, 8; stiffer ones cost Newton)
 FIT = 4.0
 # a body whose contacts are off by less than this share of the tolerance is not solved again
 QUIET_SHARE = 0.3
+# gap, as a share of the margin, beyond which a contact without a force is not handed to a feather
+FAR_SHARE = 0.5
+# stiffness of contacts that yield, over what it would be
+SOFT = 1e-2
 # searches for contacts in one interval: the poses at its end are not known before
 SEARCHES = 4
 
@@ -98,9 +109,10 @@ class ContactReport:
 class ContactSolver:
     """Steps several batches together; keeps the contact forces from interval to interval.
 
-    solvers: of the batches; all share a grid. pairs: (N, 2) guest and host by body (all feathers
-    of the first batch, then the next). order: (N,) side of the host where the guest belongs (1:
-    that of its normal, -1), 0 where only the poses tell. halves: m, half thickness per body.
+    solvers: of the batches, whose grids may differ. pairs: (N, 2) guest and host by body (all
+    feathers of the first batch, then the next). order: (N,) side of the host where the guest
+    belongs (1: that of its normal, -1), 0 where only the poses tell. halves: m, half thickness per
+    body.
     """
 
     def __init__(
@@ -114,15 +126,15 @@ class ContactSolver:
         self.solvers, self.settings = tuple(solvers), settings
         self.pairs, self.order = np.asarray(pairs).reshape(-1, 2), np.asarray(order)
         models = [solver.model for solver in solvers]
-        self.first = np.cumsum([0, *(model.feathers for model in models)])
-        self.skin = skin_of(models, halves)
-        self._elastic = np.concatenate([elastic_stiffness(model) for model in models])
-        self._mass = np.concatenate([model.mass for model in models])
-        bodies, rows, _ = self.skin.present.shape
-        self.memory = no_memory(len(self.pairs), self.skin)
-        self._boxes = np.zeros((bodies, rows, 6)), np.zeros((bodies, 6))
-        self._touch = new_touch()
+        self.grids = grids_of_models(models)
+        self.skin = skin_of(models, self.grids, halves)
+        self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
+        self._mass = self.grids.together([model.mass for model in models])
+        bodies = self.grids.bodies
+        self.memory = no_memory(self.skin)
+        self._touch, self._spare, self._planes = new_touch(), new_touch(), new_planes(bodies)
         self._count = 0
+        self._listed = np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
 
     def interval(
         self,
@@ -131,126 +143,169 @@ class ContactSolver:
         paths: Sequence[RootPath],
         duration: float,
         walls: Sequence[Wall] = (),
+        substeps: int = 1,
+        resting: Flags | None = None,
+        yielding: Flags | None = None,
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
 
-        walls: bodies whose motion over the duration is given; of several, a node meets each.
+        substeps: most regular steps that a feather may divide the interval into by itself, to keep
+        to its tolerance. resting: (B,) bodies that are solved only if what touches them asks for
+        it; the report counts no steps of those that were not. yielding: (B,) bodies whose contacts
+        are soft, because they cannot be solved otherwise; what goes too deep comes out later, at
+        the recovery speed. walls: bodies whose motion over the
+        duration is given; of several, a node meets each.
         A feather that cannot be solved has a status in its batch's report, and then the other
         results mean nothing.
         """
-        run = Run(self.solvers, self.first, states, loads, paths, duration)
+        run = Run(self.solvers, self.grids, states, loads, paths, duration, substeps)
+        memory = self.memory
         rounds, depth, residual = 0, 0.0, 0.0
-        for _ in range(SEARCHES):
+        stale = np.ones(self.grids.bodies, dtype=np.bool_) if resting is None else ~resting
+        forces = np.zeros(self.grids.bodies)
+        for search in range(SEARCHES):
             searched = run.now.copy()
-            count = self._find(run, duration, walls)
+            count = self._find(run, duration, walls, memory, stale if search else None)
+            if yielding is not None:
+                soften(self._touch, count, yielding.astype(np.int8), SOFT)
             begun = float(self._touch.value[:count, SPARED].max(initial=0.0))
-            more, depth, residual = self._solve(run, count)
+            if search:
+                # what was found before, of another body or at another place, pressed as well
+                found = np.zeros_like(forces)
+                add_forces(self._touch, count, found)
+                stale |= np.abs(found - forces) > 1e-9 * forces
+            more, depth, residual = self._solve(run, count, stale)
             rounds += more
-            self._count = count
-            if run.failed() or np.abs(run.now - searched).max() < self.settings.margin:
+            moved = _largest_moves(run.now, searched)
+            if run.failed() or moved.max() < self.settings.margin:
                 break
             # the bodies did not go where they were headed: look again where they went
-            remember(self._touch, count, self.memory)
+            stale = moved >= self.settings.margin
+            add_forces(self._touch, count, forces)
+            memory = remembered(self._touch, count, self.order, self.skin, memory)
         force = self._touch.value[:count, GUEST_FORCE]
         closed = int(np.count_nonzero(force > 0.0))
         report = ContactReport(closed, rounds, run.solves, residual, depth, begun)
         return run.new, run.reports(), report
 
-    def _solve(self, run: Run, count: int) -> tuple[int, float, float]:
-        """Rounds of solves with the contacts found; (rounds, depth, residual)."""
+    def _solve(self, run: Run, count: int, stale: Flags) -> tuple[int, float, float]:
+        """Rounds of solves with the contacts found; (rounds, depth, residual).
+
+        stale: (B,) bodies that are solved in the first round, whatever their contacts.
+        """
         settings, touch = self.settings, self._touch
         measure(touch, count, run.now)
         colours = self._colours(count)
-        worst = np.full(self.first[-1], np.inf)
-        depth = 0.0
-        for number in range(1, settings.rounds + 1):
+        worst = np.zeros(self.grids.bodies)
+        depth = float(residuals(touch, count, worst))
+        worst[stale] = np.inf
+        number = 0
+        while number < settings.rounds and worst.max() >= settings.tolerance:
+            number += 1
             again = worst > QUIET_SHARE * settings.tolerance
             for colour in colours:
                 mine = again & colour
                 if not mine.any():
                     continue
-                run.solve(mine, self._contacts(run, count, mine))
-                measure(touch, count, run.now)
-                update_forces(touch, count, mine.astype(np.int8))
-            if count == 0 or run.failed():
-                return number, 0.0, 0.0
-            depth = float(residuals(touch, count, worst))
-            if worst.max() < settings.tolerance:
+                # at first they may still go far
+                reach = np.inf if number == 1 else FAR_SHARE * settings.margin
+                run.solve(mine, self._contacts(run, mine, reach))
+                update(touch, *self._listed, mine.astype(np.int8), run.now)
+            if run.failed():
                 break
+            depth = float(residuals(touch, count, worst))
+            if number == 1 < settings.rounds and settings.friction > 0.0:
+                closed = np.zeros(len(worst), dtype=np.bool_)
+                closed_on_walls(touch, count, closed)
+                worst[closed] = np.inf
         return number, depth, float(worst.max())
 
     def accept(self) -> None:
         """Keep the forces of the last interval for the next one."""
-        remember(self._touch, self._count, self.memory)
+        self.memory = remembered(self._touch, self._count, self.order, self.skin, self._found_in)
 
     def depths(self) -> tuple[Indices, Indices, Array]:
         """Of the last interval's contacts: guest and host (bodies; -1 for a wall), depth in m."""
         who, value = self._touch.who[: self._count], self._touch.value[: self._count]
         return who[:, GUEST], who[:, HOST], value[:, SPARED] - value[:, GAP]
 
-    def _find(self, run: Run, duration: float, walls: Sequence[Wall]) -> int:
-        """Search for contacts; the room for them grows until they fit."""
+    def _find(
+        self,
+        run: Run,
+        duration: float,
+        walls: Sequence[Wall],
+        memory: Memory,
+        stale: Flags | None,
+    ) -> int:
+        """Search for contacts, again only for stale bodies; the room for them grows."""
         settings = self.settings
         inertia = integrator_coefficients(self.solvers[0].settings.radius, duration)[0]
-        boxes, bounds = self._boxes
         impedance = FIT * (inertia * self._mass + self._elastic)
-        scene = Scene(run.start, run.now, boxes, bounds, impedance)
-        self._touch, count = list_contacts(
+        self._found_in = memory._replace(inside=memory.inside.copy())
+        found = list_contacts(
             self.pairs,
             self.order,
             self.skin,
-            scene,
-            self.memory,
+            scene_of(run.start, run.now, impedance),
+            self._found_in,
             settings.margin,
             settings.recovery * duration,
-            self._touch,
             walls,
+            None if stale is None else Found(self._touch, self._count),
+            stale,
+            self._spare,
         )
-        return count
+        self._spare, self._touch, self._count = self._touch, found.touch, found.number
+        first, items = self._listed
+        if len(items) < 2 * found.number:
+            items = np.zeros(4 * found.number, dtype=np.int64)
+        list_by_body(self._touch, found.number, first, items)
+        self._listed = first, items
+        return found.number
 
-    def _colours(self, count: int) -> list[NDArray[np.bool_]]:
+    def _colours(self, count: int) -> list[Flags]:
         """Bodies in groups that do not touch each other, greedily; all bodies in one of them."""
-        bodies = int(self.first[-1])
+        bodies = self.grids.bodies
         found = np.unique(self._touch.who[:count, PAIR])
         pairs = self.pairs[found[found >= 0]]
         near: list[set[int]] = [set() for _ in range(bodies)]
         for guest, host in pairs.tolist():
             near[guest].add(host)
             near[host].add(guest)
-        colour = np.full(bodies, -1)
+        colour = [-1] * bodies
         for body in range(bodies):
-            taken = {int(colour[other]) for other in near[body]}
+            taken = {colour[other] for other in near[body]}
             colour[body] = next(c for c in range(bodies) if c not in taken)
-        return [colour == c for c in range(int(colour.max()) + 1)]
+        every = np.array(colour)
+        return [every == c for c in range(int(every.max()) + 1)]
 
-    def _contacts(self, run: Run, count: int, mine: NDArray[np.bool_]) -> list[Contacts]:
-        """The plane contacts of the bodies mine, per batch."""
-        settings, bodies = self.settings, int(self.first[-1])
-        flags = mine.astype(np.int8)
-        per_body = np.zeros(bodies, dtype=np.int64)
-        count_contacts(self._touch, count, flags, per_body)
-        first = np.concatenate([[0], np.cumsum(per_body)])
-        total = int(first[-1])
-        everything = Contacts(
-            first=first,
-            node=np.zeros((total, 2), dtype=np.int64),
-            normal=np.zeros((total, 3)),
-            offset=np.zeros((total, 2)),
-            target=np.zeros((total, 2, 3)),
-            strength=np.zeros((total, 4)),
-        )
-        hand_out(
-            self._touch,
-            count,
-            flags,
-            first[:-1].copy(),
-            run.start,
-            run.now,
-            settings.friction,
-            settings.smoothing * run.duration,
-            everything,
-        )
-        return [
-            everything._replace(first=first[low : high + 1])
-            for low, high in zip(self.first[:-1], self.first[1:], strict=True)
-        ]
+    def _contacts(self, run: Run, mine: Flags, reach: float) -> Contacts:
+        """The plane contacts of the bodies mine, by body; overwritten by the next call.
+
+        reach: m, gap beyond which those without a force are left out.
+        """
+        settings, flags = self.settings, mine.astype(np.int8)
+        while True:
+            planes = self._planes
+            count = hand_out(
+                self._touch,
+                *self._listed,
+                flags,
+                run.start,
+                run.now,
+                settings.friction,
+                settings.smoothing * run.duration,
+                reach,
+                self.grids.most_columns,
+                self.skin.columns,
+                planes,
+            )
+            if count <= len(planes.node):
+                return planes
+            self._planes = new_planes(self.grids.bodies, 2 * count)
+
+
+def _largest_moves(after: Array, before: Array) -> Array:
+    """(B,) m, how far any node of each body is in one pose (B, n, P, 3) from the other."""
+    away = np.abs(np.delete(after - before, (1, 2), axis=2))
+    return np.asarray(away.max(axis=(1, 2, 3)))

@@ -22,8 +22,10 @@ def strip_point(column, columns):
 
 
 @kernel
-def guest_point(c, columns):
+def guest_point(c, columns, own):
     """(material point, share of the next row) of column c of a row's guests.
+
+    columns: of the widest grid, which the points are counted on; own: of the feather's.
 
     The first 2 m + 1 are the strip's nodes. The others lie on the trailing, then on the leading
     rim between this row's node and the next one's, because rims that cross touch between nodes.
@@ -32,7 +34,7 @@ def guest_point(c, columns):
     if extra < 0:
         return strip_point(c, columns), 0.0
     between = RIM_PARTS - 1
-    p = 2 + 2 * columns if extra < between else 2 + columns
+    p = 2 + columns + own if extra < between else 2 + own
     return p, (extra % between + 1.0) / RIM_PARTS
 
 
@@ -89,14 +91,18 @@ def boxes_apart(first, second, margin):
 
 
 @kernel
-def nearest_node(x, y, z, points, present, boxes, row, column):
-    """(row, column) of the strip's node nearest to a point; row, column: first guess, or -1."""
+def nearest_node(x, y, z, points, present, boxes, row, column, limit):
+    """(row, column) of the strip's node nearest to a point, -1 if none is nearer than limit (m).
+
+    row, column: first guess, or -1.
+    """
     columns = (present.shape[1] - 1) // 2
-    best, found_row, found_column = 1e300, -1, -1
+    best, found_row, found_column = limit * limit, -1, -1
     if row >= 0 and present[row, column] != 0:
         p = points[row, strip_point(column, columns)]
-        best = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2
-        found_row, found_column = row, column
+        square = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2
+        if square < best:
+            best, found_row, found_column = square, row, column
     for i in range(points.shape[0]):
         if box_distance(x, y, z, boxes[i]) >= best:
             continue

@@ -8,9 +8,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.mechanics.model import Model
+from featherfx.mechanics.model import Contacts, Model, no_contacts
 from featherfx.solver.contact_find_kernels import find_contacts
-from featherfx.solver.contact_list_kernels import INTEGERS, VALUES
+from featherfx.solver.contact_grids import Grids, grids_of
+from featherfx.solver.contact_list_kernels import (
+    COLUMN,
+    GUEST,
+    GUEST_FORCE,
+    HOST,
+    HOST_FORCE,
+    INTEGERS,
+    PAIR,
+    ROW,
+    SIDE,
+    VALUES,
+)
 from featherfx.solver.contact_search_kernels import RIM_PARTS, row_boxes
 from featherfx.solver.contact_wall import Wall
 from featherfx.solver.contact_wall_kernels import find_wall_contacts
@@ -25,56 +37,81 @@ WALL_FIT = 4.0
 # share of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
 # nanometres would switch forces that Newton then hunts for, and a feather that flies has no clamp
 NEAR_ROOT = 0.4
+# depth, as a share of the feather's length, beyond which a point counts as on the other side of
+# something else; how much farther barbs' tips are apart than rows, as a share of the barbs' length
+DEEPEST, FAN = 0.1, 0.3
 
 
 class Skin(NamedTuple):
-    """Constant surfaces of B bodies. present: (B, n, 2 m + 1), which nodes a triangle has. guests:
-    (B, n, W) points that may touch others (contact_search_kernels.guest_point). exists:
-    (B, 2, n-1, m, 2) triangles. half: (B, n, P) m, half thickness at the material points."""
+    """Constant surfaces of B bodies on the widest grid (contact_grids). present: (B, n, 2 m + 1),
+    which nodes a triangle has. guests: (B, n, W) points that may touch others
+    (contact_search_kernels.guest_point). exists: (B, 2, n-1, m, 2) triangles. half: (B, n, P) m,
+    half thickness at the material points. columns: (B,) of each body's own grid. far: (B,) m, from
+    the nearest node, of points that may still be in the vane or touch it."""
 
     present: Bytes
     guests: Bytes
     exists: Bytes
     half: Array
+    columns: Indices
+    far: Array
 
 
 class Scene(NamedTuple):
     """B bodies in an interval. start: (B, n, P, 3) m, its begin; ahead: where they will be about
-    its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, P) N/m."""
+    its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, P) N/m. way: (B,)
+    m, farthest that a node goes."""
 
     start: Array
     ahead: Array
     boxes: Array
     bounds: Array
     impedance: Array
+    way: Array
 
 
 class Memory(NamedTuple):
-    """What is kept between intervals, for N pairs and the nodes of their guests. force: (N, n,
-    W, 2) N, on guest and host. side: (N, n, W) of the host, 0 where there is none.
-    wall: (B, n, W) N, forces of walls. inside: (B, n, W), those grown into one."""
+    """What is kept between intervals. key: (K,) ascending, pair, row and guest's column of K
+    contacts of feathers, as one number; force: (K, 2) N, on guest and host; side: (K,) of the host.
+    wall: (B, n, W) N, forces of walls. inside: (B, n, W), guests grown into one."""
 
+    key: Indices
     force: Array
     side: Bytes
     wall: Array
     inside: Bytes
 
 
-def no_memory(pairs: int, skin: Skin) -> Memory:
+def no_memory(skin: Skin) -> Memory:
     """Nothing touched yet."""
-    bodies, rows, strip = skin.guests.shape
     return Memory(
-        force=np.zeros((pairs, rows, strip, 2)),
-        side=np.zeros((pairs, rows, strip), dtype=np.int8),
-        wall=np.zeros((bodies, rows, strip)),
-        inside=np.zeros((bodies, rows, strip), dtype=np.int8),
+        key=np.zeros(0, dtype=np.int64),
+        force=np.zeros((0, 2)),
+        side=np.zeros(0, dtype=np.int8),
+        wall=np.zeros(skin.guests.shape),
+        inside=np.zeros(skin.guests.shape, dtype=np.int8),
     )
+
+
+def remembered(touch: Touch, count: int, order: Indices, skin: Skin, memory: Memory) -> Memory:
+    """What the next search needs of the contacts found: forces, and sides that no order tells."""
+    who, value = touch.who[:count], touch.value[:count]
+    wall = np.zeros_like(memory.wall)
+    on_wall = who[:, HOST] < 0
+    body, row, column = who[on_wall][:, [GUEST, ROW, COLUMN]].T
+    wall[body, row, column] = value[on_wall, GUEST_FORCE]
+    who, forces = who[~on_wall], value[~on_wall][:, [GUEST_FORCE, HOST_FORCE]]
+    kept = (forces > 0.0).any(axis=1) | (order[who[:, PAIR]] == 0)
+    _, rows, columns = skin.guests.shape
+    key = (who[kept, PAIR] * rows + who[kept, ROW]) * columns + who[kept, COLUMN]
+    side = who[kept, SIDE].astype(np.int8)
+    return Memory(key, forces[kept], side, wall, memory.inside.copy())
 
 
 class Touch(NamedTuple):
     """Room for K contacts (contact_list_kernels): who (K, 8), corner (K, 3, 2) row and material
     point, weight (K, 3), normal (K, 3), value (K, 9), place_start and place_now (K, 3) m, of the
-    host's point; place (4,), guest and guest_ahead (3,) are scratch."""
+    host's point; place (6,), guest and guest_ahead (3,) are scratch."""
 
     who: Indices
     corner: Indices
@@ -88,13 +125,25 @@ class Touch(NamedTuple):
     guest_ahead: Array
 
 
-def skin_of(models: Sequence[Model], halves: Sequence[float] | Array) -> Skin:
+def grids_of_models(models: Sequence[Model]) -> Grids:
+    """The grids of some batches."""
+    return grids_of(
+        [model.feathers for model in models],
+        [model.rows for model in models],
+        [model.columns for model in models],
+    )
+
+
+def skin_of(models: Sequence[Model], grids: Grids, halves: Sequence[float] | Array) -> Skin:
     """Surfaces of all feathers of some batches. halves: m, half thickness of each body's vane."""
-    exists = np.concatenate([model.cell_stiffness[..., 0] != 0.0 for model in models])
-    bodies, _, cells, m, _ = exists.shape
-    present = np.zeros((bodies, cells + 1, 2 * m + 1), dtype=np.int8)
+    bodies, rows, m = grids.bodies, grids.most_rows, grids.most_columns
+    exists = np.zeros((bodies, 2, rows - 1, m, 2), dtype=bool)
+    for model, low, high in zip(models, grids.first[:-1], grids.first[1:], strict=True):
+        cells = model.cell_stiffness[..., 0] != 0.0
+        exists[low:high, :, : cells.shape[2], : cells.shape[3]] = cells
+    present = np.zeros((bodies, rows, 2 * m + 1), dtype=np.int8)
     for side in range(2):
-        node = np.zeros((bodies, cells + 1, m + 1), dtype=bool)
+        node = np.zeros((bodies, rows, m + 1), dtype=bool)
         first, second = exists[:, side, :, :, 0], exists[:, side, :, :, 1]
         node[:, :-1, :-1] |= first
         node[:, :-1, 1:] |= first | second
@@ -104,16 +153,41 @@ def skin_of(models: Sequence[Model], halves: Sequence[float] | Array) -> Skin:
             present[:, :, m:] |= node
         else:
             present[:, :, m::-1] |= node
-    half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, cells + 1, 3 + 2 * m))
-    return Skin(present, _guests(present), exists.astype(np.int8), np.array(half, dtype=float))
+    half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, rows, 3 + 2 * m))
+    columns = grids.own_columns()
+    guests = _guests(present, columns)
+    far = np.concatenate([_far(model) for model in models])
+    return Skin(present, guests, exists.astype(np.int8), np.array(half, dtype=float), columns, far)
 
 
-def _guests(present: Bytes) -> Bytes:
+def _far(model: Model) -> Array:
+    """(F,) m, Skin.far: the deepest that a point is brought back from, and half a cell's size."""
+    row, length = model.length.max(axis=1), model.length.sum(axis=1)
+    segment = model.segment.max(axis=(1, 2), initial=0.0)
+    return DEEPEST * length + row + segment + FAN * model.columns * segment
+
+
+def scene_of(start: Array, ahead: Array, impedance: Array) -> Scene:
+    """A scene (B, n, P, 3) whose boxes are yet to be fitted."""
+    bodies, rows = start.shape[:2]
+    away = np.linalg.norm(np.delete(ahead - start, (1, 2), axis=2), axis=3)
+    return Scene(
+        start=start,
+        ahead=ahead,
+        boxes=np.zeros((bodies, rows, 6)),
+        bounds=np.zeros((bodies, 6)),
+        impedance=impedance,
+        way=away.max(axis=(1, 2)),
+    )
+
+
+def _guests(present: Bytes, columns: Indices) -> Bytes:
     """(B, n, W): all nodes, and points of the rims between rows that both have one."""
-    parts = []
-    for end in (0, -1):
+    parts, middle, each = [], present.shape[2] // 2, np.arange(len(present))
+    for way in (-1, 1):
+        end = present[each, :, middle + way * columns]
         rim = np.zeros(present.shape[:2], dtype=np.int8)
-        rim[:, :-1] = present[:, :-1, end] & present[:, 1:, end]
+        rim[:, :-1] = end[:, :-1] & end[:, 1:]
         parts.append(np.repeat(rim[:, :, None], RIM_PARTS - 1, axis=2))
     return np.concatenate([present, *parts], axis=2)
 
@@ -146,6 +220,13 @@ def elastic_stiffness(model: Model) -> Array:
     return np.where(np.isfinite(stiffness), stiffness, 0.0)
 
 
+class Found(NamedTuple):
+    """Contacts found last, so many of a Touch."""
+
+    touch: Touch
+    number: int
+
+
 def list_contacts(
     pairs: Indices,
     order: Indices,
@@ -154,23 +235,32 @@ def list_contacts(
     memory: Memory,
     margin: float,
     recovery: float,
-    touch: Touch | None = None,
     walls: Sequence[Wall] = (),
-) -> tuple[Touch, int]:
-    """Contacts of pairs (N, 2), guest and host, and how many; boxes of the scene are refitted.
+    before: Found | None = None,
+    stale: NDArray[np.bool_] | None = None,
+    room: Touch | None = None,
+) -> Found:
+    """Contacts of pairs (N, 2), guest and host; boxes of the scene are refitted.
 
-    order, margin, touch as in ContactSolver. recovery: m, that a depth is reduced by.
+    order, margin as in ContactSolver. recovery: m, that a depth is reduced by. before: contacts
+    that hold on for pairs of bodies that are not stale (B,). room: to be written over; not before.
     """
-    touch = touch or new_touch()
+    before = before or Found(new_touch(1), 0)
+    anew = np.ones(len(skin.far), dtype=np.int8) if stale is None else stale.astype(np.int8)
+    touch = room or new_touch()
     _refit(scene, skin)
     limits = np.array([margin, recovery, WALL_FIT])
     while True:
-        count = int(find_contacts(pairs, order, skin, scene, memory, limits, touch))
+        count = int(
+            find_contacts(
+                pairs, order, skin, scene, memory, limits, before.touch, before.number, anew, touch
+            )
+        )
         for wall in walls:
             if count <= len(touch.who):
                 count = int(find_wall_contacts(wall, skin, scene, memory, limits, touch, count))
         if count <= len(touch.who):
-            return touch, count
+            return Found(touch, count)
         touch = new_touch(2 * count)
 
 
@@ -184,9 +274,20 @@ def new_touch(count: int = FIRST_ROOM) -> Touch:
         value=np.zeros((count, VALUES)),
         place_start=np.zeros((count, 3)),
         place_now=np.zeros((count, 3)),
-        place=np.zeros(4, dtype=np.int64),
+        place=np.zeros(6, dtype=np.int64),
         guest=np.zeros(3),
         guest_ahead=np.zeros(3),
+    )
+
+
+def new_planes(bodies: int, count: int = FIRST_ROOM) -> Contacts:
+    """Room for that many plane contacts of some bodies."""
+    return no_contacts(bodies)._replace(
+        node=np.zeros((count, 2), dtype=np.int64),
+        normal=np.zeros((count, 3)),
+        offset=np.zeros((count, 2)),
+        target=np.zeros((count, 2, 3)),
+        strength=np.zeros((count, 4)),
     )
 
 

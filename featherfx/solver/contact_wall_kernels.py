@@ -111,7 +111,7 @@ def _closest_triangle(x, points, triangles, first, items, grid, weight):
 def _meet(body, i, c, wall, skin, scene, memory, limits, touch, count):
     """Add the contact of a node with a wall, if there is one; returns the count."""
     columns = skin.exists.shape[3]
-    p, part = guest_point(c, columns)
+    p, part = guest_point(c, columns, skin.columns[body])
     x, weight, ahead = touch.guest, touch.weight[count], touch.guest_ahead
     guest_place(scene.start[body], i, p, part, x)
     guest_place(scene.ahead[body], i, p, part, ahead)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.cut import carry_to
+from featherfx.solver.energy_promise_kernels import GREW
 from featherfx.solver.newton_kernels import (
     CONVERGED,
     NOT_DEFINITE,
@@ -39,8 +40,11 @@ REASONS = {
     NOT_FINITE: "a value is not finite",
     NOT_DEFINITE: "the linear system is not positive definite",
     NO_REST: "it finds no rest in this wind",
+    GREW: "its energy would grow without work being done",
 }
-NEWTON_ITERATIONS = 40
+NEWTON_ITERATIONS = 24
+# length of the last step of a feather that has none, but its first acceleration
+BEGUN = -1.0
 # of one feather in one frame; bakes of the samples need 3 to 100
 MOST_ITERATIONS = 2000
 
@@ -124,10 +128,33 @@ class Solver:
         feathers: indices to advance, all by default. A feather that cannot be solved stays at its
         last good sub-step and has a status in the report: see raise_if_failed.
         """
-        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
+        new = state.copy()
         carry_to(self.model, new, path)
+        counters = self.advance(new, loads, path, duration, feathers)
+        for f in np.flatnonzero((counters[:, STATUS] != CONVERGED) & (counters[:, STEPS] == 0)):
+            # not even where its path begins
+            for array, given in zip(new, state, strict=True):
+                array[f] = given[f]
+        return new, report_of(counters)
+
+    def advance(
+        self,
+        state: State,
+        loads: Loads,
+        path: RootPath,
+        duration: float,
+        feathers: Sequence[int] | None = None,
+        start: State | None = None,
+        settings: Settings | None = None,
+    ) -> Array:
+        """Advance feathers by a duration in s in place; (F, COUNTERS) of step_kernels.
+
+        start: where they begin, if that is not where the state has them. settings: other than the
+        solver's. A feather that cannot be solved stays at its last good sub-step.
+        """
+        loads = wind_of_each(loads, self.model.feathers)
         counters = np.zeros((self.model.feathers, COUNTERS))
-        settings = self.settings
+        settings = settings or self.settings
         shortest = duration / settings.max_substeps
         values = np.array(
             [
@@ -141,8 +168,11 @@ class Solver:
         )
 
         def one(f: int) -> None:
-            if new.step[f] == 0.0:
-                start_acceleration(self.model, loads, f, duration, new, self._work())
+            if start is not None:
+                for array, given in zip(state, start, strict=True):
+                    array[f] = given[f]
+            if state.step[f] == 0.0:
+                start_acceleration(self.model, loads, f, duration, state, self._work(), path)
             advance(
                 self.model,
                 loads,
@@ -150,18 +180,32 @@ class Solver:
                 duration,
                 path.samples[f],
                 path.base[f],
-                new,
+                state,
                 values,
                 self._work(),
                 counters[f],
             )
-            if counters[f, STATUS] != CONVERGED and counters[f, STEPS] == 0:
-                # not even where its path begins
-                for array, given in zip(new, state, strict=True):
-                    array[f] = given[f]
 
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
-        return new, StepReport(*counters.T)
+        return counters
+
+    def begin(
+        self,
+        state: State,
+        loads: Loads,
+        path: RootPath,
+        duration: float,
+        feathers: Sequence[int],
+    ) -> None:
+        """Set the first accelerations of feathers that have not been stepped yet, in place; solves
+        from this state do not do it again. duration: s, of the step to come."""
+        loads = wind_of_each(loads, self.model.feathers)
+
+        def one(f: int) -> None:
+            start_acceleration(self.model, loads, f, duration, state, self._work(), path)
+            state.step[f] = BEGUN
+
+        self._for_each(one, [f for f in feathers if state.step[f] == 0.0])
 
     def equilibrium(
         self,
@@ -208,6 +252,11 @@ class Solver:
         else:
             for _ in self._pool.map(function, feathers):
                 pass
+
+
+def report_of(counters: Array) -> StepReport:
+    """The report of (F, COUNTERS) as `Solver.advance` gives them."""
+    return StepReport(*counters.T)
 
 
 def reason_of(status: int, most: int = MOST_ITERATIONS) -> str:

@@ -70,6 +70,31 @@ def test_shares_baked_at_once_make_up_the_whole(tmp_path, whole):
     assert Usd.ModelAPI(stage.GetDefaultPrim()).GetKind() == "component"
 
 
+def test_shares_of_followers_take_their_guides_along(tmp_path):
+    shot = tmp_path / "shot.toml"
+    text = WING.read_text().replace('"groom.toml"', f'"{WING.with_name("groom.toml")}"')
+    shot.write_text(text + "\n[[detail]]\nlevel = 'guided'\nevery = 4\n")
+    featherfx.bake(shot, tmp_path / "wing.usda", layout="clips", **OPTIONS)
+    shared = tmp_path / "shared" / "wing.usda"
+    shared.parent.mkdir()
+    for k in (1, 2, 3):
+        featherfx.bake(shot, shared, feathers=(k, 3), layout="clips", **OPTIONS)
+    assert pipeline.join(shared, 3) == 20
+    found, expected = poses(shared), poses(tmp_path / "wing.usda")
+    assert found.keys() == expected.keys()
+    for prim, values in expected.items():
+        for one, other in zip(values, found[prim], strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_feathers_that_touch_are_not_shared_out(tmp_path):
+    shot = tmp_path / "shot.toml"
+    text = WING.read_text().replace('"groom.toml"', f'"{WING.with_name("groom.toml")}"')
+    shot.write_text(text + "\n[contact]\n")
+    with pytest.raises(InputError, match="feathers that touch cannot be baked in shares"):
+        featherfx.bake(shot, tmp_path / "wing.usda", feathers=(1, 2), **OPTIONS)
+
+
 def test_shares_of_other_settings_or_missing_ones_are_not_joined(tmp_path):
     path = tmp_path / "wing.usda"
     featherfx.bake(WING, path, feathers=(1, 3), **OPTIONS)

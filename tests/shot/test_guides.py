@@ -221,3 +221,19 @@ def test_spacing_and_lengths_choose_guides() -> None:
     simulation = simulate(by_length)
     list(simulation)
     assert sum(each.level == "full" for each in simulation.resolutions) == 3
+
+
+@pytest.mark.parametrize("wanted", [[0, 3, 5], [1], [2, 4, 6, 7]])
+def test_some_feathers_alone_are_those_of_the_whole(wanted: list[int]) -> None:
+    shot = guided(row_of(8, 3), every=4)
+    whole, part = simulate(shot), simulate(shot, wanted=wanted)
+    for one, other in zip(whole, part, strict=True):
+        for name in ("points", "velocities", "accelerations"):
+            found = getattr(other, name)
+            assert len(found) == len(wanted)
+            for f, values in zip(wanted, found, strict=True):
+                np.testing.assert_array_equal(values, getattr(one, name)[f])
+    assert len(part.feathers) == len(part.resolutions) == len(wanted)
+    # guides that nobody wanted follows are not simulated
+    simulated = sum(len(group.members) for group in part._groups)
+    assert simulated <= sum(len(group.members) for group in whole._groups) == 2

@@ -51,7 +51,12 @@ def backing_away(shot: Shot) -> Shot:
     left_out = ("enabled", "usd", "prim", "start", "pixels_per_metre")
     values = {name: value for name, value in keys.items() if name not in left_out}
     rules = LevelOfDetail(camera=TimedCamera(dolly, 0.0), pixels_per_metre=0.0, **values)
-    return replace(shot, level_of_detail=rules)
+    return replace(undecided(shot), level_of_detail=rules)
+
+
+def undecided(shot: Shot) -> Shot:
+    """Without the levels that the file gives, which overrule a camera's."""
+    return replace(shot, details=())
 
 
 def still(shot: Shot) -> Shot:

@@ -18,6 +18,7 @@ from featherfx.lab.bench.skip_scenes import (
     beats,
     cruising,
     still,
+    undecided,
 )
 from featherfx.lab.bench.tables import Row, Table
 from featherfx.shot.detail import CHOSEN_BY_SOLVER
@@ -144,7 +145,7 @@ SKIPS = (
     Skip("detail rachis", _level("rachis"), _FULL, _untouched),
     Skip("detail guided", _level("guided"), _FULL, _guidable),
     Skip("detail rigid", _level("rigid"), _FULL, _not_pulled),
-    Skip("levels by a camera that backs away", backing_away, _same, _guidable),
+    Skip("levels by a camera that backs away", backing_away, undecided, _guidable),
 )
 
 
@@ -153,13 +154,14 @@ def skips_table(
     progress: Callable[[int, int], None],
     only: str = "*",
     frames: int | None = None,
+    every: int = 1,
 ) -> Table:
     """Every skip on every shot that it fits.
 
     progress: called with the lines done and all. only: pattern of the skips' names, with * and ?.
-    frames: of each shot, from its first on; all by default.
+    frames: of each shot, from its first on; all by default. every: n-th feather of each shot alone.
     """
-    shots = [_first(shot, frames) for shot in shots]
+    shots = [_first(share_of(shot, 1, every), frames) for shot in shots]
     pairs = [
         (shot, skip)
         for shot in shots

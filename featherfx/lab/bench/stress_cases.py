@@ -19,9 +19,6 @@ from featherfx.solver.step import RootPath, Settings, hold_roots
 Array = NDArray[np.float64]
 
 FRAMES = 3
-# Newton iterations of one frame: as many rows' worth of them, within these numbers, so that a case
-# that cannot be solved ends soon whatever its size
-ROW_ITERATIONS, FEWEST, MOST = 20_000, 200, 2000
 PATH_SAMPLES = 5
 GRAVITY = 9.81
 ROOTS = ("held", "moved", "spun", "jumped", "moved and spun")
@@ -67,7 +64,6 @@ def draw_case(seed: int, most_rows: int = 200) -> Case:
         tolerance=log_uniform(random, 1e-5, 1e-1) * drawn.kind.length,
         newton=1e-6 * drawn.kind.length,
         max_substeps=int(random.choice([1, 8, 64])),
-        max_iterations=min(MOST, max(FEWEST, ROW_ITERATIONS // model.rows)),
     )
     numbers = _numbers(drawn, model, loads, settings, duration)
     numbers |= {"pose": pose, "root": root}

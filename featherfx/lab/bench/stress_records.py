@@ -10,7 +10,7 @@ from statistics import fmean, quantiles
 from typing import Any
 
 from featherfx.errors import InputError, Problem
-from featherfx.lab.bench.stress import WORST
+from featherfx.lab.bench.stress import ENERGY_SLACK, WORST
 from featherfx.solver.newton_kernels import CONVERGED, TOO_MUCH_WORK
 from featherfx.solver.step import reason_of
 
@@ -32,7 +32,7 @@ def read_records(folder: Path) -> dict[int, Record]:
     for number, line in enumerate(lines[:-1], 1):
         try:
             record = json.loads(line)
-            found[int(record["seed"])] = record
+            found[int(record["seed"])] = {"unexplained_gain": record["unexplained_gain"]} | record
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
                 Problem(str(path), f"line {number}", "not a record of a case; remove the file")
@@ -56,7 +56,8 @@ def summary(records: Sequence[Record]) -> Record:
         key=lambda r: (bool(r["violations"]), r["status"] != CONVERGED, r["iterations"]),
         reverse=True,
     )
-    gains = [r["energy_gain"] for r in records if r["energy_gain"] is not None]
+    still = [r for r in records if r["energy_gain"] is not None]
+    gains = [r["energy_gain"] for r in still]
     verdicts = Counter(r["verdict"] for r in records)
     reasons = Counter(_reason(r["status"]) for r in records if r["status"] != CONVERGED)
     return {
@@ -67,7 +68,9 @@ def summary(records: Sequence[Record]) -> Record:
         **{f"stopped: {reason}": count for reason, count in sorted(reasons.items())},
         "violations": sum(bool(r["violations"]) for r in records),
         "still_cases": len(gains),
+        "still_cases_rippling": sum(g > ENERGY_SLACK for g in gains),
         "largest_energy_gain": max(gains, default=0.0),
+        "largest_unexplained_gain": max((r["unexplained_gain"] for r in still), default=0.0),
         "steps": sum(r["steps"] for r in records),
         "implicit_euler_steps": sum(r["fallbacks"] for r in records),
         "steps_over_tolerance": sum(r["forced"] for r in records),
