@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 _MOST_DEVIATION = 0.02  # share of the length
 _MOST_NAMED = 10
+_SHORTEST, _LONGEST = 1e-4, 10.0  # m; beyond, a stage has another unit than it says
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,10 @@ def _draft(
         changes = (store.change(sourced(checked, at.source), at),)
     choice = KindChoice((kind,), 0.0, changes, at)
     fit = fit_curve(points, up) if len(points) >= 2 else None
+    if fit is not None and not _SHORTEST <= fit.length <= _LONGEST:
+        message = f"{fit.length:.3g} m long, allowed {_SHORTEST:g} to {_LONGEST:g} m; do unit and "
+        at.child("points").fail(message + "transforms of the stage hold?")
+        return None
     return Draft(
         id=name,
         choice=choice,

@@ -24,6 +24,7 @@ from featherfx.usd.scene import (
     prims_below,
     rest_code,
     transform_code,
+    transform_fault,
     transformed,
 )
 
@@ -94,6 +95,10 @@ def _sources(scene: Scene, root: Any) -> Iterator[Any]:
 def _feathers(
     scene: Scene, prim: Any, entry: dict[str, Any], place: Place
 ) -> Iterator[DrawnFeather]:
+    fault = transform_fault(scene, prim)
+    if fault:
+        place.child(str(prim.GetPath())).fail(fault)
+        return
     if prim.IsA(UsdGeom.PointInstancer):
         yield from _instances(scene, prim, entry, place)
         return
@@ -230,15 +235,21 @@ def _instances(
     code = _code(instancer.GetPositionsAttr(), entry)
     indices = instancer.GetProtoIndicesAttr().Get(code)
     targets = instancer.GetPrototypesRel().GetForwardedTargets()
-    matrices = instancer.ComputeInstanceTransformsAtTime(
-        code, code, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
-    )
     numbers = np.array([] if indices is None else indices, dtype=np.int64)
+    wrong = numbers[(numbers < 0) | (numbers >= len(targets))]
+    if len(wrong):
+        at.child("protoIndices").fail(f"name prototype {wrong[0]} of {len(targets)}")
+        return
+    matrices = np.array(
+        instancer.ComputeInstanceTransformsAtTime(
+            code, code, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+        )
+    )
     if len(numbers) == 0 or len(matrices) != len(numbers):
         at.fail(f"has {len(numbers)} protoIndices and {len(matrices)} instance transforms")
         return
-    if numbers.min() < 0 or numbers.max() >= len(targets):
-        at.child("protoIndices").fail(f"name prototype {numbers.max()} of {len(targets)}")
+    if not np.isfinite(matrices).all():
+        at.fail("holds instances whose places are not finite")
         return
     templates = [_template(scene, path, entry, at, place) for path in targets]
     to_stage = scene.matrix(prim, transform_code(prim, code))
@@ -248,7 +259,7 @@ def _instances(
     for k, number in enumerate(numbers):
         if len(mask) and not mask[k]:
             continue
-        whole = np.array(matrices[k]) @ to_stage
+        whole = matrices[k] @ to_stage
         mark = k if ids is None else ids[k]
         label, name = f"{prim.GetPath()}[{k}]", f"{prim.GetName()}_{mark:04d}"
         of = (values, k, len(numbers))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
-from usdin_scenes import TYPES, add_curves, arc, new_stage
+from usdin_scenes import TYPES, add_curves, arc, lifted, new_stage
 
 import featherfx
 from featherfx.errors import InputError
@@ -50,6 +50,44 @@ def test_all_problems_name_their_prims(tmp_path):
         "/unknown": "no feather preset 'emu'",
     }.items():
         assert any(path in line and words in line for line in found), (path, found)
+
+
+def test_places_and_lengths_that_cannot_be(tmp_path):
+    """Not a number in a transform or an instance; a stage in centimetres that says metres."""
+    stage = new_stage(tmp_path / "bird.usda")
+    add_curves(stage, "/lost/a", [arc()])
+    UsdGeom.Xform.Define(stage, "/lost").AddTranslateOp().Set((np.nan, 0, 0))
+    add_curves(stage, "/giant", [100 * arc()])
+    add_curves(stage, "/speck", [1e-4 * arc()])
+    add_curves(stage, "/template", [arc()])
+    for name, numbers, x in (("/far", [0], np.inf), ("/other", [1], 0.0), ("/before", [-1], 0.0)):
+        instancer = UsdGeom.PointInstancer.Define(stage, name)
+        instancer.CreatePrototypesRel().SetTargets(["/template"])
+        instancer.CreateProtoIndicesAttr(numbers)
+        instancer.CreatePositionsAttr([(x, 0, 0)])
+    stage.Save()
+    found = problems_of(tmp_path)
+    for path, words in {
+        "/lost/a": "transforms are not finite by default",
+        "/far": "places are not finite",
+        "/other.protoIndices": "name prototype 1 of 1",
+        "/before.protoIndices": "name prototype -1 of 1",
+    }.items():
+        assert any(path in line and words in line for line in found), (path, found)
+    for path in ("/lost", "/far", "/other", "/before"):
+        stage.RemovePrim(path)
+    stage.Save()
+    found = problems_of(tmp_path)
+    assert any("/giant.points: 20 m long, allowed 0.0001 to 10 m" in line for line in found)
+    assert any("/speck.points: 2e-05 m long" in line for line in found)
+
+
+def test_a_kind_that_many_curves_lack_is_one_problem(tmp_path):
+    stage = new_stage(tmp_path / "bird.usda")
+    add_curves(stage, "/wing", [lifted(arc(), 0.01 * k) for k in range(50)], kind=None)
+    stage.Save()
+    (line,) = problems_of(tmp_path)
+    assert "/wing.primvars:featherKind: missing; give the primvar, or kind" in line
 
 
 @pytest.mark.parametrize(
