@@ -55,16 +55,11 @@ def density_map(coarse: Feather, fine: Feather) -> PointMap:
     from scipy import sparse
 
     along = _Along(coarse, fine)
-    blocks = [along.completed(along.rachis[p], fine.points[:, p]) for p in range(3)]
-    for side in (LEADING, TRAILING):
-        nodes = _barb_nodes(coarse, fine, side, along.rachis[0])
-        first = 3 + side * fine.columns
-        for k in range(fine.columns):
-            part = nodes[k * fine.rows : (k + 1) * fine.rows]
-            blocks.append(along.completed(part, fine.points[:, first + k]))
-    count = len(blocks)
+    nodes = [_barb_nodes(coarse, fine, side, along.rachis[0]) for side in (LEADING, TRAILING)]
+    matrix = along.completed(sparse.vstack([*along.rachis, *nodes]), fine.points.swapaxes(0, 1))
+    count = fine.points.shape[1]
     by_row = np.arange(count * fine.rows).reshape(count, fine.rows).T.ravel()
-    matrix = sparse.vstack(blocks).tocsr()[by_row]
+    matrix = matrix[by_row]
     matrix.eliminate_zeros()
     return PointMap(matrix, fine.points.shape)
 
@@ -104,13 +99,17 @@ class _Along:
         self._rest_frame = np.stack(axes, axis=-1)
 
     def completed(self, interpolation: Any, rest: Array) -> Any:
-        """An interpolation (N, n P) with what it misses of the rest shape (N, 3) in the frame."""
+        """An interpolation with what it misses of the rest shape, in the frame of each row.
+
+        interpolation: (B N, n P), B points of all N rows, point by point. rest: (B, N, 3).
+        """
         from scipy import sparse
 
-        missing = rest - interpolation @ self._rest
-        shares = np.linalg.solve(self._rest_frame, missing[..., None])[..., 0]
+        missing = rest - (interpolation @ self._rest).reshape(rest.shape)
+        shares = np.linalg.solve(self._rest_frame, missing[..., None])[..., 0].reshape(-1, 3)
         for axis, share in zip(self._frame, shares.T, strict=True):
-            interpolation = interpolation + sparse.diags_array(share) @ axis
+            repeated = sparse.vstack([axis] * len(rest))
+            interpolation = interpolation + sparse.diags_array(share) @ repeated
         return interpolation.tocsr()
 
 

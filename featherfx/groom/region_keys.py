@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from featherfx.groom.preset_keys import FEATHER, is_list, is_text, vector
+from featherfx.groom.preset_keys import FEATHER, is_table, is_text, names_or_list, vector
 from featherfx.groom.schema import (
     Array,
     Direction,
@@ -110,11 +110,9 @@ _NO_SPREAD = {name: key.default for name, key in SPREAD.items()}
 REGION = {
     "id": Key(Text(), "Start of the ids, and the region's label; a stable number follows."),
     "kind": Key(
-        Either(
-            ((is_list, Array(Table(REGION_KIND, "table of a kind"), 1, 100)), (is_text, Text()))
-        ),
-        "Name of a feather preset, or an array of tables: kinds that mix, each feather's drawn by "
-        "their shares.",
+        names_or_list(Either(((is_table, Table(REGION_KIND, "table")), (is_text, Text()))), 100),
+        "Name of a feather preset, or an array of names and tables: kinds that mix, each feather's "
+        "drawn by their shares.",
     ),
     "prim": Key(Text(), "Path of the mesh; default: that of [skin].", None),
     "where": Key(

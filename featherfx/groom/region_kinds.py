@@ -72,14 +72,12 @@ def region_kinds(
         at = place.child("overrides")
         changes = (store.change(sourced(entry["overrides"], place.source), at),)
     given = entry["kind"]
-    if isinstance(given, str):
-        choice = KindChoice((given,), 0.0, changes, place)
-        kind = store.kind(choice)
-        return None if kind is None else RegionKinds((choice,), (kind,), (_whole,))
+    single = not isinstance(given, tuple)
+    entries = [_as_table(each) for each in ((given,) if single else given)]
     choices, kinds, shares = [], [], []
-    for number, each in enumerate(given):
-        at = place.child("kind").item(number)
-        choice = KindChoice((each["name"],), 0.0, changes, at)
+    for number, each in enumerate(entries):
+        at = place.child("kind") if single else place.child("kind").item(number)
+        choice = KindChoice((each["name"],), 0.0, changes, place if single else at)
         kind = store.kind(choice)
         map_of = presence(each["where"], surface, folder, at.child("where"))
         if kind is not None and map_of is not None:
@@ -88,14 +86,17 @@ def region_kinds(
             shares.append(_scaled(map_of, each["share"]))
     if len(place.problems) > count:
         return None
-    if not any(each["share"] > 0.0 for each in given):
+    if not any(each["share"] > 0.0 for each in entries):
         place.child("kind").fail("has no share above 0")
         return None
     return RegionKinds(tuple(choices), tuple(kinds), tuple(shares))
 
 
-def _whole(points: SurfacePoints) -> Array:
-    return np.ones(len(points))
+def _as_table(given: str | dict[str, Any]) -> dict[str, Any]:
+    """A kind as a table with all its keys."""
+    if isinstance(given, dict):
+        return given
+    return {"name": given, "share": 1.0, "where": ()}
 
 
 def _scaled(rule: Rule, share: float) -> Rule:

@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from featherfx.feather.types import Feather
 from featherfx.shot.guided import Followers, Shapes
 from featherfx.shot.guides import guide_weights
-from featherfx.shot.rigid import FeatherPose, Frames, end_rates
+from featherfx.shot.rigid import FeatherPose, Frames, Roots, root_rates, shifted, turned
 from featherfx.shot.types import Shot
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-_SAMPLES = 5
 
 
 class Carried:
@@ -67,30 +65,12 @@ class Carried:
             np.stack([getattr(pose, name) for pose in poses])
             for name in ("points", "velocities", "accelerations")
         ]
-        roots = _root_rates(frames, start, end)
+        roots = root_rates(frames, start, end)
         local = _seen_from_roots(given, [(p[self.guides], r[self.guides]) for p, r in roots])
         points, rates, seconds = local
         moved = self._followers.motion(points, rates, seconds, end - start)
         world = _in_world(moved, [(p[self.guided], r[self.guided]) for p, r in roots])
         return {int(f): FeatherPose(*pose) for f, *pose in zip(self.guided, *world, strict=True)}
-
-
-Roots = list[tuple[Array, Array]]
-
-
-def _root_rates(frames: Frames, start: float, end: float) -> Roots:
-    """Root positions (F, 3) and rotations (F, 3, 3) at end, then their first and second rates."""
-    now = frames(end)
-    if not end > start:
-        return [now, *[(np.zeros_like(now[0]), np.zeros_like(now[1]))] * 2]
-    times = np.linspace(start, end, _SAMPLES)
-    samples = [frames(float(time)) for time in times[:-1]] + [now]
-    positions = np.stack([sample[0] - now[0] for sample in samples])
-    rotations = np.stack([sample[1] - now[1] for sample in samples])
-    return [now] + [
-        (np.tensordot(weights, positions, 1), np.tensordot(weights, rotations, 1))
-        for weights in end_rates(times)
-    ]
 
 
 def _seen_from_roots(world: Sequence[Array], roots: Roots) -> list[Array]:
@@ -99,9 +79,9 @@ def _seen_from_roots(world: Sequence[Array], roots: Roots) -> list[Array]:
     With x = p + R y:  R y' = x' - p' - R' y,  R y'' = x'' - p'' - R'' y - 2 R' y'.
     """
     (p, r), (p1, r1), (p2, r2) = roots
-    y = _back(world[0] - _shift(p, world[0]), r)
-    y1 = _back(world[1] - _shift(p1, y) - _turned(r1, y), r)
-    y2 = _back(world[2] - _shift(p2, y) - _turned(r2, y) - 2.0 * _turned(r1, y1), r)
+    y = _back(world[0] - shifted(p, world[0]), r)
+    y1 = _back(world[1] - shifted(p1, y) - turned(r1, y), r)
+    y2 = _back(world[2] - shifted(p2, y) - turned(r2, y) - 2.0 * turned(r1, y1), r)
     return [y, y1, y2]
 
 
@@ -110,23 +90,11 @@ def _in_world(local: Sequence[Array], roots: Roots) -> list[Array]:
     (p, r), (p1, r1), (p2, r2) = roots
     y, y1, y2 = local
     return [
-        _shift(p, y) + _turned(r, y),
-        _shift(p1, y) + _turned(r1, y) + _turned(r, y1),
-        _shift(p2, y) + _turned(r2, y) + 2.0 * _turned(r1, y1) + _turned(r, y2),
+        shifted(p, y) + turned(r, y),
+        shifted(p1, y) + turned(r1, y) + turned(r, y1),
+        shifted(p2, y) + turned(r2, y) + 2.0 * turned(r1, y1) + turned(r, y2),
     ]
 
 
-def _shift(vectors: Array, like: Array) -> Array:
-    """Vectors (F, 3) for all material points (F, n, P, 3); directors do not move."""
-    shifts = np.repeat(vectors[:, None, None], like.shape[2], axis=2)
-    shifts[:, :, 1:3] = 0.0
-    return shifts
-
-
-def _turned(matrices: Array, points: Array) -> Array:
-    flat = points.reshape(len(points), -1, 3)
-    return np.asarray(flat @ matrices.swapaxes(1, 2)).reshape(points.shape)
-
-
 def _back(points: Array, rotations: Array) -> Array:
-    return _turned(rotations.swapaxes(1, 2), points)
+    return turned(rotations.swapaxes(1, 2), points)

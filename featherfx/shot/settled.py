@@ -1,8 +1,9 @@
 """Feathers in balance before the first frame, or in full flutter where the wind allows no balance.
 
-Across a wind of 10 m/s most feathers flutter for good: no pose is at rest, and one that starts from
-any pose in mid-wind is thrown. Such feathers live through PRE_ROLL seconds before the first frame,
-their roots held, in the wind that their shot would have had then.
+Across a wind of 20 m/s a swan primary flutters for good: no pose is at rest, and one that starts
+from any pose in mid-wind is thrown. Such feathers live through PRE_ROLL seconds before the first
+frame, their roots held, in the wind that their shot would have had then. After half a second the
+flutter is as strong as two seconds later.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from featherfx.solver.root_path import hold_roots
 from featherfx.solver.step import NO_REST, Solver, State, raise_if_failed
 
 # s of motion before the first frame, and of one of its intervals
-PRE_ROLL, INTERVAL = 1.0, 1.0 / 24.0
+PRE_ROLL, INTERVAL = 0.5, 1.0 / 24.0
 
 
 def settled(

@@ -87,7 +87,7 @@ class Run:
             own = contacts._replace(first=contacts.first[low : high + 1])
             loads = self.loads[g]._replace(contacts=own)
             old, new = self.old[g], self.new[g]
-            solver.begin(old, loads, self.duration, feathers.tolist())
+            solver.begin(old, loads, self.paths[g], self.duration, feathers.tolist())
             counters = solver.advance(
                 new,
                 loads,

@@ -184,6 +184,8 @@ def solved_energy(model, loads, f, drift, energy, growth, rate, pose, past):
 @kernel
 def slow_down(share, drift, velocity):
     """Multiply velocities (n, P, 3), measured from the root's, by a share, in place."""
+    if share >= 1.0:
+        return
     for i in range(velocity.shape[0]):
         for p in range(velocity.shape[1]):
             for k in range(3):

@@ -14,18 +14,7 @@ from featherfx.mechanics.nodal_model import NodalModel
 from featherfx.solver.nodal_settle import nodal_settle, nodal_start, nodal_system
 from featherfx.solver.nodal_state import NodalState, NodalWork, make_nodal_work
 from featherfx.solver.nodal_step_kernels import nodal_advance
-from featherfx.solver.retry_kernels import (
-    COUNTERS,
-    ERROR,
-    FAILED,
-    FALLBACKS,
-    FORCED,
-    ITERATIONS,
-    MOVE,
-    REJECTED,
-    STATUS,
-    STEPS,
-)
+from featherfx.solver.retry_kernels import COUNTERS
 from featherfx.solver.step import RootPath, Settings, StepReport
 
 Array = NDArray[np.float64]
@@ -99,9 +88,7 @@ class NodalSolver:
                 self._work,
                 counters[f],
             )
-        # each iteration has a matrix of its own
-        names = (STEPS, ITERATIONS, ITERATIONS, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE)
-        return new, StepReport(*(counters[:, column] for column in (*names, STATUS)))
+        return new, StepReport(*counters.T)
 
     def equilibrium(
         self, state: NodalState, loads: Loads, share: float = 0.0

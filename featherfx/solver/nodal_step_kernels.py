@@ -206,15 +206,16 @@ def nodal_advance(
         status, iterations, move = nodal_minimise(
             model, nodal, loads, f, share, factors, settings[1], limit, textbook, work
         )
+        # each iteration has its matrix
+        work_done = (iterations, iterations)
         now, target = work.now.points, work.around.target
         error = step_error(radius, step, now, state.acceleration[f], state.smoothed[f], target)
-        solved = status == CONVERGED
-        verdict, h, option = judge(h, step, option, first, solved, error, limits)
-        count_try(counters, verdict, option, iterations, error, settings[3], move)
+        verdict, h, option = judge(h, step, option, first, status, error, limits)
+        count_try(counters, verdict, option, work_done, error, limits, move)
         if verdict == STEPS:
             _accept(f, step, radius, state, work)
             done += step
-            h, option = after_step(step, option, first, error, limits, iterations)
+            h, option = after_step(step, option, first, error, limits, work_done)
         elif h == 0.0:
             return stop(counters, status)
     state.proposal[f] = h

@@ -8,6 +8,8 @@ that it does not resolve.
 """
 
 from featherfx.compiled import kernel
+from featherfx.solver.energy_promise_kernels import GREW
+from featherfx.solver.newton_kernels import CONVERGED
 
 # columns of a feather's counters
 STEPS, ITERATIONS, MATRICES, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(10)
@@ -23,13 +25,17 @@ SMALLEST_SHARE, CUT = 1e6, 0.25
 
 
 @kernel
-def count_try(counters, verdict, option, iterations, error, tolerance, move):
-    """Add a try to the counters; move: m, its distance from the solution."""
-    counters[ITERATIONS] += iterations
+def count_try(counters, verdict, option, effort, error, limits, move):
+    """Add a try to the counters.
+
+    effort: (iterations, of them with a new matrix). move: m, distance from the solution.
+    """
+    counters[ITERATIONS] += effort[0]
+    counters[MATRICES] += effort[1]
     counters[verdict] += 1
     if verdict == STEPS:
         counters[FALLBACKS] += 1 if option == BACKWARD else 0
-        counters[FORCED] += 1 if error > tolerance else 0
+        counters[FORCED] += 1 if error > limits[1] else 0
         counters[ERROR] = max(counters[ERROR], error)
         counters[MOVE] = max(counters[MOVE], move)
 
@@ -60,17 +66,20 @@ def _length_for(error, tolerance, step, least, most):
 
 
 @kernel
-def judge(h, step, option, first, solved, error, limits):
+def judge(h, step, option, first, status, error, limits):
     """What becomes of a step: (STEPS, REJECTED or FAILED, next wanted length h, next option).
 
-    h: s, wanted length; step: s, the one tried. first: option of a fresh step. solved: whether
-    Newton converged. error: m. limits: (shortest regular step s, tolerance m, error in m that no
+    h: s, wanted length; step: s, the one tried. first: option of a fresh step. status: of
+    Newton, or GREW. error: m. limits: (shortest regular step s, tolerance m, error in m that no
     step may have where it can be shorter, Newton iterations beyond which the next step is not made
     longer). The next h is 0 where a step cannot be cut further.
     """
     shortest, tolerance, coarse, _ = limits
     smallest, shorter = shortest / SMALLEST_SHARE, CUT * step
-    if not solved:
+    if status == GREW:
+        # another start of Newton would find the same
+        option = max(option, FOLLOW)
+    if status != CONVERGED:
         option = BACKWARD if step < 0.999 * shortest and option < BACKWARD else option + 1
         if option <= BACKWARD:
             return FAILED, h, option
@@ -86,10 +95,12 @@ def judge(h, step, option, first, solved, error, limits):
 
 
 @kernel
-def after_step(step, option, first, error, limits, iterations):
-    """The next (h, option) where a step was taken; other arguments as in judge."""
+def after_step(step, option, first, error, limits, effort):
+    """The next (h, option) where a step was taken; arguments as in judge and count_try."""
     shortest, tolerance, _, hard = limits
-    most = 1.0 if iterations > hard or error > LOST * tolerance else 2.0
+    # an iteration with a matrix at hand costs a quarter of one with a new one
+    costly = (effort[0] + 3 * effort[1]) // 4
+    most = 1.0 if costly > hard or error > LOST * tolerance else 2.0
     h = max(min(shortest, most * step), _length_for(error, tolerance, step, 0.5, most))
     option = BACKWARD if option == BACKWARD and step < 0.999 * shortest else first
     return h, option

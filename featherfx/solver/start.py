@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.rotations_kernels import multiply
+from featherfx.mechanics.turns import turns_to_frames
 from featherfx.solver.newton_kernels import minimise
 from featherfx.solver.pose_kernels import load_pose
+from featherfx.solver.root_kernels import root_at
+from featherfx.solver.root_path import RootPath
 from featherfx.solver.state import State
 from featherfx.solver.work import Work
+
+Array = NDArray[np.float64]
 
 # the instant over which the first acceleration is taken, as a share of the step, and the Newton
 # iterations that it gets: the second one only corrects for the curved paths of barbs and frames
@@ -15,7 +24,13 @@ INSTANT, START_ITERATIONS = 1.0, 8
 
 
 def start_acceleration(
-    model: Model, loads: Loads, f: int, duration: float, state: State, work: Work
+    model: Model,
+    loads: Loads,
+    f: int,
+    duration: float,
+    state: State,
+    work: Work,
+    path: RootPath,
 ) -> None:
     """Set the accelerations of feather f, in place, to those that its pose and velocity give.
 
@@ -25,11 +40,17 @@ def start_acceleration(
     that is left at rest: with a tenth of the duration, vibrations that the first step does not
     resolve would double their energy in it (radius 0; with a fifth or more a linear one never
     gains, with the whole no crumpled feather was seen to). With wrong accelerations the time
-    integration would lose its second order at once.
+    integration would lose its second order at once. The root of a feather that is in motion goes
+    along its path; of one that is not, it stays, because a path that starts at full speed tells
+    nothing of accelerations. path: of the roots, over the duration.
     """
     h = INSTANT * duration
     now, around = work.now, work.around
-    load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
+    turn, centre = state.turn[f], state.centre[f]
+    moving = state.velocity[f].any() and np.ptp(path.samples[f], axis=0).any()
+    if model.held[f] and moving:
+        turn, centre = _carried(path.samples[f], path.base[f], turn, centre)
+    load_pose(turn, centre, state.coefficient[f], model.length[f], now)
     around.target[:] = state.points[f] + h * state.velocity[f]
     around.past[:] = state.points[f]
     around.reference[:] = state.strains[f, 0]
@@ -41,3 +62,12 @@ def start_acceleration(
     minimise(model, loads, f, 0.0, factors, 0.0, START_ITERATIONS, work)
     state.acceleration[f] = (now.points - around.target) / (h * h)
     state.smoothed[f] = state.acceleration[f]
+
+
+def _carried(path: Array, base: Array, turn: Array, centre: Array) -> tuple[Array, Array]:
+    """Rows (n, 4) and (n, 3), carried rigidly to where their root's path (K, 6) ends."""
+    end, place = np.zeros(4), np.zeros(3)
+    root_at(path, base, 1.0, end, place)
+    w, x, y, z = multiply(*end, turn[0, 0], *-turn[0, 1:])
+    turns = np.array([multiply(w, x, y, z, *row) for row in turn])
+    return turns, place + (centre - centre[0]) @ turns_to_frames(np.array([w, x, y, z])).T

@@ -42,7 +42,7 @@ REASONS = {
     NO_REST: "it finds no rest in this wind",
     GREW: "its energy would grow without work being done",
 }
-NEWTON_ITERATIONS = 24
+NEWTON_ITERATIONS = 32
 # length of the last step of a feather that has none, but its first acceleration
 BEGUN = -1.0
 # of one feather in one frame; bakes of the samples need 3 to 100
@@ -172,7 +172,7 @@ class Solver:
                 for array, given in zip(state, start, strict=True):
                     array[f] = given[f]
             if state.step[f] == 0.0:
-                start_acceleration(self.model, loads, f, duration, state, self._work())
+                start_acceleration(self.model, loads, f, duration, state, self._work(), path)
             advance(
                 self.model,
                 loads,
@@ -189,13 +189,20 @@ class Solver:
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
         return counters
 
-    def begin(self, state: State, loads: Loads, duration: float, feathers: Sequence[int]) -> None:
+    def begin(
+        self,
+        state: State,
+        loads: Loads,
+        path: RootPath,
+        duration: float,
+        feathers: Sequence[int],
+    ) -> None:
         """Set the first accelerations of feathers that have not been stepped yet, in place; solves
         from this state do not do it again. duration: s, of the step to come."""
         loads = wind_of_each(loads, self.model.feathers)
 
         def one(f: int) -> None:
-            start_acceleration(self.model, loads, f, duration, state, self._work())
+            start_acceleration(self.model, loads, f, duration, state, self._work(), path)
             state.step[f] = BEGUN
 
         self._for_each(one, [f for f in feathers if state.step[f] == 0.0])

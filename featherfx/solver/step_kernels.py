@@ -4,15 +4,7 @@ from featherfx.compiled import kernel
 from featherfx.mechanics.copy_kernels import copy_values
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.rotations_kernels import logarithm, multiply, normalised, same_sign
-from featherfx.solver.energy_promise_kernels import (
-    GREW,
-    held_energy,
-    left_alone,
-    rounding_energy,
-    slow_down,
-    solved_energy,
-    state_energy,
-)
+from featherfx.solver.energy_promise_kernels import slow_down
 from featherfx.solver.integrator_kernels import (
     EULER,
     begin_step,
@@ -22,7 +14,6 @@ from featherfx.solver.integrator_kernels import (
 )
 from featherfx.solver.newton_kernels import (
     CONVERGED,
-    NOT_CONVERGED,
     TOO_MUCH_WORK,
     minimise,
 )
@@ -32,7 +23,6 @@ from featherfx.solver.retry_kernels import (
     FOLLOW,
     GO_ON,
     HARD,
-    MATRICES,
     STEPS,
     after_step,
     count_try,
@@ -41,11 +31,10 @@ from featherfx.solver.retry_kernels import (
     stop,
 )
 from featherfx.solver.root_kernels import root_at
+from featherfx.solver.step_check_kernels import check_promise, energy_promise, nearly_solved
 
 # share of the feather's length that the error of a step may not exceed where it can be shorter
 COARSE = 0.01
-# share of a step's own error that it may be away from its solution when its iterations are used up
-NEARLY = 0.01
 
 
 @kernel
@@ -208,10 +197,28 @@ def _accept(f, h, radius, state, now, around):
 
 
 @kernel
-def _error(f, radius, h, state, work):
-    """Local error (m) of the step solved in work.now."""
+def _attempt(model, loads, f, how, root, state, aims, energy, work):
+    """Solve a step to work.now and check it.
+
+    how: (length s, share of the frame at its end, option, spectral radius, most iterations). root:
+    its path and base. aims: (Newton tolerance m, limits of judge, what energy_promise gave).
+    Returns (status, (iterations, of them with a new matrix), distance from the solution m, error m,
+    share of its velocities that the step may keep, energy after it J).
+    """
+    h, share, option, radius, most = how
+    path, base = root
+    newton, limits, promise = aims
+    factors = _predict(model, loads, f, share, h, radius, option != GO_ON, path, base, state, work)
+    status, iterations, move, matrices = minimise(
+        model, loads, f, share, factors, newton, most, work
+    )
     now, target = work.now.points, work.around.target
-    return step_error(radius, h, now, state.acceleration[f], state.smoothed[f], target)
+    error = step_error(radius, h, now, state.acceleration[f], state.smoothed[f], target)
+    status = nearly_solved(status, iterations == most, move, error)
+    status, keeps, after = check_promise(
+        model, loads, f, h, radius, status, error, limits, promise, energy, factors[1], state, work
+    )
+    return status, (iterations, matrices), move, error, keeps, after
 
 
 @kernel
@@ -221,17 +228,6 @@ def coarse_error(length):
     for i in range(length.shape[0]):
         total += COARSE * length[i]
     return total
-
-
-@kernel
-def _energy_after(model, loads, f, h, drift, energy, rounding, resolved, rate, state, work):
-    """As solved_energy, of the pose work.now; a resolved step may give back what is held."""
-    growth = rounding
-    if resolved:
-        growth += held_energy(
-            model.mass[f], h, drift, state.velocity[f], state.acceleration[f], state.smoothed[f]
-        )
-    return solved_energy(model, loads, f, drift, energy, growth, rate, work.now, work.around.past)
 
 
 @kernel
@@ -246,49 +242,25 @@ def advance(model, loads, f, duration, path, base, state, settings, work, counte
     limits = (min(settings[4], duration), settings[3], coarse_error(model.length[f]), HARD)
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
     done, option, left = 0.0, GO_ON, int(settings[5])
-    alone, drift = left_alone(model, loads, f, path, duration)
-    energy, rounding = 0.0, 0.0
-    if alone:
-        energy = state_energy(model, loads, f, drift, state)
-        rounding = rounding_energy(model, f)
+    promise, energy = energy_promise(model, loads, f, path, duration, state)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
             return stop(counters, TOO_MUCH_WORK)
         step, share = next_step(h, done, duration)
         if state.step[f] <= 0.0:
-            # there are no rates to go on with
-            option = max(option, FOLLOW)
+            option = max(option, FOLLOW)  # there are no rates to go on with
         radius, limit = EULER if option == BACKWARD else settings[0], min(int(settings[2]), left)
-        follow = option != GO_ON
-        factors = _predict(model, loads, f, share, step, radius, follow, path, base, state, work)
-        status, iterations, move, matrices = minimise(
-            model, loads, f, share, factors, settings[1], limit, work
+        how, aims = (step, share, option, radius, limit), (settings[1], limits, promise)
+        status, effort, move, error, keeps, after = _attempt(
+            model, loads, f, how, (path, base), state, aims, energy, work
         )
-        # of iterations with a new matrix: the others cost a quarter
-        effort = (iterations + 3 * matrices) // 4
-        error = _error(f, radius, step, state, work)
-        if status == NOT_CONVERGED and iterations == limit and move <= NEARLY * error:
-            status = CONVERGED
-        keeps, after = 1.0, energy
-        if alone and status == CONVERGED:
-            resolved = radius != EULER and error <= min(settings[3], limits[2])
-            keeps, after = _energy_after(
-                model, loads, f, step, drift, energy, rounding, resolved, factors[1], state, work
-            )
-            if keeps < 0.0:
-                # another start of Newton would find the same
-                status, option = GREW, max(option, FOLLOW)
-        solved = status == CONVERGED
-        verdict, h, option = judge(h, step, option, GO_ON, solved, error, limits)
-        count_try(counters, verdict, option, iterations, error, settings[3], move)
-        counters[MATRICES] += matrices
-        left -= iterations
+        verdict, h, option = judge(h, step, option, GO_ON, status, error, limits)
+        count_try(counters, verdict, option, effort, error, limits, move)
+        left -= effort[0]
         if verdict == STEPS:
             _accept(f, step, radius, state, work.now, work.around)
-            if keeps < 1.0:
-                slow_down(keeps, drift, state.velocity[f])
-            energy = after
-            done += step
+            slow_down(keeps, promise[1], state.velocity[f])
+            energy, done = after, done + step
             h, option = after_step(step, option, GO_ON, error, limits, effort)
         elif h == 0.0:
             return stop(counters, status)

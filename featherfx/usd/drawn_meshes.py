@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from featherfx.groom.schema import Place, Problems
-from featherfx.usd.instances import Instances
+from featherfx.usd.read_instances import Instances
 from featherfx.usd.scene import Scene
 from featherfx.usd.skinning import Skinning, find_skinning
 

@@ -171,7 +171,8 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
             return None
         return _curves(scene, (entry["prim"],), place.child("prim"))
     if len(entry["joints"]) < 2:
-        place.child("joints").fail(f"expects two joints of {entry['prim']} or more")
+        known = ", ".join(str(each) for each in UsdSkel.Skeleton(root).GetJointsAttr().Get() or ())
+        place.child("joints").fail(f"expects two or more of {entry['prim']}, known: {known}")
         return None
     line = joint_line(scene, root, entry["joints"], place)
     return None if line is None else [line]

@@ -25,7 +25,7 @@ def test_no_promise_is_broken(outcomes):
 
 def test_most_cases_are_solved(outcomes):
     """The share that reaches the end of its frames. These are small: up to MOST_ROWS rows. Of those
-    with up to 200 rows a third stop at the limit of Newton iterations, crumpled ones mostly; what
+    with up to 200 rows a tenth stop at the limit of Newton iterations, crumpled ones mostly; what
     holds for all is the test above."""
     assert sum(o.status == 0 for o in outcomes) >= 0.95 * len(outcomes)
 
@@ -34,6 +34,21 @@ def test_energy_of_still_cases_was_watched(outcomes):
     gains = [o.energy_gain for o in outcomes if o.energy_gain is not None]
     assert len(gains) >= 2
     assert max(gains) <= stress.ENERGY_SLACK
+
+
+@pytest.mark.parametrize("seed", [100082, 100958, 101255, 101381, 102433])
+def test_cases_whose_energy_once_grew(seed):
+    """The first two and the last were thrown by a first acceleration that knew no damping, the
+    others ring with what their steps do not resolve after a fall to a hundredth of their energy."""
+    outcome = stress.run_case(draw_case(seed))
+    assert outcome.violations == []
+    assert outcome.energy_gain <= stress.ENERGY_SLACK
+
+
+def test_what_accelerations_hold_explains_the_ripple_of_resolved_motion():
+    outcome = stress.run_case(draw_case(103837))
+    assert outcome.forced == 0
+    assert outcome.unexplained_gain < stress.ENERGY_SLACK < outcome.energy_gain
 
 
 def test_cases_are_drawn_again_from_their_seed():

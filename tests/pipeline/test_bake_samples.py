@@ -75,3 +75,30 @@ def test_a_plain_cache_has_no_accelerations(tmp_path):
     featherfx.bake(PULL, path, frames=(1, 2))
     plain = mesh(path)
     assert not plain.GetAccelerationsAttr().HasAuthoredValue()
+
+
+def test_accelerations_are_second_differences_of_the_points(tmp_path):
+    """a = (p(t + h) - 2 p(t) + p(t - h)) / h^2 + O(h^2): far closer at a quarter of the step."""
+    (tmp_path / "groom.toml").write_text(
+        'name = "one"\n[[feather]]\nid = "a"\nkind = "swan_primary"\nposition = [0, 0, 0]\n'
+        "direction = [1, 0, 0]\nup = [0, 0, 1]\n"
+    )
+    shot = tmp_path / "shot.toml"
+    shot.write_text(
+        'name = "s"\ngroom = "groom.toml"\nframes = [1, 7]\nframes_per_second = 24\n'
+        'motion = "shake"\nwind = "calm"\nquality = "preview"\n'
+    )
+    errors = []
+    for subframes in (8, 32):
+        path = tmp_path / f"s{subframes}.usdc"
+        featherfx.bake(shot, path, subframes=subframes, accelerations=True)
+        moving, step = mesh(path), 1 / (24 * subframes)
+        codes = moving.GetPointsAttr().GetTimeSamples()
+        points = np.array([moving.GetPointsAttr().Get(code) for code in codes], dtype=float)
+        given = np.array([moving.GetAccelerationsAttr().Get(code) for code in codes])
+        found = (points[2:] - 2 * points[1:-1] + points[:-2]) / step**2
+        late = slice(3 * subframes, None)  # the start of the shake is a kick
+        apart = np.sqrt(((found - given[1:-1])[late] ** 2).mean())
+        errors.append(apart / np.sqrt((found[late] ** 2).mean()))
+    assert errors[1] < 0.015
+    assert errors[1] < errors[0] / 5

@@ -79,9 +79,9 @@ def test_energy_of_an_undamped_feather_drifts_little_in_100_periods() -> None:
 
 def test_energy_of_a_released_feather_drifts_little_in_100_periods() -> None:
     """Let go from under ten gravities, so that higher modes ring, too. Radius 0.9 damps those that
-    the steps do not resolve: at 60 steps a period of the first mode less than 1 % is lost, at 40
-    1.6 %. Beyond 0.9 the steps are not stable for as long."""
-    energy = energies(0.9, 101, 60, released(feather(), 98.1))
+    the steps do not resolve: at 50 steps a period of the first mode less than 1 % is lost, at 40
+    1.6 %. At 0.93 it is less than 1 % at 40, too, but 0.95 is unstable."""
+    energy = energies(0.9, 101, 50, released(feather(), 98.1))
     assert abs(energy[-1] / energy[0] - 1.0) < 0.01
 
 

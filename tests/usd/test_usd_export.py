@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import replace
 from pathlib import Path
 
@@ -120,6 +121,23 @@ def test_mesh_sequences(tmp_path, caches, suffix):
             found.bounds, [points.min(axis=0), points.max(axis=0)], atol=1e-6
         )
         assert len(found.faces) == 4 * len(cache.feathers[0].triangles)
+
+
+def test_a_sequence_appears_whole_or_not_at_all(tmp_path, caches, monkeypatch):
+    """The disk is full at the third of five files; those of an earlier export stay."""
+    (tmp_path / "look.0002.obj").write_text("earlier")
+    forced = []
+
+    def flush(handle):
+        forced.append(handle)
+        if len(forced) == 3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", flush)
+    with pytest.raises(InputError, match=r"look\.0003\.obj: not written: No space left"):
+        pipeline.export(caches["usdc"], tmp_path / "look.obj", overwrite=True)
+    (left,) = tmp_path.iterdir()
+    assert left.read_text() == "earlier"
 
 
 def test_a_cache_without_time_is_one_file(tmp_path, wing):

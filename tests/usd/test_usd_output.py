@@ -204,3 +204,11 @@ def test_all_wrong_arguments_are_named_at_once(tmp_path):
 def test_asking_needs_no_usd():
     code = "import sys, featherfx.usd, featherfx.usd.output; sys.exit('pxr' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_reading_compiles_nothing():
+    """Readers, checks, exports and a finished bake that is resumed do without numba."""
+    modules = ("read", "read_groom", "skin_source", "check", "export", "condensed", "resume")
+    code = "; ".join(f"import featherfx.usd.{name}" for name in modules)
+    code += "; import featherfx.bake_task, sys; assert 'numba' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

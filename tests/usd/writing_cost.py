@@ -75,7 +75,7 @@ def write_raw(path: Path, size: int, values: np.ndarray) -> None:
 def main(folder: Path, count: int, frames: int, layout: str) -> None:
     feathers = entries(count)
     rest = feathers[0].rest_points
-    values = np.random.default_rng(1).random(250_000, dtype=np.float32)
+    values = np.sin(np.arange(60_000, dtype=np.float32))
     cache, raw, seen = Clock(), Clock(), set()
 
     def raw_turn() -> None:

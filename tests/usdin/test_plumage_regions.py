@@ -243,7 +243,7 @@ def test_a_row_along_the_joints_of_a_skeleton(tmp_path):
     [
         (("arm", "hnad"), "no joint 'hnad', did you mean 'hand'"),
         (("arm", "tip"), "may be arm/hand/tip, leg/tip"),
-        (("arm",), "expects two joints"),
+        (("arm",), "expects two or more of /bird/skeleton, known: arm, arm/hand"),
         (("arm", "arm"), "are at one place"),
     ],
 )
@@ -275,6 +275,12 @@ def test_kinds_mix_by_their_shares(folder):
     plain = grown(folder, region(keys="count = 400"))
     assert [f.id for f in plain.feathers] == [f.id for f in groom.feathers]
     assert np.array_equal(roots(plain), roots(groom))
+
+
+def test_kinds_by_names_alone_are_of_equal_share(folder):
+    named = region(keys="count = 400").replace("'body_contour'", "['body_contour', 'covert']")
+    covert = np.array([f.kind.name == "covert" for f in grown(folder, named).feathers])
+    assert abs(covert.mean() - 0.5) < 3 * np.sqrt(0.25 / 400)
 
 
 def test_maps_choose_kinds(folder):

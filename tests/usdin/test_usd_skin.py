@@ -233,6 +233,12 @@ def collapse(mesh):
     mesh.GetPointsAttr().Set(vec(sheet()[0] * [0, 1, 1]), 25)
 
 
+def lose_transform(mesh):
+    op = UsdGeom.Xformable(mesh).AddTranslateOp()
+    for code, x in ((1, 0.0), (13, np.nan), (25, 0.0)):
+        op.Set((x, 0.0, 0.0), code)
+
+
 FAULTS = {
     "topology": (set_topology, "faceVertexCounts", "changes at time code 2"),
     "counts": (lambda m: m.GetFaceVertexCountsAttr().Set([4]), "faceVertexIndices", "add up to 4"),
@@ -247,6 +253,7 @@ FAULTS = {
         lambda m: m.GetPointsAttr().Set(vec(sheet()[0] * np.nan), 5),
         "not finite at time code 5",
     ),
+    "transform": (lose_transform, "transforms are not finite at time code 13"),
     "none": (lambda m: m.GetPointsAttr().Block(), "points", "has no value"),
     "area": (lambda m: m.GetPointsAttr().Set(vec(sheet()[0] * 0)), "no face has any area"),
     "inactive": (lambda m: m.GetPrim().SetActive(False), "is inactive"),
@@ -269,6 +276,21 @@ def test_skins_that_are_refused(tmp_path, fault):
     assert problem.key == "skin"
     for words in ("/bird/skin", *FAULTS[fault][1:]):
         assert words in problem.message
+
+
+def test_rest_lies_within_the_samples(tmp_path):
+    """A rest pose that is not the first frame is fine; one that is no frame is asked back."""
+    stage, mesh, _, points = moving_sheet(tmp_path)
+    for code in (1, 25):
+        mesh.GetPointsAttr().Set(vec(lifted(points, 0.01 * (code - 1))), code)
+    stage.Save()
+    for rest, gap in ((13, 0.12), (25, 0.24)):
+        with pytest.warns(InputWarning, match=f"'covert_01' {gap}"):
+            featherfx.read_shot(write_shot(tmp_path, f"{SKIN}\nrest = {rest}"))
+    with pytest.raises(InputError, match="rest: 26 is outside of the samples of /bird/skin"):
+        featherfx.read_shot(write_shot(tmp_path, f"{SKIN}\nrest = 26"))
+    held = write_shot(tmp_path, f'{SKIN}\nrest = 26\nbeyond = "hold"\ntolerance = 1')
+    assert featherfx.read_shot(held).skin is not None
 
 
 def test_a_face_that_collapses_under_a_root(tmp_path):

@@ -22,7 +22,7 @@ from usdin_scenes import (
 )
 
 import featherfx
-from featherfx.errors import InputError
+from featherfx.errors import InputError, InputWarning
 from featherfx.pipeline import check, export_groom
 
 WIND = '[wind_usd]\nusd = "air.usda"\nprim = "/air"\n'
@@ -32,6 +32,13 @@ def refused(path):
     with pytest.raises(InputError) as caught:
         featherfx.read_shot(path)
     return str(caught.value)
+
+
+def with_frames(path, last):
+    """The same shot, longer, beside it."""
+    longer = path.with_name("longer.toml")
+    longer.write_text(path.read_text().replace("frames = [1, 25]", f"frames = [1, {last}]"))
+    return longer
 
 
 def test_one_vector_for_all(tmp_path):
@@ -74,6 +81,8 @@ def test_a_field_of_points(tmp_path):
     wind = featherfx.read_shot(path).wind_source
     np.testing.assert_allclose(wind.velocity(points[:9], 0.0), velocities[:9], atol=1e-5)
     np.testing.assert_allclose(wind.velocity(points[:9], 0.5), 2 * velocities[:9], atol=1e-5)
+    with pytest.warns(InputWarning, match=r"/air has samples from 1 to 25, the shot needs 1 to 49"):
+        featherfx.read_shot(with_frames(path, 49))
     between = wind.velocity(random.uniform(-1, 1, (50, 3)), 0.0)
     assert (between <= velocities.max(axis=0) + 1e-5).all()
     assert (between >= velocities.min(axis=0) - 1e-5).all()
@@ -128,6 +137,26 @@ def test_colliders_by_path_name_and_collection(tmp_path):
         assert words in refused(path)
 
 
+def test_colliders_move_in_the_time_of_their_scene(tmp_path):
+    """Samples at 1001 to 1025, the shot at 1 to 25: start says so, else the nearest is held."""
+    stage = new_stage(tmp_path / "set.usda")
+    points, counts, quads = sheet()
+    mesh = add_mesh(stage, "/rock", None, counts, quads)
+    for code, height in ((1001, 0.0), (1025, 0.5)):
+        mesh.CreatePointsAttr().Set(vec(lifted(points, height)), code)
+    stage.Save()
+    path = write_shot(tmp_path, None)
+    text = path.read_text() + '[[collider]]\nusd = "set.usda"\nprims = ["/rock"]\n'
+    path.write_text(text + "start = 1001\n")
+    (rock,) = featherfx.read_shot(path).colliders
+    for time, height in ((0.0, 0.0), (0.5, 0.25), (1.0, 0.5)):
+        np.testing.assert_allclose(rock.points(time), lifted(points, height), atol=1e-6)
+    path.write_text(text)
+    with pytest.warns(InputWarning, match=r"collider\[0\]: /rock has samples from 1001 to 1025"):
+        (rock,) = featherfx.read_shot(path).colliders
+    np.testing.assert_allclose(rock.points(1.0), points, atol=1e-6)
+
+
 def test_a_bake_follows_the_skin_and_says_where_roots_sit(tmp_path):
     stage = new_stage(tmp_path / "skin.usda")
     points, counts, quads = sheet()
@@ -137,6 +166,7 @@ def test_a_bake_follows_the_skin_and_says_where_roots_sit(tmp_path):
     stage.Save()
     shot = write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird/skin"', (1, 3))
     featherfx.bake(shot, tmp_path / "out.usda")
+    assert check(tmp_path / "out.usda") == []
     cache = Usd.Stage.Open(str(tmp_path / "out.usda"))
     meshes = [UsdGeom.Mesh(prim) for prim in cache.Traverse() if prim.IsA(UsdGeom.Mesh)]
     assert len(meshes) == 5

@@ -1,0 +1,76 @@
+"""What the first frame finds: feathers in balance, and fluttering ones in motion."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from trial_batches import at_origin, preset_batch
+
+from featherfx.errors import SimulationError
+from featherfx.mechanics.model import Loads, no_loads
+from featherfx.shot.settled import settled
+from featherfx.solver.step import NO_REST, Settings, Solver, hold_roots
+
+AIR = np.array([1.2, 1.2, 0.02, 1.1])
+# across the vane; a swan primary finds no rest in the second
+BREEZE, STORM = (0.0, 0.0, 3.0), (0.0, 0.0, 20.0)
+
+
+def in_wind(*speed: float) -> Loads:
+    return no_loads(2, (0.0, 0.0, -9.81))._replace(air=AIR, wind_mean=np.array(speed))
+
+
+@pytest.fixture
+def solver():
+    _, model = preset_batch("swan_primary", count=2)
+    with Solver(model, Settings(tolerance=1e-3, radius=0.5)) as solver:
+        yield solver
+
+
+def tips(solver, state, loads, frames):
+    found = []
+    for _ in range(frames):
+        state, report = solver.step(state, loads, hold_roots(state), 1.0 / 24.0)
+        assert not report.status.any()
+        found.append(state.points[0, -1, 0].copy())
+    return np.array(found)
+
+
+def test_in_a_breeze_feathers_start_at_rest(solver):
+    state = settled(solver, at_origin(solver.model), in_wind(*BREEZE), ["a", "b"])
+    assert not state.velocity.any()
+    assert not state.time.any()
+
+
+def test_where_there_is_no_rest_feathers_start_in_motion_and_without_a_warning(solver):
+    loads, start = in_wind(*STORM), at_origin(solver.model)
+    start.time[:] = 7.0
+    _, status, _ = solver.equilibrium(start, loads)
+    assert (status == NO_REST).all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        state = settled(solver, start, loads, ["a", "b"])
+    assert (state.time == 7.0).all()
+    assert np.abs(state.velocity[:, :, 3:]).max() > 1e-2
+    assert not start.velocity.any()
+    # the motion goes on as it is: no first frame is thrown out of what follows
+    after = tips(solver, state, loads, 24)
+    middle = 0.5 * (after.max(axis=0) + after.min(axis=0))
+    reach = np.linalg.norm(after - middle, axis=1).max()
+    assert np.linalg.norm(state.points[0, -1, 0] - middle) < 2.0 * reach
+
+
+def test_only_chosen_feathers_are_touched(solver):
+    start = at_origin(solver.model)
+    state = settled(solver, start, in_wind(*STORM), ["a", "b"], [1])
+    np.testing.assert_array_equal(state.points[0], start.points[0])
+    assert np.abs(state.points[1] - start.points[1]).max() > 1e-3
+
+
+def test_one_that_cannot_be_solved_is_named(solver):
+    loads, start = in_wind(*STORM), at_origin(solver.model)
+    hurried = Solver(solver.model, Settings(tolerance=1e-3, radius=0.5, max_iterations=2))
+    with pytest.raises(SimulationError, match=r"'?a'?.*Newton iterations"):
+        settled(hurried, start, loads, ["a", "b"])
