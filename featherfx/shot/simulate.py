@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, Problem, SimulationError
+from featherfx.errors import SimulationError
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
@@ -152,9 +152,6 @@ class Simulation:
         plan = plan.part(np.union1d(wanted, carried.guides))
         every = plan.resolutions
         self.resolutions = [every[f][0] for f in wanted]
-        if shot.contact is not None and any(len(each) > 1 for each in every):
-            message = "feathers that touch keep their levels: they cannot follow a camera"
-            raise InputError(Problem(str(shot.source), "level_of_detail", message))
         groups = make_groups(shot, drawn, every, motion, self._jobs)
         if shot.cycle:
             for group in groups:

@@ -42,18 +42,13 @@ class Grids:
         """(B,) columns of each body's grid."""
         return np.repeat(self.columns, np.diff(self.first))
 
-    def places(self, batch: int) -> slice | Indices:
-        """Material points of a batch among those of the widest grid."""
-        m, most = int(self.columns[batch]), self.most_columns
-        if m == most:
-            return slice(None)
-        return np.concatenate([np.arange(3 + m), 3 + most + np.arange(m)])
-
     def put(self, values: Array, batch: int, bodies: Indices | slice, to: Array) -> None:
         """Write values (k, n, P, ...) of some bodies (counted in their batch) to those of all,
         (B, most rows, widest P, ...)."""
-        low, high = self.first[batch], self.first[batch + 1]
-        to[low:high][bodies, : self.rows[batch], self.places(batch)] = values
+        m, trailing = int(self.columns[batch]), 3 + self.most_columns
+        own = to[self.first[batch] : self.first[batch + 1], : self.rows[batch]]
+        own[bodies, :, : 3 + m] = values[:, :, : 3 + m]
+        own[bodies, :, trailing : trailing + m] = values[:, :, 3 + m :]
 
     def together(self, parts: Sequence[Array]) -> Array:
         """(B, most rows, widest P, ...) from one (F, n, P, ...) per batch."""

@@ -30,7 +30,7 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
-MOST_ITERATIONS = 400
+MOST_ITERATIONS = 1000
 # columns of a feather's counters that add up over its solves; of the others the last one's holds
 SUMS = [ITERATIONS, MATRICES, REJECTED, FAILED, FALLBACKS]
 

@@ -1,0 +1,156 @@
+"""What is asked too much of feathers that touch: it goes on, or ends with a name and a reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from test_contact_shots import SAMPLE, THICKNESS, Board, baked, bird, half_wing
+
+from featherfx.errors import InputWarning, SimulationError
+from featherfx.shot.read import read_shot
+from featherfx.shot.scenes import TimedSurface
+from featherfx.shot.simulate import simulate
+from featherfx.shot.types import Detail, Force, Motion
+
+HELD = Motion("hold", {})
+
+
+def timed(board) -> tuple[TimedSurface]:
+    return (TimedSurface(board, 1.0 / 30.0),)
+
+
+def coarse_bird():
+    shot = read_shot(SAMPLE)
+    return replace(shot, quality=replace(shot.quality, rows=7, columns=2, coefficients=1))
+
+
+@dataclass(frozen=True)
+class JumpingBoard(Board):
+    """It rises by 7.5 cm, through the whole wing, within the second frame."""
+
+    def points(self, code: float) -> np.ndarray:
+        share = min(max(30.0 * code - 2.0, 0.0), 1.0)
+        return self.rest + np.array([0.0, 0.0, 0.075 * share])
+
+
+def lowest_vane_points(simulation, frame) -> list[float]:
+    found = []
+    for feather, points in zip(simulation.feathers, frame.points, strict=True):
+        surface = feather.surface
+        vane = np.unique(surface.triangles[surface.part < 2])
+        found.append(float(surface.points(points)[vane, 2].min()))
+    return found
+
+
+@pytest.mark.slow
+def test_a_board_that_jumps_carries_the_wing_along():
+    shot = replace(half_wing(bird()), motion=HELD, colliders=timed(JumpingBoard()))
+    simulation, frames = baked(shot, 4)
+    level = JumpingBoard().points(1.0)[0, 2]
+    assert simulation.report["contact"]["most_contacts"] > 20
+    # through the wing at rest by centimetres, but not through the wing
+    assert min(lowest_vane_points(simulation, frames[0])) < level - 0.01
+    assert min(lowest_vane_points(simulation, frames[-1])) > level - 2.0 * THICKNESS
+
+
+@dataclass(frozen=True)
+class LateBoard(Board):
+    """Far below, until in no time at all it lies across the wing."""
+
+    def points(self, code: float) -> np.ndarray:
+        return self.rest + np.array([0.0, 0.0, 0.0 if code < 0.1 else 0.075])
+
+
+def outcome(shot, last):
+    """Frames that came out, and the feather whose error ended them, if one did."""
+    frames = []
+    try:
+        for frame in simulate(shot, 2, (shot.first_frame, last)):
+            assert all(np.isfinite(points).all() for points in frame.points)
+            frames.append(frame)
+    except SimulationError as error:
+        return frames, error.feather
+    return frames, None
+
+
+@pytest.mark.slow
+def test_a_collider_that_appears_inside_a_feather_ends_with_a_name_or_not_at_all():
+    shot = replace(half_wing(coarse_bird()), motion=HELD, colliders=timed(LateBoard()))
+    frames, failed = outcome(shot, 4)
+    assert len(frames) >= 2
+    assert len(frames) == 4 or failed in {feather.id for feather in shot.groom.feathers}
+
+
+def test_a_collider_that_is_inside_from_the_start_does_not_stop_the_shot():
+    inside = replace(half_wing(coarse_bird()), motion=HELD, colliders=timed(JumpingBoard()))
+    raised = Board()
+    object.__setattr__(raised, "rest", Board.rest + np.array([0.0, 0.0, 0.07]))
+    simulation, frames = baked(replace(inside, colliders=timed(raised)), 3)
+    assert simulation.report["contact"]["nodes_grown_into_bodies"] > 0
+    assert len(frames) == 3
+    assert all(np.isfinite(points).all() for points in frames[-1].points)
+
+
+def test_a_storm_from_above_ends_with_a_name_or_not_at_all():
+    shot = half_wing(coarse_bird())
+    wind = replace(
+        shot.wind,
+        speed=30.0,
+        direction=np.array([0.0, 0.0, -1.0]),
+        air_density=1.225,
+        drag_normal=1.2,
+        drag_tangential=0.02,
+    )
+    with pytest.warns(InputWarning, match="settle"):
+        frames, failed = outcome(replace(shot, motion=HELD, wind=wind), 3)
+    # the pose at the first frame is there in any case
+    assert len(frames) >= 1
+    assert len(frames) == 3 or failed in {feather.id for feather in shot.groom.feathers}
+
+
+@pytest.mark.slow
+def test_a_wing_folds_by_120_degrees_and_ten_beats_run_through():
+    shot = coarse_bird()
+    folded = replace(shot, motion=Motion("flap", shot.motion.values | {"wrist_amplitude": 120.0}))
+    _, frames = baked(folded, 25, 2)
+    assert len(frames) == 25
+    simulation, frames = baked(replace(shot, last_frame=361), 361, 2)
+    assert len(frames) == 361
+    assert simulation.report["contact"]["worst_depth"] < THICKNESS
+
+
+def test_feathers_of_different_grids_touch_each_other():
+    shot = half_wing(bird())
+    details = (Detail("*_02", "coarse"), Detail("*_04", "rachis"))
+    simulation, frames = baked(replace(shot, details=details), 10)
+    assert {r.level for r in simulation.resolutions} == {"full", "coarse", "rachis"}
+    contact = simulation.report["contact"]
+    assert contact["most_contacts"] >= 3
+    assert contact["worst_depth"] < THICKNESS
+    _, free = baked(replace(shot, details=details, contact=None), 10)
+    apart = [np.abs(a - b).max() for a, b in zip(frames[-1].points, free[-1].points, strict=True)]
+    assert max(apart) > 10.0 * THICKNESS
+
+
+def test_feathers_that_nothing_reaches_sleep_while_others_move():
+    """Five feathers at rest; the outermost is pulled and stirs its neighbours only a little."""
+    shot = replace(half_wing(coarse_bird()), motion=HELD, last_frame=60)
+    simulation, _ = baked(shot, 40)
+    still = simulation.report["skipped"]["sleeping feather frames"]
+    pull = Force(
+        feather="right_primary_05",
+        force=np.array([0.0, 0.0, -2e-3]),
+        line="point",
+        row=1.0,
+        column=0.0,
+        side="leading",
+        span=(0.0, 1.0),
+        keys=((0.0, 0.0), (1.0, 0.0), (1.2, 1.0)),
+    )
+    simulation, _ = baked(replace(shot, forces=(pull,)), 40)
+    woken = simulation.report["skipped"]["sleeping feather frames"]
+    assert 0 < woken < still
+    # with all of them awake from the pull on, these would be those of the first second
+    assert simulation.report["newton_iterations"]["mean"] < 40.0
