@@ -19,34 +19,25 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.contact_bodies import Bodies
 from featherfx.shot.contact_pairs import candidate_pairs, normal_of, order_at_rest
 from featherfx.shot.contact_settle import settled_together
+from featherfx.shot.contact_steps import FrameSteps, StepRules
 from featherfx.shot.placement import place
 from featherfx.shot.sleep import asleep
 from featherfx.shot.types import Shot
 from featherfx.solver.contact import ContactReport, ContactSettings, ContactSolver
 from featherfx.solver.contact_surfaces import Memory, grids_of_models, skin_of
-from featherfx.solver.newton_kernels import TOO_MUCH_WORK
 from featherfx.solver.root_path import RootPath
 from featherfx.solver.state import State
-from featherfx.solver.step import Solver, StepReport, raise_if_failed
+from featherfx.solver.step import Solver, StepReport
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 LoadsOf = Callable[[float, float], Sequence[Loads]]
 PathsOf = Callable[[float, float], Sequence[RootPath]]
 
-# a step that cannot be solved is cut by this share, to that of the shortest regular one at least
-CUT, SMALLEST_SHARE = 0.25, 1.0 / 16.0
-# misfit of a step's contacts, over the thickness, beyond which it is cut to the shortest regular
-# one, and beyond which it is cut further
-WRONG_SHARE, BAD_SHARE = 0.5, 2.0
 # what a gap may be off: a share of the quality's tolerance, between these of the thickness
 OFF_SHARE, LEAST_SHARE, MOST_SHARE = 0.05, 0.1, 0.4
 # smallest followed gap, in thicknesses
 MARGIN_SHARE = 6.0
-# share of the feathers that should need no more than one step of their own in a common one
-FEW_STEPS = 0.8
-# Newton iterations of a feather in a frame, over Settings.max_iterations: it is solved in rounds
-MORE_ITERATIONS = 8
 # pairs named in a report
 MOST_NAMED = 10
 
@@ -70,7 +61,7 @@ class Tally:
     rest_depth: float = 0.0
     shortest: float = field(default=np.inf)
 
-    def add(self, report: ContactReport, step: float) -> None:
+    def add(self, report: ContactReport, step: float, off: bool) -> None:
         self.contacts = max(self.contacts, report.contacts)
         self.intervals += 1
         self.rounds += report.rounds
@@ -78,6 +69,7 @@ class Tally:
         self.depth = max(self.depth, report.depth)
         self.residual = max(self.residual, report.residual)
         self.shortest = min(self.shortest, step)
+        self.forced += int(off)
 
 
 class ShotContact:
@@ -127,8 +119,21 @@ class ShotContact:
         self.solver = ContactSolver(solvers, pairs, sides, halves, settings)
         self.tally = Tally()
         self._bodies = Bodies(shot, float(lengths.max()))
+        self._rules = self._step_rules()
         self._proposal = 0.0
         self._unresolved: list[dict[str, Any]] = []
+
+    def _step_rules(self) -> StepRules:
+        quality = self.shot.quality
+        return StepRules(
+            steps=self.contact.steps,
+            substeps=quality.max_substeps,
+            tolerance=quality.tolerance,
+            thickness=self._thickness,
+            rounds=self.solver.settings.rounds,
+            iterations=self.solver.solvers[0].settings.max_iterations,
+            names=self.names,
+        )
 
     def _tolerance(self) -> float:
         """m, what a gap may be off."""
@@ -149,78 +154,27 @@ class ShotContact:
         loads_of, paths_of: what acts from one time to another, per batch. resting: (B,) feathers at
         rest on which nothing acts anew; they are stepped when others push them.
         """
-        quality, duration = self.shot.quality, end - start
-        steps = self.contact.steps
-        shortest = duration / (steps or quality.max_substeps)
-        h = shortest if steps else min(self._proposal or duration, duration)
-        time, current, parts = start, list(states), []
-        spent, resting = np.zeros(len(self.names)), resting.copy()
-        yielding: Flags | None = None
-        while time < end - 1e-9 * duration:
-            left = end - time
-            step = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
-            stop = end if step == left else time + step
-            substeps = 1 if steps else max(1, round(step / shortest))
+        steps = FrameSteps(self._rules, start, end, self._proposal)
+        current, parts, resting = list(states), [], resting.copy()
+        while steps.left():
+            time, stop = steps.time, steps.stop
             walls = self._bodies.walls(current, time, stop, self.solver.settings.margin)
             loads, paths = loads_of(time, stop), paths_of(time, stop)
             new, reports, contact = self.solver.interval(
-                current, loads, paths, stop - time, walls, substeps, resting, yielding
+                current, loads, paths, stop - time, walls, steps.substeps, resting, steps.yielding
             )
-            spent += np.concatenate([report.iterations for report in reports])
-            status = np.concatenate([report.status for report in reports])
-            if self._again(status, contact, step, shortest):
-                self._stop_at_limit(spent, time)
-                self.tally.repeated += 1
-                h = CUT * step if status.any() else 0.5 * step
-                if h < SMALLEST_SHARE * shortest:
-                    if yielding is not None:
-                        raise_if_failed(status, np.full(len(status), time), self.names)
-                    yielding, h = status != 0.0, step
+            if steps.again(reports, contact):
                 continue
-            self._stop_at_limit(spent, time)
-            current, time = _slept(new, reports, paths, stop - time), stop
+            steps.accepted(reports, contact)
+            current = _slept(new, reports, paths, stop - time)
             resting &= np.concatenate([report.steps for report in reports]) == 0.0
             self.solver.accept()
             self._bodies.begun = True
-            self.tally.add(contact, step)
-            self.tally.forced += int(contact.residual > WRONG_SHARE * self._thickness)
-            yielding = None
+            self.tally.add(contact, steps.length, self._rules.wrong(contact))
             parts.append(reports)
-            easy = contact.rounds <= self.solver.settings.rounds
-            h = min(shortest, 2.0 * step if easy else step)
-            if not steps:
-                h = max(h, step * self._change(reports))
-        self._proposal = h
+        self._proposal = steps.proposal
+        self.tally.repeated += steps.repeated
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
-
-    def _again(self, status: Array, contact: ContactReport, step: float, shortest: float) -> bool:
-        """Whether a step is to be tried again, shorter."""
-        wrong, bad = contact.residual > np.array([WRONG_SHARE, BAD_SHARE]) * self._thickness
-        least = 1.001 * shortest
-        if bad:
-            least = 2.0 * SMALLEST_SHARE * shortest
-        return bool(status.any()) or (bool(wrong) and step > least)
-
-    def _stop_at_limit(self, spent: Array, time: float) -> None:
-        """SimulationError for a feather that took too many Newton iterations in a frame."""
-        most = MORE_ITERATIONS * self.solver.solvers[0].settings.max_iterations
-        raise_if_failed(
-            np.where(spent > most, TOO_MUCH_WORK, 0), np.full(len(spent), time), self.names, most
-        )
-
-    def _change(self, reports: Sequence[StepReport]) -> float:
-        """Factor from this common step to the next: most feathers should need one of their own."""
-        steps = np.concatenate([report.steps for report in reports])
-        error = np.concatenate([report.error for report in reports])
-        awake = steps > 0.0
-        if not awake.any():
-            return 2.0
-        need = float(np.quantile(steps[awake], FEW_STEPS))
-        if need > 1.0:
-            return max(0.25, 1.0 / need)
-        off = max(float(np.quantile(error[awake], FEW_STEPS)), 1e-30)
-        change = 0.9 * (self.shot.quality.tolerance / off) ** (1.0 / 3.0)
-        return float(min(2.0, max(0.5, change)))
 
     def settle(self, states: Sequence[State], loads: Sequence[Loads]) -> list[State]:
         """Bring layered feathers to rest against each other by long damped steps."""
