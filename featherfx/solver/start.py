@@ -1,4 +1,4 @@
-"""Acceleration of a feather whose steps are yet to begin."""
+"""Strains and acceleration of a feather whose steps are yet to begin."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.rotations_kernels import multiply
 from featherfx.mechanics.turns import turns_to_frames
-from featherfx.solver.newton_kernels import minimise
+from featherfx.solver.newton_kernels import evaluate, minimise
 from featherfx.solver.pose_kernels import load_pose
 from featherfx.solver.root_kernels import root_at
 from featherfx.solver.root_path import RootPath
@@ -32,7 +32,8 @@ def start_acceleration(
     work: Work,
     path: RootPath,
 ) -> None:
-    """Set the accelerations of feather f, in place, to those that its pose and velocity give.
+    """Set the strains of feather f, in place, to those of its pose, and the accelerations to those
+    that pose and velocity give.
 
     One implicit Euler step over the duration (s), a = (x - x0 - h v0) / h^2, which is then taken
     back. Damping and air take part: without them a relaxing material would first be thrown, and a
@@ -47,6 +48,12 @@ def start_acceleration(
     h = INSTANT * duration
     now, around = work.now, work.around
     turn, centre = state.turn[f], state.centre[f]
+    factors = (1.0 / (h * h), 1.0 / h, 1.0 / h)
+    around.target[:] = around.past[:] = state.points[f]
+    around.reference[:] = state.strains[f, 0]
+    load_pose(turn, centre, state.coefficient[f], model.length[f], now)
+    evaluate(model, loads, f, 0.0, factors, now, around)
+    state.strains[f, 0] = now.strains
     moving = state.velocity[f].any() and np.ptp(path.samples[f], axis=0).any()
     if model.held[f] and moving:
         turn, centre = _carried(path.samples[f], path.base[f], turn, centre)
@@ -58,7 +65,6 @@ def start_acceleration(
         now.points[:] = state.points[f]
         time, stiffness = state.time[f] + h, model.cell_stiffness[f]
         blow(now.points, time, loads, f, state.velocity[f], stiffness, around)
-    factors = (1.0 / (h * h), 1.0 / h, 1.0 / h)
     minimise(model, loads, f, 0.0, factors, 0.0, START_ITERATIONS, work)
     state.acceleration[f] = (now.points - around.target) / (h * h)
     state.smoothed[f] = state.acceleration[f]
