@@ -104,6 +104,7 @@ class Solver:
     def __init__(self, model: Model, settings: Settings, jobs: int = 1) -> None:
         self.model, self.settings = model, settings
         self._local = local()
+        self._jobs = jobs
         self._pool = ThreadPoolExecutor(jobs) if jobs > 1 else None
 
     def __enter__(self) -> Solver:
@@ -249,9 +250,16 @@ class Solver:
         if self._pool is None:
             for f in feathers:
                 function(f)
-        else:
-            for _ in self._pool.map(function, feathers):
-                pass
+            return
+        # every thread takes the next feather when it is free
+        waiting = iter(list(feathers))
+
+        def work() -> None:
+            for f in waiting:
+                function(f)
+
+        for done in [self._pool.submit(work) for _ in range(self._jobs)]:
+            done.result()
 
 
 def report_of(counters: Array) -> StepReport:
