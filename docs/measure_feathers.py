@@ -104,7 +104,8 @@ def main() -> None:
         write_skin(home / "skin.usdc")
         measured(home, 20)  # compiles
         print(
-            "| feathers | groom, s | first frame, s | a frame, s | each, ms | simulated, ms | bake, s |"
+            "| feathers | groom, s | first frame, s | a frame, s | each, ms |"
+            " simulated, ms | bake, s |"
         )
         print("|---|---|---|---|---|---|---|")
         rounds = [[measured(home, count) for count in counts] for _ in range(ROUNDS)]
