@@ -116,7 +116,7 @@ def test_a_wing_folds_by_120_degrees_and_ten_beats_run_through():
     folded = replace(shot, motion=Motion("flap", shot.motion.values | {"wrist_amplitude": 120.0}))
     _, frames = baked(folded, 25, 2)
     assert len(frames) == 25
-    simulation, frames = baked(replace(shot, last_frame=361), 361, 2)
+    simulation, frames = baked(replace(bird(), last_frame=361), 361, 2)
     assert len(frames) == 361
     assert simulation.report["contact"]["worst_depth"] < THICKNESS
 
