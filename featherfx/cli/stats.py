@@ -83,8 +83,8 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
         levels = ", ".join(f"{count:.0f} {level}" for level, count in bake["levels"].items())
         lines.append(f"  levels in the mean of the frames: {levels}")
     lines.append(
-        f"  about {bake['wall_seconds']:.3g} s with {bake['jobs']} jobs,"
+        f"  about {bake['wall_seconds']:.3g} s to simulate with {bake['jobs']} jobs,"
         f" {bake['memory_bytes'] / 1e6:.3g} MB of memory,"
-        f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples"
+        f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples to write beside it"
     )
     return lines
