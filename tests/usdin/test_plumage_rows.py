@@ -1,0 +1,134 @@
+"""Rows along curves and joints, and kinds that mix within a region."""
+
+import numpy as np
+import pytest
+from pxr import Gf, UsdGeom, UsdSkel
+from regions_skin import grown, problems, region, roots, skin_folder, write_skin
+from usdin_scenes import new_stage
+
+__all__ = ["skin_folder"]
+
+
+ROOT = "{ position = [0, 0, 0], direction = [-1, 0, 0], up = [0, 0, 1] }"
+ROW = f"""[[row]]
+id = "primary"
+kind = "swan_primary"
+count = 5
+first = {ROOT}
+last = {ROOT}
+"""
+
+
+def test_a_row_along_a_curve(tmp_path):
+    write_skin(tmp_path, meters_per_unit=0.01)
+    curve = "curve = { usd = 'skin.usda', prim = '/guides/line' }\n"
+    positions = roots(grown(tmp_path, ROW + curve, skin="name = 'wing'\n"))
+    # 0.1 units of a centimetre long, in five roots at equal distances
+    assert positions[:, 0] == pytest.approx(-0.001 * np.linspace(0, 1, 5))
+    assert positions[:, 2] == pytest.approx(0.001)
+
+
+def test_a_row_along_a_curve_that_is_not_there(folder):
+    missing = problems(folder, ROW + "curve = { usd = 'skin.usda', prim = '/nothing' }\n")
+    assert "row[0].curve.prim" in missing
+    skin = problems(folder, ROW + "curve = { usd = 'skin.usda', prim = '/skin' }\n")
+    assert "no curves at /skin" in skin
+    path = "path = [[0, 0, 0], [1, 0, 0]]\n"
+    both = problems(folder, ROW + path + "curve = { usd = 'skin.usda', prim = '/guides/line' }\n")
+    assert "stands beside path" in both
+
+
+def write_skeleton(folder):
+    stage = new_stage(folder / "bones.usda", 0.01)
+    skeleton = UsdSkel.Skeleton.Define(stage, "/bird/skeleton")
+    UsdGeom.Xformable(stage.DefinePrim("/bird", "Xform")).AddTranslateOp().Set((0, 0, 50))
+    skeleton.CreateJointsAttr(["arm", "arm/hand", "arm/hand/tip", "leg", "leg/tip"])
+    places = [(0, 0, 0), (10, 0, 0), (10, 20, 0), (0, 0, -5), (0, 0, -9)]
+    matrices = [Gf.Matrix4d().SetTranslate(Gf.Vec3d(*place)) for place in places]
+    skeleton.CreateBindTransformsAttr(matrices)
+    stage.GetRootLayer().Save()
+
+
+def on_joints(*names):
+    return (
+        "curve = { usd = 'bones.usda', prim = '/bird/skeleton', joints = "
+        + str(list(names))
+        + " }\n"
+    )
+
+
+def test_a_row_along_the_joints_of_a_skeleton(tmp_path):
+    write_skeleton(tmp_path)
+    row = ROW.replace("count = 5", "count = 4") + on_joints("arm", "hand", "arm/hand/tip")
+    positions = roots(grown(tmp_path, row, skin="name = 'wing'\n"))
+    # 0.1 m along the arm, then 0.2 m along the hand, 0.5 m above the ground
+    wanted = [[0, 0, 0.5], [0.1, 0, 0.5], [0.1, 0.1, 0.5], [0.1, 0.2, 0.5]]
+    assert np.allclose(positions, wanted)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("arm", "hnad"), "no joint 'hnad', did you mean 'hand'"),
+        (("arm", "tip"), "may be arm/hand/tip, leg/tip"),
+        (("arm",), "expects two or more of /bird/skeleton, known: arm, arm/hand"),
+        (("arm", "arm"), "are at one place"),
+    ],
+)
+def test_joints_that_make_no_line(tmp_path, names, message):
+    write_skeleton(tmp_path)
+    assert message in problems(tmp_path, ROW + on_joints(*names), skin="name = 'wing'\n")
+
+
+def test_joints_of_a_curve_are_refused(folder):
+    curve = "curve = { usd = 'skin.usda', prim = '/guides/line', joints = ['a', 'b'] }\n"
+    assert "is no Skeleton" in problems(folder, ROW + curve)
+
+
+MIXED = "kind = [{ name = 'body_contour', share = 3 }, { name = 'covert'%s }]\n"
+
+
+def of_kinds(where=""):
+    return region(keys="count = 400").replace("kind = 'body_contour'\n", MIXED % where)
+
+
+def test_kinds_mix_by_their_shares(folder):
+    groom = grown(folder, of_kinds())
+    covert = np.array([f.kind.name == "covert" for f in groom.feathers])
+    # binomial, three standard deviations
+    assert abs(covert.mean() - 0.25) < 3 * np.sqrt(0.25 * 0.75 / 400)
+    # each as long as its own kind, where the region gives no length
+    lengths = np.array([f.kind.length for f in groom.feathers])
+    assert np.allclose(lengths, np.where(covert, 0.11, 0.06))
+    plain = grown(folder, region(keys="count = 400"))
+    assert [f.id for f in plain.feathers] == [f.id for f in groom.feathers]
+    assert np.array_equal(roots(plain), roots(groom))
+
+
+def test_kinds_by_names_alone_are_of_equal_share(folder):
+    named = region(keys="count = 400").replace("'body_contour'", "['body_contour', 'covert']")
+    covert = np.array([f.kind.name == "covert" for f in grown(folder, named).feathers])
+    assert abs(covert.mean() - 0.5) < 3 * np.sqrt(0.25 / 400)
+
+
+def test_maps_choose_kinds(folder):
+    groom = grown(folder, of_kinds(", where = [{ x = [0, 1] }]"))
+    x = roots(groom)[:, 0]
+    covert = np.array([f.kind.name == "covert" for f in groom.feathers])
+    assert not covert[x < 0].any()
+    assert covert[x > 0].mean() == pytest.approx(0.25, abs=0.1)
+    # a kind whose share is 0 all around leaves the place to the first
+    none = grown(folder, of_kinds(", where = [{ x = [5, 6] }]"))
+    assert {f.kind.name for f in none.feathers} == {"body_contour"}
+
+
+def test_kinds_that_are_wrong(folder):
+    mixed = of_kinds(", where = [{ x = [1, 0] }], share = -1").replace("body_contour", "bdoy")
+    found = problems(folder, mixed)
+    assert "region[0].kind[1].share" in found
+    sound = of_kinds(", where = [{ x = [1, 0] }]").replace("body_contour", "bdoy")
+    found = problems(folder, sound)
+    assert "the lower bound comes first" in found
+    assert "bdoy" in found
+    nothing = region().replace("'body_contour'", "[{ name = 'covert', share = 0 }]")
+    assert "no share above 0" in problems(folder, nothing)
