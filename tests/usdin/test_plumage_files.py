@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from pxr import Usd, UsdGeom
-from test_plumage_regions import SKIN, region, write_skin
+from regions_skin import SKIN, region, write_skin
 
 from featherfx.cli.main import main
 from featherfx.pipeline import check, export_groom, plumage_stats
