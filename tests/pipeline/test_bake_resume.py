@@ -47,8 +47,9 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def chunk_bytes(path: Path) -> dict[str, bytes]:
+    """Of all complete chunks; those that are being written have names that begin with a dot."""
     folder = path.with_suffix(".clips")
-    return {str(f.relative_to(folder)): f.read_bytes() for f in folder.rglob("*.usdc")}
+    return {str(f.relative_to(folder)): f.read_bytes() for f in folder.rglob("[!.]*.usdc")}
 
 
 def run_and_kill(path: Path, layout: str, seconds: float) -> bool:
