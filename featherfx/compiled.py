@@ -21,7 +21,15 @@ from typing import Any
 import numba
 from numba.core.caching import FunctionCache
 
-from featherfx.kernel_parts import Dispatcher, EntryCompiler, Part, PartCompiler, Shared, Stored
+from featherfx.kernel_parts import (
+    ApartCompiler,
+    Dispatcher,
+    EntryCompiler,
+    Part,
+    PartCompiler,
+    Shared,
+    Stored,
+)
 
 ROOT = Path(__file__).resolve().parent
 # how kernels are compiled
@@ -140,6 +148,15 @@ def kernel(function: Callable[..., Any]) -> Any:
     Kernels that call it get its code linked in.
     """
     part = Part(function, targetoptions=PART_OPTIONS, pipeline_class=PartCompiler)
+    return _entry(function, part)
+
+
+def loop_kernel(function: Callable[..., Any]) -> Any:
+    """As kernel, for short loops over arrays of which none that is written overlaps another.
+
+    Else every such loop would begin with tests whether they do.
+    """
+    part = Part(function, targetoptions=PART_OPTIONS, pipeline_class=ApartCompiler)
     return _entry(function, part)
 
 

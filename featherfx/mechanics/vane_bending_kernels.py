@@ -43,30 +43,45 @@ def hinge_angle(start, end, above, below):
 
 
 @kernel
-def hinge_gradient(start, end, above, below, gradient):
-    """Gradient of the dihedral angle, written to gradient (4, 3): x_0, x_1, x_2, x_3."""
-    ex, ey, ez = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    ux, uy, uz = above[0] - start[0], above[1] - start[1], above[2] - start[2]
-    vx, vy, vz = below[0] - start[0], below[1] - start[1], below[2] - start[2]
+def hinge_slopes(ex, ey, ez, ux, uy, uz, vx, vy, vz):
+    """Derivatives of the dihedral angle by x_0, x_1, x_2, x_3, three each, in one tuple.
+
+    e = x_1 - x_0, u = x_2 - x_0, v = x_3 - x_0, axis by axis.
+    """
     ax, ay, az = cross(ex, ey, ez, ux, uy, uz)
     bx, by, bz = cross(vx, vy, vz, ex, ey, ez)
     square = ex * ex + ey * ey + ez * ez
     length = sqrt(square)
     # a triangle crushed to a line would give an infinite slope; it is bounded there
     floor = 1e-12 * square * square
-    a = ax * ax + ay * ay + az * az
-    b = bx * bx + by * by + bz * bz
-    a = length / max(a, floor)
-    b = length / max(b, floor)
-    above_share = (ux * ex + uy * ey + uz * ez) / square
-    below_share = (vx * ex + vy * ey + vz * ez) / square
-    for k in range(3):
-        na = a * (ax if k == 0 else (ay if k == 1 else az))
-        nb = b * (bx if k == 0 else (by if k == 1 else bz))
-        gradient[2, k] = -na
-        gradient[3, k] = -nb
-        gradient[1, k] = above_share * na + below_share * nb
-        gradient[0, k] = (1.0 - above_share) * na + (1.0 - below_share) * nb
+    a = length / max(ax * ax + ay * ay + az * az, floor)
+    b = length / max(bx * bx + by * by + bz * bz, floor)
+    ax, ay, az, bx, by, bz = a * ax, a * ay, a * az, b * bx, b * by, b * bz
+    s = (ux * ex + uy * ey + uz * ez) / square
+    t = (vx * ex + vy * ey + vz * ez) / square
+    p, q = 1.0 - s, 1.0 - t
+    start = p * ax + q * bx, p * ay + q * by, p * az + q * bz
+    end = s * ax + t * bx, s * ay + t * by, s * az + t * bz
+    return (*start, *end, -ax, -ay, -az, -bx, -by, -bz)
+
+
+@kernel
+def hinge_gradient(start, end, above, below, gradient):
+    """Gradient of the dihedral angle, written to gradient (4, 3): x_0, x_1, x_2, x_3."""
+    slopes = hinge_slopes(
+        end[0] - start[0],
+        end[1] - start[1],
+        end[2] - start[2],
+        above[0] - start[0],
+        above[1] - start[1],
+        above[2] - start[2],
+        below[0] - start[0],
+        below[1] - start[1],
+        below[2] - start[2],
+    )
+    for node in range(4):
+        for k in range(3):
+            gradient[node, k] = slopes[3 * node + k]
 
 
 @kernel

@@ -40,21 +40,28 @@ def membrane_strain(start, end, opposite, rest):
 
 
 @kernel
+def membrane_slopes(start, end, opposite, edge, slant, reach):
+    """Derivatives of both strains by one axis of each node.
+
+    start, end, opposite: that axis of x_0, x_1, x_2. edge, slant, reach: 1/s, p, 1/h. Returns e_ww
+    by start, end, opposite, then 2 e_vw.
+    """
+    a = (end - start) * edge
+    c = (opposite - start - slant * a) * reach
+    across, shear = c * reach, a * reach
+    across_end = -slant * edge * across
+    shear_end = (c - slant * shear) * edge
+    return -across - across_end, across_end, across, -shear - shear_end, shear_end, shear
+
+
+@kernel
 def membrane_gradient(start, end, opposite, rest, gradient):
     """Gradients, written to gradient (2, 3, 3): strain, node (start, end, opposite), axis."""
     for k in range(3):
-        a = (end[k] - start[k]) * rest[0]
-        c = (opposite[k] - start[k] - rest[1] * a) * rest[2]
-        by_opposite = c * rest[2]
-        by_end = -rest[1] * rest[0] * by_opposite
-        gradient[0, 2, k] = by_opposite
-        gradient[0, 1, k] = by_end
-        gradient[0, 0, k] = -by_opposite - by_end
-        by_opposite = a * rest[2]
-        by_end = (c - rest[1] * by_opposite) * rest[0]
-        gradient[1, 2, k] = by_opposite
-        gradient[1, 1, k] = by_end
-        gradient[1, 0, k] = -by_opposite - by_end
+        slopes = membrane_slopes(start[k], end[k], opposite[k], rest[0], rest[1], rest[2])
+        for node in range(3):
+            gradient[0, node, k] = slopes[node]
+            gradient[1, node, k] = slopes[3 + node]
 
 
 @kernel

@@ -7,7 +7,7 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 0 being the rachis point, and zeros up to a multiple of four.
 """
 
-from featherfx.compiled import kernel
+from featherfx.compiled import kernel, loop_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.solver.energy_kernels import node_index
 from featherfx.solver.vane_force_kernels import ALONG, OWN, SKIP, SLANT, UP, damped_stress
@@ -50,21 +50,30 @@ def _add_tension(i, side, points, force, segment, signed, tension, own, along):
             along[k, k * count + j] -= value
 
 
+@loop_kernel
+def _copy_three_times(source, first, second, third):
+    for j in range(source.shape[0]):
+        first[j] = source[j]
+        second[j] = source[j]
+        third[j] = source[j]
+
+
 @kernel
 def _tile(jacobian, tiles):
     """Each axis of a barb's Jacobian (w, 3 S) three times over, to tiles (w, 3, 3 S + 1)."""
     count = jacobian.shape[1] // 3
     for a in range(jacobian.shape[0]):
         for axis in range(3):
-            line, source = tiles[a, axis], jacobian[a, axis * count : axis * count + count]
-            for j in range(count):
-                value = source[j]
-                line[j] = value
-                line[count + j] = value
-                line[2 * count + j] = value
+            line = tiles[a, axis]
+            _copy_three_times(
+                jacobian[a, axis * count : axis * count + count],
+                line,
+                line[count:],
+                line[2 * count :],
+            )
 
 
-@kernel
+@loop_kernel
 def _blocks_times(near, far, tiles, product):
     """product[a] = near J + far J(next node) for every increment a of a barb.
 
@@ -86,7 +95,7 @@ def _blocks_times(near, far, tiles, product):
             )
 
 
-@kernel
+@loop_kernel
 def _far_times(far, tiles, product):
     """As _blocks_times without near."""
     size = far.shape[1]

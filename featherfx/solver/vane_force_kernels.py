@@ -1,28 +1,32 @@
 """Forces of membrane and bending across barbs on the nodes of a vane, and their stiffness there.
 
 Stiffness is kept as 3 by 3 blocks between neighbouring nodes of the grid, row by row and side by
-side: the few kinds of pairs below are all that triangles and hinges couple. A triangle is a matter
-of e = x_1 - x_0 along the barb and d = x_2 - x_0 (vane_membrane_kernels, from which p, s and h):
+side: the few kinds of pairs below are all that triangles and hinges couple. A strain e with stress
+s and stiffness k, whose gradient by node p is g_p, gives the force s g_p and the block k g_p g_q^T.
+What is left of a triangle's second variation (vane_membrane_kernels), with f and g its stresses, is
 
-    a = e / s,      c = d / h - t e,      t = p / (s h)
+    f |dc|^2 + 2 g da.dc,      a = e / s,   c = d / h - t e,   t = p / (s h)
 
-and its second variation, with k_w, k_s the stiffnesses of e_ww and 2 e_vw, f and g their stresses,
-
-    k_w (c.dc)^2 + k_s (a.dc + c.da)^2 + f |dc|^2 + 2 g da.dc
-
-Compression and shear make the last two terms indefinite. Their stabilising part, used where the
-whole is indefinite, is that along the triangle's normal n alone and there the positive eigenvalue
-l of [[0, g], [g, f]]: l (n.(p da + q dc))^2 with its unit eigenvector (p, q). A compression guard
-(vane_guard_kernels) adds to the stresses, and the square of its dJ.
+e = x_1 - x_0 lies along the barb, d = x_2 - x_0. Compression and shear make it indefinite. Its
+stabilising part, used where the whole matrix is indefinite, is the lift of membrane_lift that has
+a positive stiffness. A compression guard (vane_guard_kernels) adds to the stresses, and J as one
+more strain.
 """
 
-from math import sqrt
-
 from featherfx.compiled import kernel
-from featherfx.mechanics.rotations_kernels import cross
-from featherfx.mechanics.vane_bending_kernels import crush_gradient, hinge_gradient, opening
+from featherfx.mechanics.vane_bending_kernels import crush_gradient, opening
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
-from featherfx.solver.energy_kernels import node_index
+from featherfx.mechanics.vane_membrane_kernels import membrane_lift
+from featherfx.solver.barb_lines_kernels import (
+    add_diagonal,
+    add_forces,
+    add_lines_to_nodes,
+    add_outer,
+    hinge_gradients,
+    lanes,
+    membrane_gradients,
+    nodes_to_lines,
+)
 
 # blocks K(p, q) of row i and column j: p, q =
 # (i, j), (i, j), halved; (i, j), (i, j+1); (i+1, j), (i, j); (i+1, j), (i, j+1);
@@ -31,6 +35,8 @@ OWN, ALONG, UP, SLANT, SKIP = 0, 1, 2, 3, 4
 PAIRS = 5
 # which second derivatives are wanted: none, those without what may be indefinite, all
 FORCES_ONLY, STABILISING, WHOLE = 0, 1, 2
+# strains of a triangle: e_ww, 2 e_vw, the guard's J and the stabilising lift
+GUARD, LIFT = 2, 3
 
 
 @kernel
@@ -47,225 +53,265 @@ def damped_stress(stiffness, strain, reference, damping):
 
 
 @kernel
-def _add_stable_part(a, c, across, shear, by_edge, by_reach, turn, dd, de, ee):
-    """Add the stabilising geometric stiffness; a, c: (3,), the factors those of _fill_blocks."""
-    nx, ny, nz = cross(a[0], a[1], a[2], c[0], c[1], c[2])
-    square = nx * nx + ny * ny + nz * nz
-    value = 0.5 * (across + sqrt(across * across + 4.0 * shear * shear))
-    size = (value * value + shear * shear) * square
-    if not size > 0.0:
-        return
-    normal = (nx, ny, nz)
-    on_e, on_d = shear * by_edge - value * turn, value * by_reach
-    for k in range(3):
-        for m in range(3):
-            lift = value * normal[k] * normal[m] / size
-            dd[k, m] += lift * on_d * on_d
-            de[k, m] += lift * on_d * on_e
-            ee[k, m] += lift * on_e * on_e
+def _load_cells(half, rest, stiffness, strains, reference, damping, cells):
+    """Rest values, stresses and stiffnesses of triangles A or B (half) of a strip, to lines.
 
-
-@kernel
-def _add_guard(a, c, v, by_reach, turn, guard, dd, de, ee):
-    """Add d2W/dJ2 dJ dJ^T; guard: (3,), v: derivative of 2 e_vw by e."""
-    curvature, by_across, by_shear = guard[0], guard[1], guard[2]
-    for k in range(3):
-        dk = by_reach * (by_across * c[k] + by_shear * a[k])
-        ek = by_shear * v[k] - by_across * turn * c[k]
-        for m in range(3):
-            dm = by_reach * (by_across * c[m] + by_shear * a[m])
-            em = by_shear * v[m] - by_across * turn * c[m]
-            dd[k, m] += curvature * dk * dm
-            de[k, m] += curvature * dk * em
-            ee[k, m] += curvature * ek * em
-
-
-@kernel
-def _fill_blocks(triangle, rest, terms, wanted):
-    """Second derivatives by (d, d), (d, e) and (e, e) of one triangle, to triangle[1:4].
-
-    triangle: (4, 3, 3), of which [0, 0] is a and [0, 1] is c. rest: (1/s, p, 1/h). terms: (3, 3)
-    stiffnesses k_w, k_s; stresses f, g; and of the guard d2W/dJ2 and dJ by both strains.
+    rest: (m, 2, 3), stiffness: (m, 2, 2), strains, reference: (4 m,). Triangles without stiffness
+    are not there: all their values are zero.
     """
-    stiffness, across, shear = terms[0], terms[1, 0], terms[1, 1]
-    a, c, v = triangle[0, 0], triangle[0, 1], triangle[0, 2]
-    dd, de, ee = triangle[1], triangle[2], triangle[3]
-    by_edge, by_reach = rest[0], rest[2]
-    turn = rest[2] * rest[1] * rest[0]
-    for k in range(3):
-        v[k] = by_edge * c[k] - turn * a[k]
-    wide, tall = stiffness[0] * by_reach, stiffness[1] * by_reach
-    for k in range(3):
-        for m in range(3):
-            cc = c[k] * c[m]
-            dd[k, m] = by_reach * (wide * cc + tall * a[k] * a[m])
-            de[k, m] = tall * a[k] * v[m] - wide * turn * cc
-            ee[k, m] = stiffness[0] * turn * turn * cc + stiffness[1] * v[k] * v[m]
-    if terms[2, 0] > 0.0:
-        _add_guard(a, c, v, by_reach, turn, terms[2], dd, de, ee)
-    if wanted == STABILISING:
-        _add_stable_part(a, c, across, shear, by_edge, by_reach, turn, dd, de, ee)
-        return
-    for k in range(3):
-        dd[k, k] += across * by_reach * by_reach
-        de[k, k] += by_reach * (shear * by_edge - across * turn)
-        ee[k, k] += turn * (across * turn - 2.0 * shear * by_edge)
-
-
-@kernel
-def _add_blocks(triangle, half, j, own, along, other, up, slant):
-    """Blocks of triangle A or B (half) of column j, added to (3, 3 S) of each kind of pair.
-
-    own, along: of its edge's row. other: OWN of its opposite node's row. up, slant: of the cell.
-    """
-    dd, de, ee = triangle[1], triangle[2], triangle[3]
-    count = own.shape[1] // 3
-    for m in range(3):
+    for j in range(stiffness.shape[0]):
+        at = 4 * j + 2 * half
+        there = stiffness[j, half, 0] != 0.0
         for k in range(3):
-            at = k * count + j
-            reach, edge, mixed, turned = dd[k, m], ee[k, m], de[k, m], de[m, k]
-            own[m, at] += 0.5 * (reach + edge + mixed + turned)
-            own[m, at + 1] += 0.5 * edge
-            along[m, at] -= edge + mixed
-            if half == 0:
-                other[m, at] += 0.5 * reach
-                up[m, at] -= reach + mixed
-                slant[m, at] += mixed
-            else:
-                other[m, at + 1] += 0.5 * reach
-                up[m, at + 1] += turned
-                slant[m, at] -= reach + turned
+            cells.rest[k, j] = rest[j, half, k] if there else 0.0
+        for k in range(2):
+            value = stiffness[j, half, k] if there else 0.0
+            cells.weight[k, 0, j] = value * (1.0 + damping)
+            cells.weight[k, 1, j] = 0.5 * value * (1.0 + damping)
+            cells.stress[k, j] = damped_stress(value, strains[at + k], reference[at + k], damping)
 
 
 @kernel
-def _add_cell(i, j, half, side, points, rest, wanted, vane, force):
-    """Force and stiffness of triangle A or B (half) of cell (i, j).
+def _add_guard(half, guard, strains, cells):
+    """The guard's stresses, and its J as the strain GUARD; guard: (m, 2), strains: (4 m,)."""
+    gradient = cells.gradient
+    for j in range(guard.shape[0]):
+        at = 4 * j + 2 * half
+        slope, curvature, by_across, by_shear = guard_slopes(
+            guard[j, half], strains[at], strains[at + 1]
+        )
+        cells.stress[0, j] += slope * by_across
+        cells.stress[1, j] += slope * by_shear
+        cells.weight[GUARD, 0, j], cells.weight[GUARD, 1, j] = curvature, 0.5 * curvature
+        for node in range(3):
+            for k in range(3):
+                gradient[GUARD, node, k, j] = (
+                    by_across * gradient[0, node, k, j] + by_shear * gradient[1, node, k, j]
+                )
 
-    rest: (3,). vane: scratch and blocks; its pair holds the terms of _fill_blocks.
+
+@kernel
+def _find_lift(columns, own, other, shift, cells):
+    """The stabilising geometric stiffness of a row of triangles, as the strain LIFT."""
+    for j in range(columns):
+        membrane_lift(
+            own[:, j],
+            own[:, j + 1],
+            other[:, j + shift],
+            cells.rest[:, j],
+            cells.stress[0, j],
+            cells.stress[1, j],
+            cells.single[2, 0],
+            cells.single,
+        )
+        value = cells.single[2, 0, 0]
+        cells.weight[LIFT, 0, j], cells.weight[LIFT, 1, j] = value, 0.5 * value
+        for node in range(3):
+            for k in range(3):
+                cells.gradient[LIFT, node, k, j] = cells.single[0, node, k]
+
+
+@kernel
+def _add_pairs(count, half, weight, gradient, low, high):
+    """One strain of triangles A or B (half) to the blocks of the rows below and above them.
+
+    weight: (2, .) stiffness and half of it. gradient: (nodes, 3, .). low, high: (5, 3, 3 S).
     """
-    columns = (points.shape[1] - 3) // 2
-    near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-    row, other, _, opposite = cell_nodes(i, half, j, near, far)
-    triangle, low, high = vane.triangle, vane.blocks[i, side], vane.blocks[i + 1, side]
-    a, c = triangle[0, 0], triangle[0, 1]
-    x0, x1, x2 = points[row, near], points[row, far], points[other, opposite]
-    f0, f1, f2 = force[row, near], force[row, far], force[other, opposite]
-    turn = rest[2] * rest[1] * rest[0]
-    across, shear = vane.pair[1, 0], vane.pair[1, 1]
-    for k in range(3):
-        a[k] = rest[0] * (x1[k] - x0[k])
-        c[k] = rest[2] * (x2[k] - x0[k] - rest[1] * a[k])
-        by_c, by_a = across * c[k] + shear * a[k], shear * c[k]
-        on_d, on_e = rest[2] * by_c, rest[0] * by_a - turn * by_c
-        f0[k] -= on_d + on_e
-        f1[k] += on_e
-        f2[k] += on_d
-    if wanted == FORCES_ONLY:
-        return
-    _fill_blocks(triangle, rest, vane.pair, wanted)
+    k, h, a, b, c = weight[0], weight[1], gradient[0], gradient[1], gradient[2]
     if half == 0:
-        _add_blocks(triangle, 0, j, low[OWN], low[ALONG], high[OWN], low[UP], low[SLANT])
+        add_outer(count, h, a, a, 0, low[OWN])
+        add_outer(count, h, b, b, 1, low[OWN])
+        add_outer(count, h, c, c, 0, high[OWN])
+        add_outer(count, k, a, b, 0, low[ALONG])
+        add_outer(count, k, c, a, 0, low[UP])
+        add_outer(count, k, c, b, 0, low[SLANT])
     else:
-        _add_blocks(triangle, 1, j, high[OWN], high[ALONG], low[OWN], low[UP], low[SLANT])
+        add_outer(count, h, a, a, 0, high[OWN])
+        add_outer(count, h, b, b, 1, high[OWN])
+        add_outer(count, h, c, c, 1, low[OWN])
+        add_outer(count, k, a, b, 0, high[ALONG])
+        add_outer(count, k, b, c, 1, low[UP])
+        add_outer(count, k, a, c, 0, low[SLANT])
 
 
 @kernel
-def _add_strip(
-    i, side, points, rest, stiffness, guard, strains, reference, damping, wanted, vane, force
-):
-    """Cells between rows i and i + 1.
+def _find_turning(columns, cells):
+    """The whole geometric stiffness: times the unit matrix, of each pair of a triangle's nodes.
+
+    Written: turning (6, .), of x_0, x_1, x_2 with themselves, halved, and of (x_0, x_1),
+    (x_0, x_2), (x_1, x_2).
+    """
+    rest, stress, turning = cells.rest, cells.stress, cells.turning
+    for j in range(columns):
+        edge, reach = rest[0, j], rest[2, j]
+        turn, across, shear = reach * rest[1, j] * edge, stress[0, j], stress[1, j]
+        dd = across * reach * reach
+        de = reach * (shear * edge - across * turn)
+        ee = turn * (across * turn - 2.0 * shear * edge)
+        turning[0, j], turning[1, j], turning[2, j] = 0.5 * (dd + ee) + de, 0.5 * ee, 0.5 * dd
+        turning[3, j], turning[4, j], turning[5, j] = -de - ee, -dd - de, de
+
+
+@kernel
+def _add_turning(count, half, turning, low, high):
+    """As _add_pairs, of _find_turning."""
+    if half == 0:
+        add_diagonal(count, turning[0], 0, low[OWN])
+        add_diagonal(count, turning[1], 1, low[OWN])
+        add_diagonal(count, turning[2], 0, high[OWN])
+        add_diagonal(count, turning[3], 0, low[ALONG])
+        add_diagonal(count, turning[4], 0, low[UP])
+        add_diagonal(count, turning[5], 0, low[SLANT])
+    else:
+        add_diagonal(count, turning[0], 0, high[OWN])
+        add_diagonal(count, turning[1], 1, high[OWN])
+        add_diagonal(count, turning[2], 1, low[OWN])
+        add_diagonal(count, turning[3], 0, high[ALONG])
+        add_diagonal(count, turning[5], 1, low[UP])
+        add_diagonal(count, turning[4], 0, low[SLANT])
+
+
+@kernel
+def _add_strip(i, side, half, rest, stiffness, guard, strains, reference, damping, wanted, vane):
+    """Triangles A or B (half) between rows i and i + 1.
 
     rest: (m, 2, 3), stiffness: (m, 2, 2), guard: (2, n-1, m, 2) or of size 0, strains: (4 m,).
     """
-    scaled, stress, extra = vane.pair[0], vane.pair[1], vane.pair[2]
+    columns, cells = stiffness.shape[0], vane.cells
+    count, gradient, stress = lanes(columns), cells.gradient, cells.stress
+    own, other = vane.nodes[i + half, side], vane.nodes[i + 1 - half, side]
+    on_own, on_other = vane.pull[i + half, side], vane.pull[i + 1 - half, side]
+    _load_cells(half, rest, stiffness, strains, reference, damping, cells)
+    membrane_gradients(count, own, other, half, cells.rest, gradient)
+    if guard.shape[0] > 0:
+        _add_guard(half, guard[side, i], strains, cells)
+    for strain in range(2):
+        add_forces(count, stress[strain], gradient[strain, 0], 0, on_own)
+        add_forces(count, stress[strain], gradient[strain, 1], 1, on_own)
+        add_forces(count, stress[strain], gradient[strain, 2], half, on_other)
+    if wanted == FORCES_ONLY:
+        return
+    if wanted == STABILISING:
+        _find_lift(columns, own, other, half, cells)
+    low, high = vane.blocks[i, side], vane.blocks[i + 1, side]
+    for strain in range(4):
+        if (strain == GUARD and guard.shape[0] == 0) or (strain == LIFT and wanted == WHOLE):
+            continue
+        _add_pairs(count, half, cells.weight[strain], gradient[strain], low, high)
+    if wanted == WHOLE:
+        _find_turning(columns, cells)
+        _add_turning(count, half, cells.turning, low, high)
+
+
+@kernel
+def _load_hinges(stiffness, strains, reference, damping, cells):
+    """Stresses and stiffnesses of a row of hinges, to lines; stiffness to reference: (m,)."""
     for j in range(stiffness.shape[0]):
-        for half in range(2):
-            if stiffness[j, half, 0] == 0.0:
-                continue
-            at = 4 * j + 2 * half
-            for k in range(2):
-                scaled[k] = stiffness[j, half, k] * (1.0 + damping)
-                stress[k] = damped_stress(
-                    stiffness[j, half, k], strains[at + k], reference[at + k], damping
-                )
-            extra[0] = 0.0
-            if guard.shape[0] > 0:
-                slope, extra[0], extra[1], extra[2] = guard_slopes(
-                    guard[side, i, j, half], strains[at], strains[at + 1]
-                )
-                stress[0] += slope * extra[1]
-                stress[1] += slope * extra[2]
-            _add_cell(i, j, half, side, points, rest[j, half], wanted, vane, force)
+        value = stiffness[j]
+        cells.weight[0, 0, j] = value * (1.0 + damping)
+        cells.weight[0, 1, j] = 0.5 * value * (1.0 + damping)
+        cells.stress[0, j] = damped_stress(value, strains[j], reference[j], damping)
 
 
 @kernel
-def _add_square(weight, left, right, j, blocks):
-    """weight left right^T of two gradients (3,), added to column j of blocks (3, 3 S)."""
-    count = blocks.shape[1] // 3
-    for m in range(3):
-        for k in range(3):
-            blocks[m, k * count + j] += weight * left[k] * right[m]
+def _crush(j, share, angle, lag, stiffness, damping, gradient, shrink, pull, above, below):
+    """Hinge j, of which a triangle is crushed: its strain is the angle times its share.
 
-
-@kernel
-def _crush(share, angle, reference, stiffness, damping, hinge):
-    """Gradients of a hinge of which a triangle is crushed.
-
-    hinge: (3, 4, 3); in: gradients of angle and share, out: [0] that of share times angle, whose
-    stiffness is the hinge's, and [2] the force.
+    lag: angle less its reference. gradient: (4, 3, .) of the angle, in, and of the strain, out.
+    shrink: (4, 3) gradient of the share. pull, above, below: (3, .) forces on the nodes of its
+    barb and of those around it, to which its own are added.
     """
-    lag = angle - reference
     by_angle = stiffness * share * share * (angle + damping * lag)
     by_share = stiffness * share * (angle * angle + damping * lag * lag)
-    for point in range(4):
-        for k in range(3):
-            turn, shrink = hinge[0, point, k], hinge[1, point, k]
-            hinge[2, point, k] = by_angle * turn + by_share * shrink
-            hinge[0, point, k] = share * turn + angle * shrink
+    for k in range(3):
+        for node in range(4):
+            force = by_angle * gradient[node, k, j] + by_share * shrink[node, k]
+            gradient[node, k, j] = share * gradient[node, k, j] + angle * shrink[node, k]
+            if node < 2:
+                pull[k, j + node] += force
+            elif node == 2:
+                above[k, j] += force
+            else:
+                below[k, j + 1] += force
+
+
+@kernel
+def _crush_hinges(i, side, above, below, stiffness, strains, shares, reference, damping, vane):
+    """Hinges of row i of which a triangle is crushed; their stress is left zero.
+
+    above, below: (m, 2, 3) rest values. strains, shares, reference: (m,).
+    """
+    cells, pull, gradient = vane.cells, vane.pull, vane.cells.gradient[0]
+    own, up, down = vane.nodes[i, side], vane.nodes[i + 1, side], vane.nodes[i - 1, side]
+    for j in range(stiffness.shape[0]):
+        if stiffness[j] == 0.0 or shares[j] >= 1.0:
+            continue
+        shrink, lag = cells.single[0], strains[j] - reference[j]
+        opens = opening(above[j, 0]), opening(below[j, 1])
+        crush_gradient(
+            own[:, j], own[:, j + 1], up[:, j], down[:, j + 1], opens[0], opens[1], shrink
+        )
+        _crush(
+            j,
+            shares[j],
+            strains[j],
+            lag,
+            stiffness[j],
+            damping,
+            gradient,
+            shrink,
+            pull[i, side],
+            pull[i + 1, side],
+            pull[i - 1, side],
+        )
+        cells.stress[0, j] = 0.0
+
+
+@kernel
+def _add_hinge_pairs(count, weight, gradient, low, own, high):
+    """Hinges of a row to the blocks of the rows below them, their own and above.
+
+    weight: (2, .) stiffness and half of it. gradient: (4, 3, .). low, own, high: (5, 3, 3 S).
+    """
+    k, h = weight[0], weight[1]
+    a, b, c, d = gradient[0], gradient[1], gradient[2], gradient[3]
+    add_outer(count, h, a, a, 0, own[OWN])
+    add_outer(count, h, b, b, 1, own[OWN])
+    add_outer(count, h, c, c, 0, high[OWN])
+    add_outer(count, h, d, d, 1, low[OWN])
+    add_outer(count, k, a, b, 0, own[ALONG])
+    add_outer(count, k, c, a, 0, own[UP])
+    add_outer(count, k, c, b, 0, own[SLANT])
+    add_outer(count, k, a, d, 0, low[SLANT])
+    add_outer(count, k, b, d, 1, low[UP])
+    add_outer(count, k, c, d, 0, own[SKIP])
 
 
 @kernel
 def _add_hinges(
-    i, side, points, above, below, stiffness, strains, reference, damping, wanted, vane, force
+    i, side, above, below, stiffness, strains, shares, reference, damping, wanted, vane
 ):
     """Hinges on row i's barb; stiffness to reference: (m,).
 
     above, below: (m, 2, 3) rest values of the cells on either side of the barb.
     """
-    g, blocks = vane.hinge[0], vane.blocks
-    columns, shares = stiffness.shape[0], 2 * points.shape[0] * stiffness.shape[0]
-    for j in range(columns):
-        if stiffness[j] == 0.0:
-            continue
-        near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-        x0, x1, x2, x3 = points[i, near], points[i, far], points[i + 1, near], points[i - 1, far]
-        hinge_gradient(x0, x1, x2, x3, g)
-        stress = damped_stress(stiffness[j], strains[j], reference[j], damping)
-        weight = stiffness[j] * (1.0 + damping)
-        total, share = g, strains[shares + j]
-        if share < 1.0:
-            total, stress = vane.hinge[2], 1.0
-            crush_gradient(
-                x0, x1, x2, x3, opening(above[j, 0]), opening(below[j, 1]), vane.hinge[1]
-            )
-            _crush(share, strains[j], reference[j], stiffness[j], damping, vane.hinge)
-        for k in range(3):
-            force[i, near, k] += stress * total[0, k]
-            force[i, far, k] += stress * total[1, k]
-            force[i + 1, near, k] += stress * total[2, k]
-            force[i - 1, far, k] += stress * total[3, k]
-        if wanted == FORCES_ONLY:
-            continue
-        _add_square(0.5 * weight, g[0], g[0], j, blocks[i, side, OWN])
-        _add_square(0.5 * weight, g[1], g[1], j + 1, blocks[i, side, OWN])
-        _add_square(0.5 * weight, g[2], g[2], j, blocks[i + 1, side, OWN])
-        _add_square(0.5 * weight, g[3], g[3], j + 1, blocks[i - 1, side, OWN])
-        _add_square(weight, g[0], g[1], j, blocks[i, side, ALONG])
-        _add_square(weight, g[2], g[0], j, blocks[i, side, UP])
-        _add_square(weight, g[2], g[1], j, blocks[i, side, SLANT])
-        _add_square(weight, g[0], g[3], j, blocks[i - 1, side, SLANT])
-        _add_square(weight, g[1], g[3], j + 1, blocks[i - 1, side, UP])
-        _add_square(weight, g[2], g[3], j, blocks[i, side, SKIP])
+    cells, nodes, pull = vane.cells, vane.nodes, vane.pull
+    count, weight, gradient = lanes(stiffness.shape[0]), cells.weight[0], cells.gradient[0]
+    _load_hinges(stiffness, strains, reference, damping, cells)
+    hinge_gradients(
+        count, nodes[i, side], nodes[i + 1, side], nodes[i - 1, side], weight[0], gradient
+    )
+    _crush_hinges(i, side, above, below, stiffness, strains, shares, reference, damping, vane)
+    stress = cells.stress[0]
+    add_forces(count, stress, gradient[0], 0, pull[i, side])
+    add_forces(count, stress, gradient[1], 1, pull[i, side])
+    add_forces(count, stress, gradient[2], 0, pull[i + 1, side])
+    add_forces(count, stress, gradient[3], 1, pull[i - 1, side])
+    if wanted != FORCES_ONLY:
+        blocks = vane.blocks
+        _add_hinge_pairs(
+            count, weight, gradient, blocks[i - 1, side], blocks[i, side], blocks[i + 1, side]
+        )
 
 
 @kernel
@@ -278,38 +324,40 @@ def add_vane_forces(model, f, damping, wanted, pose, reference, vane, force):
     rows, columns = pose.turn.shape[0], model.joints.shape[3]
     cells_at = (rows - 1) * 6 + 2 * rows * pose.coefficient.shape[2]
     hinges_at = cells_at + 2 * (rows - 1) * columns * 4
+    nodes_to_lines(pose.points, vane.nodes)
+    vane.pull[:] = 0.0
     if wanted != FORCES_ONLY:
         vane.blocks[:] = 0.0
     for side in range(2):
         for i in range(rows - 1):
             at = cells_at + (side * (rows - 1) + i) * columns * 4
-            _add_strip(
-                i,
-                side,
-                pose.points,
-                model.cell_rest[f, side, i],
-                model.cell_stiffness[f, side, i],
-                model.cell_guard[f],
-                pose.strains[at:],
-                reference[at:],
-                damping,
-                wanted,
-                vane,
-                force,
-            )
+            for half in range(2):
+                _add_strip(
+                    i,
+                    side,
+                    half,
+                    model.cell_rest[f, side, i],
+                    model.cell_stiffness[f, side, i],
+                    model.cell_guard[f],
+                    pose.strains[at:],
+                    reference[at:],
+                    damping,
+                    wanted,
+                    vane,
+                )
         for i in range(1, rows - 1):
             at = hinges_at + (side * rows + i) * columns
             _add_hinges(
                 i,
                 side,
-                pose.points,
                 model.cell_rest[f, side, i],
                 model.cell_rest[f, side, i - 1],
                 model.hinge_stiffness[f, side, i],
                 pose.strains[at:],
+                pose.strains[at + 2 * rows * columns :],
                 reference[at:],
                 damping,
                 wanted,
                 vane,
-                force,
             )
+    add_lines_to_nodes(vane.pull, force)

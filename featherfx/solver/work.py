@@ -67,22 +67,38 @@ def make_system(unknowns: int, width: int) -> System:
     )
 
 
+class Cells(NamedTuple):
+    """What a barb's cells or hinges give, between two of its nodes each; up to four strains.
+
+    Lines of S numbers (barb_lines_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
+    stiffness and half of it. gradient: (4, 4, 3, S), strain, node, axis. turning: (6, S), N/m.
+    single: (3, 4, 3), of one cell.
+    """
+
+    rest: Array
+    stress: Array
+    weight: Array
+    gradient: Array
+    turning: Array
+    single: Array
+
+
 class Vane(NamedTuple):
     """Stiffness of a vane's nodes, and sums of one row and side, w = 6 + 2 C.
 
     blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane_force_kernels), S at least m + 2 and a
-    multiple of four. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
-    (vane_assembly_kernels). tension: (m,) N. triangle: (4, 3, 3), hinge: (3, 4, 3), pair:
-    (3, 3): of one stencil.
+    multiple of four. nodes: (n, 2, 3, S + 4) m and pull: (n, 2, 3, S + 4) N, gradient, of the nodes
+    of all barbs, line by line. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
+    (vane_assembly_kernels). tension: (m,) N.
     """
 
     blocks: Array
+    nodes: Array
+    pull: Array
     product: Array
     tiles: Array
     tension: Array
-    triangle: Array
-    hinge: Array
-    pair: Array
+    cells: Cells
 
 
 class Beam(NamedTuple):
@@ -153,12 +169,19 @@ def make_work(model: Model) -> Work:
         secants=np.zeros((PAIRS, 3, model.unknowns)),
         vane=Vane(
             blocks=np.zeros((n, 2, 5, 3, 3 * padded)),
+            nodes=np.zeros((n, 2, 3, padded + 4)),
+            pull=np.zeros((n, 2, 3, padded + 4)),
             product=np.zeros((wide, 3 * padded)),
             tiles=np.zeros((wide, 3, 3 * padded + 1)),
             tension=np.zeros(m),
-            triangle=np.zeros((4, 3, 3)),
-            hinge=np.zeros((3, 4, 3)),
-            pair=np.zeros((3, 3)),
+            cells=Cells(
+                rest=np.zeros((3, padded)),
+                stress=np.zeros((2, padded)),
+                weight=np.zeros((4, 2, padded)),
+                gradient=np.zeros((4, 4, 3, padded)),
+                turning=np.zeros((6, padded)),
+                single=np.zeros((3, 4, 3)),
+            ),
         ),
         force=np.zeros((n, size, 3)),
         stiff=np.zeros((n, size, 6)),
