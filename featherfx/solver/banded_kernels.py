@@ -10,7 +10,7 @@ a column's end gets zeros subtracted.
 
 from math import sqrt
 
-from featherfx.compiled import kernel, shared_kernel
+from featherfx.compiled import kernel, loop_kernel, shared_kernel
 
 BLOCK = 8  # columns; `_subtract` is written out for this many
 CHUNK = 16
@@ -21,6 +21,18 @@ def panel_shape(width):
     return BLOCK, width + CHUNK
 
 
+@loop_kernel
+def _scale(column, factor):
+    for d in range(column.shape[0]):
+        column[d] *= factor
+
+
+@loop_kernel
+def _take(other, column, factor):
+    for d in range(column.shape[0]):
+        other[d] -= factor * column[d]
+
+
 @kernel
 def _eliminate(band, start, count):
     """Factor count columns by themselves; returns False if a pivot is not positive."""
@@ -29,17 +41,13 @@ def _eliminate(band, start, count):
         column = band[j]
         if not column[0] > 0.0:
             return False
-        scale = 1.0 / sqrt(column[0])
-        for d in range(width):
-            column[d] *= scale
+        _scale(column, 1.0 / sqrt(column[0]))
         for t in range(1, min(start + count - j, width)):
-            other, factor = band[j + t], column[t]
-            for d in range(width - t):
-                other[d] -= factor * column[t + d]
+            _take(band[j + t], column[t:], column[t])
     return True
 
 
-@kernel
+@loop_kernel
 def _line_up(band, start, panel):
     """panel[s, r] = entry of column start + s in row start + BLOCK + r; zero outside the band."""
     width = band.shape[1]
@@ -52,7 +60,7 @@ def _line_up(band, start, panel):
             panel[s, r] = 0.0
 
 
-@kernel
+@loop_kernel
 def _subtract(panel, count, flat, width):
     """Take a block from the count columns after it; flat: what is left of the band, as (.,).
 
