@@ -67,6 +67,26 @@ def test_stiff_kind_changes_only_the_barbs():
     assert stiff.rachis_material == kind.rachis_material
 
 
+@pytest.mark.parametrize("varied", ["stretch", "vane", "barbs"])
+def test_every_ratio_is_reached_and_bends_barbs_only_where_said(varied):
+    kind = shake.swan_primary()
+    vane = experiments.stiff_kind(kind, 1e3, varied).vane_material
+    assert vane.along / vane.across == pytest.approx(1e3)
+    assert vane.across / vane.shear == pytest.approx(
+        kind.vane_material.across / kind.vane_material.shear
+    )
+    assert (vane.along == kind.vane_material.along) == (varied == "vane")
+    same = vane.barb_bending_normal == kind.vane_material.barb_bending_normal
+    assert same == (varied != "barbs")
+
+
+def test_a_shorter_run_is_compared_as_far_as_it_goes():
+    fine = run()
+    short = run(duration=0.125)
+    assert len(short.moved) == 3
+    assert shake.trajectory_error(short, fine, 0.35) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_factorisation_is_timed():
     assert 1e-4 < factorisation_seconds() < 1.0
 

@@ -35,6 +35,8 @@ COMPARED: dict[str, Method] = {
     "nodal, textbook": nodal("textbook"),
 }
 RATIOS = tuple(10.0**k for k in range(2, 9))
+# 1/s, fixed steps of the table of steps
+STEP_RATES = (24, 96, 384, 480)
 COST = "ms a simulated second"
 QUALITIES = ("draft", "preview", "final")
 
@@ -44,10 +46,10 @@ def all_tables(extent: Extent, jobs: int) -> Iterator[Table]:
     kind = swan_primary()
     for method in METHODS.values():
         method(kind, replace(PRODUCTION, duration=1.0 / 24.0))  # compiles before anything is timed
-    yield steps_table(kind, extent)
+    reference = barb_curvature(kind, extent.reference)
+    yield steps_table(kind, extent, reference)
     yield methods_table(kind, extent)
     yield stiffness_table(kind, extent)
-    reference = barb_curvature(kind, extent.reference)
     yield presets_table(kind, reference)
     yield front_table(kind, extent, reference)
     yield threads_table(kind, extent, jobs)
@@ -55,33 +57,34 @@ def all_tables(extent: Extent, jobs: int) -> Iterator[Table]:
     yield rows_table(kind, extent)
 
 
-def steps_table(kind: FeatherKind, extent: Extent) -> Table:
-    """Hero and production feather at three steps, against the factorisation."""
+def steps_table(kind: FeatherKind, extent: Extent, reference: Run) -> Table:
+    """Hero and production feather at several steps, against the factorisation."""
     rows: list[Row] = []
-    for name, method in METHODS.items():
-        for title, shake in (("hero", HERO), ("production", PRODUCTION)):
-            for rate in (24, 96, 384):
-                timed = replace(shake, step=1.0 / rate, duration=extent.duration)
-                yardstick = factorisation_seconds()
-                run = fastest(method, kind, timed)
-                rows.append(
-                    {
-                        "method": name,
-                        "feather": title,
-                        "unknowns": run.unknowns,
-                        "steps per s": rate,
-                        "iterations a step": run.step_iterations,
-                        "ms a step": 1e3 * run.step_seconds,
-                        "ms of dpbtrf": 1e3 * yardstick,
-                        "ratio": run.step_seconds / yardstick,
-                        "times real time": timed.duration / run.seconds,
-                    }
-                )
+    for title, shake in (("hero", HERO), ("production", PRODUCTION)):
+        for rate, radius in product(STEP_RATES, (0.0, 0.8)):
+            timed = replace(shake, step=1.0 / rate, duration=extent.duration, radius=radius)
+            yardstick = factorisation_seconds()
+            run = fastest(barb_curvature, kind, timed)
+            rows.append(
+                {
+                    "feather": title,
+                    "unknowns": run.unknowns,
+                    "steps per s": rate,
+                    "radius": radius,
+                    "iterations a step": run.step_iterations,
+                    "ms a step": 1e3 * run.step_seconds,
+                    "ms of dpbtrf": 1e3 * yardstick,
+                    "ratio": run.step_seconds / yardstick,
+                    "times real time": timed.duration / run.seconds,
+                    "error": trajectory_error(run, reference, kind.length),
+                }
+            )
     note = (
         "Hero: 41 rows, 10 columns a side. Production: 21 rows, 6 columns. Two coefficients, a"
         " 3 Hz and 5 cm shake, Newton to 1e-6 m, no error control. dpbtrf: LAPACK's banded Cholesky"
         " of the nodal hero's matrix (2,583 unknowns, half-bandwidth 131), one thread, measured"
-        " next to each line. Processor time, best of three runs."
+        " next to each line. Processor time, best of three runs. Radius and error as in the table"
+        " of run time against error."
     )
     return Table("steps", "Time of a step", note, rows)
 
@@ -108,37 +111,54 @@ def methods_table(kind: FeatherKind, extent: Extent) -> Table:
     return Table("methods", "Methods", note, rows)
 
 
-def stiff_kind(kind: FeatherKind, ratio: float) -> FeatherKind:
-    """The feather with its barbs bending as those of a given along-to-across modulus ratio."""
+def stiff_kind(kind: FeatherKind, ratio: float, varied: str = "barbs") -> FeatherKind:
+    """The feather with a given ratio of the vane's moduli along barbs and across them.
+
+    varied: "stretch", the modulus along barbs alone; "vane", those across barbs and in shear;
+    "barbs", the modulus along barbs and with it their bending stiffnesses.
+    """
     vane = kind.vane_material
     factor = ratio / (vane.along / vane.across)
+    if varied == "vane":
+        soft = replace(vane, across=vane.across / factor, shear=vane.shear / factor)
+        return replace(kind, vane_material=soft)
+    bend = factor if varied == "barbs" else 1.0
     stiff = replace(
         vane,
         along=vane.along * factor,
-        barb_bending_normal=vane.barb_bending_normal * factor,
-        barb_bending_in_plane=vane.barb_bending_in_plane * factor,
+        barb_bending_normal=vane.barb_bending_normal * bend,
+        barb_bending_in_plane=vane.barb_bending_in_plane * bend,
     )
     return replace(kind, vane_material=stiff)
 
 
 def stiffness_table(kind: FeatherKind, extent: Extent) -> Table:
     """Iterations against the stiffness ratio."""
-    shake = replace(HERO, duration=extent.duration)
     rows: list[Row] = []
-    for name, method in METHODS.items():
-        for ratio in RATIOS:
-            run = method(stiff_kind(kind, ratio), shake)
-            rows.append(
-                {
-                    "method": name,
-                    "ratio of moduli": ratio,
-                    "iterations a step": run.step_iterations,
-                    "ms a step": 1e3 * run.step_seconds,
-                }
-            )
+    cases = [("barb-curvature", varied, RATIOS) for varied in ("stretch", "vane", "barbs")]
+    for name, varied, ratios in [*cases, ("nodal, improved", "barbs", RATIOS[:3])]:
+        shake = PRODUCTION if name.startswith("nodal") else HERO
+        for ratio in ratios:
+            feather = stiff_kind(kind, ratio, varied)
+            for rate in (96, 24):
+                timed = replace(shake, step=1.0 / rate, duration=extent.duration)
+                run = COMPARED[name](feather, timed)
+                rows.append(
+                    {
+                        "method": name,
+                        "varied": varied,
+                        "ratio of moduli": ratio,
+                        "steps per s": rate,
+                        "iterations a step": run.step_iterations,
+                        "ms a step": 1e3 * run.step_seconds,
+                    }
+                )
     note = (
-        "Hero feather at 1/96 s; the barbs' modulus and bending stiffness vary, all else stays."
-        " The swan's own ratio is 7,500."
+        "Hero feather, the nodal method on the production feather. The swan's own ratio of the"
+        " moduli along barbs and across them is 7,500. Varied: stretch, the modulus along barbs"
+        " alone, which barbs of the barb-curvature method do not have; vane, the moduli across"
+        " barbs and in shear; barbs, the modulus along barbs and with it their bending"
+        " stiffnesses. All else stays."
     )
     return Table("stiffness", "Iterations against the stiffness ratio", note, rows)
 

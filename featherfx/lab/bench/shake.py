@@ -197,11 +197,12 @@ def _followed(feather: Feather, points: Array) -> Array:
 
 
 def trajectory_error(run: Run, reference: Run, length: float) -> float:
-    """Largest distance of any followed point at any output time, as a share of the length.
+    """Largest distance of any followed point at any output time of a run, as a share of the length.
 
-    Displacements of the reference are interpolated along the rachis, where both have the point.
+    The reference lasts at least as long. Its displacements are interpolated along the rachis, where
+    both have the point.
     """
-    worst = 0.0
+    worst, theirs_moved = 0.0, reference.moved[: len(run.moved)]
     for point in range(3):
         theirs = reference.present[:, point]
         if not theirs.any():
@@ -209,7 +210,7 @@ def trajectory_error(run: Run, reference: Run, length: float) -> float:
         known = reference.station[theirs]
         inside = (run.station >= known[0]) & (run.station <= known[-1])
         for row in np.flatnonzero(run.present[:, point] & inside):
-            right = _interpolated(known, reference.moved[:, theirs, point], float(run.station[row]))
+            right = _interpolated(known, theirs_moved[:, theirs, point], float(run.station[row]))
             gap = np.linalg.norm(run.moved[:, row, point] - right, axis=-1)
             worst = max(worst, float(gap.max()))
     return worst / length
