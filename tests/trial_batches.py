@@ -160,7 +160,7 @@ def assembled(
     The Hessian is left in work.system.band.
     """
     from featherfx.solver.assembly_kernels import assemble
-    from featherfx.solver.vane_force_kernels import STABILISING, WHOLE
+    from featherfx.solver.vane_pairs_kernels import STABILISING, WHOLE
 
     wanted = WHOLE if signed else STABILISING
     assemble(model, loads, 0, share, factors, wanted, 0.0, work)

@@ -193,7 +193,7 @@ def total_energy(model: Model, loads: Loads, state: State) -> float:
 def _residual(model: Model, loads: Loads, state: State, length: float) -> float:
     from featherfx.lab.pose import STATIC, posed
     from featherfx.solver.assembly_kernels import assemble
-    from featherfx.solver.vane_force_kernels import FORCES_ONLY
+    from featherfx.solver.vane_pairs_kernels import FORCES_ONLY
 
     work = posed(model, loads, state)
     assemble(model, loads, 0, 0.0, STATIC, FORCES_ONLY, 0.0, work)

@@ -3,7 +3,7 @@
 from featherfx.compiled import kernel
 from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.banded_kernels import factorise, solve_factored
-from featherfx.solver.vane_force_kernels import WHOLE
+from featherfx.solver.vane_pairs_kernels import WHOLE
 
 
 @kernel

@@ -8,12 +8,8 @@ from featherfx.mechanics.rachis_variation_kernels import rachis_variation
 from featherfx.mechanics.rotations_kernels import cross
 from featherfx.solver.pose_kernels import barb_jacobians, joint_axes
 from featherfx.solver.vane_assembly_kernels import add_rows, subtract_barb_forces
-from featherfx.solver.vane_force_kernels import (
-    FORCES_ONLY,
-    WHOLE,
-    add_vane_forces,
-    damped_stress,
-)
+from featherfx.solver.vane_force_kernels import add_vane_forces
+from featherfx.solver.vane_pairs_kernels import FORCES_ONLY, WHOLE, damped_stress
 
 
 @kernel

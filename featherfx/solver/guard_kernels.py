@@ -8,7 +8,7 @@ from featherfx.compiled import kernel
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
 from featherfx.solver.energy_kernels import node_index
-from featherfx.solver.vane_force_kernels import cell_nodes
+from featherfx.solver.vane_pairs_kernels import cell_nodes
 
 
 @kernel

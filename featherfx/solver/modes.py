@@ -11,7 +11,7 @@ from featherfx.solver.assembly_kernels import assemble
 from featherfx.solver.newton_kernels import evaluate
 from featherfx.solver.pose_kernels import load_pose
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.vane_force_kernels import STABILISING
+from featherfx.solver.vane_pairs_kernels import STABILISING
 from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]

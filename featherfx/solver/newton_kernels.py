@@ -25,7 +25,7 @@ from featherfx.solver.banded_kernels import factorise
 from featherfx.solver.energy_kernels import feather_strains, step_energy
 from featherfx.solver.pose_kernels import add_increment, material_points, rachis_strains
 from featherfx.solver.secant_kernels import PAIRS, begin_step, end_step, keep_step, solve_corrected
-from featherfx.solver.vane_force_kernels import FORCES_ONLY, STABILISING, WHOLE
+from featherfx.solver.vane_pairs_kernels import FORCES_ONLY, STABILISING, WHOLE
 
 CONVERGED, NOT_CONVERGED, NOT_FINITE, NOT_DEFINITE, TOO_MUCH_WORK = 0, 1, 2, 3, 4
 HALVINGS = 8

@@ -4,7 +4,7 @@ from featherfx.compiled import kernel
 from featherfx.solver.energy_kernels import node_index
 from featherfx.solver.guard_kernels import guard_lines
 from featherfx.solver.nodal_stencil_kernels import add_element
-from featherfx.solver.vane_force_kernels import cell_nodes
+from featherfx.solver.vane_pairs_kernels import cell_nodes
 
 
 @kernel

@@ -10,7 +10,7 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 from featherfx.compiled import kernel, loop_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.solver.energy_kernels import node_index
-from featherfx.solver.vane_force_kernels import ALONG, OWN, SKIP, SLANT, UP, damped_stress
+from featherfx.solver.vane_pairs_kernels import ALONG, OWN, SKIP, SLANT, UP, damped_stress
 
 
 @kernel

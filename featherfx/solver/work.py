@@ -86,7 +86,7 @@ class Cells(NamedTuple):
 class Vane(NamedTuple):
     """Stiffness of a vane's nodes, and sums of one row and side, w = 6 + 2 C.
 
-    blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane_force_kernels), S at least m + 2 and a
+    blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane_pairs_kernels), S at least m + 2 and a
     multiple of four. nodes: (n, 2, 3, S + 4) m and pull: (n, 2, 3, S + 4) N, gradient, of the nodes
     of all barbs, line by line. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
     (vane_assembly_kernels). tension: (m,) N.
