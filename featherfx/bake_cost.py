@@ -44,7 +44,7 @@ def bake_cost(shot: Shot, jobs: int) -> dict[str, Any]:
     bake adds; an estimate. With contact, the feathers that are tried are neighbours.
     """
     from featherfx.baking import peak_memory_bytes
-    from featherfx.usd.write import CHUNK_BYTES, CHUNK_FRAMES
+    from featherfx.usd.write import CHUNK_FRAMES, chunk_bytes
 
     counts, members = _levels(shot)
     tried: dict[str, _Tried] = {}
@@ -59,7 +59,8 @@ def bake_cost(shot: Shot, jobs: int) -> dict[str, Any]:
 
     seconds, sample = of_a_frame("seconds") * frames, of_a_frame("sample")
     memory = of_a_frame("resident") + _FRAMES_HELD * of_a_frame("posed")
-    memory += sample * _AUTHORED + min(sample * min(frames, CHUNK_FRAMES), CHUNK_BYTES)
+    chunk = min(sample * min(frames, CHUNK_FRAMES), max(sample, chunk_bytes(total)))
+    memory += sample * _AUTHORED + chunk
     return {
         "frames": frames,
         "tried_feathers": sum(each.feathers for each in tried.values()),

@@ -26,8 +26,14 @@ from featherfx.usd.stage import StageInfo
 from featherfx.usd.types import ACCELERATIONS, FeatherEntry, OutputError
 
 CHUNK_FRAMES = 24
-# A chunk is held in memory; large ones get fewer frames, but never less than one.
-CHUNK_BYTES = 32_000_000
+# A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
+# costs by itself goes with the feathers, so many small ones get more of it.
+CHUNK_BYTES, BYTES_EACH, MOST_BYTES = 32_000_000, 40_000, 128_000_000
+
+
+def chunk_bytes(feathers: int) -> int:
+    """Bytes of values that a chunk of so many feathers may hold."""
+    return min(CHUNK_BYTES + BYTES_EACH * feathers, MOST_BYTES)
 
 
 class CacheWriter:
@@ -41,7 +47,7 @@ class CacheWriter:
     None for a rest pose without time. frames_per_second: also the time codes per second.
     meters_per_unit: m, and up_axis: "Y" or "Z": points, velocities and widths are converted.
     layout: "flat", "payload" or "clips" (featherfx/usd/layout.py), or "auto". chunk: frames that
-    are held in memory, then written to a file of their own; fewer where they exceed CHUNK_BYTES.
+    are held in memory, then written to a file of their own; fewer where they exceed chunk_bytes.
     subframes: samples a frame. accelerations: whether frames have them and they are written.
     diagnostics: names of DIAGNOSTICS (featherfx/usd/types.py), written per face.
     root: name of the root prim, by default the file's. metadata: plain values, kept with the
@@ -107,7 +113,7 @@ class CacheWriter:
             self._parts = Parts(folder, settings or self._settings_of_stage(chunk), resume)
             step = 1.0 / (frames_per_second * subframes)
             self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
-            most = CHUNK_BYTES // (subframes * bytes_per_sample)
+            most = chunk_bytes(len(self._feathers)) // (subframes * bytes_per_sample)
             self._chunk_size = max(1, min(chunk, most)) * subframes
         self._finishing: Background | None = None
         self._written: list[WrittenChunk] = []

@@ -13,8 +13,11 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.shot.types import Frame
+from featherfx.usd import write
 from featherfx.usd.names import unique_prim_names
+from featherfx.usd.poses import posed_feathers
 from featherfx.usd.read import Cache
+from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write import CacheWriter
 
@@ -159,6 +162,20 @@ def test_a_chunk_that_changes_before_the_root_is_written_stops_it(tmp_path):
     with pytest.raises(InputError, match=r"0001\.usdc: is not the chunk that was written"), writer:
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("each", "most", "chunks"), [(2, 9, 2), (2, 1, 4), (9, 9, 1)])
+def test_chunks_grow_with_the_feathers_up_to_a_limit(tmp_path, monkeypatch, each, most, chunks):
+    """each, most: frames for which the bytes suffice, by the number of feathers and in all."""
+    entries = feathers.entries()
+    frame = sum(f.bytes_per_sample for f in posed_feathers(entries, StageSpace(1.0, "Z")))
+    monkeypatch.setattr(write, "CHUNK_BYTES", 0)
+    monkeypatch.setattr(write, "BYTES_EACH", each * frame // len(entries) + 1)
+    monkeypatch.setattr(write, "MOST_BYTES", most * frame)
+    with CacheWriter(tmp_path / "a.usda", entries, (1, 4), layout="clips") as writer:
+        for number in range(1, 5):
+            writer.write(feathers.frame(number))
+    assert len(list(tmp_path.rglob("000?.usdc"))) == chunks
 
 
 def test_memory_holds_one_chunk_whatever_the_number_of_frames(tmp_path):
