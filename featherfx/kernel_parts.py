@@ -99,7 +99,8 @@ class PartCompiler(CompilerBase):
 
 
 class ApartCompiler(PartCompiler):
-    """As PartCompiler; LLVM is told that no two of the function's arrays overlap."""
+    """As PartCompiler; LLVM is told that no two of the function's arrays overlap, and always puts it
+    into its callers, where that is still known."""
 
     apart = True
 

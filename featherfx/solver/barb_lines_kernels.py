@@ -48,6 +48,7 @@ def add_lines_to_nodes(lines, force):
 
 @loop_kernel
 def _membrane_axis(count, start, end, opposite, edge, slant, reach, a, b, c, d, e, f):
+    """membrane_slopes of every cell; a to f: what it returns."""
     for j in range(count):
         a[j], b[j], c[j], d[j], e[j], f[j] = membrane_slopes(
             start[j], end[j], opposite[j], edge[j], slant[j], reach[j]
@@ -90,6 +91,8 @@ def _kept(weight, value):
 def _hinges(
     count, w, x, y, z, ex, ey, ez, ux, uy, uz, vx, vy, vz, a, b, c, d, e, f, g, h, i, k, m, n
 ):
+    """hinge_slopes of every hinge with a weight w; (x, y, z), e, u, v: nodes x_0, x_1, x_2, x_3; a
+    to n: what it returns."""
     for j in range(count):
         s = hinge_slopes(
             ex[j] - x[j],
@@ -147,6 +150,7 @@ def hinge_gradients(count, own, above, below, weight, gradient):
 
 @loop_kernel
 def _forces(count, stress, gx, gy, gz, x, y, z):
+    """(x, y, z) += stress g."""
     for j in range(count):
         x[j] += stress[j] * gx[j]
         y[j] += stress[j] * gy[j]
@@ -170,6 +174,7 @@ def add_forces(count, stress, gradient, shift, force):
 
 @loop_kernel
 def _outer(count, w, ax, ay, az, bx, by, bz, xx, xy, xz, yx, yy, yz, zx, zy, zz):
+    """w a b^T, added: xy is b's x times a's y."""
     for j in range(count):
         x, y, z = w[j] * bx[j], w[j] * by[j], w[j] * bz[j]
         xx[j] += x * ax[j]
@@ -214,6 +219,7 @@ def add_outer(count, weight, left, right, shift, block):
 
 @loop_kernel
 def _diagonal(count, value, x, y, z):
+    """value, added to the entries x, y, z of the diagonal."""
     for j in range(count):
         x[j] += value[j]
         y[j] += value[j]
