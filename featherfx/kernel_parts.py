@@ -99,8 +99,8 @@ class PartCompiler(CompilerBase):
 
 
 class ApartCompiler(PartCompiler):
-    """As PartCompiler; LLVM is told that no two of the function's arrays overlap, and always puts it
-    into its callers, where that is still known."""
+    """As PartCompiler. LLVM is told that no two of the function's arrays overlap, and always puts
+    it into its callers, where that is still known."""
 
     apart = True
 
