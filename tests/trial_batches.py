@@ -144,10 +144,11 @@ def barb_slopes(
 
     columns, origin = shapes.shape[1], np.zeros(3)
     points, jacobian = np.zeros((columns, 3)), np.zeros((6 + len(coefficients), 3, columns + 1))
-    barb_points(turn, origin, clamp, joints, segment, shapes, coefficients, points)
+    frames = np.zeros((columns, 4))
+    barb_points(turn, origin, clamp, joints, segment, shapes, coefficients, frames, points)
     root_jacobian(origin, points, jacobian)
     axes = np.zeros((columns, 6))
-    barb_axes(turn, clamp, joints, shapes, coefficients, axes)
+    barb_axes(frames, shapes, coefficients, axes)
     barb_jacobian(axes, shapes, origin, points, jacobian)
     return jacobian[:, :, 1:]
 

@@ -58,11 +58,12 @@ def _next_frame(w, x, y, z, joint, normal, in_plane):
 
 
 @kernel
-def barb_points(turn, root, clamp, joints, segment, shapes, coefficients, points):
-    """Nodes of one barb.
+def barb_points(turn, root, clamp, joints, segment, shapes, coefficients, frames, points):
+    """Nodes of one barb, and the frames of its segments.
 
     turn: (4,) row quaternion. root: (3,). clamp: (4,). joints: (m, 4) D_j. segment: m, length.
-    shapes: (C, m). coefficients: (2 C,), normal then in-plane. Written: points (m, 3).
+    shapes: (C, m). coefficients: (2 C,), normal then in-plane. Written: frames (m, 4),
+    T_j, and points (m, 3).
     """
     w, x, y, z = multiply(
         turn[0], turn[1], turn[2], turn[3], clamp[0], clamp[1], clamp[2], clamp[3]
@@ -71,6 +72,7 @@ def barb_points(turn, root, clamp, joints, segment, shapes, coefficients, points
     for j in range(shapes.shape[1]):
         normal, in_plane = _joint_angles(shapes, coefficients, j)
         w, x, y, z = _next_frame(w, x, y, z, joints[j], normal, in_plane)
+        frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3] = w, x, y, z
         px += segment * (1.0 - 2.0 * (y * y + z * z))
         py += segment * 2.0 * (x * y + w * z)
         pz += segment * 2.0 * (x * z - w * y)
@@ -78,17 +80,14 @@ def barb_points(turn, root, clamp, joints, segment, shapes, coefficients, points
 
 
 @kernel
-def barb_axes(turn, clamp, joints, shapes, coefficients, axes):
+def barb_axes(frames, shapes, coefficients, axes):
     """World vectors about which a joint turns what lies beyond it, per unit of n_j and of b_j.
 
-    Arguments as of barb_points. Written: axes (m, 6), n_j first.
+    Arguments as of barb_points, which writes the frames. Written: axes (m, 6), n_j first.
     """
-    w, x, y, z = multiply(
-        turn[0], turn[1], turn[2], turn[3], clamp[0], clamp[1], clamp[2], clamp[3]
-    )
     for j in range(shapes.shape[1]):
         normal, in_plane = _joint_angles(shapes, coefficients, j)
-        w, x, y, z = _next_frame(w, x, y, z, joints[j], normal, in_plane)
+        w, x, y, z = frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3]
         n1, n2, n3, b1, b2, b3 = _right_jacobian(normal, in_plane)
         axis = axes[j]
         axis[0], axis[1], axis[2] = rotate(w, x, y, z, n1, n2, n3)

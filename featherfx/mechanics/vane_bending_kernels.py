@@ -30,8 +30,8 @@ CRUSHED = 0.2
 
 
 @kernel
-def hinge_angle(start, end, above, below):
-    """Dihedral angle of x_0, x_1, x_2, x_3 (each (3,)), in (-pi, pi]."""
+def _angle_and_squares(start, end, above, below):
+    """Dihedral angle, and |n|^2 of both triangles, n = e x u."""
     ex, ey, ez = end[0] - start[0], end[1] - start[1], end[2] - start[2]
     ux, uy, uz = above[0] - start[0], above[1] - start[1], above[2] - start[2]
     vx, vy, vz = below[0] - start[0], below[1] - start[1], below[2] - start[2]
@@ -39,7 +39,15 @@ def hinge_angle(start, end, above, below):
     bx, by, bz = cross(vx, vy, vz, ex, ey, ez)
     cx, cy, cz = cross(ax, ay, az, bx, by, bz)
     length = sqrt(ex * ex + ey * ey + ez * ez)
-    return atan2(cx * ex + cy * ey + cz * ez, length * (ax * bx + ay * by + az * bz) + TINY)
+    angle = atan2(cx * ex + cy * ey + cz * ez, length * (ax * bx + ay * by + az * bz) + TINY)
+    return angle, ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
+
+
+@kernel
+def hinge_angle(start, end, above, below):
+    """Dihedral angle of x_0, x_1, x_2, x_3 (each (3,)), in (-pi, pi]."""
+    angle, _, _ = _angle_and_squares(start, end, above, below)
+    return angle
 
 
 @kernel
@@ -113,11 +121,15 @@ def _normal_square(edge_start, edge_end, opposite):
 
 
 @kernel
-def uncrushed(start, end, above, below, open_above, open_below):
-    """w of both triangles of a hinge, multiplied. open_above, open_below: of `opening`."""
-    first, _ = _share(_normal_square(start, end, above), open_above)
-    second, _ = _share(_normal_square(start, end, below), open_below)
-    return first * second
+def angle_and_share(start, end, above, below, open_above, open_below):
+    """Dihedral angle of a hinge, and w of both its triangles, multiplied.
+
+    start to below: as in hinge_angle. open_above, open_below: of `opening`.
+    """
+    angle, over, under = _angle_and_squares(start, end, above, below)
+    first, _ = _share(over, open_above)
+    second, _ = _share(under, open_below)
+    return angle, first * second
 
 
 @kernel

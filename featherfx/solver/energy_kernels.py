@@ -14,7 +14,7 @@ from math import ceil
 from featherfx.compiled import kernel
 from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.node_kernels import dead_energy, node_energy
-from featherfx.mechanics.vane_bending_kernels import hinge_angle, opening, uncrushed
+from featherfx.mechanics.vane_bending_kernels import angle_and_share, opening
 from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 
@@ -74,15 +74,7 @@ def feather_strains(model, f, coefficient, points, rachis, reference, strains):
                 angle, share = 0.0, 1.0
                 if model.hinge_stiffness[f, side, i, j] != 0.0:
                     near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-                    angle = wrapped(
-                        hinge_angle(
-                            points[i, near], points[i, far], points[i + 1, near], points[i - 1, far]
-                        )
-                        - model.hinge_rest[f, side, i, j]
-                        - reference[at]
-                    )
-                    angle += reference[at]
-                    share = uncrushed(
+                    angle, share = angle_and_share(
                         points[i, near],
                         points[i, far],
                         points[i + 1, near],
@@ -90,6 +82,8 @@ def feather_strains(model, f, coefficient, points, rachis, reference, strains):
                         opening(rest[side, i, j, 0]),
                         opening(rest[side, i - 1, j, 1]),
                     )
+                    angle = wrapped(angle - model.hinge_rest[f, side, i, j] - reference[at])
+                    angle += reference[at]
                 strains[at] = angle
                 strains[at + 2 * rows * columns] = share
                 at += 1

@@ -58,7 +58,7 @@ def largest_move(before, after, arm):
 @shared_kernel
 def evaluate(model, loads, f, share, factors, pose, around):
     """Points and strains of a pose from its coordinates, and its energy (J)."""
-    material_points(model, f, pose.turn, pose.centre, pose.coefficient, pose.points)
+    material_points(model, f, pose.turn, pose.centre, pose.coefficient, pose.frames, pose.points)
     rachis_strains(model.length[f], pose.turn, pose.centre, pose.halfway, pose.rachis)
     feather_strains(
         model, f, pose.coefficient, pose.points, pose.rachis, around.reference, pose.strains
@@ -73,6 +73,7 @@ def copy_pose(source, target):
     copy_values(source.centre, target.centre)
     copy_values(source.coefficient, target.coefficient)
     copy_values(source.points, target.points)
+    copy_values(source.frames, target.frames)
     copy_values(source.halfway, target.halfway)
     copy_values(source.rachis, target.rachis)
     copy_values(source.strains, target.strains)

@@ -13,8 +13,8 @@ from featherfx.mechanics.rotations_kernels import exponential, multiply, normali
 
 
 @kernel
-def material_points(model, f, turn, centre, coefficient, points):
-    """Material points (n, P, 3) of feather f's pose, written to points."""
+def material_points(model, f, turn, centre, coefficient, frames, points):
+    """Material points (n, P, 3) of feather f's pose, and the frames (2, n, m, 4) of its barbs."""
     columns = model.joints.shape[3]
     for i in range(turn.shape[0]):
         w, x, y, z = turn[i, 0], turn[i, 1], turn[i, 2], turn[i, 3]
@@ -32,23 +32,20 @@ def material_points(model, f, turn, centre, coefficient, points):
                 model.segment[f, side, i],
                 model.shapes,
                 coefficient[side, i],
+                frames[side, i],
                 points[i, start : start + columns],
             )
 
 
 @kernel
-def joint_axes(model, f, pose, axes):
-    """Axes (2, n, m, 6) of the joints of all barbs, as barb_axes gives them."""
+def joint_axes(shapes, pose, axes):
+    """Axes (2, n, m, 6) of the joints of all barbs, as barb_axes gives them.
+
+    pose: with its frames, as material_points leaves them.
+    """
     for side in range(2):
         for i in range(pose.turn.shape[0]):
-            barb_axes(
-                pose.turn[i],
-                model.clamp[f, side, i],
-                model.joints[f, side, i],
-                model.shapes,
-                pose.coefficient[side, i],
-                axes[side, i],
-            )
+            barb_axes(pose.frames[side, i], shapes, pose.coefficient[side, i], axes[side, i])
 
 
 @shared_kernel

@@ -6,11 +6,11 @@ from featherfx.solver.pose_kernels import chain, material_points
 
 
 @kernel
-def rest_pose(model, positions, turns, turn, centre, coefficient, points):
+def rest_pose(model, positions, turns, turn, centre, coefficient, frames, points):
     """Put all feathers in their rest shape with roots at positions (F, 3), turns (F, 4).
 
     Written: turn (F, n, 4), centre (F, n, 3), points (F, n, P, 3); coefficient (F, 2, n, 2 C)
-    must be zero.
+    must be zero. frames: (2, n, m, 4) scratch.
     """
     for f in range(positions.shape[0]):
         for k in range(3):
@@ -25,4 +25,4 @@ def rest_pose(model, positions, turns, turn, centre, coefficient, points):
             after = turn[f, i + 1]
             after[0], after[1], after[2], after[3] = w, x, y, z
             chain(t, after, rest, model.length[f, i], centre[f, i], centre[f, i + 1])
-        material_points(model, f, turn[f], centre[f], coefficient[f], points[f])
+        material_points(model, f, turn[f], centre[f], coefficient[f], frames, points[f])

@@ -71,6 +71,7 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
         state.turn,
         state.centre,
         state.coefficient,
+        np.zeros((2, n, model.columns, 4)),
         state.points,
     )
     return state

@@ -156,7 +156,7 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
             now,
         )
     if loads.air[0] > 0.0:
-        material_points(model, f, now.turn, now.centre, now.coefficient, now.points)
+        material_points(model, f, now.turn, now.centre, now.coefficient, now.frames, now.points)
         blow(
             now.points,
             state.time[f] + h,

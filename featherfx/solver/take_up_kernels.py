@@ -12,6 +12,6 @@ def take_up_pose(model, f, turn, centre, coefficient, points, pose, reference, s
     turn (n, 4), centre (n, 3), coefficient (2, n, 2 C). Written: points (n, P, 3), strains (S,).
     pose and reference (S,) are scratch; dihedral angles are those within half a turn of reference.
     """
-    material_points(model, f, turn, centre, coefficient, points)
+    material_points(model, f, turn, centre, coefficient, pose.frames, points)
     rachis_strains(model.length[f], turn, centre, pose.halfway, pose.rachis)
     feather_strains(model, f, coefficient, points, pose.rachis, reference, strains)

@@ -22,14 +22,16 @@ class Pose(NamedTuple):
     """Coordinates of one feather and what follows from them.
 
     turn: (n, 4) row quaternions. centre: (n, 3) m. coefficient: (2, n, 2 C) rad. points:
-    (n, P, 3) material points. halfway: (n-1, 3, 3) and rachis: (n-1, 6), frames and strains of the
-    rachis elements. strains: (S,) all strains, measured from rest.
+    (n, P, 3) material points. frames: (2, n, m, 4) quaternions of the barbs' segments. halfway:
+    (n-1, 3, 3) and rachis: (n-1, 6), frames and strains of the rachis elements. strains: (S,) all
+    strains, measured from rest.
     """
 
     turn: Array
     centre: Array
     coefficient: Array
     points: Array
+    frames: Array
     halfway: Array
     rachis: Array
     strains: Array
@@ -144,6 +146,7 @@ def _make_pose(model: Model) -> Pose:
         centre=np.zeros((n, 3)),
         coefficient=np.zeros((2, n, 2 * c)),
         points=np.zeros((n, 3 + 2 * m, 3)),
+        frames=np.zeros((2, n, m, 4)),
         halfway=np.zeros((n - 1, 3, 3)),
         rachis=np.zeros((n - 1, 6)),
         strains=np.zeros(strain_count(model)),

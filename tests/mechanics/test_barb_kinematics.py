@@ -25,7 +25,7 @@ def nodes_of(shapes, coefficients, length=1.0):
     points = np.zeros((count, 3))
     barb_points(
         *(UNIT, np.zeros(3), UNIT, straight_joints(count), length / count),
-        *(shapes, np.asarray(coefficients, float), points),
+        *(shapes, np.asarray(coefficients, float), np.zeros((count, 4)), points),
     )
     return points
 
@@ -115,10 +115,12 @@ def test_segments_keep_their_length_in_any_pose():
     rng = np.random.default_rng(0)
     joints = np.stack([UNIT, *(random_turn(rng) for _ in range(7))])
     shapes, root, points = curvature_shapes(3, 8, 1.0), rng.normal(size=3), np.zeros((8, 3))
+    frames = np.zeros((8, 4))
     for _ in range(20):
         coefficients = 10.0 * rng.normal(size=6)
         barb_points(
-            *(random_turn(rng), root, random_turn(rng), joints, 0.37, shapes, coefficients, points)
+            *(random_turn(rng), root, random_turn(rng), joints, 0.37),
+            *(shapes, coefficients, frames, points),
         )
         segments = np.linalg.norm(np.diff(np.vstack([root, points]), axis=0), axis=1)
         assert segments == pytest.approx(np.full(8, 0.37), rel=1e-14)
@@ -128,6 +130,7 @@ def test_a_barb_without_curvature_leaves_along_its_clamp():
     rng = np.random.default_rng(1)
     turn, clamp, root = random_turn(rng), random_turn(rng), rng.normal(size=3)
     shapes, points = curvature_shapes(2, 4, 1.0), np.zeros((4, 3))
-    barb_points(turn, root, clamp, straight_joints(4), 0.25, shapes, np.zeros(4), points)
+    frames, straight = np.zeros((4, 4)), straight_joints(4)
+    barb_points(turn, root, clamp, straight, 0.25, shapes, np.zeros(4), frames, points)
     direction = turns_to_frames(turn) @ turns_to_frames(clamp)[:, 0]
     assert points == pytest.approx(root + np.outer(np.arange(1, 5) / 4, direction), abs=1e-14)

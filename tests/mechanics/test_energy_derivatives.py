@@ -114,7 +114,7 @@ def barb(rng):
     def offsets(x):
         barb_points(
             turned(turn, x[3:6]), root + x[:3], clamp, joints, 0.4, shapes, coefficients + x[6:],
-            points,
+            np.zeros((5, 4)), points,
         )  # fmt: skip
         return points - goal
 

@@ -24,7 +24,10 @@ def barb_end(count: int, taper: float, load: float) -> np.ndarray:
     def nodes(normal: np.ndarray) -> np.ndarray:
         points = np.zeros((SEGMENTS, 3))
         both = np.concatenate([normal, np.zeros(count)])
-        barb_points(STRAIGHT, np.zeros(3), STRAIGHT, joints, 1.0 / SEGMENTS, shapes, both, points)
+        barb_points(
+            *(STRAIGHT, np.zeros(3), STRAIGHT, joints, 1.0 / SEGMENTS),
+            *(shapes, both, np.zeros((SEGMENTS, 4)), points),
+        )
         return points
 
     def energy(normal: np.ndarray) -> float:

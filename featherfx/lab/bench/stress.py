@@ -135,8 +135,9 @@ def _pose_gap(model: Model, state: State) -> float:
     """Largest distance (m) of the points of feather 0 from those that its coordinates give."""
     from featherfx.solver.pose_kernels import material_points
 
-    points = np.zeros_like(state.points[0])
-    material_points(model, 0, state.turn[0], state.centre[0], state.coefficient[0], points)
+    points, frames = np.zeros_like(state.points[0]), np.zeros((2, model.rows, model.columns, 4))
+    turn, centre, coefficient = state.turn[0], state.centre[0], state.coefficient[0]
+    material_points(model, 0, turn, centre, coefficient, frames, points)
     return float(np.abs(points - state.points[0]).max())
 
 

@@ -153,7 +153,8 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
     for row in range(model.rows - 1):
         stretch, length = model.rachis_rest[0, row, :3], model.length[0, row]
         chain(turn[row], turn[row + 1], stretch, length, centre[row], centre[row + 1])
-    material_points(model, 0, turn, centre, state.coefficient[0], state.points[0])
+    frames = np.zeros((2, model.rows, model.columns, 4))
+    material_points(model, 0, turn, centre, state.coefficient[0], frames, state.points[0])
     state.strains[0] = pose_strains(model, state)
 
 
