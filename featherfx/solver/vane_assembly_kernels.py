@@ -119,13 +119,40 @@ def _four_dots(g, h, u, v):
 
 
 @kernel
+def _resultant(barb, u):
+    """Force and moment (6) about the rachis point of forces u (3 S) on a barb's nodes.
+
+    These are the products of u with rows 0 to 5 of the barb's Jacobian (w, 3 S), of which 3 to 5
+    hold the nodes' distances x, y, z from that point.
+    """
+    count = u.shape[0] // 3
+    x, y, z = barb[5, count:], barb[3, 2 * count :], barb[4]
+    v, w = u[count:], u[2 * count :]
+    fx, fy, fz, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(count):
+        fx += u[j]
+        fy += v[j]
+        fz += w[j]
+        mx += y[j] * w[j] - z[j] * v[j]
+        my += z[j] * u[j] - x[j] * w[j]
+        mz += x[j] * v[j] - y[j] * u[j]
+    return fx, fy, fz, mx, my, mz
+
+
+@kernel
 def _add_between_rows(rows, columns, row_at, column_at, shift, band):
     """band[row_at + a, column_at + b] += rows[a].columns[b] of a row and one before it.
 
-    rows, columns: (w, 3 S); coefficients, a and b from 6 on, lie shift further on.
+    rows: Jacobian of the barb, columns: (w, 3 S); coefficients, a and b from 6 on, lie shift
+    further on.
     """
-    for a in range(0, rows.shape[0], 2):
-        to = row_at + a + (shift if a >= 6 else 0)
+    for b in range(columns.shape[0]):
+        at = column_at + b + (shift if b >= 6 else 0)
+        sums = _resultant(rows, columns[b])
+        for a in range(6):
+            band[at, row_at + a - at] += sums[a]
+    for a in range(6, rows.shape[0], 2):
+        to = row_at + a + shift
         for b in range(0, columns.shape[0], 2):
             at = column_at + b + (shift if b >= 6 else 0)
             gu, gv, hu, hv = _four_dots(rows[a], rows[a + 1], columns[b], columns[b + 1])
