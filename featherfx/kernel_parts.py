@@ -38,7 +38,7 @@ Dispatcher: Any = CPUDispatcher
 # parts are finished after those that they call
 _NUMBERS = itertools.count()
 # Loops along barbs have 4 to 16 turns: processors with vectors of eight numbers are better off with
-# four, for there is less of a rest that is done one by one. LLVM's own choice on most of them.
+# four, for there is less of a rest that is done one by one.
 VECTORS = '"prefer-vector-width"="256"'
 
 

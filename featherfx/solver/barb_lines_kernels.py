@@ -2,7 +2,8 @@
 
 A line holds one number for each node of a barb, the rachis point first, or for each cell or hinge
 between two of them. Loops run over a multiple of LANES; what lies beyond the barb's end is zero and
-stays so.
+stays so. A loop that is shifted by a node may end on the first number of the line that follows in
+memory, to which it adds zero.
 """
 
 from featherfx.compiled import kernel, loop_kernel

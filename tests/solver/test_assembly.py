@@ -85,10 +85,14 @@ def scales(model):
     return 0.3 * np.tile(row, model.rows)
 
 
-@pytest.mark.parametrize("coefficients", [0, 1, 3])
+# loops along barbs fill their last turn (2, 6, 10) or do not
+GRIDS = [(3, 0), (3, 1), (3, 3), (2, 1), (6, 1), (10, 2)]
+
+
+@pytest.mark.parametrize(("columns", "coefficients"), GRIDS)
 @pytest.mark.parametrize("name", ["swan_primary", "ornamental_plume"])
-def test_the_assembled_gradient_is_the_derivative_along_the_retraction(name, coefficients):
-    trial = loaded(name, 3, rows=7, columns=3, coefficients=coefficients)
+def test_the_assembled_gradient_is_the_derivative_along_the_retraction(name, columns, coefficients):
+    trial = loaded(name, 3, rows=7, columns=columns, coefficients=coefficients)
     gradient = trial.assembled()
     rng, scale = np.random.default_rng(4), scales(trial.model)
     assert derivative_fault(trial.energy, gradient, rng, scale, directions=8) == ""
@@ -104,16 +108,51 @@ def test_the_gradient_does_not_depend_on_how_the_hessian_is_made():
     assert trial.assembled(signed=True).tobytes() == first.tobytes()
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_gauss_newton_hessian_is_positive_definite_far_from_rest(seed):
-    trial = loaded("swan_primary", seed, rows=7, columns=3)
-    trial.assembled(signed=False)
-    band = trial.work.system.band
+@pytest.mark.parametrize(("columns", "coefficients"), GRIDS)
+def test_at_rest_the_matrix_is_the_derivative_of_the_gradient(columns, coefficients):
+    """Without forces no term of second order is left out: H_ab = d gradient_a / d x_b."""
+    _, model = preset_batch("swan_primary", rows=6, columns=columns, coefficients=coefficients)
+    model = model._replace(held=np.array([False]), retardation=np.array([[0.01, 0.02]]))
+    state = at_origin(model)
+    trial = Trial(model, state, no_loads(1), FACTORS, {"target": state.points[0]})
+    scale = scales(model)
+    force = np.abs(trial.assembled(signed=True) * scale).max()
+    matrix = dense(trial.work.system.band)
+    assert force < 1e-7 * (np.diag(matrix) * scale**2).min()
+    columns_of = [slopes_of_the_gradient(trial, state, x) for x in np.diag(1e-3 * scale)]
+    right = np.array(columns_of).T / (1e-3 * scale)
+    weight = 1.0 / np.sqrt(np.diag(matrix))
+    assert np.abs((matrix - right) * np.outer(weight, weight)).max() < 1e-7
+
+
+def slopes_of_the_gradient(trial, state, x):
+    """Half the difference of the gradients after increments x and -x from a state."""
+    work, model = trial.work, trial.model
+    gradients = []
+    for sign in (1.0, -1.0):
+        load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], work.now)
+        trial.energy(sign * x)
+        for target, source in zip(work.now, work.trial, strict=True):
+            target[...] = source
+        gradients.append(trial.assembled())
+    return 0.5 * (gradients[0] - gradients[1])
+
+
+def dense(band):
+    """(N, N) of a symmetric band."""
     size, width = band.shape
     matrix = np.zeros((size, size))
     for d in range(width):
         inside = np.arange(max(size - d, 0))
         matrix[inside + d, inside] = matrix[inside, inside + d] = band[inside, d]
+    return matrix
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_gauss_newton_hessian_is_positive_definite_far_from_rest(seed):
+    trial = loaded("swan_primary", seed, rows=7, columns=3)
+    trial.assembled(signed=False)
+    matrix = dense(trial.work.system.band)
     values = np.linalg.eigvalsh(matrix)
     assert values.min() > -1e-9 * values.max()
     scale = np.sqrt(np.diag(matrix))

@@ -138,9 +138,9 @@ def stiff_kind(kind: FeatherKind, ratio: float, varied: str = "barbs") -> Feathe
 def stiffness_table(kind: FeatherKind, extent: Extent) -> Table:
     """Iterations against the stiffness ratio."""
     rows: list[Row] = []
-    cases = [("barb-curvature", varied, RATIOS) for varied in ("stretch", "vane", "barbs")]
-    for name, varied, ratios in [*cases, ("nodal, improved", "barbs", RATIOS[:3])]:
-        shake = PRODUCTION if name.startswith("nodal") else HERO
+    cases = [("barb-curvature", HERO, varied, RATIOS) for varied in ("stretch", "vane", "barbs")]
+    cases.append(("nodal, improved", PRODUCTION, "barbs", RATIOS[:3]))
+    for name, shake, varied, ratios in cases:
         for ratio in ratios:
             feather = stiff_kind(kind, ratio, varied)
             for rate in (96, 24):
