@@ -20,8 +20,8 @@ from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.shot.simulate import Simulation, simulate
+from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
-from featherfx.solver.step import Settings, Solver, hold_roots
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 FRAME = 1.0 / 24.0

@@ -19,8 +19,8 @@ def measured(shot: Path) -> tuple[float, list[tuple[str, float, float]]]:
     """Seconds in all, and per entry: its name, seconds of types and lowering, seconds of LLVM."""
     from numba.core.codegen import JITCodeLibrary
 
-    from featherfx.compiled import Kernel
-    from featherfx.shot.read import read_shot
+    from featherfx.jit.compiled import Kernel
+    from featherfx.shot.read.read import read_shot
     from featherfx.shot.simulate import simulate
 
     entries: list[tuple[str, float, float]] = []

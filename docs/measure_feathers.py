@@ -21,7 +21,7 @@ from pathlib import Path
 from measure_plumage import write_skin
 
 from featherfx.api import read_shot
-from featherfx.baking import bake
+from featherfx.baking.bake import bake
 from featherfx.errors import InputWarning
 from featherfx.shot.simulate import simulate
 

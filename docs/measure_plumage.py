@@ -17,10 +17,10 @@ import trimesh
 from pxr import Usd, UsdGeom, Vt
 
 from featherfx.api import read_groom, scene_readers
+from featherfx.baking.pipeline import export_groom
 from featherfx.errors import InputWarning
-from featherfx.feather.layout import laid_out, measured
-from featherfx.groom.read import read_groom as read_placed
-from featherfx.pipeline import export_groom
+from featherfx.feather.layout.layout import laid_out, measured
+from featherfx.groom.read.read import read_groom as read_placed
 
 REGION = """
 [[region]]

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from featherfx._version import __version__
+
 if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
-    from featherfx.pipeline import bake, check, export, export_groom, join, plan
+    from featherfx.baking.pipeline import bake, check, export, export_groom, join, plan
 
-__version__ = "0.1.0"
 _API = ("build", "read_groom", "read_quality", "read_shot", "simulate")
 _PIPELINE = ("bake", "check", "export", "export_groom", "join", "plan")
 __all__ = [
@@ -39,7 +40,7 @@ def __getattr__(name: str) -> Any:
 
         return getattr(api, name)
     if name in _PIPELINE:
-        from featherfx import pipeline
+        from featherfx.baking import pipeline
 
         return getattr(pipeline, name)
     raise AttributeError(f"module 'featherfx' has no attribute '{name}'")

@@ -15,7 +15,7 @@ from featherfx.errors import InputError, Problem
 if TYPE_CHECKING:
     from featherfx.feather.types import Feather
     from featherfx.groom.types import Groom
-    from featherfx.shot.scenes import SceneReaders
+    from featherfx.shot.read.sources import SceneReaders
     from featherfx.shot.simulate import Simulation
     from featherfx.shot.types import Quality, Shot
 
@@ -33,8 +33,8 @@ def read_groom(
     file that is read. Raises InputError with all problems of the file, of the tables and scenes
     that it names, and of the presets.
     """
-    from featherfx.feather.layout import lay_out
-    from featherfx.groom import read
+    from featherfx.feather.layout.layout import lay_out
+    from featherfx.groom.read import read
 
     return lay_out(read.read_groom(path, preset_folders, scene_readers(note)))
 
@@ -45,15 +45,15 @@ def read_shot(path: str | Path, preset_folders: Folders = ()) -> Shot:
     Raises InputError with all problems of shot, groom, scenes and presets; InputWarning for roots
     that are far from the skin.
     """
-    from featherfx.shot import read
+    from featherfx.shot.read import read
 
     return read.read_shot(path, preset_folders, scene_readers())
 
 
 def read_quality(name: str, preset_folders: Folders = ()) -> Quality:
     """A quality preset by its name. Raises InputError."""
-    from featherfx.groom.library import plain
-    from featherfx.groom.presets import load_preset
+    from featherfx.groom.presets.library import plain
+    from featherfx.groom.presets.presets import load_preset
     from featherfx.shot.types import Quality
 
     _, tree = load_preset(f"quality/{name}", preset_folders)
@@ -98,40 +98,40 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
 
     note: is told every file that is read.
     """
-    from featherfx.shot.scenes import SceneReaders
+    from featherfx.shot.read.sources import SceneReaders
 
     def feathers(entry: Any, folder: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read_groom import read_feathers
+        from featherfx.usd.read.groom import read_feathers
 
         note(folder / entry["file"])
         return read_feathers(entry, folder, *arguments)
 
     def skin(entry: Any, paths: Any, folder: Path, *arguments: Any) -> Any:
-        from featherfx.usd.skin_source import read_skin
+        from featherfx.usd.read.skin import read_skin
 
         note(folder / entry["usd"])
         return read_skin(entry, paths, folder, *arguments)
 
     def curves(path: Path, *arguments: Any) -> Any:
-        from featherfx.usd.skin_source import read_curves
+        from featherfx.usd.read.skin import read_curves
 
         note(path)
         return read_curves(path, *arguments)
 
     def meshes(path: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read_scenes import open_meshes
+        from featherfx.usd.read.scenes import open_meshes
 
         note(path)
         return open_meshes(path, *arguments)
 
     def wind(path: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read_scenes import open_wind
+        from featherfx.usd.read.scenes import open_wind
 
         note(path)
         return open_wind(path, *arguments)
 
     def camera(path: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read_camera import open_camera
+        from featherfx.usd.read.camera import open_camera
 
         note(path)
         return open_camera(path, *arguments)

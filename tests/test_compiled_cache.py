@@ -10,10 +10,10 @@ import pytest
 from numba import types
 from numba.core import registry
 
-from featherfx import compiled
-from featherfx.mechanics import copy_kernels
+from featherfx.algebra import copy_kernels
+from featherfx.jit import compiled
 
-ROOT = Path(compiled.__file__).parent
+ROOT = Path(compiled.__file__).parents[1]
 
 
 @pytest.fixture
@@ -39,16 +39,16 @@ def folder_after_change(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "changed", ["solver/step_kernels.py", "mechanics/vane_membrane_kernels.py"]
+    "changed", ["solver/step/frame_kernels.py", "mechanics/vane_membrane_kernels.py"]
 )
 def test_a_kernel_that_is_called_counts(folder_after_change, changed):
-    before, after = folder_after_change("solver/step_kernels.py", changed)
+    before, after = folder_after_change("solver/step/frame_kernels.py", changed)
     assert before != after
 
 
 def test_other_kernels_do_not_count(folder_after_change):
     before, after = folder_after_change(
-        "usd/surface_kernels.py", "mechanics/vane_membrane_kernels.py"
+        "usd/write/surface_kernels.py", "mechanics/vane_membrane_kernels.py"
     )
     assert before == after
 
@@ -58,7 +58,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.compiled import kernel, shared_kernel
+from featherfx.jit.compiled import kernel, shared_kernel
 
 
 class Pair(NamedTuple):

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.rotation import frames_to_turns
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
-from featherfx.groom.kinds import kind_of
-from featherfx.groom.presets import list_presets, load_preset
-from featherfx.groom.schema import Place, Problems
+from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.presets.kinds import kind_of
+from featherfx.groom.presets.presets import list_presets, load_preset
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model
-from featherfx.mechanics.turns import frames_to_turns
 from featherfx.solver.state import State, rest_state
 
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ def rotation_of(vector: Any) -> Array:
 
 def turned(turn: Array, vector: Array) -> Array:
     """(4,) quaternion followed by a world rotation vector (rad)."""
-    from featherfx.mechanics.turns import turns_to_frames
+    from featherfx.algebra.rotation import turns_to_frames
 
     return frames_to_turns(rotation_of(vector) @ turns_to_frames(turn))
 
@@ -160,8 +160,8 @@ def assembled(
 
     The Hessian is left in work.system.band.
     """
-    from featherfx.solver.assembly_kernels import assemble
-    from featherfx.solver.vane_pairs_kernels import STABILISING, WHOLE
+    from featherfx.solver.step.assembly_kernels import assemble
+    from featherfx.solver.vane.pairs_kernels import STABILISING, WHOLE
 
     wanted = WHOLE if signed else STABILISING
     assemble(model, loads, 0, share, factors, wanted, 0.0, work)

@@ -117,8 +117,8 @@ def bake(
     The output appears under its name when it is complete, never before. What a bake that was
     stopped has finished stays beside it for --resume.
     """
-    from featherfx.pipeline import bake as bake_shot
-    from featherfx.pipeline import plan
+    from featherfx.baking.pipeline import bake as bake_shot
+    from featherfx.baking.pipeline import plan
 
     if shares:
         given = _given(ctx, PER_WORKER)
@@ -176,7 +176,7 @@ def _as_text(value: Any) -> str:
 @click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
 def join(output: Path, shares: int, overwrite: bool) -> None:
     """Write OUTPUT, a USD file that names the shares beside it (OUTPUT.1ofN.usdc and so on)."""
-    from featherfx.pipeline import join as join_shares
+    from featherfx.baking.pipeline import join as join_shares
 
     click.echo(f"{join_shares(output, shares, overwrite)} feathers", err=True)
 
@@ -210,7 +210,7 @@ def join(output: Path, shares: int, overwrite: bool) -> None:
 @stage_options
 def groom(groom: Path, quality: str | None, **options: Any) -> None:
     """Write the feathers of GROOM (a TOML or USD file) at rest to USD, without time samples."""
-    from featherfx.pipeline import export_groom
+    from featherfx.baking.pipeline import export_groom
 
     count = export_groom(groom, quality=quality or "final", **options)
     click.echo(f"{count} feathers at rest", err=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from featherfx import __version__
+from featherfx._version import __version__
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 
@@ -99,8 +99,8 @@ def bench(
     jobs = jobs or os.cpu_count() or 1
     tables, outcome = [], None
     if skips:
+        from featherfx.baking.pipeline import read_shot
         from featherfx.lab.bench.skips import skips_table
-        from featherfx.pipeline import read_shot
 
         shots = [read_shot(path) for path in skips]
         with Progress("skips") as progress:
@@ -145,8 +145,8 @@ def _beside_peers(quick: bool, output: Path | None) -> None:
 
 def _stress(seeds: range, jobs: int, most_rows: int, folder: Path | None) -> dict[str, Any]:
     """Run the cases that the folder does not have yet; the summary of all that it then has."""
+    from featherfx.lab.bench.records import append_record, read_records, summary
     from featherfx.lab.bench.stress import Outcome, as_record, run_seeds
-    from featherfx.lab.bench.stress_records import append_record, read_records, summary
 
     records = read_records(folder) if folder is not None else {}
 

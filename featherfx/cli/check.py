@@ -27,7 +27,7 @@ def check(ctx: click.Context, files: tuple[Path, ...], preset_folders: tuple[Pat
     Prints one line per problem (file, key, what is wrong, allowed range) and exits with 1 if
     there is any.
     """
-    from featherfx.pipeline import check as problems_of
+    from featherfx.baking.pipeline import check as problems_of
 
     found = [problem for file in files for problem in problems_of(file, preset_folders)]
     for problem in dict.fromkeys(found):

@@ -42,7 +42,7 @@ def export(
     overwrite: bool,
 ) -> None:
     """Write CACHE (a USD file of featherfx) in another form."""
-    from featherfx.pipeline import export as export_cache
+    from featherfx.baking.pipeline import export as export_cache
 
     usd = output.suffix in (".usd", ".usda", ".usdc")
     if condensed and not usd:

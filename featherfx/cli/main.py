@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from featherfx import __version__
+from featherfx._version import __version__
 from featherfx.cli.bake import bake, groom, join
 from featherfx.cli.bench import bench
 from featherfx.cli.check import check

@@ -25,7 +25,7 @@ def presets() -> None:
 @presets_option
 def list_command(preset_folders: tuple[Path, ...]) -> None:
     """List all presets by family, with the first comment of each file."""
-    from featherfx.groom.presets import list_presets
+    from featherfx.groom.presets.presets import list_presets
 
     found = list_presets(preset_folders)
     width = max((len(preset.name) for preset in found), default=0)
@@ -45,6 +45,6 @@ def list_command(preset_folders: tuple[Path, ...]) -> None:
 @presets_option
 def show_command(name: str, preset_folders: tuple[Path, ...]) -> None:
     """Show the preset NAME merged with all that it extends, and the file of each value."""
-    from featherfx.groom.presets import show
+    from featherfx.groom.presets.presets import show
 
     click.echo(show(name, preset_folders))

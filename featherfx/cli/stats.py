@@ -38,7 +38,7 @@ def stats(
     Feathers by region and kind, how they overlap and where they pass through each other at rest;
     of a shot also what its bake will cost, measured on a few of its feathers.
     """
-    from featherfx.pipeline import plumage_stats
+    from featherfx.baking.pipeline import plumage_stats
 
     found = plumage_stats(
         file, quality=quality, jobs=jobs or os.cpu_count() or 1, preset_folders=preset_folders

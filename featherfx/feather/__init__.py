@@ -1,0 +1,1 @@
+"""The rest shape of one feather."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import InputError, Problem
-from featherfx.feather.grid import barb_share
-from featherfx.feather.mirror import mirror_feather
 from featherfx.feather.outline import outline_fault
 from featherfx.feather.rachis import build_rachis
 from featherfx.feather.surface import build_surface
-from featherfx.feather.types import LEADING, TRAILING, Feather
-from featherfx.feather.vane import build_vane
+from featherfx.feather.types import LEADING, TRAILING, Array, Feather, Surface
+from featherfx.feather.vane import barb_share, build_vane
 from featherfx.groom.types import FeatherKind, VaneShape
 
 _SIDES = ((LEADING, "leading"), (TRAILING, "trailing"))
@@ -141,3 +139,35 @@ def _make_read_only(record: Any) -> None:
             value.flags.writeable = False
         elif is_dataclass(value):
             _make_read_only(value)
+
+
+_REFLECTION = np.array([1.0, -1.0, 1.0])
+
+
+def mirror_feather(feather: Feather) -> Feather:
+    """The mirror image in the plane y = 0: leading vane at -y, dorsal still +z.
+
+    A reflection would make the frames left-handed, so d2 is turned round: it still starts as +y,
+    which is then the trailing side.
+    """
+    points = feather.points * _REFLECTION
+    points[:, 1] = -points[:, 1]
+    return replace(
+        feather, points=_positive_zeros(points), surface=_mirror_surface(feather.surface)
+    )
+
+
+def _mirror_surface(surface: Surface) -> Surface:
+    weights = surface.weights.copy()
+    weights[:, 1] = -weights[:, 1]
+    return replace(
+        surface,
+        weights=_positive_zeros(weights),
+        triangles=np.ascontiguousarray(surface.triangles[:, [0, 2, 1]]),
+        barb_direction=_positive_zeros(surface.barb_direction * _REFLECTION),
+    )
+
+
+def _positive_zeros(values: Array) -> Array:
+    """Zeros without a sign, so that files do not show -0."""
+    return values + 0.0

@@ -1,0 +1,1 @@
+"""What an artist says: which feathers, where, and what they are."""

@@ -1,0 +1,1 @@
+"""Virtual experiments and benchmarks; nothing outside depends on it."""

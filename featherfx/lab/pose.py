@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from featherfx.mechanics.model import Loads, Model
-from featherfx.solver.newton_kernels import evaluate
-from featherfx.solver.pose_kernels import load_pose
 from featherfx.solver.state import State
+from featherfx.solver.step.newton_kernels import evaluate
+from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.work import Work, make_work
 
 STATIC = (0.0, 0.0, 0.0)

@@ -1,0 +1,1 @@
+"""Kinematics and energies of a pose, one energy a file."""

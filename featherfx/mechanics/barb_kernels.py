@@ -17,8 +17,8 @@ curvature unknowns is that of super-helices and ribbon elements (Charrondiere et
 
 from math import cos, sin, sqrt
 
-from featherfx.compiled import kernel
-from featherfx.mechanics.rotations_kernels import SMALL_SQUARE, exponential, multiply, rotate
+from featherfx.algebra.rotation_kernels import SMALL_SQUARE, exponential, multiply, rotate
+from featherfx.jit.compiled import kernel
 
 
 @kernel

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.rotation import frames_to_turns, rotation_vectors, turns_to_frames
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
 from featherfx.mechanics.model import Model
 from featherfx.mechanics.section import shaft_mass, shaft_stiffness
-from featherfx.mechanics.turns import frames_to_turns, rotation_vectors, turns_to_frames
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ Sources: augmented Lagrangian of Powell and Hestenes 1969; lagged smoothed frict
 
 from math import sqrt
 
-from featherfx.compiled import kernel
+from featherfx.jit.compiled import kernel
 
 # columns of a contact's strength
 STIFFNESS, FORCE, FRICTION, SMOOTHING = 0, 1, 2, 3

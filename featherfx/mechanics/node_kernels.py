@@ -2,7 +2,7 @@
 
     W = 1/2 a m |x - x_t|^2 - m g.x - f.x + D(v) / c + 1/2 k |x - x_g|^2,     v = c (x - x_v)
 
-a, x_t and c, x_v come from the time integrator (featherfx/solver/integrator_kernels.py): they
+a, x_t and c, x_v come from the time integrator (featherfx/solver/step/integrator_kernels.py): they
 make the acceleration a (x - x_t) and the velocity c (x - x_v). m mass, g gravity, f dead load,
 k and x_g stiffness and target of a grip.
 
@@ -17,7 +17,7 @@ stiffness to a step and never makes it unstable. Unequal C_n and C_t give lift.
 
 from math import cos, sqrt
 
-from featherfx.compiled import kernel, shared_kernel
+from featherfx.jit.compiled import kernel, shared_kernel
 
 
 @kernel

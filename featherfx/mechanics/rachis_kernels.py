@@ -21,14 +21,8 @@ rachis_variation_kernels.
 
 from math import sin, sqrt, tan
 
-from featherfx.compiled import kernel
-from featherfx.mechanics.rotations_kernels import (
-    cross,
-    logarithm,
-    matrix_into,
-    multiply,
-    normalised,
-)
+from featherfx.algebra.rotation_kernels import cross, logarithm, matrix_into, multiply, normalised
+from featherfx.jit.compiled import kernel
 
 
 @kernel

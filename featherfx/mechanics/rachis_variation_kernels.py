@@ -24,8 +24,8 @@ differences in the tests).
 
 from math import cos, sin, sqrt, tan
 
-from featherfx.compiled import kernel
-from featherfx.mechanics.rotations_kernels import cross
+from featherfx.algebra.rotation_kernels import cross
+from featherfx.jit.compiled import kernel
 
 
 @kernel

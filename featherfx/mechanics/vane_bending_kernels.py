@@ -22,8 +22,8 @@ make the energy jump, too. t - t0 is therefore multiplied by w(y) of either tria
 
 from math import atan2, sqrt
 
-from featherfx.compiled import kernel
-from featherfx.mechanics.rotations_kernels import cross
+from featherfx.algebra.rotation_kernels import cross
+from featherfx.jit.compiled import kernel
 
 TINY = 1e-300
 CRUSHED = 0.2

@@ -20,7 +20,7 @@ Source: Kikuuwe et al. 2009 in the form of Jouve 2024, eq. 6.6; the derivatives 
 
 from math import sqrt
 
-from featherfx.compiled import kernel
+from featherfx.jit.compiled import kernel
 
 ROUNDING = 1e-3  # d
 SMALLEST = 0.5 * ROUNDING  # of J^2, below which J goes on linearly in it

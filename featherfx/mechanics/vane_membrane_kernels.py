@@ -21,7 +21,7 @@ unit eigenvectors (p, q).
 
 from math import sqrt
 
-from featherfx.compiled import kernel
+from featherfx.jit.compiled import kernel
 
 
 @kernel

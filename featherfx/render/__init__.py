@@ -1,0 +1,1 @@
+"""Pictures of caches without a screen."""

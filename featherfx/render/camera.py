@@ -50,7 +50,7 @@ class Camera:
 def choose_camera(
     scene: Scene, poses: Sequence[Pose], view: str, up_axis: str, size: tuple[int, int]
 ) -> Camera:
-    """A camera of a view (one of featherfx.render.options.VIEWS) that frames all poses."""
+    """A camera of a view (one of featherfx.render.picture.VIEWS) that frames all poses."""
     world_up = StageSpace(1.0, up_axis).directions(np.array([0.0, 0.0, 1.0]))
     if view == "auto":
         right, up = _three_quarter(scene, poses, world_up)

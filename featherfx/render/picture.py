@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import InputError, Problem
-from featherfx.render.options import COLOURS, VIEWS
 
 _MOST_PIXELS = 8192
 
@@ -44,7 +43,7 @@ def render(
     from featherfx.render.colour import face_colours
     from featherfx.render.scene import load_pose, load_scene
     from featherfx.render.trace import Tracer
-    from featherfx.usd.read import Cache
+    from featherfx.usd.read.read import Cache
 
     cache = Cache(path)
     times = _times(path, cache, frames, sheet)
@@ -149,3 +148,7 @@ def _save(picture: Any, output: Path) -> Path:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
     return output
+
+
+COLOURS = ("shaded", "barb", "region", "strain")
+VIEWS = ("auto", "top", "side", "front")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import RACHIS
-from featherfx.usd.read import Cache, CachedPose
+from featherfx.usd.read.read import Cache, CachedPose
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

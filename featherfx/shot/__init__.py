@@ -1,0 +1,1 @@
+"""Shots: what happens to a groom over time, frame by frame."""

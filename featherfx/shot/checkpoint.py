@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.shot.whole_file import write_whole
+from featherfx.files.whole import write_whole
 from featherfx.solver.state import State
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.solver.step import StepReport
+from featherfx.solver.solver import StepReport
 
 
 @dataclass

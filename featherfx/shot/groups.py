@@ -15,17 +15,17 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
-from featherfx.shot.cycle import Cycle
-from featherfx.shot.detail import CARRIED, Resolution
-from featherfx.shot.forces import force_weights
-from featherfx.shot.loads import frame_loads
-from featherfx.shot.motion import Roots
-from featherfx.shot.rigid import FeatherPose
-from featherfx.shot.shelter import exposures, sheltered
+from featherfx.shot.detail.cycle import Cycle
+from featherfx.shot.detail.detail import CARRIED, Resolution
+from featherfx.shot.detail.rigid import FeatherPose
+from featherfx.shot.loads.forces import force_weights
+from featherfx.shot.loads.loads import frame_loads
+from featherfx.shot.loads.shelter import exposures, sheltered
+from featherfx.shot.motion.motion import Roots
 from featherfx.shot.types import Force, Grip, Shot
-from featherfx.solver.modes import with_damping
+from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step import Settings, Solver
+from featherfx.solver.step.modes import with_damping
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.shot.skin_motion import BoundSkin
+from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.types import Shot
 
 

@@ -12,21 +12,21 @@ from featherfx.errors import SimulationError
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
-from featherfx.shot.carried import Carried
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.contact import ShotContact
+from featherfx.shot.contact.contact import ShotContact
 from featherfx.shot.counts import Counts
-from featherfx.shot.cycle import Cycle, memory_of, restore, warn_if_never
-from featherfx.shot.detail import Resolution
+from featherfx.shot.detail.carried import Carried
+from featherfx.shot.detail.cycle import Cycle, memory_of, restore, warn_if_never
+from featherfx.shot.detail.detail import Resolution
+from featherfx.shot.detail.level_run import LevelRun
+from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within, make_groups
-from featherfx.shot.level_run import LevelRun
-from featherfx.shot.levels import level_plan
-from featherfx.shot.loads import root_path
-from featherfx.shot.motion import Roots, root_motion
+from featherfx.shot.loads.loads import root_path
+from featherfx.shot.motion.motion import Roots, root_motion
 from featherfx.shot.settled import settled
-from featherfx.shot.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.types import Frame, Shot, sample_number
-from featherfx.solver.step import RootPath, raise_if_failed
+from featherfx.solver.solver import RootPath, raise_if_failed
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.types import Groom
-from featherfx.shot.scenes import TimedSurface, TimedWind
-from featherfx.shot.skin_motion import BoundSkin
-from featherfx.shot.view import TimedCamera
+from featherfx.shot.detail.view import TimedCamera
+from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.read.sources import TimedSurface, TimedWind
 
 Array = NDArray[np.float64]
 
@@ -25,9 +25,9 @@ class Quality:
     of what is simulated. coefficients: curvature coefficients per barb and direction (0: rigid
     barbs; -1: chosen by the solver). tolerance: m, error per frame that the sub-stepping aims at.
     max_substeps: most sub-steps per frame. radius: of the integrator, 0 to 0.9
-    (featherfx/solver/step.py). simulated_rows: 0: as the meshes; -1: chosen by the
+    (featherfx/solver/solver.py). simulated_rows: 0: as the meshes; -1: chosen by the
     solver, at most as many. coarse_below, rachis_below, guided_below, rigid_below: m, feathers
-    shorter than that are simulated with less detail (featherfx/shot/detail.py). guided_every: of
+    shorter than that are simulated with less detail (shot/detail/detail.py). guided_every: of
     those that are guided by their length, every n-th is a guide.
     """
 
@@ -78,7 +78,7 @@ class Shelter:
 
 @dataclass(frozen=True)
 class LevelOfDetail:
-    """How levels of detail follow what is seen (featherfx/shot/levels.py).
+    """How levels of detail follow what is seen (featherfx/shot/detail/levels.py).
 
     camera: None: all feathers are seen at pixels_per_metre. image_height: pixels. coarse_below,
     rachis_below, guided_below, rigid_below: pixels of a feather's length in the picture. outside:

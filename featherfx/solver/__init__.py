@@ -1,0 +1,1 @@
+"""One step of one feather, and what feathers that touch share."""

@@ -1,8 +1,8 @@
 """Feathers in their rest shape."""
 
-from featherfx.compiled import kernel
-from featherfx.mechanics.rotations_kernels import exponential, multiply, normalised
-from featherfx.solver.pose_kernels import chain, material_points
+from featherfx.algebra.rotation_kernels import exponential, multiply, normalised
+from featherfx.jit.compiled import kernel
+from featherfx.solver.step.pose_kernels import chain, material_points
 
 
 @kernel

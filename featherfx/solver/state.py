@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.rotation import frames_to_turns, turns_to_frames
 from featherfx.mechanics.model import Model
-from featherfx.mechanics.turns import frames_to_turns, turns_to_frames
 from featherfx.solver.rest_kernels import rest_pose
 from featherfx.solver.work import strain_count
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Model
-from featherfx.solver.banded_kernels import panel_shape
-from featherfx.solver.secant_kernels import PAIRS
+from featherfx.solver.step.banded_kernels import panel_shape
+from featherfx.solver.step.secant_kernels import PAIRS
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def make_system(unknowns: int, width: int) -> System:
 class Cells(NamedTuple):
     """What a barb's cells or hinges give, between two of its nodes each; up to four strains.
 
-    Lines of S numbers (barb_lines_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
+    Lines of S numbers (vane/line_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
     stiffness and half of it. gradient: (4, 4, 3, S), strain, node, axis. turning: (6, S), N/m.
     single: (3, 4, 3), of one cell.
     """
@@ -88,10 +88,10 @@ class Cells(NamedTuple):
 class Vane(NamedTuple):
     """Stiffness of a vane's nodes, and sums of one row and side, w = 6 + 2 C.
 
-    blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane_pairs_kernels), S at least m + 2 and a
+    blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane/pairs_kernels), S at least m + 2 and a
     multiple of four. nodes: (n, 2, 3, S + 4) m and pull: (n, 2, 3, S + 4) N, gradient, of the nodes
     of all barbs, line by line. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
-    (vane_assembly_kernels). tension: (m,) N.
+    (vane/assembly_kernels). tension: (m,) N.
     """
 
     blocks: Array

@@ -1,0 +1,1 @@
+"""USD stages in and out; the only room that imports `pxr`."""

@@ -11,7 +11,7 @@ from featherfx.errors import InputError
 from featherfx.feather.density import PointMap
 from featherfx.feather.render import BarbCurves
 from featherfx.feather.types import Feather
-from featherfx.shot.skin_motion import SkinRoot
+from featherfx.shot.motion.skin import SkinRoot
 
 Array = NDArray[np.float64]
 

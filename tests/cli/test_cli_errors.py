@@ -9,7 +9,7 @@ import time
 import pytest
 from click.testing import CliRunner
 
-from featherfx import pipeline
+from featherfx.baking import pipeline
 from featherfx.cli.main import main
 from featherfx.errors import InputError, Problem, SimulationError
 

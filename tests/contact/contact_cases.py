@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from trial_batches import preset_batch
 
 from featherfx.mechanics.model import Model, no_loads
-from featherfx.solver.contact import ContactReport, ContactSettings, ContactSolver
-from featherfx.solver.contact_wall import Wall
+from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
+from featherfx.solver.contact.wall import Wall
+from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step import Settings, Solver, hold_roots
 
 Array = NDArray[np.float64]
 THICKNESS = 1.2e-4

@@ -15,8 +15,8 @@ from contact_cases import (
     vane_nodes,
 )
 
-from featherfx.solver.contact_list_kernels import GAP, GUEST_FORCE, HOST_FORCE
-from featherfx.solver.integrator_kernels import integrator_coefficients
+from featherfx.solver.contact.list_kernels import GAP, GUEST_FORCE, HOST_FORCE
+from featherfx.solver.step.integrator_kernels import integrator_coefficients
 
 GRID = {"rows": 11, "columns": 4}
 PAIR = [(0, 1), (1, 0)]

@@ -11,8 +11,8 @@ import pytest
 from contact_cases import crossings
 
 from featherfx.errors import InputError
-from featherfx.shot.read import read_shot
-from featherfx.shot.scenes import TimedSurface
+from featherfx.shot.read.read import read_shot
+from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Contact, Frame, Motion, Shot
 

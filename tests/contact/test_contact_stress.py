@@ -9,8 +9,8 @@ import pytest
 from test_contact_shots import SAMPLE, THICKNESS, Board, baked, bird, half_wing
 
 from featherfx.errors import InputWarning, SimulationError
-from featherfx.shot.read import read_shot
-from featherfx.shot.scenes import TimedSurface
+from featherfx.shot.read.read import read_shot
+from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Detail, Force, Motion
 

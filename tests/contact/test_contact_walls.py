@@ -17,9 +17,9 @@ from contact_cases import (
 )
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact_list_kernels import COLUMN, GUEST_FORCE, ROW
-from featherfx.solver.contact_wall import outward, wall_of
-from featherfx.solver.step import hold_roots
+from featherfx.solver.contact.list_kernels import COLUMN, GUEST_FORCE, ROW
+from featherfx.solver.contact.wall import outward, wall_of
+from featherfx.solver.solver import hold_roots
 
 GRID = {"rows": 9, "columns": 4}
 FLOOR = np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])

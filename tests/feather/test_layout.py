@@ -10,13 +10,13 @@ from scipy.optimize import minimize
 
 from featherfx.errors import InputWarning
 from featherfx.feather.build import build_feather
-from featherfx.feather.layout import cover, laid_out, lay_out, measured
-from featherfx.feather.overlap import segment_distance, shingle_pairs, strips_of
+from featherfx.feather.layout.layout import cover, laid_out, lay_out, measured
+from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
 from featherfx.feather.scaled import feather_of, repeated_shapes, scaled
 from featherfx.groom.frames import frames_from
-from featherfx.groom.kinds import adjusted, kind_of
-from featherfx.groom.presets import load_preset
-from featherfx.groom.schema import Place, Problems
+from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.presets.kinds import adjusted, kind_of
+from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import Groom, Layout, Placement
 
 CLEARANCE = 2e-4

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.groom.read import check_file, read_groom
+from featherfx.groom.read.read import check_file, read_groom
 from featherfx.groom.types import Groom
 
 ROW = """

@@ -7,9 +7,9 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from featherfx.groom.scatter import expected_count, hashed, scatter, uniform
-from featherfx.groom.skin_faults import crossing_triangles, skin_faults
-from featherfx.groom.surface_points import SkinSurface
+from featherfx.groom.regions.scatter import expected_count, hashed, scatter, uniform
+from featherfx.groom.skin.faults import crossing_triangles, skin_faults
+from featherfx.groom.skin.points import SkinSurface
 
 RADIUS = 0.2
 

@@ -14,8 +14,8 @@ from featherfx.groom.types import (
 )
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
+from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
-from featherfx.solver.step import Settings, Solver, hold_roots
 
 pytestmark = pytest.mark.verification
 

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from featherfx.cli.lab.group import lab
 from featherfx.cli.main import main
-from featherfx.lab.registry import STUDIES
+from featherfx.lab.studies.registry import STUDIES
 
 ROD = ("--length", "0.3", "--ei", "2e-3")
 TRIAL = ("feather", "--preset", "swan_primary", "--rows", "9", "--columns", "3")

@@ -12,8 +12,8 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.special import jv
 
-from featherfx.lab.rod import Rod, clamped, rod_loads, rod_model, row_share
-from featherfx.solver.step import Settings, Solver
+from featherfx.lab.rods.rod import Rod, clamped, rod_loads, rod_model, row_share
+from featherfx.solver.solver import Settings, Solver
 
 pytestmark = pytest.mark.verification
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from featherfx.lab.experiments import bend, damped, release, total_energy
-from featherfx.lab.oracles import link_chain
-from featherfx.lab.rod import Rod, clamped, rod_loads, rod_model
+from featherfx.lab.rods.experiments import bend, damped, release, total_energy
+from featherfx.lab.rods.oracles import link_chain
+from featherfx.lab.rods.rod import Rod, clamped, rod_loads, rod_model
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.modes import first_frequency
-from featherfx.solver.step import Settings, Solver, hold_roots, raise_if_failed
+from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
+from featherfx.solver.step.modes import first_frequency
 
 pytestmark = pytest.mark.verification
 

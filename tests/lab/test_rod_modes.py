@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.lab.experiments import natural_frequencies
-from featherfx.lab.oracles import taper_frequencies
-from featherfx.lab.rod import Rod
+from featherfx.lab.rods.experiments import natural_frequencies
+from featherfx.lab.rods.oracles import taper_frequencies
+from featherfx.lab.rods.rod import Rod
 
 pytestmark = pytest.mark.verification
 

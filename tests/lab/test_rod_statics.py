@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputWarning
-from featherfx.lab.experiments import bend
-from featherfx.lab.oracles import elastica_tip, kirchhoff_tip
-from featherfx.lab.rod import Rod, clamped, rod_loads, rod_model
-from featherfx.solver.step import Settings, Solver
+from featherfx.lab.rods.experiments import bend
+from featherfx.lab.rods.oracles import elastica_tip, kirchhoff_tip
+from featherfx.lab.rods.rod import Rod, clamped, rod_loads, rod_model
+from featherfx.solver.solver import Settings, Solver
 
 pytestmark = pytest.mark.verification
 

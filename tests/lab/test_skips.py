@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from featherfx.cli.main import main
 from featherfx.lab.bench.skips import SKIPS, skips_table
-from featherfx.shot.read import read_shot
+from featherfx.shot.read.read import read_shot
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
 

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError, SimulationError
-from featherfx.lab.bench import stress, stress_records
-from featherfx.lab.bench.stress_cases import draw_case
+from featherfx.lab.bench import records as stress_records
+from featherfx.lab.bench import stress
+from featherfx.lab.bench.cases import draw_case
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.root_path import hold_roots
-from featherfx.solver.step import Settings, Solver, raise_if_failed
+from featherfx.solver.solver import Settings, Solver, raise_if_failed
+from featherfx.solver.step.root_path import hold_roots
 
 SEEDS = range(1000, 1040)
 MOST_ROWS = 14

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from featherfx.cli.main import main
 from featherfx.errors import InputError, SimulationError
-from featherfx.lab import drawing, registry, report, runs
-from featherfx.lab.study import (
+from featherfx.lab.studies import drawing, registry, report, runs
+from featherfx.lab.studies.study import (
     Later,
     Study,
     StudyResult,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.groom.presets import load_preset
-from featherfx.lab.feather import feather_kind
+from featherfx.groom.presets.presets import load_preset
+from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.networks.unit_cell import cell_moduli, cell_of, vane_of, vane_text
 from featherfx.lab.studies.unit_cell import elements, fitted_cell
-from featherfx.lab.unit_cell import cell_moduli, cell_of, vane_of, vane_text
 
 KIND = feather_kind("swan_primary")
 CELL = cell_of(KIND)

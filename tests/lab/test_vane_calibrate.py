@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from featherfx.cli.main import main
 from featherfx.errors import InputError
-from featherfx.groom.presets import load_preset
+from featherfx.groom.presets.presets import load_preset
 from featherfx.lab.vane.calibrate import NAMES, calibrate
 from featherfx.lab.vane.curves import COLUMNS, Curve, read_curves, write_curves
 from featherfx.lab.vane.sample import Moduli, Sample

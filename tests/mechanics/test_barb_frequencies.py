@@ -12,10 +12,10 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from featherfx.groom.types import VaneMaterial
+from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.mechanics.barb_shapes import FLOOR
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.strip import strip_feather, strip_kind
-from featherfx.solver.modes import rest_bands
+from featherfx.solver.step.modes import rest_bands
 
 pytestmark = pytest.mark.verification
 

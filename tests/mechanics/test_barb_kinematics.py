@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize
 from trial_batches import barb_slopes, random_turn
 
+from featherfx.algebra.rotation import turns_to_frames
 from featherfx.mechanics.barb_kernels import barb_points
 from featherfx.mechanics.barb_shapes import FLOOR, curvature_shapes
-from featherfx.mechanics.turns import turns_to_frames
 
 UNIT = np.array([1.0, 0.0, 0.0, 0.0])
 

@@ -14,8 +14,8 @@ from featherfx.groom.types import BarbGuide, VaneShape
 from featherfx.mechanics.batch import make_model, row_frames
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
-from featherfx.solver.newton_kernels import evaluate
-from featherfx.solver.pose_kernels import load_pose
+from featherfx.solver.step.newton_kernels import evaluate
+from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.work import make_work
 
 

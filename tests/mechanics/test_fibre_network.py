@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from featherfx.mechanics.fibre_network import (
+from featherfx.lab.networks.network import (
     FibreNetwork,
     chain,
     held_displacements,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.mechanics.ribbon import Ribbon, closeness, elastic, width_factor
-from featherfx.mechanics.ribbon_curve import centreline, link_masses, work_of_loads
+from featherfx.lab.ribbons.curve import centreline, link_masses, work_of_loads
+from featherfx.lab.ribbons.energy import Ribbon, closeness, elastic, width_factor
 
 RIBBON = Ribbon(0.5, 0.01, 2e-4, 0.1, 60.0, elements=7, tip_width=0.006, grading=1.7)
 SIZE = RIBBON.elements + 1

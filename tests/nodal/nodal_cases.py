@@ -16,10 +16,10 @@ from featherfx.groom.types import (
     VaneMaterial,
     VaneShape,
 )
+from featherfx.lab.feathers.strip import strip_feather, strip_kind
+from featherfx.lab.nodal.model import nodal_model
+from featherfx.lab.nodal.state import nodal_rest_state
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.nodal_model import nodal_model
-from featherfx.mechanics.strip import strip_feather, strip_kind
-from featherfx.solver.nodal_state import nodal_rest_state
 
 LENGTH = 0.35
 VANE = VaneMaterial(

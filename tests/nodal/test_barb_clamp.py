@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from nodal_cases import VANE, at_rest
 
+from featherfx.lab.feathers.strip import strip_feather, strip_kind
+from featherfx.lab.nodal.model import nodal_model
+from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.nodal_model import nodal_model
-from featherfx.mechanics.strip import strip_feather, strip_kind
-from featherfx.solver.nodal import NodalSolver
+from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
-from featherfx.solver.step import Settings, Solver
 
 ROWS, LENGTH, REACH = 3, 0.1, 0.03
 BENDING = VANE.barb_bending_normal

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from featherfx.cli.main import main
 from featherfx.errors import InputError
-from featherfx.lab.feather import FeatherTest, run_feather
+from featherfx.lab.feathers.feather import FeatherTest, run_feather
 
 TEST = (
     *("lab", "feather", "--preset", "swan_primary", "--rows", "9", "--columns", "3"),

@@ -17,11 +17,11 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from featherfx.errors import InputError
+from featherfx.lab.nodal.model import nodal_model
+from featherfx.lab.nodal.solver import NodalSolver
+from featherfx.lab.nodal.state import nodal_state
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.nodal_model import nodal_model
-from featherfx.solver.nodal import NodalSolver
-from featherfx.solver.nodal_state import nodal_state
-from featherfx.solver.step import Settings
+from featherfx.solver.solver import Settings
 
 STEPS = np.array([4e-5, 2e-5, 1e-5])
 KINDS = {

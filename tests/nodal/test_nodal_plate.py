@@ -5,9 +5,9 @@ import pytest
 from nodal_cases import at_rest, end_row_loads, strip_models
 
 from featherfx.groom.types import VaneMaterial
+from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.nodal import NodalSolver
-from featherfx.solver.step import Settings
+from featherfx.solver.solver import Settings
 
 LENGTH, WIDTH, THICKNESS, YOUNG = 10.0, 1.0, 0.1, 1.2e6
 BENDING = YOUNG * THICKNESS**3 / 12.0

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from nodal_cases import LENGTH, VANE, at_rest, curved_kind, feather_models, flat_kind
 
+from featherfx.lab.nodal.solver import NodalSolver, barb_strain
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.nodal import NodalSolver, barb_strain
+from featherfx.solver.solver import RootPath, Settings, Solver
 from featherfx.solver.state import rest_state
-from featherfx.solver.step import RootPath, Settings, Solver
 
 GRIDS = ((11, 4, 2), (21, 8, 4))
 

@@ -9,8 +9,7 @@ from click.testing import CliRunner
 
 from featherfx.cli.main import main
 from featherfx.errors import InputError
-from featherfx.lab.oracles import link_chain
-from featherfx.lab.strip import (
+from featherfx.lab.feathers.strip import (
     DENSITY,
     GRAVITY,
     LENGTH,
@@ -19,6 +18,7 @@ from featherfx.lab.strip import (
     StripTest,
     run_strip,
 )
+from featherfx.lab.rods.oracles import link_chain
 
 ISO = StripTest("iso", 1.0 / 80.0, columns=1)
 

@@ -13,19 +13,14 @@ from scipy.spatial.transform import Rotation
 from trial_batches import assembled, at_origin, preset_kind, random_pose
 
 from featherfx.feather.build import build_feather
+from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.vane_guard_kernels import (
-    ROUNDING,
-    area_ratio,
-    guard_energy,
-    guard_slopes,
-)
+from featherfx.mechanics.vane_guard_kernels import ROUNDING, area_ratio, guard_energy, guard_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
-from featherfx.solver.newton_kernels import evaluate
-from featherfx.solver.nodal import NodalSolver
-from featherfx.solver.pose_kernels import add_increment, load_pose
-from featherfx.solver.step import Settings, Solver
+from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.step.newton_kernels import evaluate
+from featherfx.solver.step.pose_kernels import add_increment, load_pose
 from featherfx.solver.work import make_work
 
 REST = np.array([1.3, 0.4, 0.8])

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from pxr import Usd, UsdGeom
 
 import featherfx
-from featherfx import pipeline
+from featherfx.baking import pipeline
 from featherfx.cli.main import main
 from featherfx.errors import InputError
 

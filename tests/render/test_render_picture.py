@@ -12,14 +12,12 @@ from PIL import Image
 
 from featherfx.errors import InputError
 from featherfx.render.camera import choose_camera
-from featherfx.render.colour import Bar, Legend, face_colours
-from featherfx.render.options import COLOURS, VIEWS
-from featherfx.render.picture import render
+from featherfx.render.colour import Bar, Legend, face_colours, strain_across_barbs
+from featherfx.render.picture import COLOURS, VIEWS, render
 from featherfx.render.scene import Pose, load_pose, load_scene
-from featherfx.render.strain import strain_across_barbs
 from featherfx.render.trace import Tracer
-from featherfx.usd.read import Cache
-from featherfx.usd.write import CacheWriter
+from featherfx.usd.read.read import Cache
+from featherfx.usd.write.write import CacheWriter
 
 pytest.importorskip("embreex", reason="no wheel for this platform")
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from featherfx.api import read_groom, scene_readers
+from featherfx.baking.pipeline import check
 from featherfx.errors import InputWarning
-from featherfx.feather.layout import laid_out, measured
-from featherfx.groom.read import read_groom as read_placed
-from featherfx.groom.schema import Place, Problems
-from featherfx.groom.skin_faults import signed_volume, skin_faults
-from featherfx.pipeline import check
-from featherfx.usd.animated_mesh import open_mesh
-from featherfx.usd.scene import open_scene
+from featherfx.feather.layout.layout import laid_out, measured
+from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.read.read import read_groom as read_placed
+from featherfx.groom.skin.faults import signed_volume, skin_faults
+from featherfx.usd.read.animated_mesh import open_mesh
+from featherfx.usd.read.scene import open_scene
 
 PIGEON = Path(__file__).resolve().parents[2] / "samples/pigeon"
 

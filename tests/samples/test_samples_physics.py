@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
-from featherfx.shot.loads import grip_share
-from featherfx.shot.motion import root_motion
+from featherfx.shot.loads.loads import grip_share
+from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.placement import place
-from featherfx.shot.read import read_shot
+from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Shot
 

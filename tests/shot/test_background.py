@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from featherfx.shot.background import Background
+from featherfx.files.background import Background
 
 
 def test_calls_come_in_order_and_all_are_done_at_the_end():

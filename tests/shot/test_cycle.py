@@ -10,7 +10,7 @@ import pytest
 
 from featherfx.errors import InputError, InputWarning
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.read import read_shot
+from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Grip, Motion, Shot
 

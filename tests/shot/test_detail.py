@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherfx.shot.detail import barb_coefficients
-from featherfx.shot.motion import root_motion
-from featherfx.shot.read import read_shot
+from featherfx.shot.detail.detail import barb_coefficients
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 
 SAMPLES = Path(__file__).parents[2] / "samples"

@@ -10,9 +10,9 @@ import pytest
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.shot.forces import force_at, force_weights, hat_integrals
-from featherfx.shot.loads import frame_loads
-from featherfx.shot.read import read_shot
+from featherfx.shot.loads.forces import force_at, force_weights, hat_integrals
+from featherfx.shot.loads.loads import frame_loads
+from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Force, Shot
 

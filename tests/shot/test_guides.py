@@ -12,11 +12,11 @@ import pytest
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.groom.types import Placement
-from featherfx.shot.guided import Followers, Shapes
-from featherfx.shot.guides import guide_weights
-from featherfx.shot.read import read_shot
+from featherfx.shot.detail.guided import Followers, Shapes
+from featherfx.shot.detail.guides import guide_weights
+from featherfx.shot.detail.skin_distance import root_distances
+from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
-from featherfx.shot.skin_distance import root_distances
 from featherfx.shot.types import Detail, Motion, Shot
 
 SAMPLES = Path(__file__).parents[2] / "samples"

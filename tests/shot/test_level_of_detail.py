@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.fade import JUMP, Fades
-from featherfx.shot.levels import NUMBER, LevelPlan, level_plan
-from featherfx.shot.motion import root_motion
-from featherfx.shot.read import check_file, read_shot
-from featherfx.shot.rigid import FeatherPose
+from featherfx.shot.detail.fade import JUMP, Fades
+from featherfx.shot.detail.levels import NUMBER, LevelPlan, level_plan
+from featherfx.shot.detail.rigid import FeatherPose
+from featherfx.shot.detail.view import TimedCamera, View, shares_of_height
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import LevelOfDetail, Motion, Shot
-from featherfx.shot.view import TimedCamera, View, shares_of_height
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 AXES = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])

@@ -10,16 +10,16 @@ import pytest
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.groom.kinds import adjusted
+from featherfx.groom.presets.kinds import adjusted
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.resolution import ROWS, rachis_deflection, rows_for
-from featherfx.shot.read import check_file, read_shot
-from featherfx.shot.rigid import end_rates
+from featherfx.shot.detail.rigid import end_rates
+from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Detail, Motion, Shot
+from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
-from featherfx.solver.step import Settings, Solver
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 

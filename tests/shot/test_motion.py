@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from featherfx.errors import InputError
 from featherfx.groom.types import Groom, Joint, Placement
-from featherfx.shot.motion import root_motion
+from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.types import Motion, Quality, Shot, Wind
 
 MIRROR = np.diag((1.0, -1.0, 1.0))

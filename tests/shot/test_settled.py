@@ -11,7 +11,7 @@ from trial_batches import at_origin, preset_batch
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, no_loads
 from featherfx.shot.settled import settled
-from featherfx.solver.step import NO_REST, Settings, Solver, hold_roots
+from featherfx.solver.solver import NO_REST, Settings, Solver, hold_roots
 
 AIR = np.array([1.2, 1.2, 0.02, 1.1])
 # across the vane; a swan primary finds no rest in the second

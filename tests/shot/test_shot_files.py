@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.shot.read import check_file, read_shot
-from featherfx.shot.reference import reference
+from featherfx.shot.read.read import check_file, read_shot
+from featherfx.shot.read.reference import reference
 
 ROOT = Path(__file__).parents[2]
 
@@ -204,12 +204,12 @@ def test_feather_pull_is_the_published_experiment() -> None:
 
 def test_reference_page_is_up_to_date() -> None:
     text = (ROOT / "docs/reference.md").read_text(encoding="utf-8")
-    assert text == reference(), "run: python -m featherfx.shot.reference > docs/reference.md"
+    assert text == reference(), "run: python -m featherfx.shot.read.reference > docs/reference.md"
 
 
 def test_reading_loads_no_heavy_module() -> None:
     code = (
-        "import sys, featherfx.shot.read, featherfx.groom.presets\n"
+        "import sys, featherfx.shot.read.read, featherfx.groom.presets.presets\n"
         "assert not {'numba', 'pxr', 'scipy', 'trimesh', 'pyvista'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from featherfx.shot.loads.wind import wind_field
 from featherfx.shot.types import Wind
-from featherfx.shot.wind import wind_field
 
 GUSTY = Wind(
     direction=np.array((0.6, 0.8, 0.0)),

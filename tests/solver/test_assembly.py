@@ -16,10 +16,10 @@ from trial_batches import (
     turned,
 )
 
+from featherfx.algebra.rotation import rotation_vectors, turns_to_frames
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.turns import rotation_vectors, turns_to_frames
-from featherfx.solver.newton_kernels import evaluate
-from featherfx.solver.pose_kernels import add_increment, load_pose
+from featherfx.solver.step.newton_kernels import evaluate
+from featherfx.solver.step.pose_kernels import add_increment, load_pose
 from featherfx.solver.work import make_work
 
 FACTORS = (500.0, 30.0, 40.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky_banded, solveh_banded
 
-from featherfx.solver.banded_kernels import factorise, panel_shape, solve_factored
+from featherfx.solver.step.banded_kernels import factorise, panel_shape, solve_factored
 
 
 def random_band(size, width, seed):

@@ -7,18 +7,18 @@ import pytest
 from test_integrator import Oscillator
 from trial_batches import at_origin, preset_batch, rod
 
-from featherfx.lab.bench.stress_cases import crumple
-from featherfx.lab.experiments import total_energy
+from featherfx.lab.bench.cases import crumple
+from featherfx.lab.rods.experiments import total_energy
 from featherfx.mechanics.model import no_loads, wind_of_each
-from featherfx.solver.energy_promise_kernels import (
+from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.state import rest_state
+from featherfx.solver.step.energy_promise_kernels import (
     held_energy,
     left_alone,
     slow_down,
     solved_energy,
 )
-from featherfx.solver.root_path import hold_roots
-from featherfx.solver.state import rest_state
-from featherfx.solver.step import Settings, Solver
+from featherfx.solver.step.root_path import hold_roots
 from featherfx.solver.work import make_work
 
 STILL = (0.0, 0.0, 0.0)

@@ -10,10 +10,10 @@ from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, r
 
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.node_kernels import area_vectors
-from featherfx.solver.newton_kernels import evaluate
-from featherfx.solver.pose_kernels import load_pose
-from featherfx.solver.settle_wind import mixed
-from featherfx.solver.step import NO_REST, Settings, Solver
+from featherfx.solver.settle.wind import mixed
+from featherfx.solver.solver import NO_REST, Settings, Solver
+from featherfx.solver.step.newton_kernels import evaluate
+from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.work import make_work
 
 EARTH = (0.0, 0.0, -9.81)

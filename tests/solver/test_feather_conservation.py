@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from trial_batches import at_origin, preset_kind, random_turn
 
+from featherfx.algebra.rotation import turns_to_frames
 from featherfx.feather.build import build_feather
-from featherfx.lab.experiments import total_energy
+from featherfx.lab.rods.experiments import total_energy
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
-from featherfx.mechanics.turns import turns_to_frames
-from featherfx.solver.modes import first_frequency, with_damping
+from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step import Settings, Solver, hold_roots
+from featherfx.solver.step.modes import first_frequency, with_damping
 
 pytestmark = pytest.mark.verification
 

@@ -7,16 +7,16 @@ import pytest
 from trial_batches import rod
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.integrator_kernels import (
+from featherfx.solver.solver import Settings, Solver, hold_roots
+from featherfx.solver.state import rest_state
+from featherfx.solver.step.integrator_kernels import (
     EULER,
     begin_step,
     end_step,
     integrator_coefficients,
     step_error,
 )
-from featherfx.solver.modes import frequencies
-from featherfx.solver.state import rest_state
-from featherfx.solver.step import Settings, Solver, hold_roots
+from featherfx.solver.step.modes import frequencies
 
 RADII = [0.0, 0.5, 0.8, 1.0]
 

@@ -7,15 +7,15 @@ import pytest
 from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.banded_kernels import factorise, panel_shape
-from featherfx.solver.secant_kernels import (
+from featherfx.solver.solver import RootPath, Settings, Solver, hold_roots
+from featherfx.solver.step.banded_kernels import factorise, panel_shape
+from featherfx.solver.step.secant_kernels import (
     PAIRS,
     begin_step,
     end_step,
     keep_step,
     solve_corrected,
 )
-from featherfx.solver.step import RootPath, Settings, Solver, hold_roots
 
 UNLIMITED = 1e30
 

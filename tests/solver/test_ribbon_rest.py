@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.lab.oracles import heavy_elastica
-from featherfx.lab.ribbon import cantilever_ratios, clamp_frame, hang, hang_rod, rod_of
-from featherfx.mechanics.ribbon import Ribbon
-from featherfx.solver.ribbon import settle_ribbon
+from featherfx.lab.ribbons.energy import Ribbon
+from featherfx.lab.ribbons.experiments import cantilever_ratios, clamp_frame, hang, hang_rod, rod_of
+from featherfx.lab.ribbons.rest import settle_ribbon
+from featherfx.lab.rods.oracles import heavy_elastica
 
 CURL = {"width": 0.01, "rigidity": 2e-4, "surface_density": 0.1, "rest_curvature": 60.0}
 

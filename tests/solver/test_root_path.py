@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from trial_batches import random_turn, rotation_of
 
-from featherfx.mechanics.turns import turns_to_frames
-from featherfx.solver.root_kernels import root_at
+from featherfx.algebra.rotation import turns_to_frames
+from featherfx.solver.step.root_kernels import root_at
 
 SHARES = np.linspace(0.0, 1.0, 23)
 

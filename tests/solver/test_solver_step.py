@@ -10,9 +10,9 @@ from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind,
 
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.modes import with_damping
-from featherfx.solver.newton_kernels import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
-from featherfx.solver.step import RootPath, Settings, Solver, hold_roots, raise_if_failed
+from featherfx.solver.solver import RootPath, Settings, Solver, hold_roots, raise_if_failed
+from featherfx.solver.step.modes import with_damping
+from featherfx.solver.step.newton_kernels import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 
 FRAME = 1.0 / 24.0
 EARTH = (0.0, 0.0, -9.81)

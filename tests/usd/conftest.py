@@ -15,7 +15,7 @@ def caches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Five frames of the four feathers, in each layout and encoding."""
     import feathers
 
-    from featherfx.usd.write import CacheWriter
+    from featherfx.usd.write.write import CacheWriter
 
     folder = tmp_path_factory.mktemp("caches")
     made = {

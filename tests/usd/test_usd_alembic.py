@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-import featherfx.pipeline as pipeline
+import featherfx.baking.pipeline as pipeline
 from featherfx.errors import InputError
-from featherfx.usd.read import Cache
+from featherfx.usd.read.read import Cache
 
 
 def points_of(schema, index: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from featherfx.feather.render import barb_curves, render_feather
 from featherfx.shot.placement import place
 from featherfx.shot.types import Frame
 from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write import CacheWriter
+from featherfx.usd.write.write import CacheWriter
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 GRID, FINE, BARBS = (11, 3), (30, 5), 40

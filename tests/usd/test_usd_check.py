@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, Vt
 
-from featherfx.usd.check import check_usd
+from featherfx.usd.check.check import check_usd
 
 MESH = "/usdc/feathers/primary_1"
 STILL = "/usdc/feathers/covert"

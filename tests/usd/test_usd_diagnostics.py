@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from featherfx.errors import InputError
 from featherfx.feather.types import RACHIS
 from featherfx.shot.types import Frame
-from featherfx.usd.check import check_usd
-from featherfx.usd.write import CacheWriter
+from featherfx.usd.check.check import check_usd
+from featherfx.usd.write.write import CacheWriter
 
 STIFFNESS = (5.76, 3.36)  # N/m
 NAMES = ("strainAcross", "strainShear", "energyDensity")

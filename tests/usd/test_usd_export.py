@@ -14,12 +14,12 @@ from click.testing import CliRunner
 from pxr import Usd, UsdGeom
 
 import featherfx
-from featherfx import pipeline
+from featherfx.baking import pipeline
 from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.usd.read import Cache
-from featherfx.usd.write import CacheWriter
+from featherfx.usd.read.read import Cache
+from featherfx.usd.write.write import CacheWriter
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 

@@ -12,10 +12,10 @@ import pytest
 from pxr import Usd
 
 from featherfx.errors import InputError
-from featherfx.usd import atomic
-from featherfx.usd.output import check_output
 from featherfx.usd.types import OutputError
-from featherfx.usd.write import CacheWriter
+from featherfx.usd.write import atomic
+from featherfx.usd.write.output import check_output
+from featherfx.usd.write.write import CacheWriter
 
 NAMES = {"flat": ["out.usda"], "payload": ["out.animation.usdc", "out.payload.usdc", "out.usda"]}
 
@@ -186,7 +186,7 @@ def test_a_read_only_folder_is_found_by_trying(tmp_path, monkeypatch):
     def refuse(**_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("featherfx.usd.output.tempfile.TemporaryFile", refuse)
+    monkeypatch.setattr("featherfx.usd.write.output.tempfile.TemporaryFile", refuse)
     with pytest.raises(OutputError, match="cannot write to this folder: Permission denied"):
         check_output(tmp_path / "a.usda")
 
@@ -202,13 +202,21 @@ def test_all_wrong_arguments_are_named_at_once(tmp_path):
 
 
 def test_asking_needs_no_usd():
-    code = "import sys, featherfx.usd, featherfx.usd.output; sys.exit('pxr' in sys.modules)"
+    code = "import sys, featherfx.usd, featherfx.usd.write.output; sys.exit('pxr' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_reading_compiles_nothing():
     """Readers, checks, exports and a finished bake that is resumed do without numba."""
-    modules = ("read", "read_groom", "skin_source", "check", "export", "condensed", "resume")
+    modules = (
+        "read.read",
+        "read.groom",
+        "read.skin",
+        "check.check",
+        "convert.export",
+        "convert.condensed",
+        "write.resume",
+    )
     code = "; ".join(f"import featherfx.usd.{name}" for name in modules)
-    code += "; import featherfx.bake_task, sys; assert 'numba' not in sys.modules"
+    code += "; import featherfx.baking.task, sys; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -13,13 +13,13 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.shot.types import Frame
-from featherfx.usd import write
-from featherfx.usd.names import unique_prim_names
-from featherfx.usd.poses import posed_feathers
-from featherfx.usd.read import Cache
+from featherfx.usd.read.read import Cache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write import CacheWriter
+from featherfx.usd.write import write
+from featherfx.usd.write.names import unique_prim_names
+from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.write import CacheWriter
 
 KINDS = ("usda", "usdc", "usd", "payload", "clips")
 DUMP = """

@@ -22,7 +22,7 @@ from featherfx.api import read_groom
 from featherfx.feather.build import build_feather
 from featherfx.shot.types import Frame
 from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write import CacheWriter
+from featherfx.usd.write.write import CacheWriter
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 ROWS, COLUMNS = 71, 22

@@ -4,8 +4,8 @@ import pytest
 from usdin_scenes import add_curves, add_mesh, arc, new_stage, sheet, write_shot
 
 import featherfx
+from featherfx.baking.pipeline import export_groom
 from featherfx.errors import InputError
-from featherfx.pipeline import export_groom
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ from click.testing import CliRunner
 from pxr import Usd, UsdGeom
 from regions_skin import SKIN, region, write_skin
 
+from featherfx.baking.pipeline import check, export_groom, plumage_stats
 from featherfx.cli.main import main
-from featherfx.pipeline import check, export_groom, plumage_stats
-from featherfx.usd.read import Cache
+from featherfx.usd.read.read import Cache
 
 GROOM = SKIN + "[layout]\n"
 KEYS = "count = 60\nlength = 0.03\nvariants = 3\nvariation = { length = 0.1, width = 0.1 }\n"

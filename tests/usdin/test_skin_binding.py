@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from featherfx.groom.skin import bind, closest, follow, is_flat
+from featherfx.groom.skin.skin import bind, closest, follow, is_flat
 
 
 def random_mesh(seed, triangles=120):

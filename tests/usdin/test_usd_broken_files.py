@@ -7,7 +7,7 @@ from pxr import Sdf, Usd, UsdGeom
 from usdin_scenes import add_curves, add_mesh, arc, lifted, new_stage, sheet, vec, write_shot
 
 import featherfx
-import featherfx.pipeline as pipeline
+import featherfx.baking.pipeline as pipeline
 from featherfx.errors import InputError
 
 SKIN = 'usd = "top.usda"\nprim = "/bird/skin"'

@@ -10,8 +10,8 @@ from usdin_scenes import new_stage, rigid
 
 from featherfx.api import read_shot
 from featherfx.errors import InputError
+from featherfx.shot.detail.view import shares_of_height
 from featherfx.shot.fingerprint import shot_settings
-from featherfx.shot.view import shares_of_height
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "swan_wing" / "shot.toml"
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from usdin_scenes import add_curves, add_mesh, arc, lifted, new_stage, sheet, vec
 
+from featherfx.baking.pipeline import check
 from featherfx.errors import InputWarning
-from featherfx.pipeline import check
 
 
 def skin(folder):

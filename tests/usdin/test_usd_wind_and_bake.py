@@ -22,8 +22,8 @@ from usdin_scenes import (
 )
 
 import featherfx
+from featherfx.baking.pipeline import check, export_groom
 from featherfx.errors import InputError, InputWarning
-from featherfx.pipeline import check, export_groom
 
 WIND = '[wind_usd]\nusd = "air.usda"\nprim = "/air"\n'
 
@@ -92,7 +92,7 @@ def test_a_field_of_points(tmp_path):
 
 
 def test_a_scenes_wind_at_each_root_is_added_to_the_wind_of_the_shot(tmp_path):
-    from featherfx.shot.loads import frame_loads
+    from featherfx.shot.loads.loads import frame_loads
 
     stage = new_stage(tmp_path / "air.usda")
     air = UsdGeom.Points.Define(stage, "/air")

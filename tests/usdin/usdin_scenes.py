@@ -6,7 +6,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from featherfx.feather.curve import turn
-from featherfx.groom.presets import load_preset
+from featherfx.groom.presets.presets import load_preset
 
 TYPES = Sdf.ValueTypeNames
 COVERT = load_preset("feather/covert")[1]

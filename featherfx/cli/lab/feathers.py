@@ -64,7 +64,7 @@ def feather(
     if shake_amplitude is not None and options["pull"] is not None:
         raise click.UsageError("--pull and --shake-amplitude exclude each other")
 
-    from featherfx.lab.feather import FeatherTest, run_feather
+    from featherfx.lab.feathers.feather import FeatherTest, run_feather
 
     shake = None
     if shake_amplitude is not None and shake_frequency is not None:

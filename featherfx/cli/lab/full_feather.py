@@ -43,7 +43,7 @@ def fullfeather(material: str, nodal: bool, as_json: bool, **options: Any) -> No
     Keys: rachis_deflection (over the length), barb_strain, force, wavelength (null or nan: no
     wrinkles) and amplitude of the wrinkles along the edges, iterations, seconds, points.
     """
-    from featherfx.lab.full_feather import FullPull, pull_feather
+    from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 
     found = pull_feather(FullPull(**options), material, nodal=nodal)
     wavelength = found.wavelength if found.wavelength == found.wavelength else None

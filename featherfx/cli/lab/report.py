@@ -8,13 +8,13 @@ from pathlib import Path
 
 import click
 
-from featherfx import __version__
+from featherfx._version import __version__
 from featherfx.cli.program import Command
 
 
 def listing(commands: Mapping[str, click.Command]) -> Iterator[str]:
     """Lines of `lab --list`: the experiments, then the studies and what each reproduces."""
-    from featherfx.lab.registry import STUDIES
+    from featherfx.lab.studies.registry import STUDIES
 
     width = max(len(name) for name in (*commands, *(study.name for study in STUDIES)))
     yield "experiments"
@@ -59,9 +59,9 @@ def report(output: Path, only: tuple[str, ...], markdown: Path | None, jobs: int
     Figures need matplotlib (extra "plots"); without it there are tables. Exit code 0 also where
     numbers differ: the page says so.
     """
-    from featherfx.lab import report as pages
-    from featherfx.lab.registry import studies
-    from featherfx.lab.runs import Entry, run_all
+    from featherfx.lab.studies import report as pages
+    from featherfx.lab.studies.registry import studies
+    from featherfx.lab.studies.runs import Entry, run_all
 
     chosen = studies(only)
     output.mkdir(parents=True, exist_ok=True)

@@ -51,8 +51,8 @@ def ribbon(
     times width over length with curvatures times the length: negative where the shape is not
     stable, which only --planar shows.
     """
-    from featherfx.lab.ribbon import hang
-    from featherfx.mechanics.ribbon import Ribbon
+    from featherfx.lab.ribbons.energy import Ribbon
+    from featherfx.lab.ribbons.experiments import hang
 
     body = Ribbon(surface_density=density, finite_width=not sadowsky, **options)
     hung = hang(body, clamp, planar=planar)

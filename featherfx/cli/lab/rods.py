@@ -10,7 +10,7 @@ from featherfx.cli.lab.common import Vector, json_option, options, show
 from featherfx.cli.program import Command
 
 if TYPE_CHECKING:
-    from featherfx.lab.rod import Rod
+    from featherfx.lab.rods.rod import Rod
 
 ROD_KEYS = (
     "length",
@@ -79,7 +79,7 @@ mass_option = click.option(
 @json_option
 def rod(tip_force: tuple[float, float, float], as_json: bool, **values: Any) -> None:
     """Equilibrium of a clamped rod."""
-    from featherfx.lab.experiments import bend
+    from featherfx.lab.rods.experiments import bend
 
     result = bend(_rod(values), tip_force)
     show(
@@ -109,7 +109,7 @@ def modes(count: int, as_json: bool, **values: Any) -> None:
     A frequency of two modes is listed twice; with --ei2 equal to --ei all of a straight rod's
     bending frequencies are.
     """
-    from featherfx.lab.experiments import natural_frequencies
+    from featherfx.lab.rods.experiments import natural_frequencies
 
     show({"frequencies_hz": natural_frequencies(_rod(values), count).tolist()}, as_json)
 
@@ -158,7 +158,7 @@ def release(
     **values: Any,
 ) -> None:
     """Release a rod at rest from the straight pose under its weight."""
-    from featherfx.lab.experiments import release as let_go
+    from featherfx.lab.rods.experiments import release as let_go
 
     swing = let_go(
         _rod(values),
@@ -181,6 +181,6 @@ def release(
 
 
 def _rod(values: dict[str, Any]) -> Rod:
-    from featherfx.lab.rod import Rod
+    from featherfx.lab.rods.rod import Rod
 
     return Rod(**{key: value for key, value in values.items() if key in ROD_KEYS})

@@ -83,7 +83,7 @@ def strip(as_json: bool, **options: Any) -> None:
 
     Steps between two output times are equal and not longer than DT.
     """
-    from featherfx.lab.strip import StripTest, run_strip
+    from featherfx.lab.feathers.strip import StripTest, run_strip
 
     run = run_strip(StripTest(**options))
     show(

@@ -53,8 +53,8 @@ def unitcell(
     cell, for which a barbule spans a whole number of rows.
     """
     from featherfx.cli.lab.common import show
-    from featherfx.lab.feather import feather_kind
-    from featherfx.lab.unit_cell import cell_moduli, cell_of, vane_of, vane_text
+    from featherfx.lab.feathers.feather import feather_kind
+    from featherfx.lab.networks.unit_cell import cell_moduli, cell_of, vane_of, vane_text
 
     kind = feather_kind(preset, preset_folders)
     values = {"angle": angle, "barbule_spacing": spacing, "barbule_diameter": diameter}
@@ -63,7 +63,7 @@ def unitcell(
     cell = cell_of(kind, **values, hooks=hooks)
     found = cell_moduli(cell)
     if save is not None:
-        from featherfx.lab.report import write_whole
+        from featherfx.lab.studies.report import write_whole
 
         write_whole(save, vane_text(vane_of(cell, kind.vane_material), preset))
     show(

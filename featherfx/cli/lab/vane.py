@@ -14,7 +14,7 @@ from featherfx.cli.options import readable_path
 from featherfx.cli.program import Command
 
 if TYPE_CHECKING:
-    from featherfx.lab.study import Figure
+    from featherfx.lab.studies.study import Figure
     from featherfx.lab.vane.mesoscale import Bands
 
 picture_option = click.option(

@@ -24,7 +24,7 @@ from featherfx.lab.bench.shake import (
 )
 from featherfx.lab.bench.tables import Row, Table
 from featherfx.mechanics.resolution import GRID_SHARE, coefficients_for
-from featherfx.shot.detail import CHOSEN_BY_SOLVER
+from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.groups import NEWTON_SHARE
 
 METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
@@ -181,8 +181,8 @@ def front_shakes(extent: Extent) -> Iterator[Shake]:
 
 def preset_shake(kind: FeatherKind, name: str) -> Shake:
     """The shake with the settings of a quality preset, as a bake uses them."""
-    from featherfx.groom.library import plain
-    from featherfx.groom.presets import load_preset
+    from featherfx.groom.presets.library import plain
+    from featherfx.groom.presets.presets import load_preset
 
     values = plain(load_preset(f"quality/{name}")[1])
     coefficients = values["coefficients"]

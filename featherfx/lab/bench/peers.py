@@ -1,4 +1,4 @@
-"""Other simulators on the falling strip of featherfx/lab/strip.py, beside ours, in one run.
+"""Other simulators on the falling strip of lab/feathers/strip.py, beside ours, in one run.
 
 MuJoCo (Todorov et al. 2012) simulates the isotropic strip as a flex of triangles with the shell
 elasticity of its own, without contact and damping, by its `discrete` integrator.
@@ -25,7 +25,7 @@ from featherfx.lab.bench.tables import (
     can_plot,
     work_precision_plot,
 )
-from featherfx.lab.strip import (
+from featherfx.lab.feathers.strip import (
     CELLS,
     DENSITY,
     GRAVITY,

@@ -13,15 +13,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.rotation import smooth_step
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
-from featherfx.shot.rotation import smooth_step
-from featherfx.solver.modes import with_damping
+from featherfx.solver.solver import RootPath, Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
-from featherfx.solver.step import RootPath, Settings, Solver, raise_if_failed
+from featherfx.solver.step.modes import with_damping
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ Method = Callable[[FeatherKind, Shake], Run]
 @lru_cache
 def swan_primary() -> FeatherKind:
     """The feather of all measurements: swan moduli, 0.35 m."""
-    from featherfx.lab.feather import feather_kind
+    from featherfx.lab.feathers.feather import feather_kind
 
     return replace(feather_kind("swan_primary"), length=0.35)
 
@@ -140,9 +140,9 @@ def nodal(method: Literal["improved", "textbook"]) -> Method:
     """The nodal solver, of one feather, by the improved or the textbook Newton method."""
 
     def run(kind: FeatherKind, shake: Shake) -> Run:
-        from featherfx.mechanics.nodal_model import nodal_model
-        from featherfx.solver.nodal import NodalSolver
-        from featherfx.solver.nodal_state import nodal_rest_state
+        from featherfx.lab.nodal.model import nodal_model
+        from featherfx.lab.nodal.solver import NodalSolver
+        from featherfx.lab.nodal.state import nodal_rest_state
 
         feather = build_feather(kind, shake.rows, shake.columns)
         model = _model(kind, shake.rows, shake.columns, 0)

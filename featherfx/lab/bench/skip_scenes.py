@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.shot.motion import root_motion
-from featherfx.shot.shot_keys import LEVEL_OF_DETAIL
+from featherfx.shot.detail.view import TimedCamera, View
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.read.keys import LEVEL_OF_DETAIL
 from featherfx.shot.types import LevelOfDetail, Motion, Shot
-from featherfx.shot.view import TimedCamera, View
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from featherfx.lab.bench.skip_scenes import (
     undecided,
 )
 from featherfx.lab.bench.tables import Row, Table
-from featherfx.shot.detail import CHOSEN_BY_SOLVER
+from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.share import share_of
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Detail, Shot

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.lab.bench.stress_cases import Case, draw_case, pose_strains
+from featherfx.lab.bench.cases import Case, draw_case, pose_strains
 from featherfx.mechanics.model import Loads, Model
-from featherfx.solver.energy_kernels import elastic_energy
-from featherfx.solver.energy_promise_kernels import held_energy
-from featherfx.solver.newton_kernels import CONVERGED
+from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
-from featherfx.solver.step import Solver, StepReport
+from featherfx.solver.step.energy_kernels import elastic_energy
+from featherfx.solver.step.energy_promise_kernels import held_energy
+from featherfx.solver.step.newton_kernels import CONVERGED
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class Outcome:
     steps, iterations, rejected, failed, fallbacks, forced: sums over the frames (StepReport).
     energy_gain: largest growth of kinetic and potential energy over a frame, share of all there is;
     None where work is done. unexplained_gain: the same without what the integrator had held in its
-    accelerations (featherfx/solver/energy_promise_kernels.py), which frames with steps over the
+    accelerations (solver/step/energy_promise_kernels.py), which frames with steps over the
     tolerance may not give back. violations: what must never happen and did. seconds: processor
     time.
     """
@@ -133,7 +133,7 @@ def _broken_promises(
 
 def _pose_gap(model: Model, state: State) -> float:
     """Largest distance (m) of the points of feather 0 from those that its coordinates give."""
-    from featherfx.solver.pose_kernels import material_points
+    from featherfx.solver.step.pose_kernels import material_points
 
     points, frames = np.zeros_like(state.points[0]), np.zeros((2, model.rows, model.columns, 4))
     turn, centre, coefficient = state.turn[0], state.centre[0], state.coefficient[0]

@@ -1,0 +1,1 @@
+"""One study per thing of the literature, and the page of all of them."""

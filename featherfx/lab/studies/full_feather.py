@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.lab.drawing import draw
-from featherfx.lab.full_feather import (
+from featherfx.lab.feathers.full_feather import (
     LEAST,
     LENGTH,
     MATERIALS,
@@ -16,7 +15,8 @@ from featherfx.lab.full_feather import (
     Pulled,
     pull_feather,
 )
-from featherfx.lab.study import Figure, Row, StudyResult, bounded, reported
+from featherfx.lab.studies.drawing import draw
+from featherfx.lab.studies.study import Figure, Row, StudyResult, bounded, reported
 
 # s; one feather in the reference, on its authors' machine
 REFERENCE_SECONDS = 300.0

@@ -11,13 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.lab.drawing import draw
-from featherfx.lab.experiments import bend
-from featherfx.lab.oracles import heavy_elastica
-from featherfx.lab.ribbon import cantilever_ratios, hang, hang_rod, planar_limit, rod_of
-from featherfx.lab.rod import Rod
-from featherfx.lab.study import Row, StudyResult, bounded, compared, reported
-from featherfx.mechanics.ribbon import Ribbon
+from featherfx.lab.ribbons.energy import Ribbon
+from featherfx.lab.ribbons.experiments import (
+    cantilever_ratios,
+    hang,
+    hang_rod,
+    planar_limit,
+    rod_of,
+)
+from featherfx.lab.rods.experiments import bend
+from featherfx.lab.rods.oracles import heavy_elastica
+from featherfx.lab.rods.rod import Rod
+from featherfx.lab.studies.drawing import draw
+from featherfx.lab.studies.study import Row, StudyResult, bounded, compared, reported
 
 # the published curve spans slopes from linear theory to a strip that hangs down
 LOADS = 10.0 ** np.arange(-3.0, 5.01, 0.5)

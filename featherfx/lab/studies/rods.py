@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.lab.experiments import bend, natural_frequencies, release
-from featherfx.lab.oracles import (
+from featherfx.lab.rods.experiments import bend, natural_frequencies, release
+from featherfx.lab.rods.oracles import (
     WAVE_NUMBERS,
     elastica_tip,
     kirchhoff_tip,
     link_chain,
     taper_frequencies,
 )
-from featherfx.lab.rod import Rod
-from featherfx.lab.study import StudyResult, bounded, compared, reported
+from featherfx.lab.rods.rod import Rod
+from featherfx.lab.studies.study import StudyResult, bounded, compared, reported
 
 SEGMENTS = 40
 # Mattiasson 1981, table 1: F L^2 / EI: (shortening, deflection) / L

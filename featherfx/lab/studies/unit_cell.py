@@ -10,17 +10,23 @@ import numpy as np
 from scipy.optimize import root
 
 from featherfx.errors import SimulationError
-from featherfx.lab.drawing import draw
-from featherfx.lab.feather import feather_kind
-from featherfx.lab.study import StudyResult, bounded, compared, reported
-from featherfx.lab.unit_cell import UnitCell, barbule_nodes, cell_moduli, cell_network, cell_of
-from featherfx.mechanics.fibre_network import (
+from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.networks.network import (
     FibreNetwork,
     chain,
     held_displacements,
     homogenised,
     network_energy,
 )
+from featherfx.lab.networks.unit_cell import (
+    UnitCell,
+    barbule_nodes,
+    cell_moduli,
+    cell_network,
+    cell_of,
+)
+from featherfx.lab.studies.drawing import draw
+from featherfx.lab.studies.study import StudyResult, bounded, compared, reported
 
 PRESET = "swan_primary"
 SEGMENTS = (4, 8, 16, 32)

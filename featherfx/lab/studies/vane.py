@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.lab.study import Row, StudyResult, bounded, compared, reported
+from featherfx.lab.studies.study import Row, StudyResult, bounded, compared, reported
 from featherfx.lab.vane import angles as tilted
 from featherfx.lab.vane import pictures
 from featherfx.lab.vane.calibrate import NAMES, calibrate
@@ -228,11 +228,11 @@ def angles(folder: Path) -> StudyResult:
 def _change_with_ratio(factor: float) -> float:
     """m, largest change of a hanging feather when the modulus along its barbs grows."""
     from featherfx.feather.build import build_feather
-    from featherfx.lab.feather import feather_kind
+    from featherfx.lab.feathers.feather import feather_kind
     from featherfx.mechanics.batch import make_model
     from featherfx.mechanics.model import no_loads
+    from featherfx.solver.solver import Settings, Solver, raise_if_failed
     from featherfx.solver.state import rest_state
-    from featherfx.solver.step import Settings, Solver, raise_if_failed
 
     kind = feather_kind("swan_primary")
     feather = build_feather(kind, 11, 4)

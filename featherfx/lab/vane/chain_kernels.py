@@ -3,8 +3,8 @@
 The strain is that of barb_stretch_kernels.py.
 """
 
-from featherfx.compiled import kernel
-from featherfx.mechanics.barb_stretch_kernels import stretch_gradient, stretch_strain
+from featherfx.jit.compiled import kernel
+from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient, stretch_strain
 
 
 @kernel

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.lab.drawing import draw
-from featherfx.lab.study import Figure
+from featherfx.lab.studies.drawing import draw
+from featherfx.lab.studies.study import Figure
 from featherfx.lab.vane.angles import AngleSlopes, ShearBand
 from featherfx.lab.vane.locking import Locking
 from featherfx.lab.vane.size_effect import SizeEffect

@@ -13,8 +13,8 @@ unknowns of their own: an iterate that stretches stiff barbs too far then does n
 stiffness. Source: Magisano, Leonetti, Garcea 2017 (mixed integration points).
 """
 
-from featherfx.compiled import kernel
-from featherfx.mechanics.barb_stretch_kernels import stretch_gradient, stretch_strain
+from featherfx.jit.compiled import kernel
+from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient, stretch_strain
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 
 

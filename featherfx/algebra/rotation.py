@@ -1,0 +1,145 @@
+"""Arrays of rotations at rest: matrices, unit quaternions (w, x, y, z), rotation vectors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def frames_to_turns(frames: Array) -> Array:
+    """(..., 3, 3) rotation matrices to (..., 4) unit quaternions."""
+    from scipy.spatial.transform import Rotation
+
+    flat = Rotation.from_matrix(frames.reshape(-1, 3, 3)).as_quat()
+    return np.roll(flat, 1, axis=-1).reshape(*frames.shape[:-2], 4)
+
+
+def turns_to_frames(turns: Array) -> Array:
+    """(..., 4) unit quaternions to (..., 3, 3) rotation matrices."""
+    from scipy.spatial.transform import Rotation
+
+    flat = np.roll(turns.reshape(-1, 4), -1, axis=-1)
+    return Rotation.from_quat(flat).as_matrix().reshape(*turns.shape[:-1], 3, 3)
+
+
+def rotation_vectors(frames: Array) -> Array:
+    """(..., 3, 3) rotation matrices to (..., 3) rotation vectors, rad."""
+    from scipy.spatial.transform import Rotation
+
+    flat = Rotation.from_matrix(frames.reshape(-1, 3, 3)).as_rotvec()
+    return flat.reshape(*frames.shape[:-2], 3)
+
+
+def along_rows(turns: Array) -> Array:
+    """(..., n, 4) quaternions with the signs that are nearest to those of the row before.
+
+    Rows whose signs do not belong together would count as turned by 2 pi against each other
+    (featherfx/mechanics/rachis_kernels.py).
+    """
+    close = np.einsum("...nk,...nk->...n", turns[..., 1:, :], turns[..., :-1, :])
+    sign = np.cumprod(np.where(close < 0.0, -1.0, 1.0), axis=-1)
+    return np.concatenate([turns[..., :1, :], turns[..., 1:, :] * sign[..., None]], axis=-2)
+
+
+_SMALL_ANGLE = 1e-6
+
+
+def from_rotation_vector(vector: Array) -> Array:
+    """(3,) axis times angle in rad to the (3, 3) rotation matrix."""
+    x, y, z = float(vector[0]), float(vector[1]), float(vector[2])
+    square = x * x + y * y + z * z
+    angle = math.sqrt(square)
+    if angle < _SMALL_ANGLE:
+        sine, versine = 1.0 - square / 6.0, 0.5 - square / 24.0
+    else:
+        sine, versine = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+    return np.array(
+        (
+            (
+                1.0 - versine * (y * y + z * z),
+                versine * x * y - sine * z,
+                versine * x * z + sine * y,
+            ),
+            (
+                versine * x * y + sine * z,
+                1.0 - versine * (x * x + z * z),
+                versine * y * z - sine * x,
+            ),
+            (
+                versine * x * z - sine * y,
+                versine * y * z + sine * x,
+                1.0 - versine * (x * x + y * y),
+            ),
+        )
+    )
+
+
+def to_rate_of_vector(vector: Array, angular_velocity: Array) -> Array:
+    """Rate of the rotation vector (3,) of a body that turns at angular_velocity (3,) rad/s.
+
+    Inverse of the left Jacobian of the exponential map; singular only at a full turn.
+    """
+    angle = float(np.linalg.norm(vector))
+    half = 0.5 * angle
+    factor = 1.0 / 12.0 if angle < 1e-3 else (1.0 - half / math.tan(half)) / (angle * angle)
+    first = np.cross(vector, angular_velocity)
+    return np.asarray(angular_velocity - 0.5 * first + factor * np.cross(vector, first))
+
+
+def smooth_step(share: float) -> float:
+    """Rises from 0 to 1 over share 0..1 with zero slope and curvature at both ends (C2)."""
+    s = min(max(share, 0.0), 1.0)
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+@dataclass(frozen=True)
+class RotationSpline:
+    """Smooth rotations through keys, at rest before the first and after the last.
+
+    times: (K,) s, ascending. rotations: (K, 3, 3). coefficients: (K - 1, 3, 3) of the rotation
+    vector u (c1 + u (c2 + u c3)) from key to key, u the share of the interval. The angular
+    velocity is continuous, and so is its rate where the axis does not turn; the curve does not
+    depend on the frame in which the keys are given.
+    """
+
+    times: Array
+    rotations: Array
+    coefficients: Array
+
+    def __call__(self, time: float) -> Array:
+        """(3, 3) rotation at a time in seconds."""
+        last = len(self.times) - 1
+        key = int(np.searchsorted(self.times, time, side="right")) - 1
+        if key < 0 or key >= last:
+            return self.rotations[0 if key < 0 else last]
+        u = (time - self.times[key]) / (self.times[key + 1] - self.times[key])
+        first, second, third = self.coefficients[key]
+        return from_rotation_vector(u * (first + u * (second + u * third))) @ self.rotations[key]
+
+
+def rotation_spline(times: Array, rotations: Array) -> RotationSpline:
+    """Spline through rotations (K, 3, 3) at ascending times (K,) in seconds; K >= 1.
+
+    scipy's RotationSpline is not used because it does not start and end at rest.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import Rotation
+
+    if len(times) == 1:
+        return RotationSpline(times, rotations, np.zeros((0, 3, 3)))
+    steps = Rotation.from_matrix(rotations[1:] @ rotations[:-1].transpose(0, 2, 1)).as_rotvec()
+    # Rates at the keys as a clamped cubic spline of the accumulated turning has them.
+    turning = np.vstack((np.zeros(3), np.cumsum(steps, axis=0)))
+    rates = CubicSpline(times, turning, bc_type="clamped")(times, 1)
+    intervals = np.diff(times)
+    coefficients = np.empty((len(steps), 3, 3))
+    for key, (step, interval) in enumerate(zip(steps, intervals, strict=True)):
+        start = rates[key] * interval
+        end = to_rate_of_vector(step, rates[key + 1]) * interval
+        coefficients[key] = start, 3.0 * step - 2.0 * start - end, start + end - 2.0 * step
+    return RotationSpline(times, rotations, coefficients)

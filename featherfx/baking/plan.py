@@ -1,0 +1,143 @@
+"""A bake as work for a farm: items that need no communication, and a job template.
+
+Every item bakes a share of the feathers to files of its own; the last joins them and waits for
+all others. The template follows the Open Job Description specification, jobtemplate-2023-09.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from featherfx.api import Folders, read_shot
+from featherfx.baking.task import default_output
+from featherfx.errors import InputError, Problem
+
+# Characters that a job's name may have at most.
+_NAME_LENGTH = 64
+
+
+def plan(
+    shot_path: str | Path,
+    output: str | Path | None,
+    shares: int,
+    options: Sequence[str] = (),
+    preset_folders: Folders = (),
+) -> list[Path]:
+    """Write the items and the job template beside the output, and return both paths.
+
+    output: of the whole cache, default as for a bake; wing.usdc gives wing.plan.json, whose paths
+    are absolute, and wing.openjd.json, whose job has shot and output as parameters.
+
+    shares: items that bake, at least 1 and at most the number of feathers. options: of `featherfx
+    bake`, passed on to every item. Raises InputError where the shot or the number is wrong.
+    """
+    from featherfx.files.whole import write_text
+
+    shot = read_shot(shot_path, preset_folders)
+    shot_path = Path(os.path.abspath(shot_path))
+    output = Path(os.path.abspath(default_output(shot) if output is None else output))
+    most = len(shot.groom.feathers)
+    if not 1 <= shares <= most:
+        message = f"{shares} is out of range; allowed 1 to {most}, the number of feathers"
+        raise InputError(Problem(str(shot_path), "plan", message))
+    commands = [
+        bake_command(shot_path, output, f"{k}/{shares}", options) for k in range(1, shares + 1)
+    ]
+    template = job_template(shot.name, shares, most, _paths(shot_path, output), options)
+    texts = {
+        output.with_suffix(".plan.json"): work_items(commands, join_command(output, str(shares))),
+        output.with_suffix(".openjd.json"): template,
+    }
+    for path, content in texts.items():
+        write_text(path, json.dumps(content, indent=2) + "\n")
+    return list(texts)
+
+
+def bake_command(
+    shot_path: str | Path, output: str | Path, share: str, options: Sequence[str]
+) -> list[str]:
+    """Command that bakes one share, i/n.
+
+    It resumes: a worker that is killed, or handed to another machine, loses a chunk at most.
+    """
+    fixed = ["featherfx", "bake", str(shot_path), "-o", str(output), "--feathers", share]
+    return [*fixed, "--resume", "--progress", "json", *options]
+
+
+def join_command(output: str | Path, shares: str) -> list[str]:
+    """Command of the item that comes last."""
+    return ["featherfx", "join", str(output), "--shares", shares, "--overwrite"]
+
+
+def work_items(commands: Sequence[Sequence[str]], join: Sequence[str]) -> dict[str, Any]:
+    """The items by name, each with its command and the items that it waits for."""
+    names = [f"bake_{k}" for k in range(1, len(commands) + 1)]
+    items = [
+        {"name": name, "command": list(command), "after": []}
+        for name, command in zip(names, commands, strict=True)
+    ]
+    return {"items": [*items, {"name": "join", "command": list(join), "after": names}]}
+
+
+def _paths(shot: Path, output: Path) -> list[dict[str, Any]]:
+    """The parameters Shot and Output, which a farm may map to its own paths.
+
+    Defaults of paths are relative to the template's folder, which stands beside the output, and
+    must lie within it; a shot elsewhere has none, and is named where the job is submitted.
+    """
+    parameters: list[dict[str, Any]] = []
+    for name, path, flow in (("Shot", shot, "IN"), ("Output", output, "OUT")):
+        each = {"name": name, "type": "PATH", "objectType": "FILE", "dataFlow": flow}
+        if path.is_relative_to(output.parent):
+            each["default"] = path.relative_to(output.parent).as_posix()
+        parameters.append(each)
+    return parameters
+
+
+def job_template(
+    name: str,
+    shares: int,
+    most: int,
+    paths: Sequence[dict[str, Any]],
+    options: Sequence[str],
+) -> dict[str, Any]:
+    """An Open Job Description template: a step with a task per share, and one that joins.
+
+    shares: the default of the job's parameter Shares, most: its greatest value. paths: its
+    parameters Shot and Output. options: of every bake.
+    """
+    share = "{{Task.Param.Share}}/{{Param.Shares}}"
+    bake = bake_command("{{Param.Shot}}", "{{Param.Output}}", share, options)
+    join = join_command("{{Param.Output}}", "{{Param.Shares}}")
+    return {
+        "specificationVersion": "jobtemplate-2023-09",
+        "name": f"featherfx {name}"[:_NAME_LENGTH],
+        "parameterDefinitions": [
+            *paths,
+            {"name": "Shares", "type": "INT", "default": shares, "minValue": 1, "maxValue": most},
+        ],
+        "steps": [
+            {
+                "name": "bake",
+                "parameterSpace": {
+                    "taskParameterDefinitions": [
+                        {"name": "Share", "type": "INT", "range": "1-{{Param.Shares}}"}
+                    ]
+                },
+                "script": {"actions": {"onRun": _action(bake)}},
+            },
+            {
+                "name": "join",
+                "dependencies": [{"dependsOn": "bake"}],
+                "script": {"actions": {"onRun": _action(join)}},
+            },
+        ],
+    }
+
+
+def _action(command: Sequence[str]) -> dict[str, Any]:
+    return {"command": command[0], "args": list(command[1:])}

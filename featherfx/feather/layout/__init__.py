@@ -1,0 +1,1 @@
+"""Plumage at rest: feathers over each other like shingles."""

@@ -1,0 +1,228 @@
+"""Plumage as a layout moves it, and the skin beneath it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.build import build_feather
+from featherfx.feather.layout.overlap import Strips
+from featherfx.feather.scaled import repeated_shapes
+from featherfx.feather.types import RACHIS, Feather
+from featherfx.groom.types import FeatherKind, Placement
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass
+class Pose:
+    """F feathers as they are moved; arrays as in featherfx/feather/layout/kernels.py.
+
+    grown: (F,) whether a feather may be shortened and dropped. kept: (F,) False once dropped.
+    """
+
+    maps: HeightMaps
+    root: Array
+    frame: Array
+    moves: Array
+    place: Array
+    turned: Array
+    size: Array
+    shape: Indices
+    grown: Mask
+    kept: Mask
+    placed_size: Array
+
+    @property
+    def shapes(self) -> tuple[Any, ...]:
+        """What the kernels take after the roots."""
+        return self.size, self.shape, self.maps.samples, self.maps.used
+
+    @property
+    def surfaces(self) -> tuple[Any, ...]:
+        """All that a gap depends on, and scratch."""
+        maps = (self.maps.heights, self.maps.window)
+        return (self.place, self.turned, *self.shapes, *maps, np.zeros((3, 4)), np.zeros(4))
+
+    def world(self) -> Array:
+        """(F, Q, 3) m, the samples."""
+        samples = self.maps.samples[self.shape] * self.size[:, None, None]
+        return self.place[:, None] + np.einsum("fij,fqj->fqi", self.turned, samples)
+
+    def put_back(self) -> None:
+        """As placed, though as short as they are now."""
+        self.moves[:] = 0.0
+        self.place[:], self.turned[:] = self.root, self.frame
+
+    def moved(self, strips: Strips) -> Strips:
+        """Strips of the feathers as placed, moved and shortened as they are."""
+        turn = self.turned @ self.frame.transpose(0, 2, 1)
+        share = self.size / self.placed_size
+        return replace(
+            strips,
+            root=self.place,
+            shaft=share[:, None] * np.einsum("fij,fj->fi", turn, strips.shaft),
+            dorsal=self.turned[:, :, 2],
+            reach=share * strips.reach,
+        )
+
+    def heights(self, skin: Skin | None) -> Array:
+        """(F,) m, least height over the skin; NaN without one."""
+        if skin is None:
+            return np.full(len(self.size), np.nan)
+        heights = skin.gaps(self.world())
+        unused = np.arange(heights.shape[1]) >= self.maps.used[self.shape][:, None]
+        return np.asarray(np.where(unused, np.inf, heights).min(axis=1))
+
+    def gaps(self, pairs: Indices) -> tuple[Array, Array]:
+        """Gaps (K,) m of pairs, NaN where they are not over each other, and where they are least.
+
+        The places (K, 4) m are x and y in the frame of the upper, then of the lower feather.
+        """
+        from featherfx.feather.layout.kernels import all_gaps
+
+        gaps, places = np.full(len(pairs), np.nan), np.zeros((len(pairs), 4))
+        all_gaps(pairs, *self.surfaces, gaps, places)
+        return gaps, places
+
+
+def pose_of(feathers: Sequence[Placement]) -> Pose:
+    """Feathers as they are placed. Raises InputError for shapes that cannot be built."""
+    first, shape = repeated_shapes(feathers)
+    shapes = [(feathers[k].prototype or feathers[k].kind, feathers[k].mirrored) for k in first]
+    frame = np.array([feather.rotation for feather in feathers])
+    root = np.array([feather.position for feather in feathers])
+    size = np.array([feather.kind.length for feather in feathers])
+    return Pose(
+        maps=height_maps(shapes),
+        root=root,
+        frame=frame,
+        moves=np.zeros((len(feathers), 3)),
+        place=root.copy(),
+        turned=frame.copy(),
+        size=size,
+        shape=np.array(shape),
+        grown=np.array([feather.grown for feather in feathers]),
+        kept=np.ones(len(feathers), dtype=np.bool_),
+        placed_size=size.copy(),
+    )
+
+
+class Skin:
+    """Tangent planes of a skin: those of the nearest triangle's middle."""
+
+    def __init__(self, corners: Array) -> None:
+        from scipy.spatial import cKDTree
+
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        centres = corners.mean(axis=1)
+        offsets = np.einsum("tc,tc->t", centres, normals)
+        self._planes = np.concatenate([normals, offsets[:, None]], axis=1)
+        self._tree = cKDTree(centres)
+
+    def planes(self, points: Array) -> Array:
+        """(..., 4) unit normal and offset, m, near points (..., 3)."""
+        _, near = self._tree.query(points.reshape(-1, 3), workers=-1)
+        return self._planes[near].reshape(*points.shape[:-1], 4)
+
+    def gaps(self, points: Array) -> Array:
+        """(...) m, heights of points (..., 3) over the skin; negative inside."""
+        planes = self.planes(points)
+        return np.asarray(np.einsum("...c,...c->...", points, planes[..., :3]) - planes[..., 3])
+
+
+# the rest shape is built with so many rows and columns, and mapped onto so many nodes
+_ROWS, _COLUMNS = 11, 4
+_NODES = (28, 14)
+
+
+@dataclass(frozen=True)
+class HeightMaps:
+    """S shapes, in feather lengths.
+
+    samples: (S, Q, 3) points of the vanes, those within before those on the edge; inner: (S,) how
+    many lie within, and used: (S,) how many each shape has in all. heights:
+    (S, H, W) above the x-y plane, NaN beside the vane. window: (S, 4) x and y of the first node,
+    and the steps between nodes.
+    """
+
+    samples: Array
+    inner: Indices
+    used: Indices
+    heights: Array
+    window: Array
+
+
+def height_maps(shapes: list[tuple[FeatherKind, bool]]) -> HeightMaps:
+    """Maps of kinds, each mirrored or not. Raises InputError for shapes that cannot be built."""
+    built = [
+        (build_feather(kind, _ROWS, _COLUMNS, mirrored), kind.length) for kind, mirrored in shapes
+    ]
+    parts = [_samples(feather) for feather, _ in built]
+    samples = [
+        np.concatenate(part) / length for part, (_, length) in zip(parts, built, strict=True)
+    ]
+    most = max(len(each) for each in samples)
+    padded = np.zeros((len(samples), most, 3))
+    for k, each in enumerate(samples):
+        padded[k, : len(each)] = each
+    maps = [_map(feather, length) for feather, length in built]
+    return HeightMaps(
+        samples=padded,
+        inner=np.array([len(within) for within, _ in parts]),
+        used=np.array([len(each) for each in samples]),
+        heights=np.stack([heights for heights, _ in maps]),
+        window=np.stack([window for _, window in maps]),
+    )
+
+
+def _samples(feather: Feather) -> tuple[Array, Array]:
+    """(Q, 3) m within and on the edge: rachis and middles of barbs; ends of barbs and the tip."""
+    middle, end = (_COLUMNS + 1) // 2, _COLUMNS
+    within, edge = [], []
+    for side in range(2):
+        has = feather.barb_length[side] > 0.0
+        first = 2 + side * _COLUMNS
+        within.append(feather.points[has, first + middle])
+        edge.append(feather.points[has, first + end])
+    in_vane = (feather.barb_length > 0.0).any(axis=0)
+    shaft = feather.points[in_vane, 0]
+    return np.concatenate([shaft[1:], *within]), np.concatenate([shaft[:1], *edge])
+
+
+def _map(feather: Feather, length: float) -> tuple[Array, Array]:
+    """(H, W) heights and (4,) window of one feather, by its vanes' triangles."""
+    surface = feather.surface
+    triangles = surface.triangles[surface.part != RACHIS]
+    points = surface.points(feather.points)[:, :] / length
+    used = points[np.unique(triangles)]
+    low, high = used[:, :2].min(axis=0), used[:, :2].max(axis=0)
+    step = np.maximum((high - low) / (np.array(_NODES) - 1.0), 1e-9)
+    axes = [low[k] + step[k] * np.arange(_NODES[k]) for k in range(2)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    heights = _heights(nodes, points[triangles]).reshape(_NODES)
+    return heights, np.concatenate([low, step])
+
+
+def _heights(nodes: Array, corners: Array) -> Array:
+    """(N,) greatest height of triangles (T, 3, 3) over places (N, 2), NaN where there is none."""
+    first = corners[:, 1, :2] - corners[:, 0, :2]
+    second = corners[:, 2, :2] - corners[:, 0, :2]
+    area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    flat = np.abs(area) < 1e-14
+    inverse = 1.0 / np.where(flat, 1.0, area)
+    away = nodes[:, None, :] - corners[None, :, 0, :2]
+    u = (away[..., 0] * second[:, 1] - away[..., 1] * second[:, 0]) * inverse
+    v = (first[:, 0] * away[..., 1] - first[:, 1] * away[..., 0]) * inverse
+    inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9) & ~flat
+    z = corners[:, 0, 2] + u * (corners[:, 1, 2] - corners[:, 0, 2])
+    z = z + v * (corners[:, 2, 2] - corners[:, 0, 2])
+    best = np.where(inside, z, -np.inf).max(axis=1)
+    return np.where(np.isfinite(best), best, np.nan)

@@ -1,0 +1,1 @@
+"""Every key that a user may write, declared once."""

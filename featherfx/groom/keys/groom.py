@@ -1,0 +1,277 @@
+"""Every key of a groom file."""
+
+from __future__ import annotations
+
+from featherfx.groom.keys.preset import FEATHER, is_list, is_table, names_or_list, vector
+from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN
+from featherfx.groom.keys.values import (
+    Array,
+    Direction,
+    Either,
+    Flag,
+    Key,
+    Named,
+    Number,
+    Partial,
+    Table,
+    Text,
+)
+
+MOST_FEATHERS = 1_000_000
+
+# what a primvar is called where [[usd]] does not say otherwise
+DEFAULT_NAMES = {
+    "id": "featherId",
+    "kind": "featherKind",
+    "region": "region",
+    "up": "up",
+    "frame": "frame",
+    "scale": "lengthScale",
+    "skin": "skinPrim",
+    "skin_uv": "skinUV",
+    "left_barbs": "P_barbl",
+    "right_barbs": "P_barbr",
+}
+
+_LABEL = Text(empty=True)
+_POSITION = vector(-1e4, 1e4, "m")
+_FACTOR = Number(0.01, 100)
+_DIRECTION = Key(Direction(), "Direction of the shaft as it leaves the follicle.", None)
+_UP = Key(Direction(), "Dorsal side; need not be square to the direction.", None)
+
+_REGION = Key(_LABEL, "Free label, written to USD.", "")
+_JOINT = Key(_LABEL, "Joint that carries the root; empty: the groom itself.", "")
+_SIDE = Key(
+    Text(("left", "right")),
+    "Wing that the feather belongs to. With x forward, y to the left and z up, a right feather "
+    "has its leading vane at +y of its own frame, a left feather at -y.",
+    "right",
+)
+_MIRROR = Key(
+    Text(("y",)),
+    'Also makes the mirror image at y = 0: "left" and "right" change places in ids and joints, '
+    "and side changes.",
+    None,
+)
+_SCALE = Key(_FACTOR, "Factor of length and diameters.", 1.0)
+_WIDTH = Key(_FACTOR, "Factor of the vanes' widths.", 1.0)
+_ROLL = Key(
+    Number(-360, 360, "deg"),
+    "Turning of the root about the shaft; positive lifts the leading vane.",
+    0.0,
+)
+_SOME_FEATHER_KEYS = Partial(Table(FEATHER, "table"))
+_KIND = Key(Text(), "Name of a feather preset.")
+
+JOINT = {
+    "name": Key(Text(), "Name, unique in the groom."),
+    "position": Key(_POSITION, "Pivot at rest."),
+    "parent": Key(_LABEL, "Name of the parent joint; empty: none.", ""),
+    "role": Key(Text(("body", "shoulder", "elbow", "wrist")), "What a flap drives it as.", "body"),
+    "side": Key(Text(("left", "right", "middle")), "Side of the bird.", "middle"),
+    "mirror": _MIRROR,
+}
+
+CHANGE = FEATHER | {
+    "scale": _SCALE,
+    "width": _WIDTH,
+    "roll": _ROLL,
+}
+
+FEATHER_ENTRY = {
+    "id": Key(Text(), "Name, unique in the groom."),
+    "kind": _KIND,
+    "position": Key(_POSITION, "Place of the follicle."),
+    "direction": _DIRECTION,
+    "up": _UP,
+    "rotation": Key(
+        vector(-36000, 36000, "deg"),
+        "Instead of direction and up: angles about x, then y, then z. Without either, the "
+        "feather's frame is the groom's.",
+        None,
+    ),
+    "region": _REGION,
+    "joint": _JOINT,
+    "side": _SIDE,
+    "mirror": _MIRROR,
+    "scale": _SCALE,
+    "width": _WIDTH,
+    "roll": _ROLL,
+    "overrides": Key(
+        _SOME_FEATHER_KEYS, "Any key of a feather preset, for this feather alone.", {}
+    ),
+}
+
+ROOT = {
+    "position": Key(_POSITION, "Place of the follicle."),
+    "direction": Key(Direction(), "Direction of the shaft."),
+    "up": Key(Direction(), "Dorsal side."),
+}
+
+CURVE = {
+    "usd": Key(Text(), "USD file, as seen from the groom's folder."),
+    "prim": Key(Text(), "Path of the BasisCurves, which hold one curve, or of a Skeleton."),
+    "joints": Key(
+        Array(Text(), 0, 10_000),
+        "Joints of the Skeleton, by path or last name: the roots stand on the straight lines from "
+        "one to the next, in the bind pose.",
+        (),
+    ),
+}
+
+ROW = {
+    "id": Key(Text(), "Start of the ids; a number follows (primary_01, primary_02, ...)."),
+    "kind": Key(
+        names_or_list(Text(), 10_000),
+        "Feather preset, or a list of them spread over the row in order.",
+    ),
+    "blend": Key(
+        Flag(), "Pass smoothly from one kind of the list to the next instead of changing.", False
+    ),
+    "count": Key(Number(1, 100_000, whole=True), "Number of feathers."),
+    "first": Key(Table(ROOT, "table of a root"), "Root of the first feather."),
+    "last": Key(Table(ROOT, "table of a root"), "Root of the last feather."),
+    "path": Key(
+        Array(_POSITION, 2, 10_000),
+        "Polyline that the roots stand on, at equal distances, instead of the straight line from "
+        "first.position to last.position.",
+        None,
+    ),
+    "curve": Key(
+        Table(CURVE, "table"),
+        "A curve of a USD file that the roots stand on, at equal distances, as a bone or the edge "
+        "of a wing, instead of `path`.",
+        None,
+    ),
+    "scale": Key(
+        Array(_FACTOR, 2, 2), "Factors of length and diameters, first and last.", (1.0, 1.0)
+    ),
+    "width": _WIDTH,
+    "roll": _ROLL,
+    "overlap": Key(
+        Number(-0.1, 0.1, "m"),
+        "Lift of each root over the one before it, so that neighbours lie like shingles.",
+        0.0,
+    ),
+    "spacing": Key(
+        Number(0.01, 100),
+        "Distance of the last two roots over that of the first two; between, it changes evenly.",
+        1.0,
+    ),
+    "layer": REGION["layer"],
+    "region": _REGION,
+    "joint": _JOINT,
+    "side": _SIDE,
+    "mirror": _MIRROR,
+    "overrides": Key(_SOME_FEATHER_KEYS, "Any key of a feather preset, for this row.", {}),
+}
+
+TABLE = {
+    "file": Key(
+        Text(),
+        "CSV or NPZ file beside the groom. Columns: id, kind, x, y, z, direction_x, "
+        "direction_y, direction_z, up_x, up_y, up_z, scale, width, roll, region, joint, side "
+        "(NPZ: position, direction and up are arrays of three columns). Only id, the position, "
+        "the direction and up are needed; the keys below stand for missing columns.",
+    ),
+    "kind": Key(Text(), "Feather preset, where there is no column kind.", None),
+    "scale": _SCALE,
+    "width": _WIDTH,
+    "roll": _ROLL,
+    "region": _REGION,
+    "joint": _JOINT,
+    "side": _SIDE,
+    "mirror": _MIRROR,
+}
+
+_NAME = Key(Text(), "Primvar that holds it.", None)
+
+USD_NAMES = {name: _NAME for name in DEFAULT_NAMES}
+
+USD = {
+    "file": Key(Text(), "USD file beside the groom: curves, condensed feathers, instancers."),
+    "prims": Key(
+        Array(Text(), 0, 10_000),
+        "Paths of the prims to read, with all below them; empty: the whole stage.",
+        (),
+    ),
+    "kind": Key(Text(), "Feather preset, where no primvar names one.", None),
+    "shape": Key(
+        Text(("curve", "kind")),
+        "Whether camber and sweep follow the drawn curve or stay the kind's. The length is always "
+        "the curve's.",
+        "curve",
+    ),
+    "up": Key(Direction(), "Dorsal side in the groom's frame, where no primvar gives it.", None),
+    "time": Key(
+        Number(-1e9, 1e9),
+        "Time code to read at; default: the default values, or the first samples where there are "
+        "none.",
+        None,
+    ),
+    "names": Key(
+        Partial(Table(USD_NAMES, "table")),
+        "Primvars by what they hold; default: " + ", ".join(DEFAULT_NAMES.values()) + ".",
+        {},
+    ),
+    "scale": _SCALE,
+    "width": _WIDTH,
+    "roll": _ROLL,
+    "region": _REGION,
+    "joint": _JOINT,
+    "side": _SIDE,
+}
+
+VARIATION = {
+    "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed; each feather draws by seed and id.", 1),
+    "length": Key(Number(0, 0.3), "Standard deviation of length and diameters, relative.", 0.0),
+    "width": Key(Number(0, 0.3), "Standard deviation of the vanes' widths, relative.", 0.0),
+    "camber": Key(Number(0, 60, "deg"), "Standard deviation of the shaft's camber.", 0.0),
+    "roll": Key(Number(0, 60, "deg"), "Standard deviation of the roots' roll.", 0.0),
+    "variants": Key(
+        Number(0, 10_000, whole=True),
+        "Different draws of width and camber for each region and kind, so that feathers repeat and "
+        "can be instanced; 0: every feather its own.",
+        0,
+    ),
+}
+
+
+_TABLES = Array(Table(TABLE, "table"), 0, 1000)
+
+GROOM = {
+    "name": Key(Text(), "Name of the groom."),
+    "joint": Key(Array(Table(JOINT, "table"), 0, 10_000), "Joints of the skeleton.", ()),
+    "feather": Key(
+        Array(Table(FEATHER_ENTRY, "table"), 0, MOST_FEATHERS), "Feathers placed one by one.", ()
+    ),
+    "row": Key(Array(Table(ROW, "table"), 0, 10_000), "Rows of feathers.", ()),
+    "table": Key(
+        Either(((is_list, _TABLES), (is_table, Table(TABLE, "table")))),
+        "Feathers from files, one table or several.",
+        (),
+    ),
+    "usd": Key(
+        Either(((is_list, Array(Table(USD, "table"), 0, 1000)), (is_table, Table(USD, "table")))),
+        "Feathers drawn in USD scenes, one table or several.",
+        (),
+    ),
+    "skin": Key(Table(SKIN, "table"), "Mesh that regions grow on.", None),
+    "region": Key(
+        Array(Table(REGION, "table"), 0, 10_000), "Regions of the skin with their feathers.", ()
+    ),
+    "layout": Key(
+        Table(LAYOUT, "table"),
+        "Lay the feathers over each other like shingles; without it they stay as placed.",
+        None,
+    ),
+    "overrides": Key(
+        Named(Partial(Table(CHANGE, "table"))),
+        'By feather id, with * and ? as wild cards: "primary_*" = { rachis.camber = 5 }. Any key '
+        "of a feather preset, and scale, width (both multiply) and roll (adds). Applied in order.",
+        {},
+    ),
+    "variation": Key(Table(VARIATION, "table"), "Seeded variation of all feathers.", None),
+}
+
+GROOM_FILE = Table(GROOM, "groom")

@@ -1,0 +1,200 @@
+"""Every key of the plumage of a groom: its skin, regions and layering."""
+
+from __future__ import annotations
+
+from featherfx.groom.keys.preset import FEATHER, is_table, is_text, names_or_list, vector
+from featherfx.groom.keys.values import (
+    Array,
+    Direction,
+    Either,
+    Flag,
+    Key,
+    Number,
+    Partial,
+    Table,
+    Text,
+)
+
+MOST_SCATTERED = 200_000
+
+_POINT = vector(-1e4, 1e4, "m")
+_RANGE = Array(Number(-1e4, 1e4, "m"), 2, 2)
+
+SKIN = {
+    "usd": Key(Text(), "USD file that holds the skin, as seen from the groom's folder."),
+    "prim": Key(Text(), "Path of the mesh that regions grow on, where they name no other."),
+    "rest": Key(
+        Number(-1e9, 1e9),
+        "Time code of the pose that is groomed; default: the bind pose of a skinned mesh, the "
+        "default values, or the first samples.",
+        None,
+    ),
+    "most": Key(
+        Number(1, 1_000_000, whole=True),
+        "Most feathers that all regions may make; a density that asks for more is refused.",
+        MOST_SCATTERED,
+    ),
+}
+
+WHERE = {
+    "primvar": Key(Text(), "Scalar primvar of the skin, 0 to 1.", None),
+    "subset": Key(Text(), "GeomSubset of the skin: 1 on its faces, 0 elsewhere.", None),
+    "image": Key(
+        Text(),
+        "Grey picture in the skin's texture space (primvars:st), beside the groom; needs Pillow.",
+        None,
+    ),
+    "box": Key(
+        Array(_POINT, 2, 2), "1 within a box, given by its least and greatest corner.", None
+    ),
+    "sphere": Key(
+        Array(Number(-1e4, 1e4, "m"), 4, 4), "1 within a sphere: centre and radius.", None
+    ),
+    "x": Key(_RANGE, "1 between two values of x.", None),
+    "y": Key(_RANGE, "1 between two values of y.", None),
+    "z": Key(_RANGE, "1 between two values of z.", None),
+    "facing": Key(Direction(), "1 where the skin faces a direction, to within `angle`.", None),
+    "room": Key(
+        Number(0, 100, "m"),
+        "1 where a ball of this radius can touch the skin from outside: not in creases, and not "
+        "where parts of the body face each other.",
+        None,
+    ),
+    "angle": Key(Number(0, 180, "deg"), "Of `facing`.", 90.0),
+    "soft": Key(
+        Number(0, 100, "m"),
+        "Width over which box, sphere, ranges and room fade out, inside and out.",
+        0.0,
+    ),
+    "soft_angle": Key(Number(0, 180, "deg"), "Angle over which `facing` fades out.", 20.0),
+    "invert": Key(Flag(), "1 becomes 0 and 0 becomes 1.", False),
+}
+
+FLOW = {
+    "direction": Key(Direction(), "Combed along one direction, laid onto the skin.", None),
+    "away": Key(_POINT, "Combed away from a point.", None),
+    "towards": Key(_POINT, "Combed towards a point.", None),
+    "primvar": Key(Text(), "Vector primvar of the skin.", None),
+    "curves": Key(
+        Array(Text(), 1, 10_000),
+        "Paths of guide curves in the skin's file: tangents of the nearest ones, by distance.",
+        None,
+    ),
+    "turn": Key(
+        Number(-360, 360, "deg"), "Turned within the skin, counter-clockwise from outside.", 0.0
+    ),
+}
+
+SPREAD = {
+    "length": Key(Number(0, 0.3), "Standard deviation of the length, relative.", 0.0),
+    "width": Key(Number(0, 0.3), "Standard deviation of the vanes' widths, relative.", 0.0),
+    "curl": Key(Number(0, 60, "deg"), "Standard deviation of the curl.", 0.0),
+    "tilt": Key(Number(0, 60, "deg"), "Standard deviation of the tilt.", 0.0),
+    "turn": Key(Number(0, 60, "deg"), "Standard deviation of the direction within the skin.", 0.0),
+    "roll": Key(Number(0, 60, "deg"), "Standard deviation of the roll.", 0.0),
+}
+
+REGION_KIND = {
+    "name": Key(Text(), "Name of a feather preset."),
+    "share": Key(Number(0, 1e6), "How much of it there is, against the other kinds.", 1.0),
+    "where": Key(
+        Array(Table(WHERE, "table"), 0, 100),
+        "Rules as of a region; the share is multiplied by their product, so maps choose kinds. "
+        "Where no kind has a share, the first is taken.",
+        (),
+    ),
+}
+
+_NO_SPREAD = {name: key.default for name, key in SPREAD.items()}
+
+REGION = {
+    "id": Key(Text(), "Start of the ids, and the region's label; a stable number follows."),
+    "kind": Key(
+        names_or_list(Either(((is_table, Table(REGION_KIND, "table")), (is_text, Text()))), 100),
+        "Name of a feather preset, or an array of names and tables: kinds that mix, each feather's "
+        "drawn by their shares.",
+    ),
+    "prim": Key(Text(), "Path of the mesh; default: that of [skin].", None),
+    "where": Key(
+        Array(Table(WHERE, "table"), 0, 100),
+        "How much of the region there is at a place, 0 to 1: the product of all rules; without any "
+        "the whole skin.",
+        (),
+    ),
+    "density": Key(Number(0, 1e9, "1/m^2"), "Feathers per area where the region is whole.", None),
+    "count": Key(Number(0, 1_000_000, whole=True), "Feathers in all, instead of density.", None),
+    "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed of places and variation.", 1),
+    "flow": Key(Table(FLOW, "table"), "Direction of the shafts along the skin."),
+    "length": Key(Number(1e-4, 10, "m"), "Length of the feathers; default: the kind's.", None),
+    "fit": Key(
+        Number(0.01, 100),
+        "Feathers are no longer than this many times the radius of the largest ball that touches "
+        "the skin there from outside, though no shorter than a quarter of their length.",
+        None,
+    ),
+    "width": Key(Number(0.01, 100), "Factor of the vanes' widths.", 1.0),
+    "curl": Key(Number(-360, 360, "deg"), "Added to the camber of the shafts.", 0.0),
+    "follow": Key(
+        Number(0, 1),
+        "How far shafts and barbs bend as the skin beneath them does (1), not as the kind's (0).",
+        0.0,
+    ),
+    "tilt": Key(Number(-90, 90, "deg"), "Angle between the shaft and the skin at the root.", 5.0),
+    "roll": Key(
+        Number(-360, 360, "deg"),
+        "Turning of the root about the shaft; positive lifts the leading vane.",
+        0.0,
+    ),
+    "blend": Key(
+        Flag(),
+        "Length, width, curl, tilt and flow pass into those of regions of the same skin where "
+        "they overlap, in proportion to how much of each there is.",
+        True,
+    ),
+    "layer": Key(
+        Number(-1000, 1000, whole=True), "Feathers of a higher layer lie over those of a lower.", 0
+    ),
+    "joint": Key(Text(empty=True), "Joint that carries the roots; empty: the groom itself.", ""),
+    "side": Key(
+        Text(("auto", "left", "right")),
+        "Wing that the feathers are shaped for; auto: left where y is above 0.",
+        "auto",
+    ),
+    "variation": Key(Table(SPREAD, "table"), "Seeded variation.", _NO_SPREAD),
+    "variants": Key(
+        Number(0, 10_000, whole=True),
+        "Different shapes that width and curl vary over, so that feathers repeat and can be "
+        "instanced; 0: every feather its own.",
+        16,
+    ),
+    "overrides": Key(
+        Partial(Table(FEATHER, "table")), "Any key of a feather preset, for this region.", {}
+    ),
+}
+
+LAYOUT = {
+    "clearance": Key(
+        Number(0, 0.1, "m"), "Gap between feathers, and over the skin, that is aimed at.", 1.5e-4
+    ),
+    "most_tilt": Key(
+        Number(0, 90, "deg"),
+        "Most that a feather of a region is raised and rolled about its root beyond its tilt.",
+        20.0,
+    ),
+    "most_tilt_placed": Key(
+        Number(0, 90, "deg"), "The same for feathers that no region made, as those of rows.", 20.0
+    ),
+    "most_lift": Key(Number(0, 0.1, "m"), "Most that a root is lifted off the skin.", 5e-4),
+    "least_size": Key(
+        Number(0.05, 1),
+        "Feathers of regions that do not come clear are shortened, down to this share of their "
+        "length; 1: none is.",
+        1.0,
+    ),
+    "drop": Key(
+        Number(0, 1, "m"),
+        "Feathers of regions that still pass through others or the skin by more than this are left "
+        "out, as few as will do; by default all are kept.",
+        None,
+    ),
+}

@@ -1,0 +1,1 @@
+"""Presets found, merged and turned into kinds of feathers."""

@@ -1,0 +1,170 @@
+"""Feather kinds from merged presets, checked for outlines and guides that cannot be built."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+from featherfx.groom.keys.values import Place
+from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
+from featherfx.groom.presets.library import Sourced, Tree, plain
+from featherfx.groom.types import (
+    BarbGuide,
+    FeatherKind,
+    RachisMaterial,
+    RachisShape,
+    VaneMaterial,
+    VaneShape,
+)
+
+
+def _source(tree: Tree, *path: str) -> str:
+    """File that the value at a path came from."""
+    value: Any = tree
+    for name in path:
+        value = value[name]
+    return value.source if isinstance(value, Sourced) else ""
+
+
+def _vane(values: dict[str, Any]) -> VaneShape:
+    return VaneShape(
+        outline=tuple(values["outline"]),
+        guides=tuple(BarbGuide(**guide) for guide in values["guides"]),
+    )
+
+
+def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
+    """The kind that a finished feather tree describes; None after adding problems."""
+    values = plain(tree)
+    kind = FeatherKind(
+        name=name,
+        length=values["length"],
+        calamus=values["calamus"],
+        barb_spacing=values["barb_spacing"],
+        rachis=RachisShape(**values["rachis"]),
+        leading=_vane(values["leading"]),
+        trailing=_vane(values["trailing"]),
+        vane_material=VaneMaterial(**values["vane_material"]),
+        rachis_material=RachisMaterial(**values["rachis_material"]),
+    )
+    count = len(place.problems)
+    for side, vane in (("leading", kind.leading), ("trailing", kind.trailing)):
+        for key, message in _vane_faults(kind, vane):
+            source = _source(tree, side, key.partition("[")[0])
+            source = place.source if source == "default" else source
+            Place(source, place.child(f"{side}.{key}").key, place.problems).fail(message)
+    if not (kind.leading.outline or kind.trailing.outline):
+        place.child("leading.outline").fail("both vanes are empty, a feather needs one at least")
+    if kind.rachis.diameter_tip > kind.rachis.diameter_base:
+        tip, base = kind.rachis.diameter_tip, kind.rachis.diameter_base
+        source = _source(tree, "rachis", "diameter_tip")
+        at = Place(source, place.child("rachis.diameter_tip").key, place.problems)
+        at.fail(f"{tip:g} is out of range, allowed up to diameter_base = {base:g} m")
+    return kind if len(place.problems) == count else None
+
+
+def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
+    """(key, message) of everything that keeps one vane from being built."""
+    if not vane.outline:
+        return []
+    faults = _outline_faults(vane)
+    positions = [guide.position for guide in vane.guides]
+    if not positions:
+        faults.append(("guides", "there is an outline but no guide, expects one at least"))
+    for index in range(1, len(positions)):
+        if positions[index] <= positions[index - 1]:
+            message = (
+                f"{positions[index]:g} is not above the guide before it "
+                f"({positions[index - 1]:g}); guides are in ascending position"
+            )
+            faults.append((f"guides[{index}].position", message))
+    if faults:
+        return faults
+    for index in barbs_cross(vane, 1.0 - kind.calamus):
+        message = (
+            f"the barbs of guides {index} and {index + 1} cross within the vane; "
+            "bring their angle and curl closer together, or their positions apart"
+        )
+        faults.append((f"guides[{index + 1}]", message))
+    return faults
+
+
+def _outline_faults(vane: VaneShape) -> list[tuple[str, str]]:
+    outline = vane.outline
+    faults = []
+    if len(outline) < 3:
+        faults.append(("outline", f"has {len(outline)} points, allowed 3 to 200 (or none)"))
+    for index, (_, y) in enumerate(outline):
+        if y < 0:
+            faults.append((f"outline[{index}][1]", f"{y:g} is out of range, allowed 0 to 1.5"))
+    if len(outline) >= 2 and outline[0][0] >= outline[-1][0]:
+        faults.append(("outline", "ends at or before its start; it runs from base to tip"))
+    for first, second in crossing_segments(outline):
+        message = f"the outline crosses itself: segments {first} and {second} meet"
+        faults.append((f"outline[{second}]", message))
+    return faults
+
+
+def resized(kind: FeatherKind, scale: float) -> FeatherKind:
+    """The kind `scale` times as large."""
+    return adjusted(kind, scale, 1.0, 0.0)
+
+
+def adjusted(
+    kind: FeatherKind,
+    scale: float,
+    width: float,
+    camber: float,
+    sweep: float = 0.0,
+    hollow: float = 0.0,
+) -> FeatherKind:
+    """The kind `scale` times as large, `width` times as wide, camber and sweep (deg) added.
+
+    hollow: deg, added to the camber of all barbs.
+    """
+    rachis = replace(
+        kind.rachis,
+        diameter_base=kind.rachis.diameter_base * scale,
+        diameter_tip=kind.rachis.diameter_tip * scale,
+        camber=kind.rachis.camber + camber,
+        sweep=kind.rachis.sweep + sweep,
+    )
+    return replace(
+        kind,
+        length=kind.length * scale,
+        rachis=rachis,
+        leading=_hollowed(_widened(kind.leading, width), hollow),
+        trailing=_hollowed(_widened(kind.trailing, width), hollow),
+    )
+
+
+def _hollowed(vane: VaneShape, hollow: float) -> VaneShape:
+    if hollow == 0.0:
+        return vane
+    guides = tuple(replace(guide, camber=guide.camber + hollow) for guide in vane.guides)
+    return replace(vane, guides=guides)
+
+
+def _widened(vane: VaneShape, width: float) -> VaneShape:
+    if width == 1.0:
+        return vane
+    return replace(vane, outline=tuple((x, y * width) for x, y in vane.outline))
+
+
+def blended(first: Any, second: Any, share: float) -> Any:
+    """Halfway kinds: numbers interpolated, names from the nearer of the two.
+
+    Raises ValueError where the two hold tuples of different lengths.
+    """
+    if isinstance(first, str):
+        return first if share < 0.5 else second
+    if isinstance(first, tuple):
+        return tuple(blended(a, b, share) for a, b in zip(first, second, strict=True))
+    if is_dataclass(first) and not isinstance(first, type):
+        return type(first)(
+            **{
+                each.name: blended(getattr(first, each.name), getattr(second, each.name), share)
+                for each in fields(first)
+            }
+        )
+    return (1.0 - share) * first + share * second

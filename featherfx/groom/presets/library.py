@@ -1,0 +1,208 @@
+"""Where presets are found, and how `base` and overrides merge, each value with its source."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from featherfx.groom.keys.preset import Preset, extended, family_keys
+from featherfx.groom.keys.values import REQUIRED, Key, Place, Problems, Table, expected, nearest
+from featherfx.groom.read.toml_file import load_toml
+
+ENVIRONMENT_VARIABLE = "FEATHERFX_PRESETS"
+
+
+@dataclass(frozen=True)
+class Sourced:
+    """A merged value. source: the file that it came from, or "default"."""
+
+    value: Any
+    source: str
+
+
+Tree = dict[str, Any]  # nested tables whose leaves are Sourced
+
+
+def shipped_folder() -> Path:
+    """The presets that come with featherfx: within the package, or beside it in a checkout."""
+    package = Path(__file__).resolve().parents[2]
+    inside = package / "_presets"
+    return inside if inside.is_dir() else package.parent / "presets"
+
+
+def search_path(folders: Iterable[str | Path] = ()) -> tuple[Path, ...]:
+    """Folders of presets, the strongest first: given ones, FEATHERFX_PRESETS, home, shipped."""
+    listed = [Path(folder) for folder in folders]
+    variable = os.environ.get(ENVIRONMENT_VARIABLE, "")
+    listed += [Path(part) for part in variable.split(os.pathsep) if part]
+    home = os.environ.get("XDG_CONFIG_HOME") or str(Path("~/.config").expanduser())
+    return (*listed, Path(home) / "featherfx" / "presets", shipped_folder())
+
+
+def sourced(table: dict[str, Any], source: str) -> Tree:
+    """A checked table as a tree."""
+    return {
+        name: sourced(value, source) if isinstance(value, dict) else Sourced(value, source)
+        for name, value in table.items()
+    }
+
+
+def merged(below: Tree, above: Tree) -> Tree:
+    """above over below. A table that names a `base` replaces what lies below it."""
+    result = dict(below)
+    for name, value in above.items():
+        under = below.get(name)
+        if isinstance(value, dict) and isinstance(under, dict) and "base" not in value:
+            value = merged(under, value)
+        result[name] = value
+    return result
+
+
+def plain(tree: Tree) -> dict[str, Any]:
+    """A tree's values without their sources."""
+    return {
+        name: plain(value) if isinstance(value, dict) else value.value
+        for name, value in tree.items()
+    }
+
+
+class Library:
+    """Presets by family and name, each file read once. Problems go to the list given."""
+
+    def __init__(self, folders: Iterable[str | Path], problems: Problems) -> None:
+        self.folders = search_path(folders)
+        self.problems = problems
+        self._loaded: dict[Path, Tree | None] = {}
+        self._shipped = shipped_folder()
+
+    def label(self, path: Path) -> str:
+        """How a preset file is called in messages: shipped ones without the installation."""
+        if path.is_relative_to(self._shipped):
+            return (Path("presets") / path.relative_to(self._shipped)).as_posix()
+        return str(path)
+
+    def names(self, family: str) -> set[str]:
+        """Names of all presets of a family."""
+        return {path.stem for folder in self.folders for path in (folder / family).glob("*.toml")}
+
+    def find(self, family: str, name: str, start: int = 0) -> tuple[Path, int] | None:
+        """The file of a preset and the number of its folder, from folder number start on."""
+        if Path(name).name != name:
+            return None
+        for index, folder in enumerate(self.folders[start:], start):
+            path = folder / family / f"{name}.toml"
+            if path.is_file():
+                return path, index
+        return None
+
+    def resolve(
+        self,
+        family: str,
+        tree: Tree,
+        place: Place,
+        chain: Sequence[tuple[str, Path]] = (),
+        key: str = "base",
+    ) -> Tree | None:
+        """The tree with its `base` merged under it; None after adding a problem.
+
+        chain: (name, file) of the presets that led here, to see cycles.
+        key: what the user wrote the base under.
+        """
+        rest = {name: value for name, value in tree.items() if name != "base"}
+        base = tree.get("base")
+        below: Tree | None = {}
+        if base is not None:
+            below = self._load(family, base, place.child(key), chain)
+        return None if below is None else merged(below, rest)
+
+    def _load(
+        self, family: str, base: Sourced, place: Place, chain: Sequence[tuple[str, Path]]
+    ) -> Tree | None:
+        name = base.value
+        start = 0
+        if chain and chain[-1][0] == name:  # a preset over another of its own name
+            start = 1 + self._folder_number(chain[-1][1], family)
+        found = self.find(family, name, start)
+        where = Place(base.source, place.key, self.problems)
+        if found is None and start:
+            where.fail(f"preset cycle: {name} -> {name}")
+            return None
+        if found is None:
+            where.fail(f"no {family} preset '{name}', {nearest(name, self.names(family))}")
+            return None
+        path = found[0]
+        if any(path == each for _, each in chain):
+            names = [each for each, _ in chain]
+            loop = [*names[[p for _, p in chain].index(path) :], name]
+            where.fail("preset cycle: " + " -> ".join(loop))
+            return None
+        return self.load_file(family, path, chain)
+
+    def _folder_number(self, path: Path, family: str) -> int:
+        for index, folder in enumerate(self.folders):
+            if path.parent == folder / family:
+                return index
+        return -1
+
+    def load_file(
+        self, family: str, path: Path, chain: Sequence[tuple[str, Path]] = ()
+    ) -> Tree | None:
+        """A preset file with all its bases; None after adding problems."""
+        if path not in self._loaded:
+            self._loaded[path] = self._read(family, path, chain)
+        return self._loaded[path]
+
+    def _read(self, family: str, path: Path, chain: Sequence[tuple[str, Path]]) -> Tree | None:
+        source = self.label(path)
+        raw = load_toml(path, self.problems, source)
+        if raw is None:
+            return None
+        place = Place(source, "", self.problems)
+        count = len(self.problems)
+        checked = extended(family).check(raw, place, True)
+        broken = len(self.problems) > count
+        tree = sourced(checked, source) if isinstance(checked, dict) else {"base": None}
+        if broken and isinstance(raw.get("base"), str):
+            tree = {"base": Sourced(raw["base"], source)}  # still reports what is wrong below
+        if tree.get("base", 0) is None:
+            return None
+        resolved = self.resolve(family, tree, place, (*chain, (path.stem, path)))
+        return None if broken else resolved
+
+    def finish(self, family: str, tree: Tree, place: Place) -> Tree | None:
+        """The tree with materials resolved and defaults filled in; None after adding problems."""
+        kind = tree.get("kind")
+        table = family_keys(family, kind.value if isinstance(kind, Sourced) else "")
+        return self._finish(table, tree, place)
+
+    def _finish(self, table: Table, tree: Tree, place: Place) -> Tree | None:
+        result: Tree = {}
+        for name, value in tree.items():
+            if name not in table.keys:
+                source = value.source if isinstance(value, Sourced) else place.source
+                at = Place(source, place.child(name).key, self.problems)
+                at.fail(f"does not apply to a {table.title}")
+        for name, key in table.keys.items():
+            result[name] = self._finish_key(key, tree.get(name), place.child(name))
+        return None if any(value is None for value in result.values()) else result
+
+    def _finish_key(self, key: Key, value: Any, place: Place) -> Any:
+        if isinstance(key.type, Preset) and value is not None:
+            resolved = self.resolve(key.type.family, value, place)
+            return None if resolved is None else self.finish(key.type.family, resolved, place)
+        if isinstance(key.type, Table):
+            return self._finish(key.type, value or {}, place)
+        if value is not None:
+            return value
+        if key.default is REQUIRED:
+            place.fail(f"missing, expects {expected(key.type)}")
+            return None
+        return Sourced(key.default, "default")
+
+    def merged(self, family: str, tree: Tree, place: Place, key: str = "base") -> Tree | None:
+        """resolve() and finish() in one."""
+        resolved = self.resolve(family, tree, place, key=key)
+        return None if resolved is None else self.finish(family, resolved, place)

@@ -1,0 +1,131 @@
+"""Presets as a user sees them: listed, loaded and shown with the source of each value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from featherfx.errors import Problem
+from featherfx.groom.keys.preset import FAMILIES, Preset, family_keys
+from featherfx.groom.keys.values import Place, Problems, Table, nearest
+from featherfx.groom.presets.kinds import kind_of
+from featherfx.groom.presets.library import Library, Sourced, Tree
+
+
+@dataclass(frozen=True)
+class PresetFile:
+    """A preset that can be named. summary: the first comment line of its file."""
+
+    family: str
+    name: str
+    path: Path
+    summary: str
+
+    def __str__(self) -> str:
+        return f"{self.family}/{self.name}"
+
+
+def list_presets(preset_folders: Iterable[str | Path] = ()) -> tuple[PresetFile, ...]:
+    """All presets that can be named, by family and name, with the files that win."""
+    library = Library(preset_folders, Problems())
+    found = []
+    for family in FAMILIES:
+        for name in sorted(library.names(family)):
+            located = library.find(family, name)
+            if located is not None:
+                found.append(PresetFile(family, name, located[0], _summary(located[0])))
+    return tuple(found)
+
+
+def _summary(path: Path) -> str:
+    try:
+        first = path.read_text(encoding="utf-8-sig").split("\n", 1)[0]
+    except (OSError, UnicodeDecodeError):
+        return ""
+    return first.lstrip("# ").strip() if first.startswith("#") else ""
+
+
+def _named(name: str, library: Library) -> tuple[str, str]:
+    """Family and name of "swan_vane" or "material/vane/swan_vane"; raises InputError."""
+    family, _, short = name.rpartition("/")
+    families = [family] if family in FAMILIES else list(FAMILIES) if not family else []
+    hits = [each for each in families if library.find(each, short)]
+    if len(hits) == 1:
+        return hits[0], short
+    if hits:
+        options = ", ".join(f"{each}/{short}" for each in hits)
+        library.problems.add("presets", name, f"stands for several presets: {options}")
+    else:
+        known = {each for one in FAMILIES for each in library.names(one)}
+        library.problems.add("presets", name, f"there is no such preset, {nearest(short, known)}")
+    library.problems.raise_any()
+    raise AssertionError("unreachable")
+
+
+def load_preset(name: str, preset_folders: Iterable[str | Path] = ()) -> tuple[str, Tree]:
+    """Family and merged tree (leaves are Sourced) of a preset; raises InputError."""
+    library = Library(preset_folders, Problems())
+    family, short = _named(name, library)
+    place = Place("presets", f"{family}/{short}", library.problems)
+    tree = library.merged(family, {"base": Sourced(short, "presets")}, place)
+    library.problems.raise_any()
+    assert tree is not None
+    return family, tree
+
+
+def check_preset(family: str, path: Path, library: Library) -> None:
+    """Checks one preset file with all that it names; problems go to the library's list."""
+    tree = library.load_file(family, path)
+    if tree is None:
+        return
+    place = Place(library.label(path), "", library.problems)
+    finished = library.finish(family, tree, place)
+    if finished is not None and family == "feather":
+        kind_of(path.stem, finished, place)
+
+
+def problems_of_presets(preset_folders: Iterable[str | Path] = ()) -> list[Problem]:
+    """What is wrong with any preset that can be named."""
+    library = Library(preset_folders, Problems())
+    for each in list_presets(preset_folders):
+        check_preset(each.family, each.path, library)
+    return library.problems.listed()
+
+
+def show(name: str, preset_folders: Iterable[str | Path] = ()) -> str:
+    """The merged preset as TOML lines, each with its unit and the file that it came from.
+
+    name: "swan_vane" or, with its family, "material/vane/swan_vane". Raises InputError.
+    """
+    family, tree = load_preset(name, preset_folders)
+    kind = tree["kind"].value if "kind" in tree else ""
+    lines = list(_lines(family_keys(family, kind), tree, ""))
+    width = min(48, max(len(text) for text, _ in lines))
+    shown = [f"{text.ljust(width)}  # {note}" for text, note in lines]
+    return "\n".join([f"# {family} preset {name.rpartition('/')[2]}", *shown])
+
+
+def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
+    for name, key in table.keys.items():
+        value: Any = tree[name]
+        inner = family_keys(key.type.family) if isinstance(key.type, Preset) else key.type
+        if isinstance(value, Sourced):
+            unit = key.type.describe()[1]
+            note = f"{unit}, {value.source}" if unit else value.source
+            yield f"{prefix}{name} = {_toml(value.value)}", note
+        elif isinstance(inner, Table):
+            yield from _lines(inner, value, f"{prefix}{name}.")
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{k} = {_toml(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml(each) for each in value) + "]"
+    return f"{value:.12g}"

@@ -1,0 +1,1 @@
+"""Groom files in, with every problem found at once."""

@@ -1,0 +1,277 @@
+"""Feathers as written down: single ones and rows, before overrides, variation and kinds."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.frames import (
+    along_polyline,
+    frames_from,
+    from_angles,
+    interpolated,
+    mirrored_frames,
+    mirrored_points,
+    parallel,
+)
+from featherfx.groom.keys.values import Place
+from featherfx.groom.presets.kind_store import KindChoice, KindStore
+from featherfx.groom.presets.library import sourced
+from featherfx.groom.read.rachis_curve import FittedCurve
+
+Array = NDArray[np.float64]
+
+
+# (folder, checked keys of a curve, place) to its polylines (k, 3) m; None after problems
+CurveReader = Callable[[Path, dict[str, Any], Place], "list[Array] | None"]
+
+
+@dataclass(frozen=True)
+class DrawnShape:
+    """A shaft that was drawn. choice: the kind before overrides, which win over the drawing.
+
+    bent: whether camber and sweep follow the drawing too, not its length alone.
+    """
+
+    fit: FittedCurve
+    choice: KindChoice
+    bent: bool
+
+
+@dataclass(frozen=True)
+class Draft:
+    """One feather on its way into a groom.
+
+    position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
+    scale, width: factors. place: where it was written, for problems. shape: of a drawn feather.
+    skin, skin_uv, layer, stack, grown: as in Placement. curl, hollow: deg, added to the
+    camber of the shaft and of the barbs.
+    """
+
+    id: str
+    choice: KindChoice
+    position: Array
+    rotation: Array
+    region: str
+    joint: str
+    left: bool
+    scale: float
+    width: float
+    roll: float
+    place: Place
+    shape: DrawnShape | None = None
+    skin: str = ""
+    skin_uv: tuple[float, float] | None = None
+    curl: float = 0.0
+    hollow: float = 0.0
+    layer: int = 0
+    stack: int = 0
+    grown: bool = False
+
+
+def other_side(name: str) -> str | None:
+    """The name with "left" and "right" exchanged, None where it holds neither."""
+    for word, other in (("left", "right"), ("right", "left")):
+        if word in name:
+            return name.replace(word, other)
+    return None
+
+
+def with_mirror_images(drafts: list[Draft], place: Place) -> list[Draft]:
+    """The drafts followed by their mirror images at y = 0; problems where ids name no side."""
+    images = []
+    for draft in drafts:
+        name = other_side(draft.id)
+        if name is None:
+            place.child("id").fail(f'\'{draft.id}\' must hold "left" or "right" to be mirrored')
+            return drafts
+        images.append(
+            replace(
+                draft,
+                id=name,
+                position=mirrored_points(draft.position),
+                rotation=mirrored_frames(draft.rotation),
+                joint=other_side(draft.joint) or draft.joint,
+                left=not draft.left,
+            )
+        )
+    return drafts + images
+
+
+def _changes(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[int, ...]:
+    if not entry["overrides"]:
+        return ()
+    at = place.child("overrides")
+    return (store.change(sourced(entry["overrides"], place.source), at),)
+
+
+def _rotation(entry: dict[str, Any], place: Place) -> Array | None:
+    direction, up, angles = entry["direction"], entry["up"], entry["rotation"]
+    if angles is not None:
+        if direction is not None or up is not None:
+            place.child("rotation").fail("stands beside direction or up, expects one of the two")
+            return None
+        return from_angles(angles)
+    if direction is None and up is None:
+        return np.eye(3)
+    if direction is None or up is None:
+        missing = "direction" if direction is None else "up"
+        place.child(missing).fail("missing, direction and up go together")
+        return None
+    if parallel(direction, up):
+        place.child("up").fail("is parallel to direction")
+        return None
+    return frames_from(direction, up)
+
+
+def single(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]:
+    """The drafts of one [[feather]] (two when mirrored, none after adding problems)."""
+    rotation = _rotation(entry, place)
+    if rotation is None:
+        return []
+    choice = KindChoice((entry["kind"],), 0.0, _changes(entry, place, store), place)
+    draft = Draft(
+        id=entry["id"],
+        choice=choice,
+        position=np.array(entry["position"]),
+        rotation=rotation,
+        region=entry["region"],
+        joint=entry["joint"],
+        left=entry["side"] == "left",
+        scale=entry["scale"],
+        width=entry["width"],
+        roll=entry["roll"],
+        place=place,
+    )
+    return with_mirror_images([draft], place) if entry["mirror"] else [draft]
+
+
+def _row_frames(
+    entry: dict[str, Any], place: Place, path: Array | None
+) -> tuple[Array, Array] | None:
+    """(n, 3) positions and (n, 3, 3) rotations of a row's roots. path: of its curve."""
+    first, last, count = entry["first"], entry["last"], entry["count"]
+    straight = True
+    for name, root in (("first", first), ("last", last)):
+        if parallel(root["direction"], root["up"]):
+            place.child(f"{name}.up").fail("is parallel to direction")
+            straight = False
+    if not straight:
+        return None
+    share = _spaced(count, entry["spacing"])
+    points = entry["path"] if path is None else path
+    points = (first["position"], last["position"]) if points is None else points
+    positions = along_polyline(np.array(points), share)
+    ends = [frames_from(root["direction"], root["up"]) for root in (first, last)]
+    rotations = interpolated(ends[0], ends[1], share)
+    lift = entry["overlap"] * np.arange(count)[:, None] * rotations[:, :, 2]
+    return positions + lift, rotations
+
+
+def _curve(
+    entry: dict[str, Any], place: Place, folder: Path, read: CurveReader | None
+) -> Array | None:
+    """(k, 3) m, the curve of a row; None after adding problems."""
+    at = place.child("curve")
+    if read is None:
+        at.fail("is a USD scene, which featherfx.read_groom and the commands read")
+        return None
+    if entry["path"] is not None:
+        at.fail("stands beside path, expects one of the two")
+        return None
+    found = read(folder, entry["curve"], at)
+    if found is not None and len(found) > 1:
+        at.child("prim").fail(f"holds {len(found)} curves, expects one")
+        return None
+    return found[0] if found else None
+
+
+def _spaced(count: int, ratio: float) -> Array:
+    """(count,) shares from 0 to 1 whose distances grow evenly, the last `ratio` times the first."""
+    if count < 3:
+        return np.linspace(0.0, 1.0, count)
+    steps = np.concatenate([[0.0], np.cumsum(np.linspace(1.0, ratio, count - 1))])
+    return np.asarray(steps / steps[-1])
+
+
+def _row_choices(entry: dict[str, Any], changes: tuple[int, ...], place: Place) -> list[KindChoice]:
+    kinds = entry["kind"] if isinstance(entry["kind"], tuple) else (entry["kind"],)
+    count = entry["count"]
+    choices = []
+    for number in range(count):
+        if entry["blend"] and len(kinds) > 1:
+            at = (len(kinds) - 1) * number / max(count - 1, 1)
+            start = min(int(at), len(kinds) - 2)
+            choices.append(KindChoice(kinds[start : start + 2], at - start, changes, place))
+        else:
+            name = kinds[number * len(kinds) // count]
+            choices.append(KindChoice((name,), 0.0, changes, place))
+    return choices
+
+
+def row(
+    entry: dict[str, Any],
+    place: Place,
+    store: KindStore,
+    folder: Path,
+    read: CurveReader | None,
+) -> list[Draft]:
+    """The drafts of one [[row]], its mirror image last; none after adding problems.
+
+    folder: of the groom. read: reader of the row's curve.
+    """
+    count = len(place.problems)
+    path = None if entry["curve"] is None else _curve(entry, place, folder, read)
+    frames = _row_frames(entry, place, path)
+    if frames is None or len(place.problems) > count:
+        return []
+    count = entry["count"]
+    digits = max(2, len(str(count)))
+    start, end = entry["scale"]
+    scales = np.linspace(start, end, count)
+    choices = _row_choices(entry, _changes(entry, place, store), place)
+    drafts = [
+        Draft(
+            id=f"{entry['id']}_{number + 1:0{digits}d}",
+            choice=choices[number],
+            position=frames[0][number],
+            rotation=frames[1][number],
+            region=entry["region"],
+            joint=entry["joint"],
+            left=entry["side"] == "left",
+            scale=float(scales[number]),
+            width=entry["width"],
+            roll=entry["roll"],
+            place=place,
+            layer=entry["layer"],
+            stack=(number + 1) * int(np.sign(entry["overlap"])),
+        )
+        for number in range(count)
+    ]
+    return with_mirror_images(drafts, place) if entry["mirror"] else drafts
+
+
+LIMIT = 3.0  # standard deviations; keeps lengths positive
+
+
+def draws(seed: int, ids: Iterable[str]) -> NDArray[np.float64]:
+    """(n, 4) normal draws (length, width, camber, roll), clipped at LIMIT."""
+    digests = b"".join(
+        hashlib.blake2b(f"{seed}:{name}".encode(), digest_size=64).digest() for name in ids
+    )
+    words = np.frombuffer(digests, dtype="<u8").reshape(-1, 8) >> np.uint64(11)
+    uniform = (words.astype(np.float64) + 0.5) / 2.0**53
+    radius = np.sqrt(-2.0 * np.log(uniform[:, :4]))
+    return np.clip(radius * np.cos(2.0 * np.pi * uniform[:, 4:]), -LIMIT, LIMIT)
+
+
+def variant_number(name: str, variants: int) -> int:
+    """Which of the variants a feather is, by its id."""
+    digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") % variants

@@ -1,0 +1,205 @@
+"""Feathers that an artist drew in a scene: what a reader of scenes hands over, and their drafts."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputWarning
+from featherfx.groom.frames import frames_from, parallel
+from featherfx.groom.keys.groom import DEFAULT_NAMES
+from featherfx.groom.keys.preset import FEATHER
+from featherfx.groom.keys.values import INVALID, Place, Table
+from featherfx.groom.presets.kind_store import KindChoice, KindStore
+from featherfx.groom.presets.library import sourced
+from featherfx.groom.read.condensed import BarbCurves, vanes_of
+from featherfx.groom.read.drafts import Draft, DrawnShape
+from featherfx.groom.read.rachis_curve import curved_up, fit_curve, without_repeats
+from featherfx.groom.types import FeatherKind
+
+Array = NDArray[np.float64]
+
+_MOST_DEVIATION = 0.02  # share of the length
+_MOST_NAMED = 10
+_SHORTEST, _LONGEST = 1e-4, 10.0  # m; beyond, a stage has another unit than it says
+
+
+@dataclass(frozen=True)
+class DrawnFeather:
+    """One feather as found in a scene; metres, groom's frame (z up).
+
+    label: prim path, with the number of the curve or instance where there are several. name: what
+    to call it where no id is given. id, kind, region, skin: as given, else empty. points: (k, 3)
+    the shaft, root first; a single point where nothing is drawn, and then direction is given.
+    direction, up: (3,) or None. scale: factor of the length (of the kind, where nothing is drawn).
+    mirrored: whether transforms mirror it. skin_uv: (2,) or None. barbs: of a condensed feather.
+    """
+
+    label: str
+    name: str
+    id: str
+    kind: str
+    region: str
+    points: Array
+    direction: Array | None
+    up: Array | None
+    scale: float
+    mirrored: bool
+    skin: str
+    skin_uv: tuple[float, float] | None
+    barbs: BarbCurves | None
+
+
+# (checked entry of [[usd]], folder that its file is relative to, place of the entry) to the file
+# and its feathers; None after adding problems. The groom does not know who reads scenes.
+SceneReader = Callable[[dict[str, Any], Path, Place], "tuple[Path, list[DrawnFeather]] | None"]
+
+
+def drawn_drafts(
+    entry: dict[str, Any], folder: Path, place: Place, store: KindStore, read: SceneReader | None
+) -> list[Draft]:
+    """The drafts of one [[usd]]; none after adding problems. entry: checked keys."""
+    if read is None:
+        place.fail("is a USD scene, which featherfx.read_groom and the commands read")
+        return []
+    found = read(entry, folder, place)
+    if found is None:
+        return []
+    path, feathers = found
+    ids = _ids(feathers)
+    drafts = []
+    for feather, name in zip(feathers, ids, strict=True):
+        at = Place(str(path), feather.label, place.problems)
+        draft = _draft(feather, name, entry, at, store)
+        if draft is not None:
+            drafts.append(draft)
+    _warn_of_bends(path, drafts)
+    return drafts
+
+
+def _warn_of_bends(path: Path, drafts: list[Draft]) -> None:
+    """Warn of drawn curves that an arc follows badly."""
+    far = [
+        (draft.shape.fit.deviation / draft.shape.fit.length, draft.id)
+        for draft in drafts
+        if draft.shape is not None and draft.shape.bent
+    ]
+    far = sorted((each for each in far if each[0] > _MOST_DEVIATION), reverse=True)
+    if far:
+        named = ", ".join(f"'{name}' {share:.1%}" for share, name in far[:_MOST_NAMED])
+        more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
+        warnings.warn(
+            f"{path}: shafts at rest are arcs, these curves are off by more than "
+            f"{_MOST_DEVIATION:.0%} of their length: {named}{more}",
+            InputWarning,
+            stacklevel=2,
+        )
+
+
+def _ids(feathers: list[DrawnFeather]) -> list[str]:
+    """Ids as given; else the prims' names, or their whole paths where the names are not unique."""
+    names = Counter(each.id or each.name for each in feathers)
+    whole = [each.label.strip("/").replace("/", "_") for each in feathers]
+    return [
+        each.id or (each.name if names[each.name] == 1 else path)
+        for each, path in zip(feathers, whole, strict=True)
+    ]
+
+
+def _draft(
+    feather: DrawnFeather, name: str, entry: dict[str, Any], at: Place, store: KindStore
+) -> Draft | None:
+    points = without_repeats(feather.points)
+    kind = feather.kind or entry["kind"]
+    left = (entry["side"] == "left") != feather.mirrored
+    if not kind:
+        # once for a prim, however many curves it has
+        prim = Place(at.source, at.key.partition("[")[0], at.problems)
+        missing = "missing; give the primvar, or kind in the [groom] or [[usd]] that names the file"
+        prim.child(_named(entry, "kind")).fail(missing)
+    if feather.direction is None and len(points) < 2:
+        at.child("points").fail("the curve has no length")
+    if not kind or (feather.direction is None and len(points) < 2):
+        return None
+    start = feather.direction if len(points) < 2 else points[1] - points[0]
+    assert start is not None
+    vanes = None if feather.barbs is None else vanes_of(feather.points, feather.barbs, left)
+    up = _up(feather, entry, points) if vanes is None else vanes.up
+    if up is None or parallel(start, up):
+        fault = "there is none, and the curve is straight" if up is None else "lies along the curve"
+        at.child(_named(entry, "up")).fail(f"{fault}; give up vectors, or up in the groom")
+        return None
+    changes: tuple[int, ...] = ()
+    if vanes is not None:
+        checked = Table(FEATHER).check(vanes.change, at.child("barbs"), True)
+        if checked is INVALID:
+            return None
+        changes = (store.change(sourced(checked, at.source), at),)
+    choice = KindChoice((kind,), 0.0, changes, at)
+    fit = fit_curve(points, up) if len(points) >= 2 else None
+    if fit is not None and not _SHORTEST <= fit.length <= _LONGEST:
+        message = f"{fit.length:.3g} m long, allowed {_SHORTEST:g} to {_LONGEST:g} m; do unit and "
+        at.child("points").fail(message + "transforms of the stage hold?")
+        return None
+    return Draft(
+        id=name,
+        choice=choice,
+        position=points[0],
+        rotation=frames_from(
+            fit.direction if fit is not None and entry["shape"] == "curve" else start, up
+        ),
+        region=feather.region or entry["region"],
+        joint=entry["joint"],
+        left=left,
+        scale=feather.scale * entry["scale"],
+        width=entry["width"],
+        roll=entry["roll"],
+        place=at,
+        shape=None if fit is None else DrawnShape(fit, choice, entry["shape"] == "curve"),
+        skin=feather.skin,
+        skin_uv=feather.skin_uv,
+    )
+
+
+def _named(entry: dict[str, Any], what: str) -> str:
+    return "primvars:" + str(entry["names"].get(what) or DEFAULT_NAMES[what])
+
+
+def _up(feather: DrawnFeather, entry: dict[str, Any], points: Array) -> Array | None:
+    if feather.up is not None:
+        return feather.up
+    if entry["up"] is not None:
+        return np.array(entry["up"])
+    return curved_up(points) if len(points) > 2 else None
+
+
+def drawn_changes(
+    draft: Draft, kind: FeatherKind, store: KindStore
+) -> tuple[float, float, float] | None:
+    """Factor of length and changes of camber and sweep (deg) that make a kind fit its drawing.
+
+    What an override has changed stays as it is. None after adding problems.
+    """
+    shape = draft.shape
+    if shape is None:
+        return 1.0, 0.0, 0.0
+    base = store.kind(shape.choice)
+    if base is None:
+        return None
+    fit, rachis = shape.fit, base.rachis
+    factor = fit.length / kind.length if kind.length == base.length else 1.0
+    if not shape.bent:
+        return factor, 0.0, 0.0
+    sweep = -fit.sweep if draft.left else fit.sweep
+    return (
+        factor,
+        fit.camber - rachis.camber if kind.rachis.camber == rachis.camber else 0.0,
+        sweep - rachis.sweep if kind.rachis.sweep == rachis.sweep else 0.0,
+    )

@@ -1,0 +1,309 @@
+"""Groom files in: TOML and its tables to a Groom, with every problem found at once."""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import Problem
+from featherfx.groom.frames import about_x, mirrored_points
+from featherfx.groom.keys.groom import FEATHER_ENTRY, GROOM_FILE, JOINT, ROW, TABLE, USD, VARIATION
+from featherfx.groom.keys.values import INVALID, Place, Problems, Table, nearest
+from featherfx.groom.presets.kind_store import KindStore
+from featherfx.groom.presets.library import Library, sourced
+from featherfx.groom.presets.presets import check_preset
+from featherfx.groom.read import drafts as draft_rules
+from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
+from featherfx.groom.read.drawn import drawn_changes, drawn_drafts
+from featherfx.groom.read.table import MOST_REPORTED, read_table
+from featherfx.groom.read.toml_file import file_kind, load_toml
+from featherfx.groom.regions.plumage import GroomReaders, plumage_of
+from featherfx.groom.types import Groom, Joint, Placement
+
+SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+_SIDES = {"left": 1, "right": -1, "middle": 0}
+
+
+def read_groom(
+    path: str | Path,
+    preset_folders: Iterable[str | Path] = (),
+    readers: GroomReaders | None = None,
+) -> Groom:
+    """The groom that a TOML file, or a scene that the readers read, describes.
+
+    preset_folders: searched before the user's and the shipped presets. Raises InputError with all
+    problems of the file, its tables and scenes and the presets that it names.
+    """
+    problems = Problems()
+    library = Library(preset_folders, problems)
+    groom = collect_groom(Path(path), library, problems, readers)
+    problems.raise_any()
+    assert groom is not None
+    return groom
+
+
+def check_file(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> list[Problem]:
+    """What is wrong with a groom or preset file; empty when nothing is."""
+    problems = Problems()
+    path = Path(path)
+    library = Library(preset_folders, problems)
+    raw = load_toml(path, problems)
+    if raw is None:
+        return problems.listed()
+    kind = file_kind(raw, path, {"groom": GROOM_FILE})
+    if kind == "":
+        problems.add(path, "", "is neither a groom nor a preset: it holds no key of either")
+    elif kind == "groom":
+        collect_groom(path, library, problems)
+    else:
+        check_preset(kind, path, library)
+    return problems.listed()
+
+
+def collect_groom(
+    path: Path,
+    library: Library,
+    problems: Problems,
+    readers: GroomReaders | None = None,
+    above: tuple[dict[str, Any], Place] | None = None,
+) -> Groom | None:
+    """The groom of a file; None, or an incomplete groom, after adding problems.
+
+    above: the tables of a shot, and its place, whose [overrides] come after the groom's.
+    """
+    if path.suffix.lower() in SCENE_SUFFIXES:
+        raw: dict[str, Any] | None = {"name": path.stem, "usd": [{"file": path.name}]}
+    else:
+        raw = load_toml(path, problems)
+    if raw is None:
+        return None
+    return groom_of(raw, path, library, problems, readers, above)
+
+
+def groom_of(
+    raw: dict[str, Any],
+    path: Path,
+    library: Library,
+    problems: Problems,
+    readers: GroomReaders | None = None,
+    above: tuple[dict[str, Any], Place] | None = None,
+) -> Groom | None:
+    """The groom of tables as they stand in a file at path; see collect_groom."""
+    place = Place(str(path), "", problems)
+    GROOM_FILE.check(raw, place, False)
+    joints = _joints(raw, place)
+    store = KindStore(library)
+    plumage = plumage_of(raw, path, place, store, readers)
+    drafts = [*_drafts(raw, path, place, store, readers), *plumage.drafts]
+    if not drafts and not len(problems):
+        place.fail(
+            "there are no feathers; expects a [[feather]], [[row]], [[table]], [[usd]] or "
+            "[[region]]"
+        )
+    drafts = _overridden(raw, drafts, place, store)
+    if above is not None:
+        drafts = _overridden(above[0], drafts, above[1], store)
+    _check_ids(drafts)
+    _check_joints(drafts, joints)
+    name = raw.get("name")
+    if not isinstance(name, str):
+        return None
+    placements = _placements(raw, drafts, store, place)
+    return Groom(name, path, placements, joints, plumage.layout, plumage.skin)
+
+
+def _entries(raw: dict[str, Any], name: str, table: Table, place: Place) -> Iterator[Any]:
+    """(place, checked table) of each sound entry of an array of tables."""
+    value = raw.get(name, [])
+    single = isinstance(value, dict)
+    entries = [value] if single else value if isinstance(value, list) else []
+    for index, entry in enumerate(entries):
+        at = place.child(name) if single else place.child(name).item(index)
+        checked = table.check(entry, at, False)
+        if checked is not INVALID:
+            yield at, checked
+
+
+def _drafts(
+    raw: dict[str, Any],
+    path: Path,
+    place: Place,
+    store: KindStore,
+    readers: GroomReaders | None,
+) -> Iterator[Draft]:
+    for at, entry in _entries(raw, "feather", Table(FEATHER_ENTRY), place):
+        yield from draft_rules.single(entry, at, store)
+    for at, entry in _entries(raw, "row", Table(ROW), place):
+        yield from draft_rules.row(
+            entry, at, store, path.parent, readers.curves if readers else None
+        )
+    for at, entry in _entries(raw, "table", Table(TABLE), place):
+        yield from read_table(entry, path.parent, at)
+    for at, entry in _entries(raw, "usd", Table(USD), place):
+        read = readers.feathers if readers else None
+        yield from drawn_drafts(entry, path.parent, at, store, read)
+
+
+def _joints(raw: dict[str, Any], place: Place) -> tuple[Joint, ...]:
+    found: dict[str, tuple[Joint, Place]] = {}
+    for at, entry in _entries(raw, "joint", Table(JOINT), place):
+        for joint in _joint_pair(entry, at):
+            if joint.name in found:
+                at.child("name").fail(f"'{joint.name}' is taken by {found[joint.name][1].key}")
+            else:
+                found[joint.name] = joint, at
+    for joint, at in found.values():
+        if joint.parent and joint.parent not in found:
+            at.child("parent").fail(f"no joint '{joint.parent}', {nearest(joint.parent, found)}")
+        chain = [joint.name]
+        while (up := found[chain[-1]][0].parent) in found and up not in chain:
+            chain.append(up)
+        if up == joint.name:
+            at.child("parent").fail("joint cycle: " + " -> ".join([*chain, up]))
+    return tuple(joint for joint, _ in found.values())
+
+
+def _joint_pair(entry: dict[str, Any], at: Place) -> list[Joint]:
+    position = np.array(entry["position"])
+    side = _SIDES[entry["side"]]
+    joint = Joint(entry["name"], position, entry["parent"], entry["role"], side)
+    if not entry["mirror"]:
+        return [joint]
+    name = other_side(joint.name)
+    if name is None:
+        at.child("name").fail(f'\'{joint.name}\' must hold "left" or "right" to be mirrored')
+        return [joint]
+    parent = other_side(joint.parent) or joint.parent
+    return [joint, Joint(name, mirrored_points(position), parent, joint.role, -side)]
+
+
+def _overridden(
+    raw: dict[str, Any], drafts: list[Draft], place: Place, store: KindStore
+) -> list[Draft]:
+    """The drafts with [overrides] applied, pattern by pattern."""
+    rules = raw.get("overrides", {})
+    for pattern, entry in rules.items() if isinstance(rules, dict) else ():
+        at = place.child("overrides").child(f'"{pattern}"')
+        section = GROOM_FILE.keys["overrides"].type.check(
+            {pattern: entry}, place.child("overrides"), True
+        )
+        if section is INVALID:
+            continue
+        change = dict(section[pattern])
+        scale, width = change.pop("scale", 1.0), change.pop("width", 1.0)
+        roll = change.pop("roll", 0.0)
+        number = (store.change(sourced(change, place.source), at),) if change else ()
+        matches = re.compile(fnmatch.translate(pattern)).match
+        hits = [index for index, draft in enumerate(drafts) if matches(draft.id)]
+        if not hits:
+            at.fail(f"matches no feather id, {_likely_id(pattern, drafts)}")
+        for index in hits:
+            draft = drafts[index]
+            drafts[index] = replace(
+                draft,
+                choice=replace(draft.choice, changes=draft.choice.changes + number),
+                scale=draft.scale * scale,
+                width=draft.width * width,
+                roll=draft.roll + roll,
+            )
+    return drafts
+
+
+def _likely_id(pattern: str, drafts: list[Draft]) -> str:
+    ids = [draft.id for draft in drafts[:1000]]
+    meant = nearest(pattern, ids)
+    return meant if meant.startswith("did") else "ids are like " + ", ".join(ids[:3])
+
+
+def _check_ids(drafts: list[Draft]) -> None:
+    first: dict[str, Draft] = {}
+    repeated = 0
+    for draft in drafts:
+        if draft.id not in first:
+            first[draft.id] = draft
+            continue
+        repeated += 1
+        if repeated <= MOST_REPORTED:
+            taken = first[draft.id].place
+            by = taken.key if taken.source == draft.place.source else f"{taken.source}: {taken.key}"
+            draft.place.child("id").fail(f"'{draft.id}' is taken already, by {by}")
+    if repeated > MOST_REPORTED:
+        draft.place.fail(f"and {repeated - MOST_REPORTED} more ids that are taken already")
+
+
+def _check_joints(drafts: list[Draft], joints: tuple[Joint, ...]) -> None:
+    names = {joint.name for joint in joints}
+    reported = set()
+    for draft in drafts:
+        where = (draft.joint, draft.place.source, draft.place.key.partition(" ")[0])
+        if draft.joint and draft.joint not in names and where not in reported:
+            reported.add(where)
+            at = draft.place.child("joint")
+            at.fail(f"no joint '{draft.joint}', {nearest(draft.joint, names)}")
+
+
+def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> NDArray[np.float64]:
+    """(n, 4) draws of all feathers; of few different widths and cambers where asked for."""
+    own = draws(spread["seed"], [draft.id for draft in drafts])
+    if spread["variants"]:
+        keys = [
+            f"{draft.region}/{draft.choice.names}/{variant_number(draft.id, spread['variants'])}"
+            for draft in drafts
+        ]
+        own[:, 1:3] = draws(spread["seed"], keys)[:, 1:3]
+    return own
+
+
+def _placements(
+    raw: dict[str, Any], drafts: list[Draft], store: KindStore, place: Place
+) -> tuple[Placement, ...]:
+    if not drafts:
+        return ()
+    changes = np.zeros((len(drafts), 4))
+    given = raw.get("variation")
+    if given is not None:
+        spread = Table(VARIATION).check(given, place.child("variation"), False)
+        if spread is not INVALID:
+            sizes = [spread[name] for name in ("length", "width", "camber", "roll")]
+            changes = _drawn(spread, drafts) * sizes
+    sign = np.array([-1.0 if draft.left else 1.0 for draft in drafts])
+    roll = sign * (np.array([draft.roll for draft in drafts]) + changes[:, 3])
+    rotations = np.stack([draft.rotation for draft in drafts]) @ about_x(roll)
+    placements = []
+    for draft, rotation, change in zip(drafts, rotations, changes.tolist(), strict=True):
+        kind = store.kind(draft.choice)
+        if kind is None:
+            continue
+        drawn = drawn_changes(draft, kind, store)
+        if drawn is None:
+            continue
+        scale = draft.scale * drawn[0] * (1.0 + change[0])
+        width = draft.width * (1.0 + change[1])
+        camber = drawn[1] + draft.curl + change[2]
+        prototype = store.adjusted(kind, 1.0, width, camber, drawn[2], draft.hollow)
+        placements.append(
+            Placement(
+                id=draft.id,
+                kind=store.adjusted(prototype, scale, 1.0, 0.0),
+                region=draft.region,
+                position=draft.position,
+                rotation=rotation,
+                joint=draft.joint,
+                mirrored=draft.left,
+                skin=draft.skin,
+                skin_uv=draft.skin_uv,
+                prototype=prototype,
+                size=scale,
+                layer=draft.layer,
+                stack=draft.stack,
+                grown=draft.grown,
+            )
+        )
+    return tuple(placements)

@@ -1,0 +1,240 @@
+"""Feathers from tables: CSV and NPZ files with thousands of rows, read column by column."""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.frames import frames_from, parallel
+from featherfx.groom.keys.groom import TABLE
+from featherfx.groom.keys.values import Number, Place, Problems, nearest
+from featherfx.groom.presets.kind_store import KindChoice
+from featherfx.groom.read.drafts import Draft, with_mirror_images
+
+VECTORS = {
+    "position": ("x", "y", "z"),
+    "direction": ("direction_x", "direction_y", "direction_z"),
+    "up": ("up_x", "up_y", "up_z"),
+}
+FACTORS = ("scale", "width", "roll")
+TEXTS = ("kind", "region", "joint", "side")
+NUMBERS = tuple(name for names in VECTORS.values() for name in names)
+COLUMNS = ("id", *TEXTS, *NUMBERS, *FACTORS)
+MOST_REPORTED = 20  # per file and kind of fault, a table of nonsense stays readable
+
+Columns = dict[str, NDArray[Any]]
+
+
+def read_table(entry: dict[str, Any], folder: Path, place: Place) -> list[Draft]:
+    """The drafts of one [[table]]; none after adding problems.
+
+    entry: checked keys. folder: of the groom. place: of the entry in the groom.
+    """
+    path = folder / entry["file"]
+    count = len(place.problems)
+    columns = _load(path, place.problems)
+    if columns is None:
+        return []
+    _check_columns(path, columns, entry, place)
+    if len(place.problems) > count:
+        return []
+    _check_rows(path, columns, place.problems)
+    if len(place.problems) > count:
+        return []
+    drafts = _drafts(path, columns, entry, place.problems)
+    return with_mirror_images(drafts, place) if entry["mirror"] else drafts
+
+
+def _load(path: Path, problems: Problems) -> Columns | None:
+    try:
+        if path.suffix.lower() == ".npz":
+            return _load_npz(path, problems)
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            return _load_csv(path, list(csv.reader(file)), problems)
+    except FileNotFoundError:
+        problems.add(path, "", "there is no such file")
+    except UnicodeDecodeError as error:
+        problems.add(path, "", f"is not UTF-8 text (byte {error.start})")
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile, csv.Error) as error:
+        problems.add(path, "", f"cannot be read: {error}")
+    return None
+
+
+def _load_npz(path: Path, problems: Problems) -> Columns | None:
+    columns: Columns = {}
+    with np.load(path, allow_pickle=False) as archive:
+        if not hasattr(archive, "files"):
+            raise ValueError("is a single array, expects an NPZ archive")
+        for name in archive.files:
+            values = archive[name]
+            if name in VECTORS and values.ndim == 2 and values.shape[1] == 3:
+                columns.update(zip(VECTORS[name], values.T, strict=True))
+            elif values.ndim == 1 and name not in VECTORS:
+                columns[name] = values
+            else:
+                expects = "(n, 3)" if name in VECTORS else "(n,)"
+                problems.add(path, name, f"has shape {values.shape}, expects {expects}")
+    lengths = {name: len(values) for name, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        problems.add(path, "", f"columns differ in length: {lengths}")
+        return None
+    for name, values in columns.items():
+        wanted = "fiu" if name in NUMBERS + FACTORS else "U"
+        if name in COLUMNS and values.dtype.kind not in wanted:
+            kind = "numbers" if wanted == "fiu" else "texts"
+            problems.add(path, name, f"holds {values.dtype} values, expects {kind}")
+            return None
+    return {
+        name: values.astype(float) if name in NUMBERS + FACTORS else values
+        for name, values in columns.items()
+    }
+
+
+def _load_csv(path: Path, lines: list[list[str]], problems: Problems) -> Columns | None:
+    rows = [line for line in lines if line]
+    if not rows:
+        problems.add(path, "", "is empty, expects a header line with column names")
+        return None
+    header = [name.strip() for name in rows[0]]
+    repeated = sorted({name for name in header if header.count(name) > 1})
+    for name in repeated:
+        problems.add(path, name, "the header names this column twice")
+    for number, line in enumerate(rows[1:], 1):
+        if len(line) != len(header):
+            message = f"has {len(line)} cells, the header has {len(header)}"
+            problems.add(path, f"row {number}", message)
+            return None
+    if repeated:
+        return None
+    cells = list(zip(*rows[1:], strict=True)) or [()] * len(header)
+    columns: Columns = {}
+    for name, values in zip(header, cells, strict=True):
+        if name in NUMBERS + FACTORS:
+            columns[name] = _numbers(path, name, values, problems)
+        else:
+            columns[name] = np.array([value.strip() for value in values], dtype=str)
+    return columns
+
+
+def _numbers(path: Path, name: str, cells: tuple[str, ...], problems: Problems) -> NDArray[Any]:
+    try:
+        return np.array([float(cell) for cell in cells])
+    except ValueError:
+        pass
+    values, faults = np.zeros(len(cells)), 0
+    for number, cell in enumerate(cells):
+        try:
+            values[number] = float(cell)
+        except ValueError:
+            faults += 1
+            if faults <= MOST_REPORTED:
+                problems.add(path, f"row {number + 1}.{name}", f"{cell!r} is not a number")
+    _rest(path, name, faults, problems)
+    return values
+
+
+def _rest(path: Path, name: str, faults: int, problems: Problems) -> None:
+    if faults > MOST_REPORTED:
+        problems.add(path, name, f"and {faults - MOST_REPORTED} more rows with the same fault")
+
+
+def _check_columns(path: Path, columns: Columns, entry: dict[str, Any], place: Place) -> None:
+    for name in columns:
+        if name not in COLUMNS:
+            place.problems.add(path, name, f"unknown column, {nearest(name, COLUMNS)}")
+    for name in ("id", *NUMBERS):
+        if name not in columns:
+            place.problems.add(path, name, "there is no such column")
+    if "kind" not in columns and entry["kind"] is None:
+        place.child("kind").fail("missing, the table has no column kind")
+
+
+def _report(path: Path, name: str, bad: NDArray[Any], message: Any, problems: Problems) -> None:
+    rows = np.flatnonzero(bad)
+    for row in rows[:MOST_REPORTED]:
+        problems.add(path, f"row {row + 1}.{name}", message(int(row)))
+    _rest(path, name, len(rows), problems)
+
+
+def _check_rows(path: Path, columns: Columns, problems: Problems) -> None:
+    finite = True
+    for name in (each for each in NUMBERS + FACTORS if each in columns):
+        values = columns[name]
+        bad = ~np.isfinite(values)
+        finite = finite and not bad.any()
+        _report(
+            path,
+            name,
+            bad,
+            lambda row, v=values: f"{v[row]} is not a finite number",
+            problems,
+        )
+        limits = TABLE[name].type if name in FACTORS else Number(-1e6, 1e6)
+        assert isinstance(limits, Number)
+        outside = ~bad & ((values < limits.low) | (values > limits.high))
+        allowed = limits.allowed()
+        _report(
+            path,
+            name,
+            outside,
+            lambda row, v=values, a=allowed: f"{v[row]:g} is out of range, allowed {a}",
+            problems,
+        )
+    _report(path, "id", columns["id"] == "", lambda row: "the text is empty", problems)
+    if "side" in columns:
+        side = columns["side"]
+        bad = ~np.isin(side, ("left", "right"))
+        _report(path, "side", bad, lambda r: f"'{side[r]}' is not left or right", problems)
+    if finite:
+        direction, up = (
+            np.column_stack([columns[c] for c in VECTORS[v]]) for v in ("direction", "up")
+        )
+        zero = np.linalg.norm(direction, axis=1) < 1e-9
+        _report(path, "direction_x", zero, lambda row: "a direction cannot be zero", problems)
+        bad = parallel(direction, up) & ~zero
+        _report(path, "up_x", bad, lambda row: "up is zero or parallel to direction", problems)
+
+
+def _drafts(path: Path, columns: Columns, entry: dict[str, Any], problems: Problems) -> list[Draft]:
+    count = len(columns["id"])
+    position, direction, up = (
+        np.column_stack([columns[name] for name in names]) for names in VECTORS.values()
+    )
+    rotation = frames_from(direction, up)
+    texts = {name: _texts(columns, name, entry, count) for name in TEXTS}
+    factors = {
+        name: columns[name].tolist() if name in columns else [entry[name]] * count
+        for name in FACTORS
+    }
+    choices: dict[str, KindChoice] = {}
+    drafts = []
+    for number, name in enumerate(columns["id"].tolist()):
+        place = Place(str(path), f"row {number + 1}", problems)
+        kind = texts["kind"][number]
+        if kind not in choices:
+            choices[kind] = KindChoice((kind,), 0.0, (), place)
+        drafts.append(
+            Draft(
+                id=name,
+                choice=choices[kind],
+                position=position[number],
+                rotation=rotation[number],
+                region=texts["region"][number],
+                joint=texts["joint"][number],
+                left=texts["side"][number] == "left",
+                scale=factors["scale"][number],
+                width=factors["width"][number],
+                roll=factors["roll"][number],
+                place=place,
+            )
+        )
+    return drafts
+
+
+def _texts(columns: Columns, name: str, entry: dict[str, Any], count: int) -> list[str]:
+    return columns[name].tolist() if name in columns else [entry[name]] * count

@@ -1,0 +1,1 @@
+"""Plumage that grows in regions of a skin."""

@@ -1,0 +1,177 @@
+"""The kinds of a region: one, or several that mix by shares and maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.groom.keys.values import Place
+from featherfx.groom.presets.kind_store import KindChoice, KindStore
+from featherfx.groom.presets.library import sourced
+from featherfx.groom.regions.rules import Rule, presence
+from featherfx.groom.regions.scatter import hashed, uniform
+from featherfx.groom.skin.points import Array, Indices, SkinSurface, SurfacePoints
+from featherfx.groom.types import FeatherKind
+
+_STREAM = 24  # of the draws of kinds
+
+
+@dataclass(frozen=True)
+class RegionKinds:
+    """K kinds of a region. choices, kinds: (K). shares: K rules, how much of each there is."""
+
+    choices: tuple[KindChoice, ...]
+    kinds: tuple[FeatherKind, ...]
+    shares: tuple[Rule, ...]
+
+    @property
+    def lengths(self) -> Array:
+        """(K,) m."""
+        return np.array([kind.length for kind in self.kinds])
+
+    @property
+    def cambers(self) -> Array:
+        """(K,) deg, of the shafts."""
+        return np.array([kind.rachis.camber for kind in self.kinds])
+
+    @property
+    def barb_cambers(self) -> Array:
+        """(K,) deg, means of the guides of both vanes."""
+        return np.array(
+            [
+                np.mean([guide.camber for guide in kind.leading.guides + kind.trailing.guides])
+                for kind in self.kinds
+            ]
+        )
+
+    def weights(self, points: SurfacePoints) -> Array:
+        """(N, K) probabilities of the kinds at places; the first kind where there is none."""
+        raw = np.stack([share(points) for share in self.shares], axis=1)
+        raw[~(raw > 0.0).any(axis=1), 0] = 1.0
+        return raw / raw.sum(axis=1, keepdims=True)
+
+    def drawn(self, points: SurfacePoints, seed: int, numbers: Indices) -> Indices:
+        """(N,) kinds of feathers with numbers (N,), each by its own draw."""
+        if len(self.kinds) == 1:
+            return np.zeros(len(points), dtype=np.int64)
+        bounds = np.cumsum(self.weights(points), axis=1)[:, :-1]
+        draw = uniform(seed, _STREAM, numbers)
+        return np.asarray((draw[:, None] >= bounds).sum(axis=1))
+
+
+def region_kinds(
+    entry: dict[str, Any], place: Place, surface: SkinSurface, folder: Path, store: KindStore
+) -> RegionKinds | None:
+    """The kinds of a region with checked keys; None after adding problems."""
+    count = len(place.problems)
+    changes: tuple[int, ...] = ()
+    if entry["overrides"]:
+        at = place.child("overrides")
+        changes = (store.change(sourced(entry["overrides"], place.source), at),)
+    given = entry["kind"]
+    single = not isinstance(given, tuple)
+    entries = [_as_table(each) for each in ((given,) if single else given)]
+    choices, kinds, shares = [], [], []
+    for number, each in enumerate(entries):
+        at = place.child("kind") if single else place.child("kind").item(number)
+        choice = KindChoice((each["name"],), 0.0, changes, place if single else at)
+        kind = store.kind(choice)
+        map_of = presence(each["where"], surface, folder, at.child("where"))
+        if kind is not None and map_of is not None:
+            choices.append(choice)
+            kinds.append(kind)
+            shares.append(_scaled(map_of, each["share"]))
+    if len(place.problems) > count:
+        return None
+    if not any(each["share"] > 0.0 for each in entries):
+        place.child("kind").fail("has no share above 0")
+        return None
+    return RegionKinds(tuple(choices), tuple(kinds), tuple(shares))
+
+
+def _as_table(given: str | dict[str, Any]) -> dict[str, Any]:
+    """A kind as a table with all its keys."""
+    if isinstance(given, dict):
+        return given
+    return {"name": given, "share": 1.0, "where": ()}
+
+
+def _scaled(rule: Rule, share: float) -> Rule:
+    return lambda points: share * rule(points)
+
+
+LIMIT = 3.0  # standard deviations
+STREAMS = {"length": 10, "width": 12, "curl": 14, "tilt": 16, "turn": 18, "roll": 20}
+_VARIANT_STREAM = 22
+# steps in which a blend between regions passes, so that shapes repeat there, too
+_WIDTH_STEP = 0.1
+_CURL_STEP = 10.0  # deg
+_HOLLOW_STEP = 10.0  # deg
+# a skin that falls off further is not followed; and where a vane's side is, in feather lengths
+_MOST_TURNING = 45.0  # deg
+_SIDE = 0.2
+
+
+def normal_draws(entry: dict[str, Any], name: str, numbers: Indices) -> Array:
+    """(N,) normal draws of one quantity (Box and Muller 1958), by its deviation, limited."""
+    stream, seed = STREAMS[name], entry["seed"]
+    radius = np.sqrt(-2.0 * np.log(uniform(seed, stream, numbers)))
+    wave = np.cos(2.0 * np.pi * uniform(seed, stream + 1, numbers))
+    return np.asarray(entry["variation"][name] * np.clip(radius * wave, -LIMIT, LIMIT))
+
+
+def shapes(
+    entry: dict[str, Any],
+    blend: dict[str, Array],
+    direction: Array,
+    points: SurfacePoints,
+    numbers: Indices,
+    cambers: tuple[Array, Array],
+) -> tuple[Array, Array, Array]:
+    """Factors of the width, changes of the camber of shafts and of barbs (deg).
+
+    They take few different values where the region has variants. entry: checked keys of the
+    region. blend: (N,) width, curl and length of each feather. direction: (N, 3). numbers: (N,)
+    of the candidates. cambers: (N,) deg, of shafts and barbs by their kinds.
+    """
+    own, variants, follow = numbers, entry["variants"], entry["follow"]
+    width, curl = blend["width"], blend["curl"]
+    hollow = np.zeros(len(points))
+    if follow:
+        along, across = _turning(points, direction, blend["length"])
+        curl = curl + follow * (along - cambers[0])
+        hollow = follow * (across - cambers[1])
+    if variants:
+        own = (hashed(entry["seed"], _VARIANT_STREAM, own) % np.uint64(variants)).astype(np.int64)
+        width = entry["width"] + _stepped(width - entry["width"], _WIDTH_STEP)
+        curl = entry["curl"] + _stepped(curl - entry["curl"], _CURL_STEP)
+        hollow = _stepped(hollow, _HOLLOW_STEP)
+    width = width * (1.0 + normal_draws(entry, "width", own))
+    return np.maximum(width, 0.01), curl + normal_draws(entry, "curl", own), hollow
+
+
+def _stepped(values: Array, step: float) -> Array:
+    return np.asarray(step * np.round(values / step))
+
+
+def _turning(points: SurfacePoints, direction: Array, length: Array) -> tuple[Array, Array]:
+    """(N,) deg, by which the skin falls off beneath feathers: to the tip, and to their sides.
+
+    At least 0. Where the skin ends before the tip does, what the first half shows counts.
+    """
+    half = _fall(points, 0.5 * length[:, None] * direction)
+    along = np.minimum(_fall(points, length[:, None] * direction), 2.0 * half)
+    side = _SIDE * length[:, None] * np.cross(points.normal, direction)
+    across = 0.5 * (_fall(points, side) + _fall(points, -side))
+    return along, across
+
+
+def _fall(points: SurfacePoints, way: Array) -> Array:
+    """(N,) deg, by which the skin's normal leans towards a way (N, 3) m, at its end."""
+    normals = points.surface.normals_near(points.position + way)
+    ahead = np.einsum("nc,nc->n", normals, way) / np.linalg.norm(way, axis=1)
+    up = np.einsum("nc,nc->n", normals, points.normal)
+    return np.clip(np.degrees(np.arctan2(ahead, up)), 0.0, _MOST_TURNING)

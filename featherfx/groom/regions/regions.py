@@ -1,0 +1,250 @@
+"""Feathers that grow in regions of a skin: where, which way, and how they differ."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.errors import InputWarning
+from featherfx.groom.frames import frames_from
+from featherfx.groom.keys.values import Place
+from featherfx.groom.presets.kind_store import KindStore
+from featherfx.groom.read.drafts import Draft
+from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
+from featherfx.groom.regions.rules import Rule, along_skin, flow, presence
+from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
+from featherfx.groom.skin.points import Array, Indices, SkinSource, SkinSurface, SurfacePoints
+
+# (checked keys of [skin], paths of meshes, folder, place) to the meshes; None after problems.
+SkinReader = Callable[
+    [dict[str, Any], tuple[str, ...], Path, Place], "dict[str, SkinSource] | None"
+]
+
+_MOST_NAMED = 5
+_LEAST_FIT = 0.25  # of a feather's length, left where there is no room
+
+
+@dataclass(frozen=True)
+class _Region:
+    """One region, ready to grow."""
+
+    entry: dict[str, Any]
+    place: Place
+    surface: SkinSurface
+    kinds: RegionKinds
+    presence: Rule
+    flow: Rule
+
+    def length(self, points: SurfacePoints) -> Array:
+        """(N,) m, at points; of several kinds the mean."""
+        given = self.entry["length"]
+        if given is None:
+            return self.kinds.weights(points) @ self.kinds.lengths
+        return np.full(len(points), float(given))
+
+    def density(self, points: SurfacePoints) -> Array:
+        """(N,) feathers per m^2, 1 where the region is whole if it has a count instead."""
+        density = self.entry["density"]
+        return self.presence(points) * (1.0 if density is None else density)
+
+
+def region_drafts(
+    skin: dict[str, Any],
+    entries: Sequence[tuple[Place, dict[str, Any]]],
+    folder: Path,
+    place: Place,
+    store: KindStore,
+    read: SkinReader | None,
+) -> tuple[list[Draft], Array | None]:
+    """The drafts of all [[region]]s and the corners (T, 3, 3) m of their meshes.
+
+    No drafts, and None, after adding problems. skin: checked keys of [skin]. entries: place and
+    checked keys of each region. folder: of the groom. place: of [skin].
+    """
+    if read is None:
+        place.fail("is a USD scene, which featherfx.read_groom and the commands read")
+        return [], None
+    count = len(place.problems)
+    paths = tuple(dict.fromkeys([skin["prim"], *(e["prim"] for _, e in entries if e["prim"])]))
+    sources = read(skin, paths, folder, place)
+    if sources is None:
+        return [], None
+    surfaces = {path: SkinSurface(source) for path, source in sources.items()}
+    built = [
+        _region(entry, at, surfaces[entry["prim"] or skin["prim"]], folder, store)
+        for at, entry in entries
+    ]
+    regions = [region for region in built if region is not None]
+    counts = [_count(region) for region in regions]
+    _check_total(regions, counts, skin["most"], place)
+    if len(place.problems) > count:
+        return [], None
+    drafts: list[Draft] = []
+    for region, wanted in zip(regions, counts, strict=True):
+        drafts += _grown(region, wanted, regions, region.entry["prim"] or "")
+    return drafts, np.concatenate([surface.corners for surface in surfaces.values()])
+
+
+def _region(
+    entry: dict[str, Any], place: Place, surface: SkinSurface, folder: Path, store: KindStore
+) -> _Region | None:
+    count = len(place.problems)
+    if (entry["density"] is None) == (entry["count"] is None):
+        place.child("density").fail("expects either density or count, one of the two")
+    kinds = region_kinds(entry, place, surface, folder, store)
+    where = presence(entry["where"], surface, folder, place.child("where"))
+    along = flow(entry["flow"], surface, place.child("flow"))
+    if where is None or along is None or kinds is None or len(place.problems) > count:
+        return None
+    length = float(entry["length"] or kinds.lengths.max())
+    if length > surface.diagonal:
+        place.child("length").fail(
+            f"{length:g} m is longer than the whole skin {surface.source.path}, "
+            f"{surface.diagonal:.3g} m; are its units right?"
+        )
+        return None
+    return _Region(entry, place, surface, kinds, where, along)
+
+
+def _count(region: _Region) -> int:
+    if region.entry["count"] is not None:
+        return int(region.entry["count"])
+    return round(expected_count(region.surface, region.density))
+
+
+def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, at: Place) -> None:
+    if sum(counts) <= most:
+        return
+    for region, count in zip(regions, counts, strict=True):
+        if count > most // 4:
+            key = "density" if region.entry["count"] is None else "count"
+            region.place.child(key).fail(f"asks for {count} feathers of the {most} that may be")
+    at.child("most").fail(
+        f"the regions ask for {sum(counts)} feathers, allowed {most}; lower a density or raise most"
+    )
+
+
+def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -> list[Draft]:
+    entry = region.entry
+    found = scatter(region.surface, region.presence, count, entry["seed"])
+    points = found.points
+    if len(points) < count:
+        warnings.warn(
+            f"{region.place.source}: {region.place.key}: '{entry['id']}' has hardly any place on "
+            f"the skin: {len(points)} of {count} feathers",
+            InputWarning,
+            stacklevel=2,
+        )
+    found = _above_ground(region, found)
+    points = found.points
+    if len(points) == 0:
+        return []
+    own = region.kinds.drawn(points, entry["seed"], found.number)
+    blend = _blended(region, [r for r in regions if r.surface is region.surface], points, own)
+    blend["length"] = _fitted(blend["length"], points, entry["fit"])
+    draws = {name: normal_draws(entry, name, found.number) for name in STREAMS}
+    direction = _directions(region, blend["flow"], points, draws["turn"])
+    cambers = region.kinds.cambers[own], region.kinds.barb_cambers[own]
+    width, curl, hollow = shapes(entry, blend, direction, points, found.number, cambers)
+    tilt = np.radians(np.clip(blend["tilt"] + draws["tilt"], -89.0, 89.0))[:, None]
+    shaft = np.cos(tilt) * direction + np.sin(tilt) * points.normal
+    dorsal = np.cos(tilt) * points.normal - np.sin(tilt) * direction
+    rotations = frames_from(shaft, dorsal)
+    scales = blend["length"] * (1.0 + draws["length"]) / region.kinds.lengths[own]
+    left = np.full(len(points), entry["side"] == "left")
+    if entry["side"] == "auto":
+        left = np.asarray(points.position[:, 1] > 0.0)
+    return [
+        Draft(
+            id=f"{entry['id']}_{found.number[k]:06d}",
+            choice=region.kinds.choices[own[k]],
+            position=points.position[k],
+            rotation=rotations[k],
+            region=entry["id"],
+            joint=entry["joint"],
+            left=bool(left[k]),
+            scale=float(scales[k]),
+            width=float(width[k]),
+            roll=float(entry["roll"] + draws["roll"][k]),
+            place=region.place,
+            skin=prim,
+            curl=float(curl[k]),
+            hollow=float(hollow[k]),
+            layer=entry["layer"],
+            grown=True,
+        )
+        for k in range(len(points))
+    ]
+
+
+def _blended(
+    region: _Region, others: Sequence[_Region], points: SurfacePoints, own: Indices
+) -> dict[str, Array]:
+    """Length (m), width, curl, tilt and flow at points, between those of overlapping regions.
+
+    own: (N,) kinds of the region's feathers, which keep their own length within it.
+    """
+    members = [r for r in others if r.entry["blend"]] if region.entry["blend"] else [region]
+    total = np.zeros(len(points))
+    result = {name: np.zeros(len(points)) for name in ("length", "width", "curl", "tilt")}
+    along = np.zeros((len(points), 3))
+    for each in members:
+        weight = each.presence(points)
+        total += weight
+        for name, value in result.items():
+            value += weight * (each.length(points) if name == "length" else each.entry[name])
+        along += weight[:, None] * each.flow(points)
+    result = {name: value / total for name, value in result.items()}
+    if region.entry["length"] is None:
+        # a mean over its kinds that each feather departs from by its own kind
+        result["length"] *= region.kinds.lengths[own] / region.length(points)
+    return result | {"flow": along}
+
+
+def _above_ground(region: _Region, found: Scattered) -> Scattered:
+    """Without the places that lie inside the body, which are told."""
+    buried = region.surface.buried(found.points)
+    if not buried.any():
+        return found
+    ids = [f"{region.entry['id']}_{number:06d}" for number in found.number[buried]]
+    more = f" and {len(ids) - _MOST_NAMED} more" if len(ids) > _MOST_NAMED else ""
+    warnings.warn(
+        f"{region.place.source}: {region.place.key}: {len(ids)} roots lie inside the body and are "
+        f"left out: {', '.join(ids[:_MOST_NAMED])}{more}",
+        InputWarning,
+        stacklevel=3,
+    )
+    return Scattered(found.points.some(~buried), found.number[~buried])
+
+
+def _fitted(length: Array, points: SurfacePoints, fit: float | None) -> Array:
+    """Lengths (N,) m that the room above the skin allows."""
+    if fit is None:
+        return length
+    room = points.interpolated(points.surface.room)
+    return np.asarray(np.clip(fit * room, _LEAST_FIT * length, length))
+
+
+def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Array) -> Array:
+    """Unit directions along the skin; where the rule gives none, that of the nearest root."""
+    flat = along_skin(wanted, points.normal)
+    missing = ~flat.any(axis=1)
+    if missing.all():
+        region.place.child("flow").fail("gives no direction along the skin at any root")
+        flat = np.cross(points.normal, points.normal[:, [1, 2, 0]] + 0.1)
+        return flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    if missing.any():
+        from scipy.spatial import cKDTree
+
+        known = np.flatnonzero(~missing)
+        _, near = cKDTree(points.position[known]).query(points.position[missing])
+        borrowed = along_skin(flat[known[near]], points.normal[missing])
+        across = along_skin(np.cross(flat[known[near]], [0.6, 0.64, 0.48]), points.normal[missing])
+        flat[missing] = np.where(np.asarray(borrowed.any(axis=1))[:, None], borrowed, across)
+    angle = np.radians(turn)[:, None]
+    return np.asarray(np.cos(angle) * flat + np.sin(angle) * np.cross(points.normal, flat))

@@ -1,0 +1,200 @@
+"""How much of a region there is at a place, and where its feathers point: rules on a skin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.groom.keys.values import Place
+from featherfx.groom.skin.points import Array, SkinSurface, SurfacePoints
+
+Rule = Callable[[SurfacePoints], Array]
+
+_PLACES = ("primvar", "subset", "image", "box", "sphere", "x", "y", "z", "facing", "room")
+_FLOWS = ("direction", "away", "towards", "primvar", "curves")
+_GUIDES = 8  # guide points that a direction is interpolated from
+# a direction whose part along the skin is a smaller share of it says nothing
+_LEAST_ALONG = 1e-3
+
+
+def presence(
+    rules: tuple[dict[str, Any], ...], surface: SkinSurface, folder: Path, place: Place
+) -> Rule | None:
+    """Product of all rules, within 0 and 1. rules: checked tables. None after adding problems."""
+    built = [
+        _presence(rule, surface, folder, place.item(number)) for number, rule in enumerate(rules)
+    ]
+    sound = [rule for rule in built if rule is not None]
+    if len(sound) < len(built):
+        return None
+
+    def product(points: SurfacePoints) -> Array:
+        result = np.ones(len(points))
+        for rule in sound:
+            result = result * rule(points)
+        return result
+
+    return product
+
+
+def _presence(
+    rule: dict[str, Any], surface: SkinSurface, folder: Path, place: Place
+) -> Rule | None:
+    given = [name for name in _PLACES if rule[name] is not None]
+    if len(given) != 1:
+        found = " and ".join(given) or "none"
+        return place.fail(f"holds {found}, expects one of {', '.join(_PLACES)}") and None
+    name = given[0]
+    if name in ("primvar", "subset", "image"):
+        plain = _mapped(name, rule[name], surface, folder, place)
+    else:
+        plain = _analytic(name, rule, place)
+    if plain is None or not rule["invert"]:
+        return plain
+    return lambda points: 1.0 - plain(points)
+
+
+def _mapped(name: str, value: str, surface: SkinSurface, folder: Path, place: Place) -> Rule | None:
+    at = place.child(name)
+    if name == "image":
+        return _image(folder / value, surface, at)
+    if name == "subset":
+        members = surface.source.subset(value, at)
+        if members is None:
+            return None
+        return lambda points: members[points.triangle].astype(np.float64)
+    corners = surface.source.weights(value, at)
+    if corners is None:
+        return None
+    return lambda points: np.clip(points.interpolated(corners), 0.0, 1.0)
+
+
+def _image(path: Path, surface: SkinSurface, at: Place) -> Rule | None:
+    st = surface.source.st
+    if st is None:
+        at.fail(f"{surface.source.path} has no primvars:st")
+        return None
+    grey = surface.source.image(path, at)
+    if grey is None:
+        return None
+    corners: Array = st
+    picture: Array = grey
+    return lambda points: _bilinear(picture, points.interpolated(corners))
+
+
+def _bilinear(grey: Array, st: Array) -> Array:
+    """Values of a picture at texture coordinates (N, 2); its lower left corner is (0, 0)."""
+    height, width = grey.shape
+    x = np.clip(st[:, 0] * width - 0.5, 0.0, width - 1.0)
+    y = np.clip((1.0 - st[:, 1]) * height - 0.5, 0.0, height - 1.0)
+    left, top = x.astype(int), y.astype(int)
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    u, v = x - left, y - top
+    upper = (1.0 - u) * grey[top, left] + u * grey[top, right]
+    lower = (1.0 - u) * grey[bottom, left] + u * grey[bottom, right]
+    return np.asarray((1.0 - v) * upper + v * lower)
+
+
+def _analytic(name: str, rule: dict[str, Any], place: Place) -> Rule | None:
+    value, soft = rule[name], rule["soft"]
+    if name == "facing":
+        toward, angle, fade = np.array(value), rule["angle"], rule["soft_angle"]
+
+        def facing(points: SurfacePoints) -> Array:
+            cosine = np.clip(points.normal @ toward, -1.0, 1.0)
+            return _fade(angle - np.degrees(np.arccos(cosine)), fade)
+
+        return facing
+    if name == "room":
+        return lambda points: _fade(points.interpolated(points.surface.room) - value, soft)
+    if name == "sphere":
+        centre, radius = np.array(value[:3]), value[3]
+        return lambda points: _fade(radius - np.linalg.norm(points.position - centre, axis=1), soft)
+    if name == "box":
+        low, high = np.array(value)
+    else:
+        low, high = np.full(3, -np.inf), np.full(3, np.inf)
+        low["xyz".index(name)], high["xyz".index(name)] = value
+    if (low >= high).any():
+        place.child(name).fail(f"{value} is empty: the lower bound comes first")
+        return None
+
+    def box(points: SurfacePoints) -> Array:
+        inside = np.minimum(points.position - low, high - points.position).min(axis=1)
+        return _fade(inside, soft)
+
+    return box
+
+
+def _fade(depth: Array, width: float) -> Array:
+    """1 deep inside, 0 far outside, smooth over `width` around the border."""
+    if width == 0.0:
+        return (depth >= 0.0).astype(np.float64)
+    share = np.clip(depth / width + 0.5, 0.0, 1.0)
+    return np.asarray(share * share * (3.0 - 2.0 * share))
+
+
+def flow(entry: dict[str, Any], surface: SkinSurface, place: Place) -> Rule | None:
+    """Unit directions along the skin, (N, 3); zero where the rule gives none.
+
+    entry: checked table. None after adding problems.
+    """
+    given = [name for name in _FLOWS if entry[name] is not None]
+    if len(given) != 1:
+        found = " and ".join(given) or "none"
+        place.fail(f"holds {found}, expects one of {', '.join(_FLOWS)}")
+        return None
+    field = _field(given[0], entry[given[0]], surface, place.child(given[0]))
+    if field is None:
+        return None
+    cosine, sine = np.cos(np.radians(entry["turn"])), np.sin(np.radians(entry["turn"]))
+
+    def along(points: SurfacePoints) -> Array:
+        wanted = field(points)
+        flat = along_skin(wanted, points.normal)
+        return cosine * flat + sine * np.cross(points.normal, flat)
+
+    return along
+
+
+def along_skin(wanted: Array, normal: Array) -> Array:
+    """Parts of directions along the skin, made unit vectors; zero where there is hardly any."""
+    flat = wanted - (wanted * normal).sum(axis=1, keepdims=True) * normal
+    size = np.linalg.norm(flat, axis=1, keepdims=True)
+    whole = np.linalg.norm(wanted, axis=1, keepdims=True)
+    clear = size > _LEAST_ALONG * np.maximum(whole, 1e-300)
+    return np.where(clear, flat / np.where(clear, size, 1.0), 0.0)
+
+
+def _field(name: str, value: Any, surface: SkinSurface, place: Place) -> Rule | None:
+    if name == "direction":
+        return lambda points: np.broadcast_to(np.array(value), (len(points), 3))
+    if name in ("away", "towards"):
+        pole, sign = np.array(value), 1.0 if name == "away" else -1.0
+        return lambda points: sign * (points.position - pole)
+    if name == "primvar":
+        corners = surface.source.vectors(value, place)
+        return None if corners is None else (lambda points: points.interpolated(corners))
+    curves = surface.source.curves(value, place)
+    return None if curves is None else _guided(curves)
+
+
+def _guided(curves: list[Array]) -> Rule:
+    """Tangents of the nearest points of guide curves, by one over the squared distance."""
+    from scipy.spatial import cKDTree
+
+    middles = np.concatenate([0.5 * (curve[1:] + curve[:-1]) for curve in curves])
+    steps = np.concatenate([np.diff(curve, axis=0) for curve in curves])
+    tangents = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-300)
+    tree, count = cKDTree(middles), min(_GUIDES, len(middles))
+
+    def along(points: SurfacePoints) -> Array:
+        distance, near = tree.query(points.position, k=count)
+        distance, near = distance.reshape(-1, count), near.reshape(-1, count)
+        weight = 1.0 / np.maximum(distance, 1e-9) ** 2
+        return np.asarray(np.einsum("nk,nkc->nc", weight, tangents[near]))
+
+    return along

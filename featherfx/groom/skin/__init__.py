@@ -1,0 +1,1 @@
+"""The mesh that feathers grow on."""

@@ -1,0 +1,156 @@
+"""Points on a skin: triangles with areas and smooth normals, and places within them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.keys.values import Place
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+_ABOVE = 1e-6  # of the skin's size: how far over it a place is looked at
+
+
+class SkinSource(Protocol):
+    """A mesh that a scene holds, at rest; metres, z up.
+
+    path: of the prim. points: (V, 3) m. triangles: (T, 3), counter-clockwise from outside, none
+    flat. face: (T,) the scene's faces. st: (T, 3, 2) texture coordinates, or None.
+    """
+
+    path: str
+    points: Array
+    triangles: Indices
+    face: Indices
+    st: Array | None
+
+    def weights(self, name: str, place: Place) -> Array | None:
+        """(T, 3) a scalar primvar at the corners; None after adding a problem."""
+
+    def vectors(self, name: str, place: Place) -> Array | None:
+        """(T, 3, 3) a vector primvar at the corners, in the world; None after a problem."""
+
+    def subset(self, name: str, place: Place) -> NDArray[np.bool_] | None:
+        """(T,) whether triangles are of a named set of faces; None after adding a problem."""
+
+    def image(self, path: Path, place: Place) -> Array | None:
+        """(H, W) grey values 0 to 1 of a picture, top row first; None after adding a problem."""
+
+    def curves(self, prims: tuple[str, ...], place: Place) -> list[Array] | None:
+        """Polylines (k, 3) m of curves at or below prims; None after adding problems."""
+
+
+@dataclass(frozen=True)
+class SkinSurface:
+    """A skin as feathers grow on it. source: what it was read from."""
+
+    source: SkinSource
+
+    @cached_property
+    def corners(self) -> Array:
+        """(T, 3, 3) m."""
+        return self.source.points[self.source.triangles]
+
+    @cached_property
+    def _products(self) -> Array:
+        corners = self.corners
+        return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+    @cached_property
+    def areas(self) -> Array:
+        """(T,) m^2."""
+        return 0.5 * np.sqrt((self._products**2).sum(axis=1))
+
+    @cached_property
+    def normals(self) -> Array:
+        """(V, 3) unit, mean of the faces around by their area."""
+        summed = np.zeros_like(self.source.points)
+        for corner in range(3):
+            np.add.at(summed, self.source.triangles[:, corner], self._products)
+        length = np.linalg.norm(summed, axis=1, keepdims=True)
+        return summed / np.where(length > 0.0, length, 1.0)
+
+    @cached_property
+    def room(self) -> Array:
+        """(T, 3) m, at the corners: radius of the largest ball that touches the skin outside."""
+        from featherfx.groom.skin.open_space import room_above
+
+        triangles = self.source.triangles
+        used, own = np.unique(triangles, return_inverse=True)
+        radii = room_above(self.source.points[used], self.normals[used], self.diagonal)
+        return radii[own.reshape(triangles.shape)]
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.corners.mean(axis=1))
+
+    def normals_near(self, points: Array) -> Array:
+        """(N, 3) unit normals of the triangles whose middles are nearest to points (N, 3) m."""
+        _, near = self._tree.query(points)
+        found = self._products[near]
+        return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+    def buried(self, points: SurfacePoints) -> NDArray[np.bool_]:
+        """(N,) whether places lie inside the body, as they do where it passes through itself."""
+        from featherfx.groom.skin.faults import crossing_triangles, within
+
+        if not len(crossing_triangles(self.source.points, self.source.triangles)):
+            return np.zeros(len(points), dtype=np.bool_)
+        just_above = points.position + _ABOVE * self.diagonal * points.normal
+        return within(just_above, self.corners)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """m, of the box around all triangles."""
+        used = self.corners.reshape(-1, 3)
+        return float(np.linalg.norm(np.ptp(used, axis=0)))
+
+    def at(self, triangle: Indices, barycentric: Array) -> SurfacePoints:
+        """Points within triangles (N,) at barycentric coordinates (N, 3)."""
+        position = np.einsum("nk,nkc->nc", barycentric, self.corners[triangle])
+        corners = self.normals[self.source.triangles[triangle]]
+        normal = np.einsum("nk,nkc->nc", barycentric, corners)
+        flat = self._products[triangle]
+        # where smooth normals cancel, as in a crease, the face's own
+        weak = np.linalg.norm(normal, axis=1) < 0.1
+        normal = np.where(weak[:, None], flat, normal)
+        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        return SurfacePoints(self, triangle, barycentric, position, normal)
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """N places on a skin. triangle: (N,). barycentric, position (m), normal (unit): (N, 3)."""
+
+    surface: SkinSurface
+    triangle: Indices
+    barycentric: Array
+    position: Array
+    normal: Array
+
+    def __len__(self) -> int:
+        return len(self.triangle)
+
+    def interpolated(self, corners: Array) -> Array:
+        """(N, ...) values between those of the corners (T, 3, ...)."""
+        return np.asarray(np.einsum("nk,nk...->n...", self.barycentric, corners[self.triangle]))
+
+    def some(self, kept: NDArray[np.bool_] | Indices) -> SurfacePoints:
+        """Those that are kept, or with these numbers."""
+        return SurfacePoints(
+            self.surface,
+            self.triangle[kept],
+            self.barycentric[kept],
+            self.position[kept],
+            self.normal[kept],
+        )

@@ -1,0 +1,211 @@
+"""Random simulations that a solver must survive: one whole case from one seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import along_rows, frames_to_turns, turns_to_frames
+from featherfx.lab.bench.random_feathers import Drawn, draw_feather, log_uniform
+from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.model import Loads, Model, no_loads
+from featherfx.solver.solver import RootPath, Settings, hold_roots
+from featherfx.solver.state import State, rest_state
+from featherfx.solver.step.modes import with_damping
+
+Array = NDArray[np.float64]
+
+FRAMES = 3
+PATH_SAMPLES = 5
+GRAVITY = 9.81
+ROOTS = ("held", "moved", "spun", "jumped", "moved and spun")
+POSES = ("at rest", "bent", "wrung", "crumpled")
+# largest turn between two rows and largest barb coefficient of a start pose, rad
+POSE_ANGLES = {"at rest": 0.0, "bent": 0.05, "wrung": 0.5, "crumpled": np.pi}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One feather through FRAMES frames.
+
+    seed: draws the same case again. numbers: what was drawn, for the report. model, state,
+    loads, settings: as the solver takes them. paths: one per frame. duration: s, of a frame.
+    still: whether no work is done on the feather, so that its energy must not grow.
+    """
+
+    seed: int
+    numbers: dict[str, Any]
+    model: Model
+    state: State
+    loads: Loads
+    paths: tuple[RootPath, ...]
+    duration: float
+    settings: Settings
+    still: bool
+
+
+def draw_case(seed: int, most_rows: int = 200) -> Case:
+    """The case of a seed. most_rows: of the feather's rows, 3 at least."""
+    random = np.random.default_rng(seed)
+    rows = round(log_uniform(random, 3, most_rows))
+    columns, coefficients = int(random.integers(1, 11)), int(random.integers(0, 5))
+    drawn = draw_feather(random, rows, columns)
+    model = with_damping(make_model([drawn.feather], [drawn.kind], coefficients), [drawn.kind])
+    pose, root = str(random.choice(POSES)), str(random.choice(ROOTS))
+    windy = bool(random.random() < 0.4)
+    duration = log_uniform(random, 1e-5, 1.0 / 12.0)
+    state = _start(model, random, POSE_ANGLES[pose])
+    loads = _loads(random, windy)
+    paths = _paths(state, random, root, duration, drawn.kind.length)
+    settings = Settings(
+        tolerance=log_uniform(random, 1e-5, 1e-1) * drawn.kind.length,
+        newton=1e-6 * drawn.kind.length,
+        max_substeps=int(random.choice([1, 8, 64])),
+    )
+    numbers = _numbers(drawn, model, loads, settings, duration)
+    numbers |= {"pose": pose, "root": root}
+    still = root == "held" and not windy
+    return Case(seed, numbers, model, state, loads, paths, duration, settings, still)
+
+
+def _numbers(
+    drawn: Drawn, model: Model, loads: Loads, settings: Settings, duration: float
+) -> dict[str, Any]:
+    return {
+        "length": drawn.kind.length,
+        "rows": model.rows,
+        "columns": model.columns,
+        "coefficients": model.coefficients,
+        "stiffness_ratio": drawn.ratio,
+        "rachis_factor": drawn.rachis,
+        "thickness": drawn.kind.vane_material.thickness,
+        "sliver": drawn.sliver,
+        "duration": duration,
+        "gravity": float(np.linalg.norm(loads.gravity)),
+        "wind": float(np.linalg.norm(loads.wind_mean)),
+        "tolerance": settings.tolerance,
+        "max_substeps": settings.max_substeps,
+        "max_iterations": settings.max_iterations,
+    }
+
+
+def _direction(random: np.random.Generator) -> Array:
+    vector = random.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def _loads(random: np.random.Generator, windy: bool) -> Loads:
+    """Gravity up to 50 g, and air that rests or blows at up to 80 m/s with gusts."""
+    gravity = log_uniform(random, 0.01, 50.0) * GRAVITY * _direction(random)
+    loads = no_loads(1)._replace(gravity=gravity)
+    if not windy:
+        return loads
+    waves = int(random.integers(0, 5))
+    speed = random.uniform(0.0, 80.0)
+    vectors = random.normal(size=(waves, 3)) * 2.0 * np.pi / log_uniform(random, 0.05, 5.0)
+    mean = speed * _direction(random)
+    return loads._replace(
+        air=np.array([1.2, random.uniform(0.5, 4.0), random.uniform(0.0, 0.5), 1.1]),
+        wind_mean=mean,
+        wind_wave=vectors,
+        wind_rate=vectors @ mean,
+        wind_amplitude=0.3 * speed * random.normal(size=(waves, 3)),
+        wind_phase=random.uniform(0.0, 2.0 * np.pi, waves),
+    )
+
+
+def _turn(random: np.random.Generator, angle: float) -> Array:
+    """(3, 3) rotation by up to an angle about any axis."""
+    from scipy.spatial.transform import Rotation
+
+    matrix: Array = Rotation.from_rotvec(random.uniform(0, angle) * _direction(random)).as_matrix()
+    return matrix
+
+
+def _start(model: Model, random: np.random.Generator, angle: float) -> State:
+    """A feather at rest in space, its rows turned against each other by up to the angle."""
+    root = _turn(random, np.pi)
+    state = rest_state(model, random.normal(size=(1, 3)), root[None])
+    if angle > 0.0:
+        crumple(model, state, random, angle)
+    return state
+
+
+def crumple(model: Model, state: State, random: np.random.Generator, angle: float) -> None:
+    """Turn the rows of feather 0 and bend its barbs by up to the angle (rad), in place.
+
+    Points and strains follow, so that the state is one that the solver could have reached.
+    """
+    from featherfx.solver.step.pose_kernels import chain, material_points
+
+    frames = turns_to_frames(state.turn[0])
+    shared = np.eye(3)
+    for row in range(1, model.rows):
+        shared = _turn(random, angle) @ shared
+        frames[row] = shared @ frames[row]
+    state.turn[0] = along_rows(frames_to_turns(frames))
+    bend = min(angle, 2.0)
+    state.coefficient[0] = random.uniform(-bend, bend, state.coefficient[0].shape)
+    turn, centre = state.turn[0], state.centre[0]
+    for row in range(model.rows - 1):
+        stretch, length = model.rachis_rest[0, row, :3], model.length[0, row]
+        chain(turn[row], turn[row + 1], stretch, length, centre[row], centre[row + 1])
+    frames = np.zeros((2, model.rows, model.columns, 4))
+    material_points(model, 0, turn, centre, state.coefficient[0], frames, state.points[0])
+    state.strains[0] = pose_strains(model, state)
+
+
+def pose_strains(model: Model, state: State) -> Array:
+    """(S,) strains of feather 0 in the state's pose."""
+    from featherfx.solver.step.energy_kernels import feather_strains
+    from featherfx.solver.step.pose_kernels import rachis_strains
+
+    rachis, strains = np.zeros((model.rows - 1, 6)), np.zeros(state.strains.shape[2])
+    halfway = np.zeros((model.rows - 1, 3, 3))
+    rachis_strains(model.length[0], state.turn[0], state.centre[0], halfway, rachis)
+    before = state.strains[0, 0]
+    feather_strains(model, 0, state.coefficient[0], state.points[0], rachis, before, strains)
+    return strains
+
+
+def _paths(
+    state: State, random: np.random.Generator, root: str, duration: float, length: float
+) -> tuple[RootPath, ...]:
+    """Root paths: up to 50 m/s, 300 rad/s, or a jump of up to two lengths and any turn."""
+    if root == "held":
+        return (hold_roots(state),) * FRAMES
+    position, frame = state.centre[0, 0], turns_to_frames(state.turn[0, 0])
+    if root == "jumped":
+        jump = random.uniform(0.0, 2.0 * length) * _direction(random)
+        return (_path(position + jump, 0.0, _turn(random, np.pi) @ frame, 0.0),) * FRAMES
+    move = random.uniform(0.0, 50.0) * duration * _direction(random)
+    spin = random.uniform(0.0, 300.0) * duration * _direction(random)
+    if root == "moved":
+        spin = np.zeros(3)
+    if root == "spun":
+        move = np.zeros(3)
+    paths = []
+    for _ in range(FRAMES):
+        paths.append(_path(position, move, frame, spin))
+        position = position + move
+        frame = _rotation(spin) @ frame
+    return tuple(paths)
+
+
+def _rotation(vector: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    matrix: Array = Rotation.from_rotvec(vector).as_matrix()
+    return matrix
+
+
+def _path(position: Array, move: Array | float, frame: Array, spin: Array | float) -> RootPath:
+    """A path at constant velocity: move (3,) m and spin (3,) rad within the frame."""
+    share = np.linspace(0.0, 1.0, PATH_SAMPLES)[:, None]
+    samples = np.zeros((1, PATH_SAMPLES, 6))
+    samples[0, :, :3] = position + share * np.broadcast_to(move, 3)
+    samples[0, :, 3:] = share * np.broadcast_to(spin, 3)
+    return RootPath(samples, frames_to_turns(frame)[None])

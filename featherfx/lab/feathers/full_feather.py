@@ -1,0 +1,303 @@
+"""A whole feather held at its base and pulled in the plane of its vane, with three materials.
+
+Scenarios of Jouve 2024, figures 6.5 (the rachis' tip is pulled) and 6.9 (the edge of the vane is
+pulled), parameters of table 6.1: a flat feather of 0.2 m. The rest lies in the xy plane, rachis
+along +x, leading vane towards +y; the pull is along -y, quasi-static, in equal parts. A feather
+that is exactly flat never wrinkles, so small random forces along z (1e-4 N, fixed seed) push its
+nodes off the plane during the pull; they are taken away before the last rest, and what did not
+buckle falls back.
+
+The table does not tell the shaft's width: here 4 mm at the base, 1 mm at the tip, and the height is
+five times the width, so that at the base the bending stiffness within the plane is that of the
+table's rectangular band of 12 mm: an ellipse of height h bends as a band of 3 pi / 16 h.
+
+The three materials differ in the vane only:
+    barbs       moduli of the swan vane; barb-curvature kinematics, barbs exactly inextensible
+    cloth       ten times stiffer along the barbs than across, nodal kinematics
+    isotropic   Young's modulus of the swan vane across its barbs, no Poisson effect, nodal
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.feather.types import Feather
+from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial, VaneShape
+from featherfx.mechanics.batch import barb_nodes, make_model
+from featherfx.mechanics.model import Loads, no_loads
+
+Array = NDArray[np.float64]
+Scene = Literal["tip", "side"]
+
+SCENES = ("tip", "side")
+MATERIALS = ("barbs", "cloth", "isotropic")
+# table 6.1, SI units
+LENGTH = 0.2
+RACHIS = RachisMaterial(34e6, 34e6 / 2.98, 1.0, 5.0, 700.0, 0.0, 0.1)
+WIDTH_BASE, WIDTH_TIP = 4e-3, 1e-3
+SWAN = VaneMaterial(3.6e8, 4.8e4, 2.78e4, 1.2e-4, 2.6e-2, 2.5e-4, 8.5e-5, 0.0, 1e-7, 0.1)
+# isotropic without Poisson effect: the shear modulus is half of Young's; its hinges take the
+# bending of the vane, and nothing bends within its plane that is not stretched or sheared
+ISOTROPIC = replace(
+    SWAN,
+    along=4.8e4,
+    shear=2.4e4,
+    barb_bending_normal=5e-3,
+    bending_across=2.5e-8,
+    barb_bending_in_plane=1e-12,
+)
+# a woven cloth is a few times stiffer along its yarns than across
+CLOTH = replace(ISOTROPIC, along=10.0 * 4.8e4)
+VANES = {"barbs": SWAN, "cloth": CLOTH, "isotropic": ISOTROPIC}
+
+# N, root mean square of the forces that push the nodes off their plane
+IMPERFECTION, SEED = 1e-4, 1
+# halvings of a part of the pull for which no rest is found
+HALVINGS = 4
+GRIP_STIFFNESS = 1e3
+# where the vane's edge is pulled, as a share of the rows
+SIDE_ROW = 0.7
+SETTLED = 1e-7
+# a wrinkled edge has at least so many waves, and at least this amplitude (m)
+WAVES, LEAST = 3.0, 2.5e-4 * LENGTH
+PADDING = 8
+
+
+@dataclass(frozen=True)
+class FullPull:
+    """What to do. scene: "tip" or "side". distance: share of the length by which the grip moves.
+    parts: steps of equal length, each brought to rest. rows, columns: of the grid."""
+
+    scene: Scene
+    distance: float = 0.2
+    parts: int = 10
+    rows: int = 41
+    columns: int = 8
+
+    def __post_init__(self) -> None:
+        problems = []
+        if self.scene not in SCENES:
+            message = f"'{self.scene}' is not one of {', '.join(SCENES)}"
+            problems.append(Problem("pull", "scene", message))
+        if not 0.0 < self.distance <= 0.6:
+            text = f"{self.distance:g}; allowed: above 0 to 0.6 of the feather's length"
+            problems.append(Problem("pull", "distance", text))
+        for name, low, high in (("parts", 1, 200), ("rows", 9, 200), ("columns", 2, 50)):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                problems.append(Problem("pull", name, f"{value}; allowed: {low} to {high}"))
+        if problems:
+            raise InputError(*problems)
+
+
+@dataclass(frozen=True)
+class Pulled:
+    """Outcome for one material.
+
+    points: (n, 1 + 2 m, 3) m, rachis point, leading and trailing barb nodes at the end. rest: the
+    same at rest. rachis_deflection: distance that the rachis tip moved, over the length.
+    barb_strain: largest relative change of a barb segment's length. force: N, on the grip.
+    wavelength: m, of the wrinkles along the edges (NaN where there are none), and amplitude: m,
+    their root mean square, on the edge where it is larger. iterations: of Newton. seconds: of the
+    solve, without building and compilation.
+    """
+
+    points: Array
+    rest: Array
+    rachis_deflection: float
+    barb_strain: float
+    force: float
+    wavelength: float
+    amplitude: float
+    iterations: int
+    seconds: float
+
+
+def flat_kind(material: str, preset_folders: tuple[str, ...] = ()) -> FeatherKind:
+    """The swan primary as a flat feather of 0.2 m, its vane of one of the three materials."""
+    from featherfx.lab.feathers.feather import feather_kind
+
+    kind = feather_kind("swan_primary", preset_folders)
+    shape = kind.rachis
+    return replace(
+        kind,
+        length=LENGTH,
+        rachis=replace(
+            shape,
+            diameter_base=WIDTH_BASE,
+            diameter_tip=WIDTH_TIP,
+            taper=1.0,
+            camber=0.0,
+            sweep=0.0,
+            twist=0.0,
+        ),
+        leading=_flat(kind.leading),
+        trailing=_flat(kind.trailing),
+        vane_material=VANES[material],
+        rachis_material=RACHIS,
+    )
+
+
+def _flat(vane: VaneShape) -> VaneShape:
+    return replace(vane, guides=tuple(replace(guide, camber=0.0) for guide in vane.guides))
+
+
+def pull_feather(pull: FullPull, material: str, *, nodal: bool = False) -> Pulled:
+    """Pull a feather of one material; nodal: the barbs in the nodal kinematics, as a check.
+
+    Raises InputError for an unknown material, SimulationError where no equilibrium is found.
+    """
+    from featherfx.feather.build import build_feather
+    from featherfx.solver.solver import raise_if_failed
+
+    if material not in MATERIALS:
+        message = f"'{material}' is not one of {', '.join(MATERIALS)}"
+        raise InputError(Problem("pull", "material", message))
+    kind = flat_kind(material)
+    feather = build_feather(kind, pull.rows, pull.columns)
+    solver, state = _solver(feather, kind, nodal or material != "barbs")
+    node = _gripped(pull, feather)
+    # kernels are loaded first, so that the measured time is that of the work
+    solver.equilibrium(state, _loads(pull, feather, node, 0.0))
+    begin = time.perf_counter()
+    state, iterations = _pulled(pull, feather, node, solver, state, material)
+    loads = _loads(pull, feather, node, 1.0, pushed=False)
+    state, status, count = solver.equilibrium(state, loads)
+    raise_if_failed(status, state.time, [material])
+    iterations += int(count[0])
+    seconds = time.perf_counter() - begin
+    points = np.array(state.points[0])
+    apart = loads.grip_end[0, 0] - points[node]
+    wavelength, amplitude = wrinkles(feather, points)
+    return Pulled(
+        points=np.delete(points, (1, 2), axis=1),
+        rest=np.delete(feather.points, (1, 2), axis=1),
+        rachis_deflection=float(np.linalg.norm(points[-1, 0] - feather.points[-1, 0])) / LENGTH,
+        barb_strain=barb_strain(feather, points),
+        force=GRIP_STIFFNESS * float(np.linalg.norm(apart)),
+        wavelength=wavelength,
+        amplitude=amplitude,
+        iterations=iterations,
+        seconds=seconds,
+    )
+
+
+def _pulled(
+    pull: FullPull, feather: Feather, node: tuple[int, int], solver: Any, state: Any, name: str
+) -> tuple[Any, int]:
+    """State at the end of the pull, and Newton iterations; parts that find no rest are halved."""
+    from featherfx.solver.solver import raise_if_failed
+
+    iterations, done = 0, 0.0
+    part = 1.0 / pull.parts
+    while done < 1.0 - 1e-9:
+        share = min(1.0, done + part)
+        new, status, count = solver.equilibrium(state, _loads(pull, feather, node, share))
+        iterations += int(count[0])
+        if status[0] == 0:
+            state, done = new, share
+            continue
+        part *= 0.5
+        if part < 0.5**HALVINGS / pull.parts:
+            raise_if_failed(status, state.time, [name])
+    return state, iterations
+
+
+def _solver(feather: Feather, kind: FeatherKind, nodal: bool) -> tuple[Any, Any]:
+    from featherfx.solver.solver import Settings, Solver
+    from featherfx.solver.state import rest_state
+
+    model = make_model([feather], [kind], 2)
+    settings = Settings(newton=SETTLED * LENGTH)
+    root = np.zeros((1, 3)), np.eye(3)[None]
+    if not nodal:
+        return Solver(model, settings), rest_state(model, *root)
+    from featherfx.lab.nodal.model import nodal_model
+    from featherfx.lab.nodal.solver import NodalSolver
+    from featherfx.lab.nodal.state import nodal_rest_state
+
+    bending: Literal["barbs", "hinges"] = "barbs" if kind.vane_material.along > 1e8 else "hinges"
+    nodes = nodal_model(model, [feather], [kind], bending=bending)
+    return NodalSolver(model, nodes, settings), nodal_rest_state(model, nodes, *root)
+
+
+def _gripped(pull: FullPull, feather: Feather) -> tuple[int, int]:
+    """Row and material point that the grip holds: rachis tip, or edge of the trailing vane."""
+    if pull.scene == "tip":
+        return feather.rows - 1, 0
+    return round(SIDE_ROW * (feather.rows - 1)), 2 + 2 * feather.columns
+
+
+def _loads(
+    pull: FullPull, feather: Feather, node: tuple[int, int], share: float, pushed: bool = True
+) -> Loads:
+    start, aside = feather.points[node], share * pull.distance * LENGTH
+    # what a cantilever that is bent by aside at its end falls short by: the shaft is not stretched
+    target = start - np.array([0.6 * aside**2 / start[0], aside, 0.0])
+    force = np.zeros((1, *feather.points.shape))
+    count = 2 * feather.columns
+    random = np.random.default_rng(SEED).normal(size=(feather.rows, count))
+    if pushed:
+        force[0, :, 3:, 2] = IMPERFECTION * random
+    return no_loads(1)._replace(
+        grip_node=np.array([[node]], dtype=np.int64),
+        grip_start=target[None, None],
+        grip_end=target[None, None],
+        grip_stiffness=np.full((1, 1), GRIP_STIFFNESS),
+        force=force,
+    )
+
+
+def barb_strain(feather: Feather, points: Array) -> float:
+    """Largest relative change of length of a barb's segments; points: (n, P, 3) m."""
+    rest = np.linalg.norm(np.diff(barb_nodes(feather), axis=2), axis=-1)
+    now = np.linalg.norm(np.diff(barb_nodes(replace(feather, points=points)), axis=2), axis=-1)
+    present = rest > 0.0
+    return float(np.abs(now[present] / rest[present] - 1.0).max())
+
+
+def wrinkles(feather: Feather, points: Array) -> tuple[float, float]:
+    """(wavelength, amplitude) in m of the wrinkles along the edges of the vane: see edge_waves.
+
+    Of the edge that wrinkles more; the wavelength is NaN where the amplitude is below LEAST.
+    """
+    best = (float("nan"), 0.0)
+    for side in range(2):
+        rows = np.flatnonzero(feather.barb_length[side] > 0.0)
+        last = 2 + (side + 1) * feather.columns
+        edge = feather.points[rows, last]
+        arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(edge, axis=0), axis=1)))
+        found = edge_waves(arc, points[rows, last, 2])
+        if found[1] > best[1]:
+            best = found
+    return best if best[1] > LEAST else (float("nan"), best[1])
+
+
+def edge_waves(arc: Array, height: Array) -> tuple[float, float]:
+    """(wavelength, amplitude) in m of the waves in heights (k,) at arc lengths (k,).
+
+    The heights, less the best cubic, resampled evenly; of their spectrum, what has at least WAVES
+    waves along the edge and at least four nodes a wave. The wavelength is that of its highest peak,
+    the amplitude the root mean square of the heights in that band. (NaN, 0) where there is none.
+    """
+    from scipy.interpolate import CubicSpline
+
+    count = 8 * len(arc)
+    even = np.linspace(arc[0], arc[-1], count)
+    values = CubicSpline(arc, height)(even)
+    rest = values - np.polynomial.Polynomial.fit(even, values, 3)(even)
+    spectrum = np.abs(np.fft.rfft(rest, PADDING * count))
+    frequency = np.fft.rfftfreq(PADDING * count, even[1] - even[0])
+    span = arc[-1] - arc[0]
+    seen = np.where((frequency > WAVES / span) & (frequency < len(arc) / (4.0 * span)), spectrum, 0)
+    if not seen.any():
+        return float("nan"), 0.0
+    # Parseval's sum over the one-sided spectrum
+    power = 2.0 * float(np.sum(seen**2)) / (PADDING * count * count)
+    return 1.0 / float(frequency[int(np.argmax(seen))]), float(np.sqrt(power))

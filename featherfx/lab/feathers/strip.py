@@ -1,0 +1,324 @@
+"""A strip that falls from its clamp: the scene for runs beside other simulators.
+
+0.25 x 0.05 m, 0.1 kg/m^2, thickness h = 1e-4 m, 100 x 12 cells (2,400 triangles), x along the
+strip. The nodes at x = 0 and 2.5 mm are held; gravity (0, 0, -9.81) m/s^2; no drag, no damping;
+from rest, flat.
+
+iso        E h = 3.2e4 N/m, no Poisson effect, bending stiffness E h^3 / 12
+feather    barbs along y: 3.2e4 N/m along them, 4.5 N/m across and in shear, bending 2.67e-5 N m
+           along them and 3.75e-9 N m across; a rachis in the middle with EA = 5e3 N and
+           EI = 8e-4 N m^2
+
+What the scene leaves open: barbs bend within the vane as they do out of it, the rachis has GJ = EI
+and GA = EA, no mass, and neither has rotary inertia.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.feather.surface import vane_surface
+from featherfx.feather.types import Feather
+from featherfx.groom.types import FeatherKind, RachisMaterial, RachisShape, VaneMaterial, VaneShape
+from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.model import Model, no_loads
+from featherfx.solver.solver import Settings, Solver, raise_if_failed
+from featherfx.solver.step.root_path import RootPath
+
+Array = NDArray[np.float64]
+Scene = Literal["iso", "feather"]
+Kinematics = Literal["nodal", "barb-curvature"]
+Method = Literal["improved", "textbook"]
+Stretch = Literal["stiff", "inextensible"]
+
+LENGTH, WIDTH, THICKNESS, DENSITY = 0.25, 0.05, 1e-4, 0.1
+CELLS = 100
+STIFF, SOFT = 3.2e4, 4.5
+BARB_BENDING, BENDING_ACROSS = 2.67e-5, 3.75e-9
+RACHIS_STRETCH, RACHIS_BENDING = 5e3, 8e-4
+GRAVITY = (0.0, 0.0, -9.81)
+OUTPUT_TIMES = (0.1, 0.2, 0.4)
+UNLIMITED = 1e30
+# N m: barbs of the held row are rigid beside their own 1e-7
+HELD_BARB = 1.0
+
+
+@dataclass(frozen=True)
+class StripTest:
+    """How to simulate a strip.
+
+    scene: which one. step: s; steps between two output times are equal and not longer. kinematics:
+    "barb-curvature" for the feather only. columns: cells to each side of the middle. refinement:
+    cells along the strip, in hundreds. coefficients: curvature coefficients per barb and direction.
+    method: of the nodal solver. stretch: whether nodal barbs are inextensible. radius: spectral
+    radius of the time integration. newton: m, last move of a Newton iteration.
+    """
+
+    scene: Scene
+    step: float
+    kinematics: Kinematics = "nodal"
+    columns: int = 6
+    refinement: int = 1
+    coefficients: int = 2
+    method: Method = "improved"
+    stretch: Stretch = "stiff"
+    radius: float = 0.8
+    newton: float = 1e-5
+
+
+@dataclass(frozen=True)
+class StripRun:
+    """Outcome of a StripTest.
+
+    time: (T,) s, the output times. tip: (T, 3) m, middle of the free end. strain_max: largest
+    relative change of a mesh edge's length after any step, of barbs (feather) or of all edges
+    along x and y (iso). cpu_seconds: processor time of all steps. steps, iterations: of Newton,
+    all of them. unknowns: generalised coordinates.
+    """
+
+    time: Array
+    tip: Array
+    strain_max: float
+    cpu_seconds: float
+    steps: int
+    iterations: int
+    unknowns: int
+
+
+def run_strip(test: StripTest, end: float = OUTPUT_TIMES[-1]) -> StripRun:
+    """Let a strip fall until the last output time up to end (s).
+
+    Raises InputError with every wrong value, SimulationError where a step cannot be solved.
+    """
+    _check(test)
+    body = _curvature_body(test) if test.kinematics == "barb-curvature" else _nodal_body(test)
+    return _fall(test, body, [0.0, *(each for each in OUTPUT_TIMES if each <= end)])
+
+
+@dataclass(frozen=True)
+class _Body:
+    """A strip ready to fall: solver, state and unknowns."""
+
+    solver: Any
+    state: Any
+    unknowns: int
+
+
+def _fall(test: StripTest, body: _Body, times: list[float]) -> StripRun:
+    state, loads, path = body.state, no_loads(1, GRAVITY), _held_root(body.state)
+    rest = _edges(test, state.points[0])
+    tips, strain, seconds, steps, iterations = [], 0.0, 0.0, 0, 0
+    body.solver.step(state, loads, path, test.step)  # compiles before anything is timed
+    for step, is_output in _steps(times, test.step):
+        begin = time.process_time()
+        state, report = body.solver.step(state, loads, path, step)
+        seconds += time.process_time() - begin
+        raise_if_failed(report.status, state.time, [f"strip '{test.scene}'"])
+        steps += int(report.steps[0])
+        iterations += int(report.iterations[0])
+        strain = max(strain, float(np.abs(_edges(test, state.points[0]) / rest - 1.0).max()))
+        if is_output:
+            tips.append(state.points[0, -1, 0])
+    return StripRun(
+        time=np.array(times[1:]),
+        tip=np.array(tips),
+        strain_max=strain,
+        cpu_seconds=seconds,
+        steps=steps,
+        iterations=iterations,
+        unknowns=body.unknowns,
+    )
+
+
+def _steps(times: list[float], longest: float) -> Iterator[tuple[float, bool]]:
+    """Step lengths through the times, and whether each step ends at one of them."""
+    for before, after in pairwise(times):
+        count = max(1, int(np.ceil((after - before) / longest - 1e-6)))
+        for k in range(count):
+            yield (after - before) / count, k == count - 1
+
+
+def _held_root(state: Any) -> RootPath:
+    """The root stays where it is."""
+    samples = np.zeros((1, 2, 6))
+    samples[:, :, :3] = state.points[:, None, 0, 0]
+    return RootPath(samples, state.turn[:, 0].copy())
+
+
+def _edges(test: StripTest, points: Array) -> Array:
+    """Lengths of the stiff edges, m: along y, and for iso along x; points: (n, P, 3)."""
+    columns = test.columns
+    order = [*range(2 + 2 * columns, 2 + columns, -1), 0, *range(3, 3 + columns)]
+    nodes = points[:, order]
+    along_y = np.linalg.norm(np.diff(nodes, axis=1), axis=-1).ravel()
+    if test.scene == "feather":
+        return along_y
+    along_x = np.linalg.norm(np.diff(nodes, axis=0), axis=-1).ravel()
+    return np.concatenate([along_y, along_x])
+
+
+def _material(scene: Scene) -> VaneMaterial:
+    iso = scene == "iso"
+    plate = STIFF * THICKNESS**2 / 12.0
+    return VaneMaterial(
+        along=STIFF / THICKNESS,
+        across=(STIFF if iso else SOFT) / THICKNESS,
+        # no Poisson effect: the shear modulus is half of Young's
+        shear=(0.5 * STIFF if iso else SOFT) / THICKNESS,
+        thickness=THICKNESS,
+        surface_density=DENSITY,
+        barb_bending_normal=plate if iso else BARB_BENDING,
+        barb_bending_in_plane=0.0 if iso else BARB_BENDING,
+        barb_taper=0.0,
+        bending_across=plate if iso else BENDING_ACROSS,
+        loss_factor=0.0,
+    )
+
+
+def _with_rachis(model: Model) -> Model:
+    """The model with the rachis of the scene in its middle."""
+    length = model.length[0][:, None]
+    stretch, bending = np.full(3, RACHIS_STRETCH), np.full(3, RACHIS_BENDING)
+    stiffness = np.concatenate([stretch * length, bending / length], axis=1)
+    return model._replace(rachis_stiffness=stiffness[None])
+
+
+def _nodal_body(test: StripTest) -> _Body:
+    from featherfx.lab.nodal.model import nodal_model
+    from featherfx.lab.nodal.solver import NodalSolver
+    from featherfx.lab.nodal.state import nodal_rest_state
+
+    rows = CELLS * test.refinement + 1
+    kind = strip_kind(LENGTH, _material(test.scene))
+    feather = strip_feather(LENGTH, WIDTH, rows, test.columns)
+    model = make_model([feather], [kind], 0)
+    pinned = np.zeros((rows, 3 + 2 * test.columns), dtype=np.bool_)
+    pinned[: test.refinement + 1] = True
+    iso = test.scene == "iso"
+    if not iso:
+        model = _with_rachis(model)
+    nodal = nodal_model(
+        model,
+        [feather],
+        [kind],
+        bending="plate" if iso else "barbs",
+        stretch=test.stretch,
+        section="vane" if iso else "carried",
+        shaft=not iso,
+        pinned=pinned,
+    )
+    state = nodal_rest_state(model, nodal, np.zeros((1, 3)), np.eye(3)[None])
+    solver = NodalSolver(model, nodal, _settings(test), test.method)
+    return _Body(solver, state, int(nodal.size[0]))
+
+
+def _curvature_body(test: StripTest) -> _Body:
+    """The held columns are the root: the feather begins at the second, whose barbs are rigid."""
+    from featherfx.solver.state import rest_state
+
+    held = LENGTH / CELLS
+    rows = (CELLS - 1) * test.refinement + 1
+    kind = strip_kind(LENGTH - held, _material(test.scene))
+    feather = strip_feather(LENGTH - held, WIDTH, rows, test.columns)
+    model = _with_rachis(make_model([feather], [kind], test.coefficients))
+    barbs = model.barb_stiffness.copy()
+    barbs[:, :, 0] = HELD_BARB
+    model = model._replace(barb_stiffness=barbs)
+    state = rest_state(model, np.array([[held, 0.0, 0.0]]), np.eye(3)[None])
+    return _Body(Solver(model, _settings(test)), state, model.unknowns)
+
+
+def _settings(test: StripTest) -> Settings:
+    return Settings(UNLIMITED, test.newton, 1, test.radius)
+
+
+def _check(test: StripTest) -> None:
+    """InputError with every wrong value of the test."""
+    problems = [
+        Problem("strip", key, f"'{value}' is not one of {', '.join(get_args(allowed))}")
+        for key, value, allowed in (
+            ("scene", test.scene, Scene),
+            ("kinematics", test.kinematics, Kinematics),
+            ("method", test.method, Method),
+            ("stretch", test.stretch, Stretch),
+        )
+        if value not in get_args(allowed)
+    ]
+    problems += [
+        Problem("strip", key, f"{value:g}; allowed: above 0 to {most:g} {unit}")
+        for key, value, most, unit in (
+            ("dt", test.step, OUTPUT_TIMES[0], "s"),
+            ("newton", test.newton, LENGTH, "m"),
+        )
+        if not 0.0 < value <= most
+    ]
+    problems += [
+        Problem("strip", key, f"{value:g}; allowed: {low} to {high}")
+        for key, value, low, high in (
+            ("columns", test.columns, 1, 100),
+            ("refinement", test.refinement, 1, 10),
+            ("coefficients", test.coefficients, 0, 8),
+            ("radius", test.radius, 0, 1),
+        )
+        if not low <= value <= high
+    ]
+    if test.scene == "iso" and test.kinematics == "barb-curvature":
+        problems.append(Problem("strip", "kinematics", "iso has no barbs; allowed: nodal"))
+    if test.stretch == "inextensible" and (test.scene, test.kinematics) != ("feather", "nodal"):
+        message = "inextensible is for the nodal feather; allowed here: stiff"
+        problems.append(Problem("strip", "stretch", message))
+    if problems:
+        raise InputError(*problems)
+
+
+# m; a shaft of nearly no stiffness and mass, because a section of no size has no torsion constant
+NO_SHAFT = 1e-9
+
+
+def strip_kind(length: float, vane: VaneMaterial) -> FeatherKind:
+    """Kind of a strip of the given length (m) and vane."""
+    nothing = VaneShape((), ())
+    return FeatherKind(
+        name="strip",
+        length=length,
+        calamus=0.0,
+        barb_spacing=length,
+        rachis=RachisShape(NO_SHAFT, NO_SHAFT, 1.0, 0.0, 0.0, 0.0),
+        leading=nothing,
+        trailing=nothing,
+        vane_material=vane,
+        rachis_material=RachisMaterial(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0),
+    )
+
+
+def strip_feather(length: float, width: float, rows: int, columns: int) -> Feather:
+    """Rest geometry of a strip 0..length by -width/2..width/2 (m); columns: to each side of x."""
+    station = np.linspace(0.0, length, rows)
+    points = np.zeros((rows, 3 + 2 * columns, 3))
+    points[:, 1, 1], points[:, 2, 2] = 1.0, 1.0
+    reach = 0.5 * width * np.arange(1, columns + 1) / columns
+    points[:, [0, *range(3, 3 + 2 * columns)], 0] = station[:, None]
+    points[:, 3 : 3 + columns, 1] = reach
+    points[:, 3 + columns :, 1] = -reach
+    share = np.full(rows, station[1])
+    share[[0, -1]] *= 0.5
+    barb_length = np.full((2, rows), 0.5 * width)
+    cell = np.ones((2, rows - 1, columns, 2), dtype=np.bool_)
+    return Feather(
+        points=points,
+        station=station,
+        width=np.full(rows, NO_SHAFT),
+        height=np.full(rows, NO_SHAFT),
+        barb_length=barb_length,
+        barb_share=np.stack([share, share]),
+        cell=cell,
+        surface=vane_surface(points, station, barb_length, cell),
+    )

@@ -1,0 +1,1 @@
+"""Networks of fibres, and the moduli of a vane that they amount to."""

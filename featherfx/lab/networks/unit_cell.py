@@ -1,0 +1,238 @@
+"""A periodic cell of barbs and barbules, and the moduli of the vane that it amounts to.
+
+x across the barbs, y along them. Barbs stand at distance d. From each, barbules leave at the angle
+beta to both sides towards its tip: distal ones to +x, proximal ones to -x, at distance s along the
+barb. Each distal barbule crosses 2 m - 1 proximal ones of the next barb, m = d cot(beta) / s (s is
+changed so that m is whole); its last crossings are hooked, hinges that join the two; at the others
+the barbules pass each other. Barbules are clamped in their barb.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.groom.types import FeatherKind, VaneMaterial
+from featherfx.lab.networks.network import FibreNetwork, homogenised
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class UnitCell:
+    """barb_spacing: m. barb_stretch: N, EA. barb_bending_normal: N m^2, EI. angle: deg, between
+    barbule and barb. barbule_spacing: m, along the barb. barbule_diameter: m, round and solid.
+    young: Pa, of the barbules. hooks: crossings at the end of a distal barbule that are joined.
+    thickness: m, of the vane, by which stiffnesses become moduli."""
+
+    barb_spacing: float
+    barb_stretch: float
+    barb_bending_normal: float
+    thickness: float
+    angle: float = 45.0
+    barbule_spacing: float = 30e-6
+    barbule_diameter: float = 5e-6
+    young: float = 2.5e9
+    hooks: int = 3
+
+    def __post_init__(self) -> None:
+        positive = (
+            *("barb_spacing", "barb_stretch", "barb_bending_normal", "thickness"),
+            *("barbule_spacing", "barbule_diameter", "young"),
+        )
+        problems = [
+            Problem("unit cell", name, f"{value:g}; allowed: above 0")
+            for name in positive
+            if not 0.0 < (value := getattr(self, name)) < np.inf
+        ]
+        if not 5.0 <= self.angle <= 85.0:
+            problems.append(Problem("unit cell", "angle", f"{self.angle:g}; allowed: 5 to 85 deg"))
+        if not problems and self.crossings < 2:
+            text = f"{self.barbule_spacing:g}; allowed: at most half of spacing times cot(angle)"
+            problems.append(Problem("unit cell", "barbule_spacing", text))
+        elif not problems and not 1 <= self.hooks <= 2 * self.crossings - 1:
+            text = f"{self.hooks}; allowed: 1 to {2 * self.crossings - 1}, its crossings"
+            problems.append(Problem("unit cell", "hooks", text))
+        elif not problems and self.crossings > 200:
+            text = f"{self.barbule_spacing:g}; allowed: no more than 400 crossings a barbule"
+            problems.append(Problem("unit cell", "barbule_spacing", text))
+        if self.hooks < 1 and not any(each.key == "hooks" for each in problems):
+            problems.append(Problem("unit cell", "hooks", f"{self.hooks}; allowed: 1 or more"))
+        if problems:
+            raise InputError(*problems)
+
+    @property
+    def crossings(self) -> int:
+        """m: rows of barbules that a barbule spans."""
+        rise = self.barb_spacing / np.tan(np.radians(self.angle))
+        return round(rise / self.barbule_spacing)
+
+    @property
+    def height(self) -> float:
+        """m, of the cell along the barb: the barbule spacing that makes m whole."""
+        return float(self.barb_spacing / np.tan(np.radians(self.angle)) / self.crossings)
+
+
+@dataclass(frozen=True)
+class CellModuli:
+    """along, across, shear: Pa, as those of VaneMaterial. bending_along, bending_across: N m.
+    poisson: contraction along the barbs over strain across them, when pulled across. relaxed,
+    affine: (3, 3) N/m, membrane stiffness for strains (vv, ww, 2 vw), nodes free or moving with
+    the mean strain."""
+
+    along: float
+    across: float
+    shear: float
+    bending_along: float
+    bending_across: float
+    poisson: float
+    relaxed: Array
+    affine: Array
+
+
+def cell_of(kind: FeatherKind, **changes: Any) -> UnitCell:
+    """The cell of a feather kind: its barbs as the vane's material says. changes: other values."""
+    vane = kind.vane_material
+    width = kind.barb_spacing
+    cell = UnitCell(
+        barb_spacing=width,
+        barb_stretch=vane.along * vane.thickness * width,
+        barb_bending_normal=vane.barb_bending_normal * width,
+        thickness=vane.thickness,
+        young=kind.rachis_material.young,
+    )
+    return replace(cell, **changes)
+
+
+def barbule_nodes(cell: UnitCell) -> tuple[list[int], list[int], int]:
+    """Nodes of the distal and of the proximal barbule from their roots, and how many there are.
+
+    Node 0 is the barb's. Crossings are numbered -(m - 1) to m - 1 from the distal root; beyond
+    the last hook a barbule carries nothing and is left out.
+    """
+    last = cell.crossings - 1
+    count = 1
+    distal, proximal = [0], [0]
+    shared: dict[int, int] = {}
+    for q in range(-last, last + 1):
+        distal.append(count)
+        if q > last - cell.hooks:
+            shared[q] = count
+        count += 1
+    for q in range(last, last - cell.hooks, -1):
+        proximal.append(shared[q])
+    return distal, proximal, count
+
+
+def cell_network(cell: UnitCell) -> FibreNetwork:
+    """The periodic network of a cell, in its plane."""
+    distal, proximal, count = barbule_nodes(cell)
+    area, inertia = _section(cell)
+    step = np.array([cell.barb_spacing, cell.crossings * cell.height]) / (2 * cell.crossings)
+    ends, span, stretch = [(0, 0)], [np.array([0.0, cell.height])], [cell.barb_stretch]
+    pairs, reach = [], []
+    length = float(np.linalg.norm(step))
+    for nodes, side in ((distal, 1.0), (proximal, -1.0)):
+        for k in range(len(nodes) - 1):
+            # the root is clamped to the barb, segment 0, which turns as a whole
+            pairs.append((len(ends) - 1 if k else 0, len(ends)))
+            reach.append(2.0 * length if k else length)
+            ends.append((nodes[k], nodes[k + 1]))
+            span.append(step * np.array([side, 1.0]))
+            stretch.append(cell.young * area)
+    return FibreNetwork(
+        nodes=count,
+        ends=np.array(ends),
+        span=np.array(span),
+        stretch=np.array(stretch),
+        pairs=np.array(pairs),
+        reach=np.array(reach),
+        bend=np.full(len(pairs), cell.young * inertia),
+    )
+
+
+def _section(cell: UnitCell) -> tuple[float, float]:
+    return np.pi / 4.0 * cell.barbule_diameter**2, np.pi / 64.0 * cell.barbule_diameter**4
+
+
+def cell_moduli(cell: UnitCell) -> CellModuli:
+    """Homogenised moduli of a cell: inverse diagonal of its compliance, so that the strains that
+    are not asked for are free."""
+    along, across, shear = np.zeros((3, 2, 2))
+    along[1, 1] = across[0, 0] = 1.0
+    shear[0, 1] = shear[1, 0] = 0.5
+    area = cell.barb_spacing * cell.height
+    relaxed, affine = homogenised(cell_network(cell), np.stack([along, across, shear]))
+    compliance = np.linalg.inv(relaxed / area)
+    moduli = 1.0 / np.diag(compliance) / cell.thickness
+    bending = np.linalg.inv(bending_form(cell))
+    return CellModuli(
+        along=float(moduli[0]),
+        across=float(moduli[1]),
+        shear=float(moduli[2]),
+        bending_along=1.0 / float(bending[0, 0]),
+        bending_across=1.0 / float(bending[1, 1]),
+        poisson=-float(compliance[0, 1] / compliance[1, 1]),
+        relaxed=relaxed / area,
+        affine=affine / area,
+    )
+
+
+def bending_form(cell: UnitCell) -> Array:
+    """(2, 2) N m, bending stiffness for curvatures along and across the barbs, twist none.
+
+    Unknowns: heights of the nodes and the barb's tilt about itself. A triplet's kink is the
+    second difference of heights plus r / 2 times the mean curvature along the fibre.
+    """
+    distal, proximal, count = barbule_nodes(cell)
+    _, inertia = _section(cell)
+    step = np.array([cell.barb_spacing, cell.crossings * cell.height]) / (2 * cell.crossings)
+    length = float(np.linalg.norm(step))
+    along = np.array([step[1] ** 2, step[0] ** 2]) / length**2
+    rows, mean, weights = [], [], []
+    for nodes, side in ((distal, 1.0), (proximal, -1.0)):
+        for k in range(len(nodes) - 1):
+            row = np.zeros(count + 1)
+            row[nodes[k + 1]] += 1.0 / length
+            row[nodes[k]] -= 1.0 / length
+            if k:
+                row[nodes[k]] -= 1.0 / length
+                row[nodes[k - 1]] += 1.0 / length
+            else:
+                row[count] -= side * step[0] / length
+            reach = 2.0 * length if k else length
+            rows.append(row)
+            mean.append(0.5 * reach * along)
+            weights.append(2.0 * cell.young * inertia / reach)
+    lines, applied, stiff = np.array(rows), np.array(mean), np.array(weights)
+    moved = np.linalg.lstsq(
+        np.sqrt(stiff)[:, None] * lines, -np.sqrt(stiff)[:, None] * applied, rcond=1e-12
+    )[0]
+    strains = lines @ moved + applied
+    form = strains.T @ (stiff[:, None] * strains)
+    form[0, 0] += cell.barb_bending_normal * cell.height
+    return np.asarray(form / (cell.barb_spacing * cell.height))
+
+
+def vane_of(cell: UnitCell, vane: VaneMaterial) -> VaneMaterial:
+    """A vane material with the cell's moduli; what the cell does not tell is taken over."""
+    found = cell_moduli(cell)
+    return replace(
+        vane,
+        along=found.along,
+        across=found.across,
+        shear=found.shear,
+        barb_bending_normal=found.bending_along,
+        bending_across=found.bending_across,
+    )
+
+
+def vane_text(vane: VaneMaterial, source: str) -> str:
+    """A vane material as the text of a preset file. source: the feather whose barbs it has."""
+    lines = [f"# Vane from a cell of barbs and barbules, with the barbs of {source}.", ""]
+    lines += [f"{each.name} = {getattr(vane, each.name):.9g}" for each in fields(vane)]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,1 @@
+"""The nodal kinematics: the reference that the solver is measured against."""

@@ -1,0 +1,205 @@
+"""Strains and energy of a pose in the nodal kinematics.
+
+The strains, in this order, all measured from rest: rachis (6 per element), barb stretch (1 per
+segment), barb turns (2 per joint), membrane (e_ww, 2 e_vw per triangle), dihedral angles. Each has
+the energy of solver/step/energy_kernels.py; the dihedral angles have it triangle by triangle
+in the combinations of featherfx/lab/nodal/plate_kernels.py. Barb segments that are
+inextensible add p e with the multiplier p.
+"""
+
+from featherfx.jit.compiled import kernel
+from featherfx.lab.nodal.barb_stretch_kernels import stretch_strain
+from featherfx.lab.nodal.plate_kernels import hinge_of
+from featherfx.lab.nodal.turns_kernels import barb_turns, hinge_turns
+from featherfx.mechanics.node_kernels import dead_energy, node_energy
+from featherfx.mechanics.rachis_kernels import rachis_strain
+from featherfx.mechanics.vane_guard_kernels import guard_total
+from featherfx.mechanics.vane_membrane_kernels import membrane_strain
+from featherfx.solver.step.energy_kernels import grip_energy, node_index, wrapped
+
+
+@kernel
+def quadratic(strain, reference, stiffness, damping):
+    """1/2 k (s^2 + q (s - s_r)^2)."""
+    rate = strain - reference
+    return 0.5 * stiffness * (strain * strain + damping * rate * rate)
+
+
+@kernel
+def sections(rows, columns):
+    """Where stretch, turns, membrane and hinges start in a strain vector."""
+    stretch = 6 * (rows - 1)
+    turns = stretch + 2 * rows * columns
+    cells = turns + 4 * rows * columns
+    return stretch, turns, cells, cells + 8 * (rows - 1) * columns
+
+
+@kernel
+def nodal_strains(model, nodal, f, pose, frame):
+    """All strains of feather f's pose from its points and frames, in place; frame: scratch."""
+    points, strains = pose.points, pose.strains
+    rows, columns = points.shape[0], model.joints.shape[3]
+    at_stretch, at_turns, at_cells, at_hinges = sections(rows, columns)
+    for i in range(rows - 1 if nodal.shaft else 0):
+        rachis_strain(
+            pose.turn[i],
+            pose.turn[i + 1],
+            points[i, 0],
+            points[i + 1, 0],
+            model.length[f, i],
+            pose.halfway[i],
+            pose.rachis[i],
+        )
+        for k in range(6):
+            strains[6 * i + k] = pose.rachis[i, k] - model.rachis_rest[f, i, k]
+    at = at_stretch
+    for side in range(2):
+        for i in range(rows):
+            for j in range(columns):
+                strains[at] = 0.0
+                if nodal.stretch_stiffness[f, side, i, j] > 0.0:
+                    strains[at] = stretch_strain(
+                        points[i, node_index(side, j, columns)],
+                        points[i, node_index(side, j + 1, columns)],
+                        nodal.stretch_inverse[f, side, i, j],
+                    )
+                at += 1
+    barb_turns(
+        pose.turn,
+        points,
+        model.clamp[f],
+        nodal.bend_stiffness[f],
+        nodal.carried,
+        frame,
+        strains[at_turns:at_cells],
+    )
+    rest = nodal.bend_rest[f].flat
+    for a in range(at_cells - at_turns):
+        strains[at_turns + a] -= rest[a]
+    _cell_strains(points, model.cell_rest[f], model.cell_stiffness[f], strains[at_cells:])
+    hinge_turns(points, nodal.hinge_active[f], strains[at_hinges:])
+    rest = nodal.hinge_rest[f].flat
+    for a in range(strains.shape[0] - at_hinges):
+        strains[at_hinges + a] = wrapped(strains[at_hinges + a] - rest[a])
+
+
+@kernel
+def _cell_strains(points, rest, stiffness, strains):
+    """Membrane strains, triangle A then B of every cell."""
+    columns = stiffness.shape[2]
+    at = 0
+    for side in range(2):
+        for i in range(stiffness.shape[1]):
+            for j in range(columns):
+                near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+                for half in range(2):
+                    across, shear = 0.0, 0.0
+                    if stiffness[side, i, j, half, 0] != 0.0:
+                        r, o = (i, i + 1) if half == 0 else (i + 1, i)
+                        across, shear = membrane_strain(
+                            points[r, near],
+                            points[r, far],
+                            points[o, near if half == 0 else far],
+                            rest[side, i, j, half],
+                        )
+                    strains[at], strains[at + 1] = across, shear
+                    at += 2
+
+
+@kernel
+def hinge_index(kind, side, i, j, rows, columns):
+    """Place of a hinge among the dihedral angles."""
+    return ((kind * 2 + side) * rows + i) * columns + j
+
+
+@kernel
+def _plate_energy(plate, angles, reference, rows, damping):
+    """Energy of the dihedral angles; plate: (2, n-1, m, 2, 3, 3), angles, reference: (6 n m,)."""
+    columns = plate.shape[2]
+    total = 0.0
+    for side in range(2):
+        for i in range(plate.shape[1]):
+            for j in range(columns):
+                for half in range(2):
+                    table = plate[side, i, j, half]
+                    for k in range(3):
+                        value, before = 0.0, 0.0
+                        for edge in range(3):
+                            if table[k, edge] != 0.0:
+                                kind, owner, row, column = hinge_of(side, i, j, half, edge)
+                                at = hinge_index(kind, owner, row, column, rows, columns)
+                                value += table[k, edge] * angles[at]
+                                before += table[k, edge] * reference[at]
+                        total += quadratic(value, before, 1.0, damping)
+    return total
+
+
+@kernel
+def nodal_elastic_energy(model, nodal, f, strains, reference, multiplier, strain_rate):
+    """Elastic energy, with the dissipation of the step, of strains (S,) (J).
+
+    reference: (S,). multiplier: (2, n, m). strain_rate: 1/s, 0 for the elastic energy alone.
+    """
+    rows, columns = model.mass.shape[1], model.joints.shape[3]
+    vane = model.retardation[f, 1] * strain_rate
+    at, at_turns, at_cells, at_hinges = sections(rows, columns)
+    total = 0.0
+    for i in range(rows - 1 if nodal.shaft else 0):
+        for k in range(6):
+            total += quadratic(
+                strains[6 * i + k],
+                reference[6 * i + k],
+                model.rachis_stiffness[f, i, k],
+                model.retardation[f, 0] * strain_rate,
+            )
+    stretch, price = nodal.stretch_stiffness[f].flat, multiplier.flat
+    for a in range(at_turns - at):
+        total += quadratic(strains[at + a], reference[at + a], stretch[a], vane)
+        total += price[a] * strains[at + a]
+    bend = nodal.bend_stiffness[f].flat
+    for a in range(at_cells - at_turns):
+        total += quadratic(strains[at_turns + a], reference[at_turns + a], bend[a], vane)
+    cells = model.cell_stiffness[f].flat
+    for a in range(at_hinges - at_cells):
+        total += quadratic(strains[at_cells + a], reference[at_cells + a], cells[a], vane)
+    total += guard_total(model.cell_guard[f], strains[at_cells:])
+    return total + _plate_energy(
+        nodal.plate[f], strains[at_hinges:], reference[at_hinges:], rows, vane
+    )
+
+
+@kernel
+def nodal_step_energy(model, nodal, loads, f, share, factors, pose, work):
+    """Energy that an implicit step minimises, of a pose whose strains are known (J).
+
+    factors: (inertia, rate, strain rate) of the integrator. share: of the frame, for the grips.
+    """
+    around = work.around
+    return (
+        nodal_elastic_energy(
+            model, nodal, f, pose.strains, around.reference, work.multiplier, factors[2]
+        )
+        + grip_energy(
+            loads.grip_node[f],
+            loads.grip_start[f],
+            loads.grip_end[f],
+            loads.grip_stiffness[f],
+            share,
+            pose.points,
+        )
+        + dead_energy(pose.points, loads.force[f], loads.force_change[f], share)
+        + node_energy(
+            pose.points,
+            around.target,
+            factors[0],
+            around.past,
+            factors[1],
+            model.mass[f],
+            loads.gravity,
+            loads.air,
+            around.wind,
+            around.area,
+            around.speed,
+            model.shaft_area[f],
+        )
+    )

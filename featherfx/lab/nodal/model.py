@@ -1,0 +1,285 @@
+"""Constant data of the nodal kinematics, beside the Model of the same batch.
+
+The unknowns are the positions of the material points themselves: a row's rachis point, the world
+rotation of its frame and its barb nodes. They are numbered row by row, and within a row from the
+end of the trailing barb over the rachis to the end of the leading one; nodes of a barb of length
+zero are their row's rachis point. So no energy couples unknowns further apart than about two rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import frames_to_turns
+from featherfx.errors import InputError, Problem
+from featherfx.feather.types import Feather
+from featherfx.groom.types import FeatherKind
+from featherfx.lab.nodal.plate import barb_hinges, hinge_places, oriented_hinges, plate_tables
+from featherfx.lab.nodal.turns_kernels import barb_turns, half_bandwidth, hinge_turns
+from featherfx.mechanics.barb_shapes import FLOOR
+from featherfx.mechanics.batch import barb_nodes, row_frames
+from featherfx.mechanics.model import Model
+
+Array = NDArray[np.float64]
+Bending = Literal["barbs", "hinges", "plate"]
+Stretch = Literal["stiff", "inextensible"]
+Section = Literal["vane", "carried"]
+
+
+class NodalModel(NamedTuple):
+    """F feathers, n rows, m columns a side, P = 3 + 2 m material points a row; sides as in Model.
+
+    slot: (F, n, P) first of a point's three unknowns (point 1: the frame's rotation; point 2
+    unused), -1 where it is prescribed. size: (F,) unknowns of a feather. band: half-bandwidth of
+    the widest. rest_points: (F, n, P, 3) m and rest_turn: (F, n, 4), in the root's frame.
+    present: (F, 2, n) bool, barbs that there are. stretch_inverse: (F, 2, n, m) 1/s, of the
+    segment up to node j + 1, and stretch_stiffness: (F, 2, n, m) N m. bend_rest: (F, 2, n, m, 2)
+    rad, (s, b) at joint j (0: the clamp), and bend_stiffness: N m. hinge_active, hinge_rest:
+    (F, 3, 2, n, m) bool and rad. plate: (F, 2, n-1, m, 2, 3, 3) sqrt(N m), the tables of
+    vane_plate. shaft: whether there is a rachis. inextensible: whether stretch is a constraint.
+    carried: whether the sections of barbs are carried along them, else they follow the vane.
+    """
+
+    slot: NDArray[np.int64]
+    size: NDArray[np.int64]
+    band: int
+    rest_points: Array
+    rest_turn: Array
+    present: NDArray[np.bool_]
+    stretch_inverse: Array
+    stretch_stiffness: Array
+    bend_rest: Array
+    bend_stiffness: Array
+    hinge_active: NDArray[np.bool_]
+    hinge_rest: Array
+    plate: Array
+    shaft: bool
+    inextensible: bool
+    carried: bool
+
+
+def nodal_model(
+    model: Model,
+    feathers: Sequence[Feather],
+    kinds: Sequence[FeatherKind],
+    *,
+    bending: Bending = "barbs",
+    stretch: Stretch = "stiff",
+    section: Section = "vane",
+    shaft: bool = True,
+    pinned: NDArray[np.bool_] | None = None,
+) -> NodalModel:
+    """Constant arrays of the nodal kinematics for a batch made by make_model.
+
+    feathers, kinds: those of the batch. bending: how the vane bends out of its plane: "barbs":
+    every barb a rod, and hinges at the barb edges, the energies of the barb-curvature kinematics;
+    "hinges": hinges at all edges whose modulus depends on their angle to the barbs; "plate": an
+    orthotropic plate of barb_bending_normal along the barbs and bending_across across them and in
+    twist, over both vanes as one where there is no shaft. Barbs bend within the vane in all three.
+    stretch: "stiff": with the modulus `along`; "inextensible": the limit, by multipliers.
+    section: what a barb's bending out of the vane and within it refers to: "vane": the vane's
+    normal at the node, as barbules hold it; "carried": a section carried along the barb without
+    twist from its clamp, as in the barb-curvature kinematics; it wants a shaft.
+    shaft: whether there is a rachis; without one its points are plain nodes. pinned: (n, P)
+    points that follow the root rigidly besides the held root itself (point 1: the frame).
+
+    InputError for an unknown bending, stretch or section or a pinned of another shape.
+    """
+    _check(model, bending, stretch, section, shaft, pinned)
+    carried = section == "carried"
+    known: dict[tuple[int, FeatherKind, bool], dict] = {}
+    parts = []
+    for f, (feather, kind) in enumerate(zip(feathers, kinds, strict=True)):
+        key = (id(feather), kind, bool(model.held[f]))
+        if key not in known:
+            known[key] = _one(model, f, feather, kind, bending, carried, shaft, pinned)
+        parts.append(known[key])
+    band = max(int(part.pop("band")) for part in known.values())
+    arrays = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
+    if carried:
+        band = max(band, 3 * (model.columns + 2) - 1)
+    return NodalModel(
+        **arrays,
+        band=band,
+        shaft=shaft,
+        inextensible=stretch == "inextensible",
+        carried=carried,
+    )
+
+
+def _check(
+    model: Model,
+    bending: str,
+    stretch: str,
+    section: str,
+    shaft: bool,
+    pinned: NDArray[np.bool_] | None,
+) -> None:
+    problems = []
+    for key, value, allowed in (
+        ("bending", bending, Bending.__args__),  # type: ignore[attr-defined]
+        ("stretch", stretch, Stretch.__args__),  # type: ignore[attr-defined]
+        ("section", section, Section.__args__),  # type: ignore[attr-defined]
+    ):
+        if value not in allowed:
+            problems.append(Problem("", key, f"'{value}' is not one of {', '.join(allowed)}"))
+    if section == "carried" and not shaft:
+        problems.append(Problem("", "section", "'carried' begins at a clamp; allowed: a shaft"))
+    shape = model.mass.shape[1:]
+    if pinned is not None and pinned.shape != shape:
+        problems.append(Problem("", "pinned", f"shape {pinned.shape}; allowed: {shape}"))
+    if problems:
+        raise InputError(*problems)
+
+
+def _one(
+    model: Model,
+    f: int,
+    feather: Feather,
+    kind: FeatherKind,
+    bending: Bending,
+    carried: bool,
+    shaft: bool,
+    pinned: NDArray[np.bool_] | None,
+) -> dict:
+    """The arrays of NodalModel for one feather."""
+    vane = kind.vane_material
+    present = feather.barb_length > 0.0
+    area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
+    area = area / (vane.across * vane.thickness)
+    points = np.ascontiguousarray(feather.points)
+    turn = frames_to_turns(row_frames(points))
+    active = hinge_places(feather.cell)
+    plate = _bending_tables(model, f, feather, kind, bending, area, active, shaft)
+    used = np.any(plate != 0.0, axis=-2)
+    active = _used_hinges(active, used)
+    bend_stiffness = _bend_stiffness(feather, kind, bending, shaft)
+    bend_rest = np.zeros(bend_stiffness.size)
+    barb_turns(turn, points, model.clamp[f], bend_stiffness, carried, np.zeros((3, 3)), bend_rest)
+    hinge_rest = np.zeros(active.size)
+    hinge_turns(points, active, hinge_rest)
+    slot, size = _slots(present, feather.columns, shaft, bool(model.held[f]), pinned)
+    inverse, stretch_stiffness = _stretch(feather, kind, area)
+    return {
+        "slot": slot,
+        "size": np.int64(size),
+        "band": half_bandwidth(slot, feather.cell, np.zeros((6, 2), np.int64)),
+        "rest_points": points,
+        "rest_turn": turn,
+        "present": present,
+        "stretch_inverse": inverse,
+        "stretch_stiffness": stretch_stiffness,
+        "bend_rest": bend_rest.reshape(bend_stiffness.shape),
+        "bend_stiffness": bend_stiffness,
+        "hinge_active": active,
+        "hinge_rest": hinge_rest.reshape(active.shape),
+        "plate": plate,
+    }
+
+
+def _slots(
+    present: NDArray[np.bool_],
+    columns: int,
+    shaft: bool,
+    held: bool,
+    pinned: NDArray[np.bool_] | None,
+) -> tuple[NDArray[np.int64], int]:
+    """First unknown of every material point (n, P), and how many unknowns there are."""
+    rows = present.shape[1]
+    slot = np.full((rows, 3 + 2 * columns), -1, dtype=np.int64)
+    fixed = np.zeros(slot.shape, dtype=np.bool_) if pinned is None else pinned.copy()
+    if held:
+        fixed[0, :2] = True
+    if not shaft:
+        fixed[:, 1] = True
+    trailing = np.arange(2 + 2 * columns, 2 + columns, -1)
+    leading = np.arange(3, 3 + columns)
+    count = 0
+    for i in range(rows):
+        order = [*(trailing if present[1, i] else ()), 0, 1, *(leading if present[0, i] else ())]
+        for p in order:
+            if not fixed[i, p]:
+                slot[i, p] = count
+                count += 3
+        for side, nodes in ((0, leading), (1, trailing)):
+            if not present[side, i]:
+                slot[i, nodes] = slot[i, 0]
+    return slot, count
+
+
+def _stretch(feather: Feather, kind: FeatherKind, area: Array) -> tuple[Array, Array]:
+    """stretch_inverse and stretch_stiffness, (2, n, m)."""
+    length = np.linalg.norm(np.diff(barb_nodes(feather), axis=2), axis=-1)
+    beside = np.zeros_like(length)
+    beside[:, :-1] += area[..., 0]
+    beside[:, 1:] += area[..., 1]
+    there = (feather.barb_length > 0.0)[:, :, None] & (length > 0.0)
+    inverse = np.divide(1.0, length, out=np.zeros_like(length), where=there)
+    vane = kind.vane_material
+    return inverse, np.where(there, vane.along * vane.thickness * beside, 0.0)
+
+
+def _taper(share: Array, kind: FeatherKind) -> Array:
+    """Bending stiffness of a barb at shares of its length, relative to its root's."""
+    return np.maximum((1.0 - share) ** kind.vane_material.barb_taper, FLOOR)
+
+
+def _bend_stiffness(feather: Feather, kind: FeatherKind, bending: Bending, shaft: bool) -> Array:
+    """(2, n, m, 2) N m, out of the vane and within it; joint 0 is the clamp."""
+    vane, columns = kind.vane_material, feather.columns
+    segment = feather.barb_length / columns
+    share = np.divide(feather.barb_share, segment, out=np.zeros_like(segment), where=segment > 0)
+    joints = _taper(np.arange(columns) / columns, kind)
+    joints[0] = 2.0 * _taper(np.array(0.25 / columns), kind) if shaft else 0.0
+    moduli = np.array([vane.barb_bending_normal, vane.barb_bending_in_plane])
+    stiffness = share[:, :, None, None] * joints[:, None] * moduli
+    # the elastic clamp is in series with the half segment next to the rachis
+    clamp = np.array([vane.barb_clamp_normal, vane.barb_clamp_in_plane])
+    joint = stiffness[:, :, 0]
+    compliant = feather.barb_share[:, :, None] + joint * clamp
+    softer = feather.barb_share[:, :, None] * joint
+    stiffness[:, :, 0] = np.divide(softer, compliant, out=np.zeros_like(joint), where=compliant > 0)
+    if bending != "barbs":
+        stiffness[:, :, 1:, 0] = 0.0
+    return stiffness
+
+
+def _bending_tables(
+    model: Model,
+    f: int,
+    feather: Feather,
+    kind: FeatherKind,
+    bending: Bending,
+    area: Array,
+    active: NDArray[np.bool_],
+    shaft: bool,
+) -> Array:
+    vane, columns = kind.vane_material, feather.columns
+    if bending == "barbs":
+        return barb_hinges(model.hinge_stiffness[f])
+    if bending == "hinges":
+        along = vane.barb_bending_normal * _taper((np.arange(columns) + 0.5) / columns, kind)
+        return oriented_hinges(barb_nodes(feather), area, active, along, vane.bending_across)
+    if shaft:
+        active = active.copy()
+        active[2, :, :, 0] = False
+    moduli = (vane.barb_bending_normal, vane.bending_across, vane.bending_across)
+    return plate_tables(feather.points, area, active, moduli)
+
+
+def _used_hinges(active: NDArray[np.bool_], used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Hinges that a table weighs; used: (2, n-1, m, 2, 3)."""
+    result = np.zeros_like(active)
+    for kind in range(2):
+        first, second = used[..., 0, kind], used[..., 1, kind]
+        result[kind, :, :-1] |= first
+        result[kind, :, (1 if kind == 0 else 0) : (None if kind == 0 else -1)] |= second
+    result[2, :, :-1] |= used[..., 0, 2]
+    result[2, :, :-1, 1:] |= used[:, :, :-1, 1, 2]
+    result[2, 0, :, 0] |= result[2, 1, :, 0]
+    result[2, 1, :, 0] = False
+    return result & active

@@ -1,0 +1,244 @@
+"""Minimise the energy of one implicit step in the nodal kinematics.
+
+Two methods. The improved one takes full Newton steps, because a line search on an energy with
+stiff barbs accepts only steps that hardly stretch them. Points do not move along straight lines:
+shaft and barbs are rebuilt from the root outwards with the directions of the increment but the
+stretch of its linear part, so that turning stretches nothing and the iterations hardly depend on
+the stiffness. What keeps it safe is that a step in time that does not converge is repeated in
+halves. The textbook one is projected Newton: Hessian with
+the geometric stiffness of the current stresses, its negative part left out, and a line search on
+the whole energy; it is kept to measure the improved one against.
+
+Inextensible barbs: the method of multipliers (Hestenes 1969, Powell 1969). Stretch keeps the
+stiffness of its modulus, and whenever Newton has converged, every segment's multiplier p takes
+over its stress, p += k e, until no strain is left; the result does not depend on k. A constraint
+that is eliminated instead would couple all nodes of a barb: that is the barb-curvature kinematics.
+"""
+
+from math import isfinite, sqrt
+
+from featherfx.algebra.copy_kernels import copy_values
+from featherfx.algebra.rotation_kernels import rotate
+from featherfx.jit.compiled import kernel, shared_kernel
+from featherfx.lab.nodal.assembly_kernels import nodal_assemble
+from featherfx.lab.nodal.energy_kernels import nodal_step_energy, nodal_strains, sections
+from featherfx.mechanics.rachis_kernels import rachis_gradient
+from featherfx.solver.step.banded_kernels import factorise, solve_factored
+from featherfx.solver.step.newton_kernels import (
+    CONVERGED,
+    HALVINGS,
+    NOT_CONVERGED,
+    NOT_DEFINITE,
+    NOT_FINITE,
+    largest_move,
+)
+from featherfx.solver.step.pose_kernels import chain, turn_by
+
+# largest strain of an inextensible segment
+INEXTENSIBLE = 1e-10
+# of the diagonal, where the stiffness is singular
+SHIFT = 1e-8
+
+
+@kernel
+def set_directors(turn, points):
+    """Material points 1 and 2 of all rows from their frames (n, 4)."""
+    for i in range(turn.shape[0]):
+        w, x, y, z = turn[i, 0], turn[i, 1], turn[i, 2], turn[i, 3]
+        points[i, 1, 0], points[i, 1, 1], points[i, 1, 2] = rotate(w, x, y, z, 0.0, 1.0, 0.0)
+        points[i, 2, 0], points[i, 2, 1], points[i, 2, 2] = rotate(w, x, y, z, 0.0, 0.0, 1.0)
+
+
+@kernel
+def gather(present, points):
+    """Nodes of absent barbs to their rachis points; present: (2, n)."""
+    columns = (points.shape[1] - 3) // 2
+    for side in range(2):
+        for i in range(points.shape[0]):
+            if not present[side, i]:
+                for p in range(3 + side * columns, 3 + (side + 1) * columns):
+                    for k in range(3):
+                        points[i, p, k] = points[i, 0, k]
+
+
+@kernel
+def _shaft(length, slot, now, step, scale, trial, beam, stretch):
+    """Rachis points rebuilt from the first one, so that stretch and shear change linearly.
+
+    Scratch: beam (6, 12), stretch (6,).
+    """
+    for i in range(slot.shape[0] - 1):
+        if slot[i + 1, 0] < 0 or slot[i + 1, 1] < 0:
+            continue
+        a, b = now.points[i, 0], now.points[i + 1, 0]
+        rachis_gradient(a, b, length[i], now.halfway[i], now.rachis[i], beam)
+        for k in range(3):
+            change = 0.0
+            for node in range(4):
+                at = slot[i + node // 2, node % 2]
+                for x in range(3 if at >= 0 else 0):
+                    change += beam[k, 3 * node + x] * step[at + x]
+            stretch[k] = now.rachis[i, k] + scale * change
+        chain(
+            trial.turn[i],
+            trial.turn[i + 1],
+            stretch,
+            length[i],
+            trial.points[i, 0],
+            trial.points[i + 1, 0],
+        )
+
+
+@kernel
+def _barb(first, slot, now, step, scale, trial):
+    """Nodes of one barb rebuilt from the rachis, so that every stretch e changes linearly.
+
+    first: material point of its first node. slot: (P,), now, trial: (P, 3) of the row.
+    """
+    columns = (slot.shape[0] - 3) // 2
+    # what the straight move of the node before and its rebuilt place are
+    mx, my, mz = 0.0, 0.0, 0.0
+    if slot[0] >= 0:
+        at = slot[0]
+        mx, my, mz = scale * step[at], scale * step[at + 1], scale * step[at + 2]
+    q = 0
+    for p in range(first, first + columns):
+        at = slot[p]
+        if at < 0:
+            return
+        nx, ny, nz = scale * step[at], scale * step[at + 1], scale * step[at + 2]
+        dx, dy, dz = now[p, 0] - now[q, 0], now[p, 1] - now[q, 1], now[p, 2] - now[q, 2]
+        ux, uy, uz = nx - mx, ny - my, nz - mz
+        wanted = dx * dx + dy * dy + dz * dz + 2.0 * (dx * ux + dy * uy + dz * uz)
+        dx, dy, dz = dx + ux, dy + uy, dz + uz
+        square = dx * dx + dy * dy + dz * dz
+        # a segment that would vanish keeps the straight move
+        factor = sqrt(wanted / square) if wanted > 0.0625 * square else 1.0
+        trial[p, 0] = trial[q, 0] + factor * dx
+        trial[p, 1] = trial[q, 1] + factor * dy
+        trial[p, 2] = trial[q, 2] + factor * dz
+        mx, my, mz, q = nx, ny, nz, p
+
+
+@shared_kernel
+def move_by(model, nodal, f, now, step, scale, straight, element, trial):
+    """Pose now plus scale times the increment step (N,), to trial.
+
+    straight: points move along straight lines. Otherwise, where there is a shaft, shaft and barbs
+    are rebuilt so that their stretch changes by exactly its linear increment.
+    """
+    slot = nodal.slot[f]
+    for i in range(slot.shape[0]):
+        at = slot[i, 1]
+        if at >= 0:
+            turn_by(now.turn[i], step[at : at + 3], scale, trial.turn[i])
+        else:
+            for k in range(4):
+                trial.turn[i, k] = now.turn[i, k]
+        for p in range(slot.shape[1]):
+            if p != 1 and p != 2:
+                at = slot[i, p]
+                for k in range(3):
+                    move = scale * step[at + k] if at >= 0 else 0.0
+                    trial.points[i, p, k] = now.points[i, p, k] + move
+    if nodal.shaft and not straight:
+        _shaft(model.length[f], slot, now, step, scale, trial, element.beam, element.stress)
+        columns = model.joints.shape[3]
+        for i in range(slot.shape[0]):
+            for side in range(2):
+                if nodal.present[f, side, i]:
+                    start = 3 + side * columns
+                    _barb(start, slot[i], now.points[i], step, scale, trial.points[i])
+    gather(nodal.present[f], trial.points)
+    set_directors(trial.turn, trial.points)
+
+
+@shared_kernel
+def evaluate(model, nodal, loads, f, share, factors, pose, work):
+    """Strains of a pose from its points and frames, and its energy (J)."""
+    nodal_strains(model, nodal, f, pose, work.element.frame)
+    return nodal_step_energy(model, nodal, loads, f, share, factors, pose, work)
+
+
+@kernel
+def _copy_pose(source, target):
+    copy_values(source.turn, target.turn)
+    copy_values(source.points, target.points)
+    copy_values(source.halfway, target.halfway)
+    copy_values(source.rachis, target.rachis)
+    copy_values(source.strains, target.strains)
+
+
+@kernel
+def _raise_multipliers(nodal, f, strains, multiplier):
+    """Multipliers take over the stress of stretch; returns the largest strain."""
+    at, end, _, _ = sections(multiplier.shape[1], multiplier.shape[2])
+    stiffness, price = nodal.stretch_stiffness[f].flat, multiplier.flat
+    worst = 0.0
+    for a in range(end - at):
+        price[a] += stiffness[a] * strains[at + a]
+        if stiffness[a] > 0.0:
+            worst = max(worst, abs(strains[at + a]))
+    return worst
+
+
+@kernel
+def _solve(model, nodal, loads, f, share, factors, textbook, work):
+    """Increment of the unknowns to work.system.right; returns whether it could be had."""
+    system, before = work.system, work.now.strains if textbook else work.before
+    for attempt in range(1 if textbook else 0, 3):
+        nodal_assemble(model, nodal, loads, f, share, factors, attempt == 0, before, work)
+        if attempt == 2:
+            # what nothing holds, such as a strip turning about its pinned end, is rounding error
+            for a in range(system.right.shape[0]):
+                system.band[a, 0] *= 1.0 + SHIFT
+        if factorise(system.band, system.panel):
+            solve_factored(system.band, system.right)
+            return True
+    return False
+
+
+@shared_kernel
+def nodal_minimise(model, nodal, loads, f, share, factors, tolerance, limit, textbook, work):
+    """Bring the pose work.now to the minimum of nodal_step_energy.
+
+    work.before: strains of the last converged pose. factors: (inertia, rate, strain rate) of the
+    integrator. tolerance: m, the move of a Newton step that counts as converged. limit: most
+    iterations. textbook: which method. Returns (status, iterations, last move).
+    """
+    now, trial = work.now, work.trial
+    energy = evaluate(model, nodal, loads, f, share, factors, now, work)
+    move = 0.0
+    for iteration in range(1, limit + 1):
+        if not isfinite(energy):
+            return NOT_FINITE, iteration, move
+        if not _solve(model, nodal, loads, f, share, factors, textbook, work):
+            return NOT_DEFINITE, iteration, move
+        scale = 1.0
+        for _ in range(HALVINGS if textbook else 1):
+            move_by(
+                model,
+                nodal,
+                f,
+                now,
+                work.system.right,
+                scale,
+                textbook,
+                work.element,
+                trial,
+            )
+            new = evaluate(model, nodal, loads, f, share, factors, trial, work)
+            move = largest_move(now.points, trial.points, model.length[f, 0]) / scale
+            slack = 1e-9 * (abs(energy) + abs(new))
+            if isfinite(new) and (new <= energy + slack or move < tolerance):
+                break
+            scale *= 0.5
+        copy_values(now.strains, work.before)
+        _copy_pose(trial, now)
+        energy = new
+        if move < tolerance:
+            if not nodal.inextensible:
+                return CONVERGED, iteration, move
+            if _raise_multipliers(nodal, f, now.strains, work.multiplier) < INEXTENSIBLE:
+                return CONVERGED, iteration, move
+    return NOT_CONVERGED, limit, move

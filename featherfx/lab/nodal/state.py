@@ -1,0 +1,180 @@
+"""Changing data of a batch in the nodal kinematics, and its scratch memory."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import along_rows, frames_to_turns
+from featherfx.lab.nodal.model import NodalModel
+from featherfx.mechanics.batch import row_frames
+from featherfx.mechanics.model import Model
+from featherfx.solver.work import Surroundings, System, make_system
+
+Array = NDArray[np.float64]
+
+
+class NodalState(NamedTuple):
+    """Positions and rates of F feathers at one time (see Model for F, n, m, P).
+
+    turn: (F, n, 4) row frames as quaternions. points: (F, n, P, 3) material points, the
+    coordinates themselves; velocity, acceleration, smoothed: as in State. spin: (F, n, 3) rad/s.
+    strains: (F, 2, S) after the last step and the one before. multiplier: (F, 2, n, m) N m, of
+    inextensible barb segments. step, proposal, time: (F,) s, as in State.
+    """
+
+    turn: Array
+    points: Array
+    velocity: Array
+    acceleration: Array
+    smoothed: Array
+    spin: Array
+    strains: Array
+    multiplier: Array
+    step: Array
+    proposal: Array
+    time: Array
+
+    def copy(self) -> NodalState:
+        return NodalState(*(array.copy() for array in self))
+
+
+class NodalPose(NamedTuple):
+    """One feather's pose: turn (n, 4), points (n, P, 3); halfway (n-1, 3, 3) and rachis (n-1, 6)
+    of the rachis elements; strains (S,), measured from rest."""
+
+    turn: Array
+    points: Array
+    halfway: Array
+    rachis: Array
+    strains: Array
+
+
+class Element(NamedTuple):
+    """Sums of one energy's stencil, of K points at most.
+
+    lines: (8, 3 K) gradients, weight: (8,) theirs. slots: (K,), nodes: (6, 2) int. membrane:
+    (4, 3, 3), turns: (2, 3, 3), hinge: (4, 3), frame: (3, 3), lift: (2,), matrix: (12, 12),
+    beam: (6, 12), stress: (6,).
+    """
+
+    lines: Array
+    weight: Array
+    slots: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    membrane: Array
+    turns: Array
+    hinge: Array
+    frame: Array
+    lift: Array
+    matrix: Array
+    beam: Array
+    stress: Array
+
+
+class NodalWork(NamedTuple):
+    """Scratch of one thread. now, trial: poses. before: (S,) strains of the last iterate.
+    multiplier: (2, n, m). around: Surroundings. system: band (N, B + 1) and right (N,). force
+    (n, P, 3), stiff (n, P, 6): of the nodes."""
+
+    now: NodalPose
+    trial: NodalPose
+    before: Array
+    multiplier: Array
+    around: Surroundings
+    system: System
+    element: Element
+    force: Array
+    stiff: Array
+
+
+def nodal_strain_count(model: Model) -> int:
+    """Length S of a strain vector: rachis, stretch, turns, membrane, hinges."""
+    n, m = model.rows, model.columns
+    return 6 * (n - 1) + 2 * n * m + 4 * n * m + 8 * (n - 1) * m + 6 * n * m
+
+
+def nodal_rest_state(
+    model: Model, nodal: NodalModel, positions: Array, rotations: Array
+) -> NodalState:
+    """Feathers at rest in their rest shape, roots at positions (F, 3) m, rotations (F, 3, 3)."""
+    points = np.einsum("fkl,fnpl->fnpk", np.asarray(rotations, float), nodal.rest_points)
+    points[:, :, 0] += np.asarray(positions, float)[:, None]
+    points[:, :, 3:] += np.asarray(positions, float)[:, None, None]
+    return nodal_state(model, points)
+
+
+def nodal_state(model: Model, points: Array) -> NodalState:
+    """Feathers at rest (without velocity) with given material points (F, n, P, 3).
+
+    So a pose of the barb-curvature kinematics (State.points) is carried over as it is; the other
+    way, NodalState.points are material points to compare with it or to draw.
+    """
+    points = np.array(points, dtype=float)
+    count, n = points.shape[:2]
+    return NodalState(
+        turn=along_rows(frames_to_turns(row_frames(points))),
+        points=points,
+        velocity=np.zeros(points.shape),
+        acceleration=np.zeros(points.shape),
+        smoothed=np.zeros(points.shape),
+        spin=np.zeros((count, n, 3)),
+        strains=np.zeros((count, 2, nodal_strain_count(model))),
+        multiplier=np.zeros((count, 2, n, model.columns)),
+        step=np.zeros(count),
+        proposal=np.zeros(count),
+        time=np.zeros(count),
+    )
+
+
+def _make_pose(model: Model) -> NodalPose:
+    n = model.rows
+    return NodalPose(
+        turn=np.zeros((n, 4)),
+        points=np.zeros((n, 3 + 2 * model.columns, 3)),
+        halfway=np.zeros((n - 1, 3, 3)),
+        rachis=np.zeros((n - 1, 6)),
+        strains=np.zeros(nodal_strain_count(model)),
+    )
+
+
+def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
+    """Scratch for one thread working on feathers of this batch."""
+    n, size = model.rows, 3 + 2 * model.columns
+    unknowns, nodes = int(nodal.size.max()), (n, size, 3)
+    count = nodal_strain_count(model)
+    # of a stencil: a triangle and its neighbours, or a whole barb with its row
+    points = max(6, model.columns + 2)
+    return NodalWork(
+        now=_make_pose(model),
+        trial=_make_pose(model),
+        before=np.zeros(count),
+        multiplier=np.zeros((2, n, model.columns)),
+        around=Surroundings(
+            target=np.zeros(nodes),
+            past=np.zeros(nodes),
+            reference=np.zeros(count),
+            wind=np.zeros(nodes),
+            area=np.zeros(nodes),
+            speed=np.zeros((n, size)),
+        ),
+        system=make_system(unknowns, nodal.band + 1),
+        element=Element(
+            lines=np.zeros((8, 3 * points)),
+            weight=np.zeros(8),
+            slots=np.zeros(points, np.int64),
+            nodes=np.zeros((6, 2), np.int64),
+            membrane=np.zeros((4, 3, 3)),
+            turns=np.zeros((2, 3, 3)),
+            hinge=np.zeros((4, 3)),
+            frame=np.zeros((3, 3)),
+            lift=np.zeros(2),
+            matrix=np.zeros((12, 12)),
+            beam=np.zeros((6, 12)),
+            stress=np.zeros(6),
+        ),
+        force=np.zeros(nodes),
+        stiff=np.zeros((n, size, 6)),
+    )

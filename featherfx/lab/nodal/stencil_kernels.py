@@ -1,0 +1,293 @@
+"""Stencils of points, shaft and barbs in the nodal kinematics, added to the band.
+
+Every stencil gives the gradients of its strains (lines), the stiffnesses that weigh their outer
+products and the stresses that weigh their sum; they go straight to the band, block by block.
+
+Geometric stiffness of the barbs' stretch, the membrane and the rachis is that of the stress on
+which the last two iterates agree (the smaller one, or none where they differ in sign). That of an
+iterate alone may be thousands of times the true one, because a move may stretch stiff barbs, and
+Newton then stalls; left out, it converges slowly or not at all where tension carries load.
+"""
+
+from featherfx.algebra.rotation_kernels import cross
+from featherfx.jit.compiled import kernel
+from featherfx.lab.nodal.barb_bending_kernels import bend_gradient
+from featherfx.lab.nodal.barb_carried_kernels import begin_barb, begin_twist, carried_gradient
+from featherfx.lab.nodal.barb_clamp_kernels import clamp_gradient
+from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient
+from featherfx.lab.nodal.energy_kernels import sections
+from featherfx.lab.nodal.turns_kernels import bend_nodes
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
+from featherfx.mechanics.rachis_variation_kernels import rachis_variation
+from featherfx.solver.step.energy_kernels import node_index
+
+
+@kernel
+def agreed(now, before):
+    """The smaller of two stresses of one sign, else 0."""
+    if now > 0.0 and before > 0.0:
+        return min(now, before)
+    if now < 0.0 and before < 0.0:
+        return max(now, before)
+    return 0.0
+
+
+@kernel
+def _add_four(first, nodes, element, band):
+    """band += sum of weight lines lines^T over the four lines from first on."""
+    weight, slots = element.weight[first:], element.slots
+    d, e = element.lines[first], element.lines[first + 1]
+    f, g = element.lines[first + 2], element.lines[first + 3]
+    for b in range(nodes):
+        column = slots[b]
+        for y in range(3 if column >= 0 else 0):
+            k = 3 * b + y
+            p, q, r, s = weight[0] * d[k], weight[1] * e[k], weight[2] * f[k], weight[3] * g[k]
+            into = band[column + y]
+            for a in range(nodes):
+                at, c = slots[a] - column - y, 3 * a
+                if at >= 0:
+                    for x in range(3):
+                        into[at + x] += (p * d[c + x] + q * e[c + x]) + (
+                            r * f[c + x] + s * g[c + x]
+                        )
+                elif slots[a] == column:
+                    for x in range(y, 3):
+                        into[at + x] += (p * d[c + x] + q * e[c + x]) + (
+                            r * f[c + x] + s * g[c + x]
+                        )
+
+
+@kernel
+def add_element(count, nodes, element, system):
+    """band += sum of weight lines lines^T over count lines of a stencil of some nodes.
+
+    Taken four at a time, so the lines after them have to be finite; their weights are set to 0.
+    """
+    for first in range(0, count, 4):
+        for k in range(count, first + 4):
+            element.weight[k] = 0.0
+        _add_four(first, nodes, element, system.band)
+
+
+@kernel
+def add_stress(stress, line, nodes, element, right):
+    """right -= stress line."""
+    for a in range(nodes):
+        at = element.slots[a]
+        if at >= 0:
+            for x in range(3):
+                right[at + x] -= stress * line[3 * a + x]
+
+
+@kernel
+def add_isotropic(first, second, stiffness, band):
+    """Stiffness times |dx_2 - dx_1|^2 / 2 of the points with these slots."""
+    for x in range(3):
+        if first >= 0:
+            band[first + x, 0] += stiffness
+        if second >= 0:
+            band[second + x, 0] += stiffness
+        if first >= 0 and second >= 0:
+            if first == second:
+                band[first + x, 0] -= 2.0 * stiffness
+            else:
+                band[min(first, second) + x, abs(first - second)] -= stiffness
+
+
+@kernel
+def add_points(slot, points, force, stiff, system):
+    """Inertia, gravity, air and grips."""
+    band, right = system.band, system.right
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            at = slot[i, p]
+            if at < 0 or p == 1 or p == 2:
+                continue
+            for k in range(3):
+                right[at + k] -= force[i, p, k]
+                band[at + k, 0] += stiff[i, p, k]
+            band[at, 1] += stiff[i, p, 3]
+            band[at, 2] += stiff[i, p, 4]
+            band[at + 1, 1] += stiff[i, p, 5]
+        at = slot[i, 1]
+        for p in range(1, 3 if at >= 0 else 1):
+            x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
+            mx, my, mz = cross(x, y, z, force[i, p, 0], force[i, p, 1], force[i, p, 2])
+            inertia = stiff[i, p, 0]
+            right[at] -= mx
+            right[at + 1] -= my
+            right[at + 2] -= mz
+            band[at, 0] += inertia * (y * y + z * z)
+            band[at + 1, 0] += inertia * (x * x + z * z)
+            band[at + 2, 0] += inertia * (x * x + y * y)
+            band[at, 1] -= inertia * x * y
+            band[at, 2] -= inertia * x * z
+            band[at + 1, 1] -= inertia * y * z
+
+
+@kernel
+def add_rachis(model, f, slot, pose, before, reference, damping, signed, element, system):
+    """Stretch, shear, twist and bending of the shaft."""
+    beam, matrix, slots = element.beam, element.matrix, element.slots
+    for i in range(pose.halfway.shape[0]):
+        for a in range(2):
+            slots[a], slots[2 + a] = slot[i, a], slot[i + 1, a]
+        start, end, length = pose.points[i, 0], pose.points[i + 1, 0], model.length[f, i]
+        rachis_gradient(start, end, length, pose.halfway[i], pose.rachis[i], beam)
+        for k in range(6):
+            at = 6 * i + k
+            stiffness = model.rachis_stiffness[f, i, k]
+            strain = pose.strains[at]
+            stress = stiffness * (strain + damping * (strain - reference[at]))
+            element.stress[k] = stiffness * agreed(strain, before[at])
+            element.weight[k] = stiffness * (1.0 + damping)
+            for a in range(12):
+                element.lines[k, a] = beam[k, a]
+            add_stress(stress, beam[k], 4, element, system.right)
+        add_element(6, 4, element, system)
+        for a in range(12):
+            for b in range(12):
+                matrix[a, b] = 0.0
+        halfway, stress = pose.halfway[i], element.stress
+        if signed:
+            rachis_variation(start, end, length, halfway, pose.rachis[i], stress, matrix)
+        else:
+            rachis_tension(start, end, length, halfway, stress, matrix)
+        for a in range(12):
+            for b in range(a + 1):
+                row, column = slots[a // 3], slots[b // 3]
+                if row >= 0 and column >= 0:
+                    row, column = row + a % 3, column + b % 3
+                    system.band[min(row, column), abs(row - column)] += matrix[a, b]
+
+
+@kernel
+def add_stretch(nodal, f, pose, before, reference, price, damping, signed, element, system):
+    """Stretch of all barb segments; before, reference: (2 n m,), price: (2, n, m)."""
+    columns = price.shape[2]
+    at, _, _, _ = sections(price.shape[1], columns)
+    for side in range(2):
+        for i in range(price.shape[1]):
+            for j in range(columns):
+                stiffness = nodal.stretch_stiffness[f, side, i, j]
+                if stiffness > 0.0:
+                    p, q = node_index(side, j, columns), node_index(side, j + 1, columns)
+                    inverse = nodal.stretch_inverse[f, side, i, j]
+                    element.slots[0], element.slots[1] = nodal.slot[f, i, p], nodal.slot[f, i, q]
+                    stretch_gradient(
+                        pose.points[i, p], pose.points[i, q], inverse, element.lines[0]
+                    )
+                    strain, extra = pose.strains[at], price[side, i, j]
+                    rate = damping * (strain - reference[at])
+                    element.weight[0] = stiffness * (1.0 + damping)
+                    add_element(1, 2, element, system)
+                    add_stress(
+                        stiffness * (strain + rate) + extra,
+                        element.lines[0],
+                        2,
+                        element,
+                        system.right,
+                    )
+                    tension = agreed(stiffness * strain + extra, stiffness * before[at] + extra)
+                    if tension > 0.0 or signed:
+                        add_isotropic(
+                            element.slots[0],
+                            element.slots[1],
+                            tension * inverse * inverse,
+                            system.band,
+                        )
+                at += 1
+
+
+@kernel
+def _clamp(model, nodal, f, side, i, pose, element):
+    """Stencil of a barb's clamp; returns its points."""
+    columns, slot = model.joints.shape[3], nodal.slot[f]
+    p = node_index(side, 1, columns)
+    clamp_gradient(
+        pose.turn[i],
+        model.clamp[f, side, i],
+        pose.points[i, 0],
+        pose.points[i, p],
+        element.frame,
+        element.turns,
+        element.lines,
+    )
+    element.slots[0], element.slots[1], element.slots[2] = slot[i, 0], slot[i, 1], slot[i, p]
+    return 3
+
+
+@kernel
+def _bend(nodal, f, side, i, j, pose, element):
+    """Stencil of a barb's bend in a section that follows the vane; returns its points."""
+    points, nodes, slot = pose.points, element.nodes, nodal.slot[f]
+    rows, columns = points.shape[0], (points.shape[1] - 3) // 2
+    bend_nodes(side, i, j, rows, columns, nodes)
+    for a in range(5):
+        element.slots[a] = slot[nodes[a, 0], nodes[a, 1]]
+    bend_gradient(
+        points[nodes[0, 0], nodes[0, 1]],
+        points[nodes[1, 0], nodes[1, 1]],
+        points[nodes[2, 0], nodes[2, 1]],
+        points[nodes[3, 0], nodes[3, 1]],
+        points[nodes[4, 0], nodes[4, 1]],
+        element.frame,
+        element.turns,
+        element.lines,
+    )
+    return 5
+
+
+@kernel
+def _add_bend(at, stiffness, count, pose, reference, damping, element, system):
+    """Add the stencil of the two turns from strain at on."""
+    for d in range(2):
+        strain = pose.strains[at + d]
+        stress = stiffness[d] * (strain + damping * (strain - reference[at + d]))
+        element.weight[d] = stiffness[d] * (1.0 + damping)
+        add_stress(stress, element.lines[d], count, element, system.right)
+    add_element(2, count, element, system)
+
+
+@kernel
+def _add_carried(model, nodal, f, side, i, at, pose, reference, damping, element, system):
+    """Bending of one barb in a section that is carried along it; at: its first strain."""
+    columns, row, slots = model.joints.shape[3], pose.points[i], element.slots
+    begin_barb(pose.turn[i], model.clamp[f, side, i], element.frame)
+    begin_twist(element.frame, element.lines)
+    slots[0], slots[1] = nodal.slot[f, i, 0], nodal.slot[f, i, 1]
+    length = 0.0
+    for j in range(columns):
+        p, q = node_index(side, j, columns), node_index(side, j + 1, columns)
+        slots[2 + j] = nodal.slot[f, i, q]
+        length = carried_gradient(
+            j, length, row[p], row[q], element.frame, element.turns, element.lines
+        )
+        stiffness = nodal.bend_stiffness[f, side, i, j]
+        _add_bend(at + 2 * j, stiffness, j + 3, pose, reference, damping, element, system)
+
+
+@kernel
+def add_turns(model, nodal, f, pose, reference, damping, element, system):
+    """Bending of all barbs, and their clamps."""
+    rows, columns = pose.points.shape[0], model.joints.shape[3]
+    _, at, _, _ = sections(rows, columns)
+    for side in range(2):
+        for i in range(rows):
+            if nodal.carried:
+                if nodal.present[f, side, i]:
+                    _add_carried(
+                        model, nodal, f, side, i, at, pose, reference, damping, element, system
+                    )
+                at += 2 * columns
+                continue
+            for j in range(columns):
+                stiffness = nodal.bend_stiffness[f, side, i, j]
+                if stiffness[0] > 0.0 or stiffness[1] > 0.0:
+                    if j == 0:
+                        count = _clamp(model, nodal, f, side, i, pose, element)
+                    else:
+                        count = _bend(nodal, f, side, i, j, pose, element)
+                    _add_bend(at, stiffness, count, pose, reference, damping, element, system)
+                at += 2

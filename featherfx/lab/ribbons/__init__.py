@@ -1,0 +1,1 @@
+"""Ribbons: strips that bend as developable surfaces."""

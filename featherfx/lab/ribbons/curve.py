@@ -1,0 +1,157 @@
+"""The centreline of a ribbon from its curvatures, and the energy of dead loads on it.
+
+    r' = d3,  di' = (c d1 + t c d3) x di  (d1 across the strip, d2 its normal, d3 its tangent)
+
+The strip is cut into N short links. Between two links it turns by half the twist about the tangent,
+by the bending angle about its width, and by the other half of the twist: three hinges, second
+order in the link length. For hinges with axes a at places p,
+
+    W = - sum of f . x,  dW / d angle_i = - a_i . sum over x beyond i of (x - p_i) x f
+    d2W / d angle_i d angle_j = - f . (a_i x (a_j x (x - p_j)))  for i before j
+
+exactly, so gradient and Hessian are those of the discrete energy. N is free of the number of
+unknowns; links cost time, not conditioning.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.lab.ribbons.energy import Ribbon
+
+Array = NDArray[np.float64]
+
+LINKS = 8
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A ribbon's centreline in space.
+
+    points: (N + 1, 3) m from clamp to tip. frames: (N + 1, 3, 3) columns
+    across the strip, normal to it and along it. joints: (N, 3) m. axes: (N, 3, 3) the three hinge
+    axes of every joint, as rows.
+    """
+
+    points: Array
+    frames: Array
+    joints: Array
+    axes: Array
+
+
+def interpolation(ribbon: Ribbon, links: int) -> Array:
+    """(N, elements + 1) shares of the stations' values in those of the joints."""
+    place = (np.arange(links * ribbon.elements) + 0.5) / links
+    low = place.astype(np.int64)
+    shares = np.zeros((len(place), ribbon.elements + 1))
+    rows = np.arange(len(place))
+    shares[rows, low] = 1.0 - (place - low)
+    shares[rows, low + 1] = place - low
+    return shares
+
+
+def link_lengths(ribbon: Ribbon, links: int) -> Array:
+    """(N,) m, equal within an element."""
+    return np.repeat(np.diff(ribbon.stations) / links, links)
+
+
+def _about(axis: int, angle: float) -> Array:
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    turn = np.eye(3)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn[first, first] = turn[second, second] = cosine
+    turn[second, first], turn[first, second] = sine, -sine
+    return turn
+
+
+def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS) -> Curve:
+    """The curve of given unknowns (curvature, then ruling), clamped at the origin.
+
+    frame: (3, 3) columns across, normal, along at the clamp.
+    """
+    size = ribbon.elements + 1
+    shares = interpolation(ribbon, links)
+    curvature, ruling = shares @ unknowns[:size], shares @ unknowns[size:]
+    count = len(curvature)
+    steps = link_lengths(ribbon, links)
+    points, frames = np.zeros((count + 1, 3)), np.empty((count + 1, 3, 3))
+    joints, axes = np.empty((count, 3)), np.empty((count, 3, 3))
+    turn, place = np.array(frame, dtype=float), np.zeros(3)
+    frames[0] = turn
+    for k in range(count):
+        step = steps[k]
+        half = _about(2, 0.5 * step * curvature[k] * ruling[k])
+        joints[k] = place + 0.5 * step * turn[:, 2]
+        axes[k, 0] = turn[:, 2]
+        turn = turn @ half
+        axes[k, 1] = turn[:, 0]
+        turn = turn @ _about(0, step * curvature[k]) @ half
+        axes[k, 2] = turn[:, 2]
+        place = joints[k] + 0.5 * step * turn[:, 2]
+        points[k + 1], frames[k + 1] = place, turn
+    return Curve(points, frames, joints, axes)
+
+
+def link_masses(ribbon: Ribbon, links: int = LINKS) -> Array:
+    """(N + 1,) kg, at the curve's points."""
+    step = link_lengths(ribbon, links)
+    ends = np.concatenate([[0.0], np.cumsum(step)])
+    # exact integrals of the linear width with the hats of the points
+    width = ribbon.width_at(ends)
+    mass = np.zeros(len(ends))
+    mass[:-1] += step * (2.0 * width[:-1] + width[1:]) / 6.0
+    mass[1:] += step * (width[:-1] + 2.0 * width[1:]) / 6.0
+    return ribbon.surface_density * mass
+
+
+def work_of_loads(
+    ribbon: Ribbon, unknowns: Array, frame: Array, force: Array, links: int = LINKS
+) -> tuple[float, Array, Array]:
+    """Energy (J) of dead forces (N + 1, 3) N at the curve's points, gradient, Hessian."""
+    curve = centreline(ribbon, unknowns, frame, links)
+    energy = -float(np.sum(force * curve.points))
+    # sums over the points beyond a joint: those after it
+    total = np.cumsum(force[::-1], axis=0)[::-1][1:]
+    moment = np.einsum("qm,qn->qmn", force, curve.points)
+    lever = np.cumsum(moment[::-1], axis=0)[::-1][1:] - np.einsum("jm,jn->jmn", total, curve.joints)
+    # couple of joint j: sum of (x - p) x f, from lever[m, n] = sum of f_m (x - p)_n
+    couple = np.stack(
+        [
+            lever[:, 2, 1] - lever[:, 1, 2],
+            lever[:, 0, 2] - lever[:, 2, 0],
+            lever[:, 1, 0] - lever[:, 0, 1],
+        ],
+        axis=1,
+    )
+    slope = -np.einsum("jak,jk->ja", curve.axes, couple)
+    trace = np.einsum("jkk->j", lever)
+    second = trace[:, None, None] * curve.axes - np.einsum("jmn,jam->jan", lever, curve.axes)
+    flat = curve.axes.reshape(-1, 3) @ second.reshape(-1, 3).T
+    upper = np.triu(flat)
+    hessian = upper + np.triu(flat, 1).T
+    return energy, *_to_unknowns(ribbon, unknowns, slope, hessian, links)
+
+
+def _to_unknowns(
+    ribbon: Ribbon, unknowns: Array, slope: Array, hessian: Array, links: int
+) -> tuple[Array, Array]:
+    """Gradient and Hessian by hinge angles carried over to curvature and ruling."""
+    size = ribbon.elements + 1
+    shares = interpolation(ribbon, links)
+    c, t = shares @ unknowns[:size], shares @ unknowns[size:]
+    step = link_lengths(ribbon, links)[:, None]
+    # angles (twist / 2, bend, twist / 2) by (c, t) of the joint
+    by_c = step * np.stack([0.5 * t, np.ones_like(t), 0.5 * t], axis=1)
+    by_t = step * np.stack([0.5 * c, np.zeros_like(c), 0.5 * c], axis=1)
+    lines = [(by[:, :, None] * shares[:, None, :]).reshape(-1, size) for by in (by_c, by_t)]
+    jacobian = np.concatenate(lines, axis=1)
+    gradient = jacobian.T @ slope.ravel()
+    matrix = jacobian.T @ hessian @ jacobian
+    # the twist is a product of two unknowns
+    mixed = shares.T @ (0.5 * step * (slope[:, :1] + slope[:, 2:]) * shares)
+    matrix[:size, size:] += mixed
+    matrix[size:, :size] += mixed.T
+    return gradient, matrix

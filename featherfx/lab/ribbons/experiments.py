@@ -1,0 +1,151 @@
+"""Experiments on one ribbon: hung by one end, and beside a rod of the same bending stiffness.
+
+Gravity is (0, -9.81, 0) m/s^2. The clamp is at the origin, the strip's width along z.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.lab.ribbons.energy import Ribbon
+from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon
+from featherfx.lab.rods.rod import Rod, rod_loads, rod_model, row_share
+
+Array = NDArray[np.float64]
+Clamp = Literal["level", "down", "up"]
+
+GRAVITY = np.array([0.0, -9.81, 0.0])
+# direction along the strip and normal to it, at the clamp; a rest curvature curls a level strip
+# downwards
+CLAMPS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "level": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "down": ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0)),
+    "up": ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
+}
+# elements of a rod, and how far gravity is tilted to let it leave its plane
+ROD_SEGMENTS, TILT = 200, 1e-3
+# width over length of the ribbons of the cantilever curve, and how their stations crowd
+NARROW, GRADING = 0.05, 2.5
+
+
+@dataclass(frozen=True)
+class Hung:
+    """A ribbon at rest, and how it lies. rest: its shape. out_of_plane: m, largest distance from
+    the plane of the clamp. seconds: of the solve."""
+
+    rest: RibbonRest
+    out_of_plane: float
+    seconds: float
+
+
+def clamp_frame(clamp: Clamp) -> Array:
+    """(3, 3) columns across, normal and along the strip at its clamp. Raises InputError."""
+    if clamp not in CLAMPS:
+        message = f"'{clamp}' is not one of {', '.join(CLAMPS)}"
+        raise InputError(Problem("ribbon", "clamp", message))
+    along, normal = (np.array(each) for each in CLAMPS[clamp])
+    return np.stack([np.cross(normal, along), normal, along], axis=1)
+
+
+def hang(ribbon: Ribbon, clamp: Clamp = "level", *, planar: bool = False) -> Hung:
+    """A rest shape of a ribbon under its weight.
+
+    planar: stay in the plane of the clamp, also where that is not stable. Raises InputError for an
+    unknown clamp, SimulationError where no shape is found.
+    """
+    frame = clamp_frame(clamp)
+    begin = time.perf_counter()
+    rest = settle_ribbon(ribbon, frame, GRAVITY, leave_saddles=not planar)
+    seconds = time.perf_counter() - begin
+    return Hung(rest, float(np.abs(rest.curve.points[:, 2]).max()), seconds)
+
+
+def planar_limit(ribbon: Ribbon, clamp: Clamp, shortest: float, longest: float) -> float:
+    """Length (m) at which the planar shape of a ribbon stops being a minimum of the energy.
+
+    Bisection between two lengths; the other values are the ribbon's. NaN if the planar shape is
+    stable at the longest or not at the shortest.
+    """
+
+    def stable(length: float) -> bool:
+        return hang(replace(ribbon, length=length), clamp, planar=True).rest.stability > 0.0
+
+    return _last(stable, shortest, longest, 1e-3)
+
+
+def _last(holds: Callable[[float], bool], low: float, high: float, accuracy: float) -> float:
+    if not holds(low) or holds(high):
+        return float("nan")
+    while high - low > accuracy:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return 0.5 * (low + high)
+
+
+def cantilever_ratios(loads: Sequence[float], elements: int = 20) -> Array:
+    """Drop over reach of the tip of ribbons clamped level, under their weight.
+
+    loads: ascending, weight per length times length^3 over D w. Each shape starts from the one
+    before. The stations crowd at the clamp: under a large load the strip bends only there.
+    """
+    frame, start, ratios = clamp_frame("level"), None, []
+    for load in loads:
+        density = load / float(np.linalg.norm(GRAVITY))
+        ribbon = Ribbon(1.0, NARROW, 1.0, density, elements=elements, grading=GRADING)
+        rest = settle_ribbon(ribbon, frame, GRAVITY, start=start)
+        start, tip = rest.unknowns, rest.curve.points[-1]
+        ratios.append(-tip[1] / tip[0])
+    return np.array(ratios)
+
+
+def rod_of(ribbon: Ribbon, thickness: float, segments: int = ROD_SEGMENTS) -> Rod:
+    """The rod of rectangular section that would commonly stand for a ribbon.
+
+    Its bending stiffness out of the plane is the plate's, D w; within the plane
+    (1 - nu^2) D w (w / h)^2; torsion from Saint-Venant's series for a rectangle w by h.
+    thickness: h, m. Raises InputError for a ribbon that tapers or whose rest curvature varies.
+    """
+    if ribbon.tip_width not in (None, ribbon.width) or np.shape(ribbon.rest_curvature):
+        message = "tapers or has a rest curvature that varies; allowed: a uniform strip"
+        raise InputError(Problem("ribbon", "rod", message))
+    width, poisson = ribbon.width, ribbon.poisson
+    ei = ribbon.rigidity * width
+    odd = 2.0 * np.arange(10) + 1.0
+    series = float(np.sum(np.tanh(0.5 * odd * np.pi * width / thickness) / odd**5))
+    correction = 1.0 - 192.0 / np.pi**5 * thickness / width * series
+    return Rod(
+        ribbon.length,
+        ei,
+        ei2=(1.0 - poisson**2) * ei * (width / thickness) ** 2,
+        # Y / (2 (1 + nu)) w h^3 / 3 with Y h^3 = 12 (1 - nu^2) D
+        gj=2.0 * (1.0 - poisson) * ei * correction,
+        rest_curvature=float(ribbon.rest_curvature),
+        segments=segments,
+    )
+
+
+def hang_rod(rod: Rod, line_density: float, clamp: Clamp = "level") -> Array:
+    """(n, 3) m, points of a rod at rest in the frame of the ribbon experiments.
+
+    line_density: kg/m. Gravity is tilted by a thousandth out of the plane, so that a rod which is
+    unstable in it leaves it. Raises InputError, SimulationError.
+    """
+    from featherfx.solver.solver import Settings, Solver, raise_if_failed
+    from featherfx.solver.state import rest_state
+
+    frame = clamp_frame(clamp)
+    model, loads = rod_model(rod), rod_loads(rod)
+    pull = GRAVITY + np.array([0.0, 0.0, TILT * np.linalg.norm(GRAVITY)])
+    loads.force[0, :, 0] = line_density * row_share(rod)[:, None] * pull
+    turn = np.stack([frame[:, 2], -frame[:, 1], frame[:, 0]], axis=1)
+    state = rest_state(model, np.zeros((1, 3)), turn[None])
+    state, status, _ = Solver(model, Settings(newton=1e-8 * rod.length)).equilibrium(state, loads)
+    raise_if_failed(status, state.time, ["rod"])
+    return np.array(state.centre[0])

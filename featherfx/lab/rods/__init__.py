@@ -1,0 +1,1 @@
+"""Rods: the shaft alone, beside solutions by other means."""

@@ -1,0 +1,249 @@
+"""Experiments on one rod: bent by loads, its natural frequencies, released to swing."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.lab.rods.rod import Rod, Vector, clamped, rod_loads, rod_model, straight
+from featherfx.mechanics.model import Loads, Model
+from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
+from featherfx.solver.state import State
+
+Array = NDArray[np.float64]
+
+# a Newton move that ends statics, as a share of the rod's length
+STATIC_MOVE = 1e-9
+# Newton stops in a swing where a step moves nothing by more than this share of its tolerance
+NEWTON_SHARE = 1e-3
+# sub-steps are limited by their error, not by their number
+SUBSTEPS = 1_000_000
+# share of the first output interval that is stepped first: a state's first step is implicit
+# Euler's, which would take energy from the rod
+START = 1e-3
+NAME = "rod"
+
+
+@dataclass(frozen=True)
+class Bent:
+    """A rod at rest under its loads.
+
+    tip: (3,) m. points: (n, 3) m, clamp to tip. iterations: of Newton. residual: N, largest
+    unbalanced force on a row (moments divided by the rod's length). seconds: of the solve.
+    """
+
+    tip: Array
+    points: Array
+    iterations: int
+    residual: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A rod that was let go.
+
+    time: (T,) s. tip: (T, 3) m. energy: (T,) J, kinetic, elastic and of the weight (zero at the
+    height of the clamp). steps: sub-steps taken. seconds: of stepping.
+    """
+
+    time: Array
+    tip: Array
+    energy: Array
+    steps: int
+    seconds: float
+
+
+def bend(
+    rod: Rod, tip_force: Vector = (0.0, 0.0, 0.0), points: Sequence[tuple[float, Vector]] = ()
+) -> Bent:
+    """Equilibrium of a rod under its weight, a dead tip force (N) and point forces (rod_loads).
+
+    Starts from the rest shape. Warns (InputWarning) of elements that are too long for the loads.
+    Raises InputError for wrong values, SimulationError where no equilibrium is found.
+    """
+    forces = [tip_force, *(force for _, force in points)]
+    load = sum(float(np.linalg.norm(force)) for force in forces)
+    load = load if np.isfinite(load) else 0.0
+    model, loads = _all(lambda: rod_model(rod, load), lambda: rod_loads(rod, tip_force, points))
+    _warn_of_coarse(rod, load + abs(rod.line_weight) * rod.length)
+    _compile()
+    begin = time.perf_counter()
+    settings = Settings(newton=STATIC_MOVE * rod.length)
+    state, status, iterations = Solver(model, settings).equilibrium(clamped(model), loads)
+    seconds = time.perf_counter() - begin
+    raise_if_failed(status, state.time, [NAME])
+    return Bent(
+        tip=state.centre[0, -1].copy(),
+        points=state.centre[0].copy(),
+        iterations=int(iterations[0]),
+        residual=_residual(model, loads, state, rod.length),
+        seconds=seconds,
+    )
+
+
+def _warn_of_coarse(rod: Rod, load: float) -> None:
+    """InputWarning where a load (N) bends the rod within less than an element."""
+    within = float(np.sqrt(min(rod.ei, rod.ei2 or rod.ei) / max(load, 1e-300)))
+    element = rod.length / rod.segments
+    if within < element:
+        warnings.warn(
+            f"rod: its loads of {load:g} N bend it within {within:.3g} m, less than an element of"
+            f" {element:.3g} m; it may rest folded: use at least {math.ceil(rod.length / within)}"
+            " segments",
+            InputWarning,
+            stacklevel=3,
+        )
+
+
+def natural_frequencies(rod: Rod, count: int) -> Array:
+    """(count,) lowest natural frequencies of a clamped rod about its rest shape, Hz, ascending.
+
+    A frequency that two modes share (bending in both planes of a rod with ei2 = ei) is listed
+    twice. Raises InputError for wrong values; count is 1 to 3 times the segments.
+    """
+    from featherfx.solver.step.modes import frequencies
+
+    model, _ = _all(lambda: rod_model(rod), lambda: _check_count(count, 3 * rod.segments))
+    return frequencies(model, 0, count)
+
+
+def release(
+    rod: Rod,
+    duration: float,
+    tolerance: float,
+    *,
+    loss_factor: float = 0.0,
+    samples: int = 100,
+    radius: float = 0.8,
+) -> Swing:
+    """Let go a rod that was held straight along +x, at rest, under its weight.
+
+    duration: s. tolerance: m, local error of a step. loss_factor: of the material, at the first
+    natural frequency. samples: output times after the first one; a step is never longer than their
+    distance. radius: Settings.radius, 1 conserves energy. Raises InputError for wrong values,
+    SimulationError where a step cannot be solved.
+    """
+    model, loads, _ = _all(
+        lambda: rod_model(rod),
+        lambda: rod_loads(rod),
+        lambda: _check_release(duration, tolerance, loss_factor, samples, radius),
+    )
+    if loss_factor > 0.0:
+        model = damped(model, loss_factor)
+    _compile()
+    begin = time.perf_counter()
+    settings = Settings(tolerance, NEWTON_SHARE * tolerance, SUBSTEPS, radius)
+    solver = Solver(model, settings)
+    state = straight(model)
+    states, steps = [state], 0.0
+    path = hold_roots(state)
+    interval = duration / samples
+    for pieces in ((START, 1.0 - START), *(((1.0,),) * (samples - 1))):
+        for piece in pieces:
+            state, report = solver.step(state, loads, path, piece * interval)
+            raise_if_failed(report.status, state.time, [NAME])
+            steps += report.steps[0]
+        states.append(state)
+    seconds = time.perf_counter() - begin
+    return Swing(
+        time=np.linspace(0.0, duration, samples + 1),
+        tip=np.array([each.centre[0, -1] for each in states]),
+        energy=np.array([total_energy(model, loads, each) for each in states]),
+        steps=int(steps),
+        seconds=seconds,
+    )
+
+
+def damped(model: Model, loss_factor: float) -> Model:
+    """The rod with Kelvin-Voigt damping: loss factor over its first angular frequency."""
+    from featherfx.solver.step.modes import first_frequency
+
+    retardation = np.zeros_like(model.retardation)
+    retardation[:, 0] = loss_factor / first_frequency(model, 0)
+    return model._replace(retardation=retardation)
+
+
+def total_energy(model: Model, loads: Loads, state: State) -> float:
+    """Kinetic, elastic and potential energy (J) of a batch of one under dead loads and gravity."""
+    from featherfx.lab.pose import posed
+    from featherfx.solver.step.energy_kernels import elastic_energy
+
+    strains = posed(model, loads, state).now.strains
+    elastic = elastic_energy(model, 0, strains, strains, 0.0)
+    kinetic = 0.5 * np.einsum("np,npk,npk", model.mass[0], state.velocity[0], state.velocity[0])
+    places = np.delete(state.points[0], (1, 2), axis=1)
+    potential = -np.einsum(
+        "np,npk,k", np.delete(model.mass[0], (1, 2), axis=1), places, loads.gravity
+    )
+    if loads.force.size:
+        potential -= np.sum(loads.force[0] * state.points[0])
+    return float(elastic + kinetic + potential)
+
+
+def _residual(model: Model, loads: Loads, state: State, length: float) -> float:
+    from featherfx.lab.pose import STATIC, posed
+    from featherfx.solver.step.assembly_kernels import assemble
+    from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
+
+    work = posed(model, loads, state)
+    assemble(model, loads, 0, 0.0, STATIC, FORCES_ONLY, 0.0, work)
+    unbalanced = np.abs(work.system.right.reshape(model.rows, -1))
+    return float(max(unbalanced[:, :3].max(), unbalanced[:, 3:].max() / length))
+
+
+@cache
+def _compile() -> None:
+    """Load the kernels, so that measured times are those of the work."""
+    rod = Rod(length=1.0, ei=1.0, segments=2)
+    model = rod_model(rod)
+    solver = Solver(model, Settings())
+    state, _, _ = solver.equilibrium(clamped(model), rod_loads(rod))
+    solver.step(state, rod_loads(rod), hold_roots(state), 0.01)
+
+
+def _check_release(
+    duration: float, tolerance: float, loss_factor: float, samples: int, radius: float
+) -> None:
+    positive = {"duration": duration, "tolerance": tolerance}
+    problems = [
+        Problem(NAME, name, f"{value:g}; allowed: above 0")
+        for name, value in positive.items()
+        if not 0.0 < value < np.inf
+    ]
+    if not 0.0 <= loss_factor <= 10.0:
+        problems.append(Problem(NAME, "loss_factor", f"{loss_factor:g}; allowed: 0 to 10"))
+    if not 1 <= samples <= 1_000_000:
+        problems.append(Problem(NAME, "samples", f"{samples}; allowed: 1 to 1000000"))
+    if not 0.0 <= radius <= 1.0:
+        problems.append(Problem(NAME, "radius", f"{radius:g}; allowed: 0 to 1"))
+    if problems:
+        raise InputError(*problems)
+
+
+def _check_count(count: int, most: int) -> None:
+    if not 1 <= count <= most:
+        raise InputError(Problem(NAME, "count", f"{count}; allowed: 1 to {most}"))
+
+
+def _all(*tasks: Callable[[], Any]) -> list[Any]:
+    """Results of all tasks; raises one InputError with the problems of all of them."""
+    results: list[Any] = []
+    problems: list[Problem] = []
+    for task in tasks:
+        try:
+            results.append(task())
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(*dict.fromkeys(problems))
+    return results

@@ -1,0 +1,1 @@
+"""Feathers of a shot that touch each other and moving meshes."""

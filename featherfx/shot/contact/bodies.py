@@ -1,0 +1,46 @@
+"""The colliders of a shot as walls: where their meshes are at both ends of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.shot.types import Shot
+from featherfx.solver.contact.wall import Wall, outward, wall_of
+from featherfx.solver.state import State
+
+Array = NDArray[np.float64]
+
+# depth, as a share of the longest feather, from which a node finds its way out of a body
+DEPTH_SHARE = 0.02
+
+
+class Bodies:
+    """Meshes that feathers bump into.
+
+    begun: whether the shot is under way; before, the points of vanes that are inside a body count
+    as grown in and are left alone until they come out.
+    """
+
+    def __init__(self, shot: Shot, longest: float) -> None:
+        self._bodies = shot.colliders
+        surfaces = [body.surface for body in self._bodies]
+        self._triangles = [outward(surface.triangles, surface.rest) for surface in surfaces]
+        self._depth = DEPTH_SHARE * longest
+        self.begun = False
+
+    def walls(self, states: Sequence[State], start: float, end: float, margin: float) -> list[Wall]:
+        """The bodies from start to end, s since the first frame, for feathers in these states."""
+        if not self._bodies:
+            return []
+        fastest = max(float(np.abs(state.velocity).max()) for state in states)
+        walls = []
+        for body, triangles in zip(self._bodies, self._triangles, strict=True):
+            before, after = body.points(start), body.points(end)
+            own = float(np.abs(after - before).max(initial=0.0))
+            way = np.sqrt(3.0) * (fastest * (end - start) + own)
+            reach = margin + self._depth + float(way)
+            walls.append(wall_of(before, after, triangles, reach, not self.begun))
+        return walls

@@ -1,0 +1,258 @@
+"""Contact in the frame loop: all feathers of a shot in common steps.
+
+Within a frame the feathers that touch must know of each other at the same times, so they take
+common steps: a given number per frame, or as many as most of them need to keep to the quality's
+tolerance; the others divide these into steps of their own, while what they touch moves evenly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.types import Feather
+from featherfx.mechanics.model import Loads
+from featherfx.shot.contact.bodies import Bodies
+from featherfx.shot.contact.pairs import candidate_pairs, normal_of, order_at_rest
+from featherfx.shot.contact.settle import settled_together
+from featherfx.shot.contact.steps import FrameSteps, StepRules
+from featherfx.shot.detail.sleep import asleep
+from featherfx.shot.placement import place
+from featherfx.shot.types import Shot
+from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
+from featherfx.solver.contact.surfaces import Memory, grids_of_models, skin_of
+from featherfx.solver.solver import Solver, StepReport
+from featherfx.solver.state import State
+from featherfx.solver.step.root_path import RootPath
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+LoadsOf = Callable[[float, float], Sequence[Loads]]
+PathsOf = Callable[[float, float], Sequence[RootPath]]
+
+# what a gap may be off: a share of the quality's tolerance, between these of the thickness
+OFF_SHARE, LEAST_SHARE, MOST_SHARE = 0.05, 0.1, 0.4
+# smallest followed gap, in thicknesses
+MARGIN_SHARE = 6.0
+# pairs named in a report
+MOST_NAMED = 10
+
+
+@dataclass
+class Tally:
+    """Sums over a shot. contacts: most at once. depth: m, deepest penetration, after settling and
+    in motion. residual: m, worst of an interval. rounds, intervals, solves: totals. repeated:
+    intervals that were tried again, shorter. forced: those accepted although their contacts are
+    off by more than they should be, because none shorter is allowed."""
+
+    contacts: int = 0
+    intervals: int = 0
+    rounds: int = 0
+    solves: int = 0
+    repeated: int = 0
+    forced: int = 0
+    depth: float = 0.0
+    residual: float = 0.0
+    settled_depth: float = 0.0
+    rest_depth: float = 0.0
+    shortest: float = field(default=np.inf)
+
+    def add(self, report: ContactReport, step: float, off: bool) -> None:
+        self.contacts = max(self.contacts, report.contacts)
+        self.intervals += 1
+        self.rounds += report.rounds
+        self.solves += report.solves
+        self.depth = max(self.depth, report.depth)
+        self.residual = max(self.residual, report.residual)
+        self.shortest = min(self.shortest, step)
+        self.forced += int(off)
+
+
+class ShotContact:
+    """Advances all batches of a shot together.
+
+    solvers: of the batches. members: per batch, places in the groom. feathers: as simulated, batch
+    after batch.
+    """
+
+    def __init__(
+        self,
+        shot: Shot,
+        solvers: Sequence[Solver],
+        members: Sequence[NDArray[np.int64]],
+        feathers: Sequence[Feather],
+    ) -> None:
+        assert shot.contact is not None
+        self.shot, self.contact = shot, shot.contact
+        order = np.concatenate(members)
+        placements = [shot.groom.feathers[k] for k in order]
+        self.names = [placement.id for placement in placements]
+        thickness = np.array([p.kind.vane_material.thickness for p in placements])
+        if self.contact.thickness is not None:
+            thickness[:] = self.contact.thickness
+        rest = [
+            place(f.points, p.position, p.rotation)
+            for f, p in zip(feathers, placements, strict=True)
+        ]
+        normals = np.stack([normal_of(points) for points in rest])
+        lengths = np.array([f.station[-1] for f in feathers])
+        pairs = candidate_pairs(rest, lengths)
+        halves = 0.5 * thickness
+        models = [solver.model for solver in solvers]
+        grids = grids_of_models(models)
+        skin = skin_of(models, grids, halves)
+        ranks = np.array([placement.rank for placement in placements])
+        dorsal = np.stack([placement.rotation[:, 2] for placement in placements])
+        batches = zip(grids.first[:-1], grids.first[1:], strict=True)
+        together = grids.together([np.stack(rest[low:high]) for low, high in batches])
+        sides = order_at_rest(pairs, together, normals, skin, lengths, ranks, dorsal)
+        self._thickness = float(thickness.min())
+        settings = ContactSettings(
+            friction=self.contact.friction,
+            margin=MARGIN_SHARE * float(thickness.max()),
+            tolerance=self._tolerance(),
+        )
+        self.solver = ContactSolver(solvers, pairs, sides, halves, settings)
+        self.tally = Tally()
+        self._bodies = Bodies(shot, float(lengths.max()))
+        self._rules = self._step_rules()
+        self._proposal = 0.0
+        self._unresolved: list[dict[str, Any]] = []
+
+    def _step_rules(self) -> StepRules:
+        quality = self.shot.quality
+        return StepRules(
+            steps=self.contact.steps,
+            substeps=quality.max_substeps,
+            tolerance=quality.tolerance,
+            thickness=self._thickness,
+            rounds=self.solver.settings.rounds,
+            iterations=self.solver.solvers[0].settings.max_iterations,
+            names=self.names,
+        )
+
+    def _tolerance(self) -> float:
+        """m, what a gap may be off."""
+        least, most = LEAST_SHARE * self._thickness, MOST_SHARE * self._thickness
+        return float(np.clip(OFF_SHARE * self.shot.quality.tolerance, least, most))
+
+    def advance(
+        self,
+        states: Sequence[State],
+        loads_of: LoadsOf,
+        paths_of: PathsOf,
+        start: float,
+        end: float,
+        resting: Flags,
+    ) -> tuple[list[State], list[StepReport]]:
+        """Advance all batches from start to end (s); the given states are not changed.
+
+        loads_of, paths_of: what acts from one time to another, per batch. resting: (B,) feathers at
+        rest on which nothing acts anew; they are stepped when others push them.
+        """
+        steps = FrameSteps(self._rules, start, end, self._proposal)
+        current, parts, resting = list(states), [], resting.copy()
+        while steps.left():
+            time, stop = steps.time, steps.stop
+            walls = self._bodies.walls(current, time, stop, self.solver.settings.margin)
+            loads, paths = loads_of(time, stop), paths_of(time, stop)
+            new, reports, contact = self.solver.interval(
+                current, loads, paths, stop - time, walls, steps.substeps, resting, steps.yielding
+            )
+            if steps.again(reports, contact):
+                continue
+            steps.accepted(reports, contact)
+            current = _slept(new, reports, paths, stop - time)
+            resting &= np.concatenate([report.steps for report in reports]) == 0.0
+            self.solver.accept()
+            self._bodies.begun = True
+            self.tally.add(contact, steps.length, self._rules.wrong(contact))
+            parts.append(reports)
+        self._proposal = steps.proposal
+        self.tally.repeated += steps.repeated
+        return current, [_summed(batch) for batch in zip(*parts, strict=True)]
+
+    def settle(self, states: Sequence[State], loads: Sequence[Loads]) -> list[State]:
+        """Bring layered feathers to rest against each other by long damped steps."""
+        found = settled_together(self.solver, self._bodies, states, loads, self.names)
+        self.tally.rest_depth, self.tally.settled_depth = found.rest_depth, found.depth
+        self._unresolved = self._still_deep()
+        return found.states
+
+    def _still_deep(self) -> list[dict[str, Any]]:
+        """Pairs that are in each other by more than the tolerance, the deepest first."""
+        guests, hosts, depths = self.solver.depths()
+        worst: dict[tuple[str, str], float] = {}
+        for guest, host, depth in zip(
+            guests.tolist(), hosts.tolist(), depths.tolist(), strict=True
+        ):
+            first, second = sorted((guest, host)) if host >= 0 else (guest, host)
+            pair = self.names[first], self.names[second] if second >= 0 else "a collider"
+            worst[pair] = max(worst.get(pair, 0.0), depth)
+        left = sorted((-depth, *pair) for pair, depth in worst.items())
+        tolerance = self.solver.settings.tolerance
+        return [
+            {"feather": feather, "other": other, "depth": -depth}
+            for depth, feather, other in left
+            if -depth > tolerance
+        ]
+
+    def report(self) -> dict[str, Any]:
+        """Figures of the contact so far, in SI units."""
+        tally = self.tally
+        return {
+            "bodies": len(self.shot.colliders),
+            "nodes_grown_into_bodies": int(self.solver.memory.inside.sum()),
+            "pairs": len(self.solver.pairs) // 2,
+            "ordered_pairs": int(np.count_nonzero(self.solver.order)) // 2,
+            "most_contacts": tally.contacts,
+            "steps": tally.intervals,
+            "repeated_steps": tally.repeated,
+            "steps_with_contacts_off": tally.forced,
+            "shortest_step": tally.shortest if tally.intervals else 0.0,
+            "mean_rounds": tally.rounds / max(tally.intervals, 1),
+            "feather_solves": tally.solves,
+            "depth_at_rest": tally.rest_depth,
+            "depth_after_settling": tally.settled_depth,
+            "unresolved_pairs": len(self._unresolved),
+            "unresolved": self._unresolved[:MOST_NAMED],
+            "worst_depth": tally.depth,
+            "worst_residual": tally.residual,
+        }
+
+    def memory(self) -> dict[str, Any]:
+        """What is kept between frames, for checkpoints."""
+        return self.solver.memory._asdict() | {"step": np.array(self._proposal)}
+
+    def restore(self, memory: dict[str, Any]) -> None:
+        """Take over what `memory` gave."""
+        self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
+        self._proposal = float(memory["step"])
+        self._bodies.begun = True
+
+
+def _slept(
+    states: Sequence[State],
+    reports: Sequence[StepReport],
+    paths: Sequence[RootPath],
+    duration: float,
+) -> list[State]:
+    """The states after a step (s) in which some feathers were not solved: their time goes on."""
+    return [
+        asleep(state, report.steps == 0.0, path, duration)
+        for state, report, path in zip(states, reports, paths, strict=True)
+    ]
+
+
+def _summed(parts: Sequence[StepReport]) -> StepReport:
+    """Reports of one batch's steps within a frame as one: counts add, the rest is the largest."""
+    columns = {}
+    for name in StepReport.__dataclass_fields__:
+        values = np.stack([getattr(part, name) for part in parts])
+        largest = name in ("error", "move", "status")
+        columns[name] = values.max(axis=0) if largest else values.sum(axis=0)
+    return StepReport(**columns)

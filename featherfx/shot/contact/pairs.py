@@ -1,0 +1,159 @@
+"""Which feathers of a groom may touch, and which of two lies over the other.
+
+At rest the groom's layers tell the order: where one feather's nodes lie over another's vane, their
+sides are counted, and the clear majority holds for the shot. Where a layout laid both feathers, its
+order holds instead. What does not overlap at rest gets its
+order through feathers between (over the one that is over the other), else none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.solver.contact.list_kernels import PAIR, SIDE, START_GAP, THICKNESS
+from featherfx.solver.contact.surfaces import Skin, list_contacts, no_memory, scene_of
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# feathers are paired where their boxes at rest are nearer than this share of their length
+REACH_SHARE = 0.5
+# nodes within this share of the length count for the order at rest
+NEAR_SHARE = 0.1
+# part of the nodes by which one side must lead
+CLEAR = 0.2
+# depth at rest, as a share of the shorter feather's length, that an order may ask to be undone
+DEEP_SHARE = 0.05
+
+
+def candidate_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
+    """(N, 2) guest and host of feathers that may meet, each pair in both roles.
+
+    rest: per feather (n, P, 3) m, world points at rest. lengths: (F,) m.
+    """
+    nodes = [np.delete(points, (1, 2), axis=1).reshape(-1, 3) for points in rest]
+    low = np.stack([points.min(axis=0) for points in nodes])
+    high = np.stack([points.max(axis=0) for points in nodes])
+    found = []
+    for first in range(len(nodes) - 1):
+        others = slice(first + 1, None)
+        margin = REACH_SHARE * np.maximum(lengths[first], lengths[others])[:, None]
+        meet = (low[others] <= high[first] + margin) & (low[first] <= high[others] + margin)
+        second = first + 1 + np.flatnonzero(meet.all(axis=1))
+        found.append(np.stack([np.full(len(second), first), second], axis=1))
+    pairs = np.concatenate([np.zeros((0, 2), dtype=np.int64), *found])
+    return np.concatenate([pairs, pairs[:, ::-1]])
+
+
+def order_at_rest(
+    pairs: Indices,
+    rest: Array,
+    normals: Array,
+    skin: Skin,
+    lengths: Array,
+    ranks: Indices,
+    dorsal: Array,
+) -> Indices:
+    """(N,) side of the host where the guest belongs, 0 where it is not clear.
+
+    pairs: from `candidate_pairs`. rest: (F, n, P, 3) m, on the widest grid. normals: (F, 3) from
+    `normal_of`. ranks: (F,) places in the order in which a layout laid the feathers, upwards, -1
+    without one. dorsal: (F, 3) unit vectors at the roots. An order that would have a feather
+    deeper in another than a layout ever leaves it is no order.
+    """
+    shorter = lengths[pairs].min(axis=1)
+    votes = _votes(pairs, rest, skin, shorter)
+    half = len(pairs) // 2
+    guest, host = pairs[:half].T
+    agree = _agree(normals[guest], normals[host])
+    # the guest is over its host where the host is under the guest, seen from equal normals
+    both = votes.side[:half] - agree * votes.side[half:]
+    total = votes.number[:half] + votes.number[half:]
+    clear = np.abs(both) > CLEAR * np.maximum(total, 1.0)
+    seen = np.where(clear, np.sign(both), 0.0).astype(np.int64)
+    laid = (ranks[guest] >= 0) & (ranks[host] >= 0) & (total > 0.0)
+    upward = _agree(normals, dorsal)[host] * np.sign(ranks[guest] - ranks[host])
+    order = np.where(laid, upward, seen)
+    for other in (seen, np.zeros_like(seen)):
+        turned = -agree * order
+        deep = np.maximum(
+            np.where(order > 0, votes.below[:half], np.where(order < 0, votes.above[:half], 0.0)),
+            np.where(turned > 0, votes.below[half:], np.where(turned < 0, votes.above[half:], 0.0)),
+        )
+        order = np.where(deep > DEEP_SHARE * shorter[:half], other, order)
+    order = _through_others(pairs[:half], order, agree)
+    return np.concatenate([order, -agree * order])
+
+
+class _Votes(NamedTuple):
+    """Of N pairs: sum of the sides of the guest's nodes over the host, their number, and m, how far
+    the farthest are above and below it."""
+
+    side: Array
+    number: Array
+    above: Array
+    below: Array
+
+
+def _votes(pairs: Indices, rest: Array, skin: Skin, shorter: Array) -> _Votes:
+    """shorter: (N,) m, length of the shorter feather of each pair."""
+    scene = scene_of(rest, rest, np.ones(rest.shape[:3]))
+    memory, votes = no_memory(skin), _Votes(*(np.zeros(len(pairs)) for _ in _Votes._fields))
+    octaves = np.floor(np.log2(shorter))
+    for octave in np.unique(octaves):
+        some = np.flatnonzero(octaves == octave)
+        free = np.zeros(len(some), dtype=np.int64)
+        margin = NEAR_SHARE * 2.0 ** (octave + 1.0)
+        touch, count = list_contacts(pairs[some], free, skin, scene, memory, float(margin), 0.0)
+        who, value = touch.who[:count], touch.value[:count]
+        pair, side = some[who[:, PAIR]], who[:, SIDE]
+        height = value[:, START_GAP] + value[:, THICKNESS]
+        np.add.at(votes.side, pair, side)
+        np.add.at(votes.number, pair, 1.0)
+        np.maximum.at(votes.above, pair[side > 0], height[side > 0])
+        np.maximum.at(votes.below, pair[side < 0], height[side < 0])
+    return votes
+
+
+def normal_of(points: Array) -> Array:
+    """(3,) normal of a feather's surface (n, P, 3), on the whole; not of unit length."""
+    m = (points.shape[1] - 3) // 2
+    across = points[:, 2 + m] - points[:, 2 + 2 * m]
+    normal: Array = np.cross(np.gradient(points[:, 0], axis=0), across).sum(axis=0)
+    return normal
+
+
+def _agree(first: Array, second: Array) -> Indices:
+    """(N,) 1 where vectors (N, 3) point alike, -1 where they are opposite."""
+    return np.where(np.einsum("pk,pk->p", first, second) >= 0.0, 1, -1)
+
+
+def _through_others(pairs: Indices, order: Indices, agree: Indices) -> Indices:
+    """Orders of pairs that have none, by the feathers between where all are oriented alike."""
+    over: dict[int, set[int]] = {}
+    for (guest, host), side, same in zip(
+        pairs.tolist(), order.tolist(), agree.tolist(), strict=True
+    ):
+        if side and same > 0:
+            upper, lower = (guest, host) if side > 0 else (host, guest)
+            over.setdefault(upper, set()).add(lower)
+    below = {upper: _reachable(upper, over) for upper in over}
+    found = order.copy()
+    for k in np.flatnonzero((order == 0) & (agree > 0)):
+        guest, host = pairs[k].tolist()
+        down, up = host in below.get(guest, ()), guest in below.get(host, ())
+        found[k] = int(down) - int(up)
+    return found
+
+
+def _reachable(start: int, over: dict[int, set[int]], steps: int = 8) -> set[int]:
+    found: set[int] = set()
+    edge = {start}
+    for _ in range(steps):
+        edge = {lower for upper in edge for lower in over.get(upper, ())} - found
+        found |= edge
+    return found

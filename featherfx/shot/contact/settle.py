@@ -1,0 +1,141 @@
+"""Feathers that touch brought to rest together, before the first frame.
+
+Long damped steps: after each one all motion is taken away, and what has come to rest is only
+solved again where others push it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputWarning
+from featherfx.mechanics.model import Loads
+from featherfx.shot.contact.bodies import Bodies
+from featherfx.solver.contact.interval import ContactReport, ContactSolver
+from featherfx.solver.solver import raise_if_failed
+from featherfx.solver.state import State
+from featherfx.solver.step.root_path import hold_roots
+
+Flags = NDArray[np.bool_]
+
+# lengths of the steps, s, and the most of each
+STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
+# what one that cannot be solved is cut to, and the shortest tried, s
+CUT, SHORTEST = 0.25, 1e-5
+# misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s
+BAD_SHARE, SHORTEST_OFF = 2.0, 5e-4
+# Newton iterations of a feather after which settling ends, in balance or not
+MOST_ITERATIONS = 4000
+
+
+@dataclass(frozen=True)
+class Settled:
+    """States of the batches, at rest; depth: m, deepest penetration, and rest_depth: before."""
+
+    states: list[State]
+    depth: float
+    rest_depth: float
+
+
+def settled_together(
+    solver: ContactSolver,
+    bodies: Bodies,
+    states: Sequence[State],
+    loads: Sequence[Loads],
+    names: Sequence[str],
+) -> Settled:
+    """The batches in balance with their loads and each other, from the given states on.
+
+    Raises SimulationError where a feather cannot be solved. One that finds no balance is left on
+    its way, with a warning (InputWarning) that names the first.
+    """
+    current = [_stopped(state) for state in states]
+    rest_depth, depth = None, 0.0
+    spent, resting = np.zeros(len(names)), np.zeros(len(names), dtype=np.bool_)
+    for longest in STEPS:
+        h = longest
+        resting[:] = False
+        for _ in range(MOST_STEPS):
+            if spent.max() > MOST_ITERATIONS:
+                break
+            new, contact, h = _step(solver, bodies, current, loads, names, h, resting, spent)
+            moved = _moves(new, current)
+            current = [_stopped(state) for state in new]
+            solver.accept()
+            bodies.begun = True
+            rest_depth = contact.start_depth if rest_depth is None else rest_depth
+            depth = contact.depth
+            resting = (moved < solver.settings.tolerance) & (h == longest)
+            if resting.all():
+                break
+            h = min(longest, h / CUT)
+    if not resting.all():
+        _warn(names, resting)
+    return Settled(current, depth, rest_depth or 0.0)
+
+
+def _step(
+    solver: ContactSolver,
+    bodies: Bodies,
+    states: Sequence[State],
+    loads: Sequence[Loads],
+    names: Sequence[str],
+    h: float,
+    resting: Flags,
+    spent: NDArray[np.float64],
+) -> tuple[list[State], ContactReport, float]:
+    """One damped step of h (s), or of as much of it as can be solved; and its length.
+
+    spent: (B,) Newton iterations, added to. What cannot be solved at the shortest step yields.
+    """
+    yielding: Flags | None = None
+    while True:
+        paths = [hold_roots(state) for state in states]
+        walls = bodies.walls(states, 0.0, 0.0, solver.settings.margin)
+        new, reports, contact = solver.interval(
+            states, loads, paths, h, walls, 1, resting, yielding
+        )
+        spent += np.concatenate([report.iterations for report in reports])
+        status = np.concatenate([report.status for report in reports])
+        far_off = contact.residual > BAD_SHARE * 2.0 * float(solver.skin.half.max(initial=0.0))
+        if not status.any() and not (far_off and CUT * h > SHORTEST_OFF):
+            return new, contact, h
+        if CUT * h >= SHORTEST:
+            h *= CUT
+        elif yielding is None:
+            yielding = status != 0.0
+        else:
+            raise_if_failed(status, np.zeros(len(status)), names)
+
+
+def _moves(after: Sequence[State], before: Sequence[State]) -> NDArray[np.float64]:
+    """(B,) m, how far any node of each feather moved."""
+    moves = [
+        np.abs(np.delete(a.points - b.points, (1, 2), axis=2)).max(axis=(1, 2, 3))
+        for a, b in zip(after, before, strict=True)
+    ]
+    return np.concatenate(moves)
+
+
+def _stopped(state: State) -> State:
+    new = state.copy()
+    for rate in (new.velocity, new.acceleration, new.smoothed, new.spin, new.coefficient_rate):
+        rate[:] = 0.0
+    new.step[:], new.proposal[:], new.time[:] = 0.0, 0.0, 0.0
+    return new
+
+
+def _warn(names: Sequence[str], resting: Flags) -> None:
+    moving = np.flatnonzero(~resting)
+    more = f" and {len(moving) - 1} more" if len(moving) > 1 else ""
+    warnings.warn(
+        f"settle: feather '{names[int(moving[0])]}'{more} had not come to rest against the others"
+        " and starts out of balance",
+        InputWarning,
+        stacklevel=2,
+    )

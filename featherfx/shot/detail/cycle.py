@@ -1,0 +1,188 @@
+"""Feathers whose motion has become periodic are replayed, not stepped.
+
+A shot that says after how many frames it repeats (`cycle`) drives its feathers towards a periodic
+motion. With d_k the largest distance of a feather's points from where they were a cycle before,
+over the k-th cycle, and q = d_k / d_(k-1), all that the following cycles would still change is
+d_k q / (1 - q) if the distances go on to shrink like that. Once d_k and that are below the error
+tolerance, the last cycle is played again, for as long as what acts on the feather is what acted a
+cycle before: its root goes the same way (from wherever it is by now), and gravity, wind, grips and
+forces are the same. Anything else lets it be stepped again, in the same frame.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import turns_to_frames
+from featherfx.errors import InputWarning
+from featherfx.mechanics.model import Loads
+from featherfx.solver.state import State
+from featherfx.solver.step.root_path import RootPath
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# by which what acts may differ from what acted a cycle before, in SI units and of its size: skins
+# are sampled in single precision
+SLACK = 1e-6
+# forces are compared in micronewtons, because single points carry so little
+MICRO = 1e6
+
+
+class _Sample(NamedTuple):
+    """A group after a sample. inputs: (F, K) what acted on the way there, not finite where that
+    can't repeat. place: (F, 3) m, of the roots."""
+
+    state: State
+    inputs: Array
+    place: Array
+
+
+class Cycle:
+    """What a group of feathers did for one cycle; `repeating` before a sample, `keep` after it.
+
+    period: samples. tolerance: m. It holds as many states as a cycle has samples.
+    """
+
+    def __init__(self, period: int, tolerance: float, feathers: int) -> None:
+        self._period, self._tolerance = period, tolerance
+        self._kept: deque[_Sample] = deque(maxlen=period)
+        # (F,) m, distances from a cycle before, of two cycles
+        self._changes: deque[Array] = deque(maxlen=2 * period)
+        self._playing = np.zeros(feathers, dtype=np.bool_)
+        self.met = False
+
+    def repeating(self, path: RootPath, loads: Loads) -> Flags:
+        """(F,) which feathers replay the sample that a path leads to."""
+        if len(self._kept) < self._period:
+            return self._playing
+        changes = np.stack(self._changes)
+        now = changes[-self._period :].max(axis=0)
+        before = changes[: -self._period].max(axis=0, initial=0.0)
+        if len(changes) < 2 * self._period:
+            before[:] = np.inf
+        known = np.isfinite(now) & np.isfinite(before)
+        share = np.divide(now, before, out=np.ones_like(now), where=known & (before > 0.0))
+        share[known & (now == 0.0)] = 0.0
+        # where they do not shrink, the limit is that of no change at all
+        left = now * share / np.maximum(1.0 - share, 1e-12)
+        steady = known & (now <= self._tolerance) & (left <= self._tolerance)
+        self._playing = self._same(_inputs(path, loads)) & (self._playing | steady)
+        return self._playing
+
+    def replayed(self, state: State, flags: Flags, path: RootPath, duration: float) -> State:
+        """The state after a sample, s later, that the feathers with a flag replay."""
+        old, new = self._kept[0], state.copy()
+        for array, past in zip(new, old.state, strict=True):
+            array[flags] = past[flags]
+        new.time[flags] = state.time[flags] + duration
+        way = (path.samples[:, -1, :3] - old.place)[flags]
+        new.centre[flags] += way[:, None]
+        places = np.delete(np.arange(state.points.shape[2]), (1, 2))
+        for f, shift in zip(np.flatnonzero(flags), way, strict=True):
+            new.points[f][:, places] += shift
+        return new
+
+    def keep(self, state: State, path: RootPath, loads: Loads, usable: Flags) -> None:
+        """Note the state at a sample. usable: (F,) feathers that are computed in this group."""
+        inputs, place = _inputs(path, loads), path.samples[:, -1, :3].copy()
+        change = np.full(len(place), np.inf)
+        if len(self._kept) == self._period:
+            same = self._same(inputs)
+            self.met |= bool(same.any())
+            old = self._kept[0]
+            way = state.points - old.state.points - (place - old.place)[:, None, None]
+            apart = np.linalg.norm(np.delete(way, (1, 2), axis=2), axis=3).max(axis=(1, 2))
+            change = np.where(same & usable, apart, np.inf)
+        self._changes.append(change)
+        self._kept.append(_Sample(state, inputs, place))
+
+    def _same(self, inputs: Array) -> Flags:
+        """(F,) whether what acts is what acted a cycle before."""
+        past = self._kept[0].inputs
+        with np.errstate(invalid="ignore"):
+            near = np.abs(inputs - past) <= SLACK * (1.0 + np.abs(past))
+        return np.asarray(near.all(axis=1))
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """What is kept between frames, for checkpoints."""
+        found = {"playing": self._playing, "met": np.array(self.met)}
+        for k, change in enumerate(self._changes):
+            found[f"change.{k}"] = change
+        for k, sample in enumerate(self._kept):
+            found |= {f"{k}.state.{name}": v for name, v in sample.state._asdict().items()}
+            found |= {f"{k}.inputs": sample.inputs, f"{k}.place": sample.place}
+        return found
+
+    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `memory` gave."""
+        self._playing, self.met = memory["playing"], bool(memory["met"])
+        self._changes.extend(memory[f"change.{k}"] for k in range(_count(memory, "change.{}")))
+        for k in range(_count(memory, "{}.place")):
+            state = State(*(memory[f"{k}.state.{name}"] for name in State._fields))
+            self._kept.append(_Sample(state, memory[f"{k}.inputs"], memory[f"{k}.place"]))
+
+
+def memory_of(cycles: Sequence[Cycle | None]) -> dict[str, NDArray[Any]]:
+    """What the groups of a shot keep, for checkpoints."""
+    return {
+        f"{g}.{name}": value
+        for g, cycle in enumerate(cycles)
+        if cycle is not None
+        for name, value in cycle.memory().items()
+    }
+
+
+def restore(cycles: Sequence[Cycle | None], memory: Mapping[str, NDArray[Any]]) -> None:
+    """Take over what `memory_of` gave."""
+    for g, cycle in enumerate(cycles):
+        mine = f"{g}."
+        kept = {n.removeprefix(mine): value for n, value in memory.items() if n.startswith(mine)}
+        if cycle is not None:
+            cycle.restore(kept)
+
+
+def warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> None:
+    """InputWarning if nothing repeated after a cycle of so many frames, of done frames in all."""
+    if frames and done > 2 * frames and not any(cycle and cycle.met for cycle in cycles):
+        message = f"cycle: root, wind and forces of no feather repeat after {frames} frames"
+        warnings.warn(InputWarning(message), stacklevel=2)
+
+
+def _count(memory: Mapping[str, NDArray[Any]], name: str) -> int:
+    """How many entries there are of a numbered name."""
+    count = 0
+    while name.format(count) in memory:
+        count += 1
+    return count
+
+
+def _inputs(path: RootPath, loads: Loads) -> Array:
+    """(F, K) numbers that tell what acts on each feather in a frame, places seen from its root."""
+    count = len(path.base)
+    start = path.samples[:, 0, :3]
+    way = path.samples.copy()
+    way[:, :, :3] -= start[:, None]
+    amplitude = loads.wind_amplitude if loads.air[0] > 0.0 else np.zeros(0)
+    # a gust never repeats
+    gusts = np.array([np.inf if np.any(amplitude) else 0.0])
+    common = np.concatenate([loads.gravity, loads.air, gusts])
+    parts = (
+        way,
+        turns_to_frames(path.base),
+        np.broadcast_to(common, (count, common.size)),
+        np.broadcast_to(loads.wind_mean, (count, 3)),
+        loads.grip_node,
+        loads.grip_start - start[:, None],
+        loads.grip_end - start[:, None],
+        loads.grip_stiffness,
+        MICRO * loads.force,
+        MICRO * (loads.force_change if loads.force_change.size else np.zeros((count, 0))),
+    )
+    return np.concatenate([np.reshape(part, (count, -1)) for part in parts], axis=1)

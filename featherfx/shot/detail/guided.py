@@ -1,0 +1,227 @@
+r"""Feathers that follow simulated guides: deformation carried in rachis frames.
+
+Of every guide, at its relative arc lengths, three kinds of rotation vectors are taken in its own
+root and row frames, against its rest shape; A_i is row i's frame seen from the root:
+
+    k_i   turn from row to row      A_i^T A_(i+1) = K0_i exp(k_i)
+    c_i   turn of the shaft's chord from row i to row i + 1, in A_i
+    b_ij  turn of a barb's segment j, in A_i
+
+Rotation vectors of different guides are added with weights; as each is one row's share of the
+bending only, none comes near half a turn, where such sums flip. The follower's pose is the chain
+
+    A_(i+1) = A_i K0_i exp(k_i),   r_(i+1) = r_i + A_i exp(c_i) chord_i,
+    x_ij = x_i(j-1) + A_i exp(b_ij) segment_ij
+
+with its own rest shape and root, so that every chord and segment keeps its length, and a rigid
+motion of guides and followers moves the followers rigidly. k and c belong to intervals and are
+shared out by how far those of guide and follower overlap; b is interpolated along the shaft.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.shot.detail.guided_kernels import chains
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# rates come from poses that far apart in time, as shares of the time between two samples
+INSTANT = 1e-3
+# relative arc lengths are compared to that many digits, so that equal shapes map one to one
+_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Deformation of F feathers in their own frames, rad.
+
+    along: (F, n - 1, 6) turns k and c of the intervals. barbs: (F, 2, n, m, 3) of the segments.
+    """
+
+    along: Array
+    barbs: Array
+
+
+class Shapes:
+    """Rest shapes of F feathers of n rows and m columns, as the chains need them."""
+
+    def __init__(self, feathers: Sequence[Feather], mirrored: Sequence[bool]) -> None:
+        self._mirrored = np.array(mirrored, dtype=np.bool_)
+        rest = self._unmirrored(np.stack([feather.points for feather in feathers]))
+        frames = _row_frames(rest)
+        self._origin = np.ascontiguousarray(rest[:, 0, 0])
+        self._steps = _transposed(frames[:, :-1]) @ frames[:, 1:]
+        self._chords, self._segments = (np.ascontiguousarray(p) for p in _pieces(rest, frames))
+        self.shares = [np.round(each.station / each.station[-1], _DIGITS) for each in feathers]
+        self.grown = [np.asarray(each.barb_length > 0.0) for each in feathers]
+        self.size = rest.shape[1], (rest.shape[2] - 3) // 2
+
+    def turns(self, points: Array) -> Turns:
+        """How feathers with material points (F, n, P, 3) in their root frames are deformed."""
+        local = self._unmirrored(points)
+        frames = _row_frames(local)
+        steps = _transposed(frames[:, :-1]) @ frames[:, 1:]
+        bends = _rotation_vectors(_transposed(self._steps) @ steps)
+        chords, segments = _pieces(local, frames)
+        along = np.concatenate([bends, _turn_between(self._chords, chords)], axis=2)
+        return Turns(along, _turn_between(self._segments, segments))
+
+    def posed(self, turns: Turns) -> Array:
+        """(F, n, P, 3) material points in the root frames."""
+        count, (rows, columns) = len(self._origin), self.size
+        points = np.empty((count, rows, 3 + 2 * columns, 3))
+        chains(
+            turns.along,
+            turns.barbs,
+            self._origin,
+            self._steps,
+            self._chords,
+            self._segments,
+            np.zeros((2, 3, 3)),
+            np.zeros((3, 3)),
+            points,
+        )
+        return self._unmirrored(points)
+
+    def _unmirrored(self, points: Array) -> Array:
+        """Mirrored feathers as their mirror images (featherfx/feather/types.py), and back."""
+        if not self._mirrored.any():
+            return points
+        sign = np.ones((len(points), 1, points.shape[2], 3))
+        sign[self._mirrored, :, :, 1] = -1.0
+        sign[self._mirrored, :, 1] *= -1.0
+        return points * sign
+
+
+class Followers:
+    """F feathers that follow G guides. weights: (F, G), rows add up to 1."""
+
+    def __init__(self, shapes: Shapes, guides: Shapes, weights: Any) -> None:
+        self.shapes, self.guides = shapes, guides
+        self._along, self._sides = _blends(shapes, guides, weights)
+
+    def points(self, guides: Array) -> Array:
+        """(F, n, P, 3) material points in root frames from those of the guides (G, n, P, 3)."""
+        taken = self.guides.turns(guides)
+        rows, columns = self.shapes.size
+        count = len(self.shapes.shares)
+        along = self._along @ taken.along.reshape(-1, 6)
+        barbs = np.stack(
+            [
+                blend @ taken.barbs[:, side].reshape(-1, 3 * columns)
+                for side, blend in enumerate(self._sides)
+            ]
+        ).reshape(2, count, rows, columns, 3)
+        return self.shapes.posed(
+            Turns(along.reshape(count, rows - 1, 6), np.ascontiguousarray(barbs.swapaxes(0, 1)))
+        )
+
+    def motion(self, guides: Array, rate: Array, second: Array, span: float) -> list[Array]:
+        """Points and their first and second rates in root frames, from those of the guides.
+
+        span: s, time between samples; 0: nothing moves.
+        """
+        now = self.points(guides)
+        if not span > 0.0:
+            return [now, np.zeros_like(now), np.zeros_like(now)]
+        h = INSTANT * span
+        bend = 0.5 * h * h * second
+        after, before = self.points(guides + h * rate + bend), self.points(guides - h * rate + bend)
+        return [now, (after - before) / (2.0 * h), (after - 2.0 * now + before) / (h * h)]
+
+
+def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any]]:
+    """Sparse maps of the intervals' turns, and for each side of the rows' barb turns."""
+    from scipy import sparse
+
+    weights = weights.tocoo()
+    rows = shapes.size[0]
+    known: dict[tuple[bytes, ...], list[Any]] = {}
+    parts: list[list[tuple[Array, Array, Array]]] = [[], [], []]
+    for f, g, weight in zip(weights.row, weights.col, weights.data, strict=True):
+        own, other = shapes.shares[f], guides.shares[g]
+        key = own.tobytes(), other.tobytes(), guides.grown[g].tobytes()
+        if key not in known:
+            maps = [overlaps(own, other)]
+            maps += [_interpolation(own, other, grown) for grown in guides.grown[g]]
+            known[key] = [sparse.coo_array(each) for each in maps]
+        for part, each, size in zip(parts, known[key], (rows - 1, rows, rows), strict=True):
+            part.append((f * size + each.row, g * size + each.col, weight * each.data))
+    found = []
+    for part, size in zip(parts, (rows - 1, rows, rows), strict=True):
+        row, column, data = (np.concatenate(column) for column in zip(*part, strict=True))
+        shape = len(shapes.shares) * size, len(guides.shares) * size
+        found.append(sparse.coo_array((data, (row, column)), shape=shape).tocsr())
+    return found[0], found[1:]
+
+
+def overlaps(own: Array, other: Array) -> Array:
+    """(n - 1, n - 1) share of each of the other's intervals that lies within each of the own."""
+    low = np.maximum(own[:-1, None], other[None, :-1])
+    high = np.minimum(own[1:, None], other[None, 1:])
+    return np.maximum(high - low, 0.0) / np.diff(other)
+
+
+def _interpolation(own: Array, other: Array, grown: NDArray[np.bool_]) -> Array:
+    """(n, n) linear weights of the other's rows with barbs at the own places."""
+    found = np.zeros((len(own), len(other)))
+    places = np.flatnonzero(grown)
+    if len(places):
+        for column, unit in zip(places, np.eye(len(places)), strict=True):
+            found[:, column] = np.interp(own, other[places], unit)
+    return found
+
+
+def _row_frames(points: Array) -> Array:
+    """(F, n, 3, 3) row frames from the directors, made orthonormal."""
+    second = points[:, :, 1] / np.linalg.norm(points[:, :, 1], axis=-1, keepdims=True)
+    third = points[:, :, 2]
+    third = third - np.einsum("fnk,fnk->fn", third, second)[..., None] * second
+    third = third / np.linalg.norm(third, axis=-1, keepdims=True)
+    return np.stack([np.cross(second, third), second, third], axis=-1)
+
+
+def _pieces(points: Array, frames: Array) -> tuple[Array, Array]:
+    """Chords (F, n - 1, 3) of the shaft and segments (F, 2, n, m, 3) of the barbs in row frames."""
+    columns = (points.shape[2] - 3) // 2
+    rachis = points[:, :, 0]
+    chords = _applied(_transposed(frames[:, :-1]), np.diff(rachis, axis=1))
+    sides = []
+    for side in (LEADING, TRAILING):
+        first = 3 + side * columns
+        nodes = np.concatenate([points[:, :, :1], points[:, :, first : first + columns]], axis=2)
+        sides.append(np.diff(nodes, axis=2) @ frames)
+    return chords, np.stack(sides, axis=1)
+
+
+def _applied(frames: Array, vectors: Array) -> Array:
+    return np.asarray((frames @ vectors[..., None])[..., 0])
+
+
+def _transposed(frames: Array) -> Array:
+    return frames.swapaxes(-1, -2)
+
+
+def _rotation_vectors(frames: Array) -> Array:
+    """(..., 3) rotation vectors of (..., 3, 3) matrices."""
+    from featherfx.algebra.rotation import rotation_vectors
+
+    return rotation_vectors(np.ascontiguousarray(frames))
+
+
+def _turn_between(before: Array, after: Array) -> Array:
+    """(..., 3) smallest rotation vectors that turn pieces into the direction of others; 0 where a
+    piece has no length."""
+    axis = np.cross(before, after)
+    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+    cosine = np.einsum("...k,...k->...", before, after)[..., None]
+    angle = np.arctan2(sine, cosine)
+    return axis * np.divide(angle, sine, out=np.zeros_like(sine), where=sine > 0.0)

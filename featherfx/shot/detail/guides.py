@@ -1,0 +1,175 @@
+"""Which feathers are guides, and whom each of the others follows with which weight.
+
+Guides are chosen within a region by farthest points: the first is the feather nearest to the
+middle of the roots, each next one the farthest from those before, until every n-th feather is a
+guide or none is farther from one than a spacing. Feathers of the region that are simulated anyway
+guide as well.
+
+A follower at distances d_g along the skin from its guides has the weights (Franke and Little)
+
+    w_g ~ ((R - d_g) / (R d_g))^2   for d_g < R,   0 beyond,   normalised,
+
+R the distance of its fifth nearest guide: compact, smooth over the skin, and 1 where a guide is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.shot.detail.skin_distance import root_distances
+from featherfx.shot.types import Shot
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# a follower has up to that many guides
+MOST_GUIDES = 4
+# ways along the skin are followed as far as this many times the straight distance
+_DETOUR = 3.0
+# m, distances below count as none
+_SAME_PLACE = 1e-9
+
+
+class GuideRule(NamedTuple):
+    """How many guides: every n-th feather (0: none chosen), or none farther than spacing (m)."""
+
+    every: int
+    spacing: float | None
+
+
+def with_guides(shot: Shot, levels: Sequence[str], rules: Sequence[GuideRule]) -> list[str]:
+    """Levels of all feathers, some of those that were to be guided made "full": the guides.
+
+    rules: of every feather. Raises InputError for regions whose guided feathers have no guide.
+    """
+    chosen = list(levels)
+    groups: dict[tuple[str, GuideRule], list[int]] = {}
+    for f, (level, rule) in enumerate(zip(levels, rules, strict=True)):
+        if level == "guided":
+            groups.setdefault((shot.groom.feathers[f].region, rule), []).append(f)
+    for (_, rule), members in groups.items():
+        for f in _spread(_roots(shot, members), rule):
+            chosen[members[f]] = "full"
+    simulated = {
+        placement.region
+        for placement, level in zip(shot.groom.feathers, chosen, strict=True)
+        if level not in ("guided", "rigid")
+    }
+    lacking = sorted({region for region, _ in groups} - simulated)
+    if lacking:
+        problems = [
+            Problem(
+                str(shot.source),
+                "detail",
+                f"no guide for the guided feathers of region '{region}': give every = 1 or more, "
+                "a spacing, or simulate some of its feathers",
+            )
+            for region in lacking
+        ]
+        raise InputError(*problems)
+    return chosen
+
+
+def uses_guides(shot: Shot) -> bool:
+    """Whether a shot asks for guided feathers."""
+    rules = shot.level_of_detail
+    seen = rules is not None and (rules.guided_below > 0.0 or rules.outside == "guided")
+    by_length = shot.quality.guided_below > 0.0
+    return seen or by_length or any(each.level == "guided" for each in shot.details)
+
+
+def guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> tuple[Indices, Any]:
+    """The guides among simulated feathers that are followed, (G,), and sparse weights (F, G).
+
+    followers, simulated: numbers of feathers in the groom.
+    """
+    from scipy import sparse
+
+    regions = np.array([placement.region for placement in shot.groom.feathers], dtype=object)
+    rows, columns, values = [], [], []
+    for region in dict.fromkeys(regions[followers]):
+        own = np.flatnonzero(regions[followers] == region)
+        guides = simulated[regions[simulated] == region]
+        row, column, value = _weights(shot, followers[own], guides)
+        rows.append(own[row])
+        columns.append(guides[column])
+        values.append(value)
+    used, place = np.unique(np.concatenate(columns), return_inverse=True)
+    entries = np.concatenate(values), (np.concatenate(rows), place)
+    return used, sparse.coo_array(entries, shape=(len(followers), len(used))).tocsr()
+
+
+def _weights(shot: Shot, followers: Indices, guides: Indices) -> tuple[Indices, Indices, Array]:
+    """Follower, guide and weight of every pair within one region."""
+    from scipy.spatial import cKDTree
+
+    own, other = _roots(shot, followers), _roots(shot, guides)
+    few = min(MOST_GUIDES + 1, len(guides))
+    straight, near = cKDTree(other).query(own, k=few)
+    straight, near = straight.reshape(-1, few), near.reshape(-1, few)
+    reach = _DETOUR * float(straight.max()) + _SAME_PLACE
+    sources = len(own) + np.arange(len(guides))
+    guide, follower, way = root_distances(np.concatenate([own, other]), sources, _skin(shot), reach)
+    kept = follower < len(own)
+    guide, follower, way = guide[kept], follower[kept], way[kept]
+    # those that no way leads to take the guide that is nearest by air
+    lost = np.setdiff1d(np.arange(len(own)), follower)
+    guide, follower = np.append(guide, near[lost, 0]), np.append(follower, lost)
+    way = np.append(way, straight[lost, 0])
+    order = np.lexsort((guide, way, follower))
+    guide, follower, way = guide[order], follower[order], way[order]
+    return _franke_little(follower, guide, np.maximum(way, _SAME_PLACE), len(own))
+
+
+def _franke_little(
+    follower: Indices, guide: Indices, way: Array, count: int
+) -> tuple[Indices, Indices, Array]:
+    """Normalised weights of pairs that are sorted by follower, then distance."""
+    first = np.searchsorted(follower, np.arange(count + 1))
+    each = np.diff(first)
+    rank = np.arange(len(follower)) - first[follower]
+    last = way[first[:-1] + np.minimum(each - 1, MOST_GUIDES)]
+    # with fewer guides than would bound the circle, none is at its rim
+    radius = np.where(each > MOST_GUIDES, last, 2.0 * last)[follower]
+    kept = rank < MOST_GUIDES
+    value = np.where(kept, (np.maximum(radius - way, 0.0) / (radius * way)) ** 2, 0.0)
+    # guides that are all equally far are at the rim together
+    total = np.bincount(follower, value, count)
+    value = np.where((total[follower] == 0.0) & kept, 1.0, value)
+    total = np.bincount(follower, value, count)
+    kept = value > 0.0
+    return follower[kept], guide[kept], value[kept] / total[follower[kept]]
+
+
+def _spread(roots: Array, rule: GuideRule) -> list[int]:
+    """Numbers of roots (N, 3) spread evenly, by farthest points."""
+    if not rule.every and rule.spacing is None:
+        return []
+    most = -(-len(roots) // rule.every) if rule.every else len(roots)
+    spacing = rule.spacing or 0.0
+    chosen = [int(np.argmin(np.linalg.norm(roots - roots.mean(axis=0), axis=1)))]
+    distance = np.linalg.norm(roots - roots[chosen[0]], axis=1)
+    while len(chosen) < most and distance.max() > spacing:
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm(roots - roots[chosen[-1]], axis=1))
+    return chosen
+
+
+def _roots(shot: Shot, members: Sequence[int] | Indices) -> Array:
+    positions = [shot.groom.feathers[f].position for f in members]
+    return np.array(positions, dtype=np.float64).reshape(-1, 3)
+
+
+def _skin(shot: Shot) -> Array | None:
+    """(T, 3, 3) m, at rest: what regions grow on, or else what roots are bound to."""
+    if shot.groom.skin is not None:
+        return np.asarray(shot.groom.skin)
+    if shot.skin is None:
+        return None
+    surfaces = {id(part.surface): part.surface for part in shot.skin.parts}
+    return np.concatenate([each.rest[each.triangles] for each in surfaces.values()])

@@ -1,0 +1,167 @@
+"""The feathers of a shot at their levels of detail: who is computed how, and what is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.types import Feather
+from featherfx.shot.detail.carried import Carried
+from featherfx.shot.detail.fade import Change, Fades
+from featherfx.shot.detail.level_start import take_level_up
+from featherfx.shot.detail.levels import NUMBER, LevelPlan
+from featherfx.shot.detail.rigid import FeatherPose, rigid_poses
+from featherfx.shot.groups import Group, loads_within, pose_of
+from featherfx.shot.motion.motion import Roots
+from featherfx.shot.types import Shot
+from featherfx.solver.step.root_path import RootPath
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Poses = dict[tuple[int, int], FeatherPose]
+
+_RIGID, _GUIDED = NUMBER["rigid"], NUMBER["guided"]
+
+
+class LevelRun:
+    """Levels while a shot goes on; `begin` before the feathers are stepped to a sample, `finish`
+    after.
+
+    drawn: all feathers on the meshes' grid. groups: all batches; a feather is in one for each
+    level that it ever has. carried: those that follow guides. wanted: numbers of the feathers that
+    are shown. subframes: samples a frame.
+    """
+
+    def __init__(
+        self,
+        shot: Shot,
+        plan: LevelPlan,
+        drawn: Sequence[Feather],
+        groups: Sequence[Group],
+        motion: Roots,
+        carried: Carried,
+        wanted: Indices,
+        subframes: int,
+    ) -> None:
+        self._carried, self._wanted = carried, wanted
+        self._computing = np.union1d(wanted, carried.guides)
+        self._shot, self._drawn, self._motion = shot, drawn, motion
+        self._groups = groups
+        self._duration = 1.0 / (shot.frames_per_second * subframes)
+        rules = shot.level_of_detail
+        samples = subframes * (rules.fade if rules else 1)
+        lengths = np.array([p.kind.length for p in shot.groom.feathers])
+        self.fades = Fades(plan, lengths, samples, subframes, self._duration)
+        self._place = {
+            (int(f), NUMBER[group.level]): (group, k)
+            for group in groups
+            for k, f in enumerate(group.members)
+        }
+        self._changes: list[Change] = []
+        self._known: tuple[int, Poses] | None = None
+
+    def active(self, group: Group) -> Flags:
+        """(M,) members of a group that are computed in it."""
+        return self.fades.active(group.members, NUMBER[group.level])
+
+    def fresh(self, group: Group) -> Flags:
+        """(M,) members of a group that have just been taken up by it."""
+        level = NUMBER[group.level]
+        new = [change.feather for change in self._changes if change.after == level]
+        return np.isin(group.members, new)
+
+    def begin(self, index: int) -> None:
+        """Begin the changes of level on the way to a sample, counted from the first frame's."""
+        self._changes = self.fades.begin(index)
+        starting = [c for c in self._changes if (c.feather, c.after) in self._place]
+        if not starting:
+            return
+        poses, time = self._poses(index - 1), (index - 1) * self._duration
+        positions, rotations = self._motion.frames(time)
+        copied: set[int] = set()
+        for change in starting:
+            f = change.feather
+            group, k = self._place[f, change.after]
+            if id(group) not in copied:
+                # a checkpoint may still hold the state
+                group.state = group.state.copy()
+                copied.add(id(group))
+            source = self._place.get((f, change.before))
+            root, pose = (positions[f], rotations[f]), poses[f, change.before]
+            take_level_up(self._shot, self._drawn[f], pose, group, k, source, root, time)
+        if self._shot.settle:
+            self._settle([c for c in starting if c.before == _RIGID], time)
+
+    def _settle(self, changes: Sequence[Change], time: float) -> None:
+        """Let feathers that were rigid begin in balance, not in mid-air at their rest shape."""
+        chosen: dict[int, tuple[Group, list[int]]] = {}
+        for change in changes:
+            group, k = self._place[change.feather, change.after]
+            chosen.setdefault(id(group), (group, []))[1].append(k)
+        for group, members in chosen.values():
+            loads = loads_within(self._shot, group, self._motion, time, time, False)
+            velocity = group.state.velocity[members].copy()
+            settled, status, _ = group.solver.equilibrium(group.state, loads, feathers=members)
+            for k, speed in zip(members, velocity, strict=True):
+                if status[k] == 0:
+                    for array, value in zip(group.state, settled, strict=True):
+                        array[k] = value[k]
+                    group.state.velocity[k] = speed
+
+    def finish(self, index: int) -> None:
+        """Move the changes on, once all feathers are at a sample."""
+        fading = self.fades.fading.tolist()
+        if fading and index:
+            self.fades.grow(fading, self._poses(index))
+
+    def shown(self, index: int) -> list[FeatherPose]:
+        """The poses of the wanted feathers at a sample."""
+        poses = self._poses(index)
+        return [self.fades.blended(f, poses) for f in self._wanted.tolist()]
+
+    def counts(self) -> tuple[int, int]:
+        """How many of the wanted are rigid and guided, and nothing else."""
+        now, to = self.fades.now[self._wanted], self.fades.to[self._wanted]
+        rigid, guided = ((now == to) & (now == level) for level in (_RIGID, _GUIDED))
+        return int(rigid.sum()), int(guided.sum())
+
+    def held(self, group: Group, path: RootPath) -> RootPath:
+        """A path on which the members that are not computed stay where they are."""
+        idle = ~self.active(group)
+        if not idle.any():
+            return path
+        samples, base = path.samples.copy(), path.base.copy()
+        samples[idle, :, :3] = group.state.centre[idle, :1]
+        samples[idle, :, 3:] = 0.0
+        base[idle] = group.state.turn[idle, 0]
+        return RootPath(samples, base)
+
+    def _poses(self, index: int) -> Poses:
+        """By feather and level, of all that are computed."""
+        if self._known is None or self._known[0] != index:
+            self._known = index, self._computed(index)
+        return self._known[1]
+
+    def _computed(self, index: int) -> Poses:
+        start, end = max(index - 1, 0) * self._duration, index * self._duration
+        every = self._computing
+        found: Poses = {}
+        for group in self._groups:
+            level = NUMBER[group.level]
+            for k in np.flatnonzero(self.active(group)):
+                found[int(group.members[k]), level] = pose_of(group, int(k))
+        rigid = {int(f): self._drawn[f] for f in every[self.fades.active(every, _RIGID)]}
+        if rigid:
+            moved = rigid_poses(rigid, self._motion.frames, start, end)
+            found |= {(f, _RIGID): pose for f, pose in moved.items()}
+        if self.fades.active(every, _GUIDED).any():
+            guides = {f: self.fades.blended(f, found) for f in self._carried.guides.tolist()}
+            found |= self._guided(guides, start, end)
+        return found
+
+    def _guided(self, guides: Mapping[int, FeatherPose], start: float, end: float) -> Poses:
+        poses = self._carried.poses(guides, self._motion.frames, start, end)
+        return {(f, _GUIDED): pose for f, pose in poses.items()}

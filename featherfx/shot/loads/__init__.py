@@ -1,0 +1,1 @@
+"""What acts on feathers during a frame: gravity, wind, grips, forces."""

@@ -1,0 +1,1 @@
+"""Where the roots of all feathers are at any time."""

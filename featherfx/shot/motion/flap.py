@@ -1,0 +1,100 @@
+"""The procedural wing beat: angles of shoulder, elbow and wrist over a beat.
+
+Frame: x forward, y to the left, z up. A beat starts at the top of the stroke: phase 0 to 1/2 is
+the downstroke, 1/2 to 1 the upstroke. Positive angles, in degrees, on either side:
+
+    shoulder  offset + amplitude cos(phase)          raises the wing, about x
+    sweep     shoulder_sweep cos(phase)              moves the wing backwards, about z
+    twist     twist sin(phase)                       lowers the leading edge, about y (the span)
+    elbow     offset + amplitude cos(phase - elbow_phase)   folds the forearm forwards
+    wrist     offset + amplitude cos(phase - wrist_phase)   folds the hand backwards
+
+The hinges of elbow and wrist lean from the vertical, so that a folding wing also flexes downwards.
+The beat starts and ends at rest: within a quarter of a period the phase catches up with time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import from_rotation_vector, smooth_step
+from featherfx.groom.types import Joint
+
+Array = NDArray[np.float64]
+
+_ROLES = ("body", "shoulder", "elbow", "wrist")
+_HINGE_LEAN = math.radians(20.0)
+_RAMP = 0.25  # of a beat
+# What mirroring at the plane of symmetry (y -> -y) does to the entries of a rotation matrix.
+_MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))
+
+
+def _caught_up(beats: float, ramp: float) -> float:
+    """Beats done after a start from rest; equal to beats once the ramp is over, C2."""
+    return beats * smooth_step(beats / ramp)
+
+
+@dataclass(frozen=True)
+class Flap:
+    """A wing beat. values: numbers of the motion by their name in the shot file.
+
+    beats is the number of beats after which the wing rests; 0 stands for beating on and on.
+    """
+
+    values: Mapping[str, Any]
+
+    def phase(self, time: float) -> float:
+        """Phase in rad (2 pi a beat) at a time in seconds."""
+        done, beats = max(time, 0.0) / self.values["period"], self.values["beats"]
+        if beats <= 0.0:
+            return 2.0 * math.pi * _caught_up(done, _RAMP)
+        if done >= beats:
+            return 2.0 * math.pi * beats
+        ramp = min(_RAMP, 0.5 * beats)
+        rising, falling = _caught_up(done, ramp), beats - _caught_up(beats - done, ramp)
+        return 2.0 * math.pi * (rising if done < 0.5 * beats else falling)
+
+    def _fold(self, joint: str, phase: float) -> float:
+        amplitude, offset = self.values[f"{joint}_amplitude"], self.values[f"{joint}_offset"]
+        lag = 2.0 * math.pi * self.values[f"{joint}_phase"]
+        return math.radians(offset + amplitude * math.cos(phase - lag))
+
+    def left(self, time: float) -> Array:
+        """(4, 3, 3) rotations of body, shoulder, elbow and wrist of the left wing."""
+        values, phase = self.values, self.phase(time)
+        up, forth = math.cos(phase), math.sin(phase)
+        raised = math.radians(values["shoulder_offset"] + values["shoulder_amplitude"] * up)
+        swept = math.radians(values["shoulder_sweep"] * up)
+        twisted = math.radians(values["twist"] * forth)
+        lean = np.array((-math.sin(_HINGE_LEAN), 0.0, math.cos(_HINGE_LEAN)))
+        shoulder = (
+            from_rotation_vector(np.array((raised, 0.0, 0.0)))
+            @ from_rotation_vector(np.array((0.0, 0.0, swept)))
+            @ from_rotation_vector(np.array((0.0, twisted, 0.0)))
+        )
+        elbow = from_rotation_vector(lean * (1.0, 0.0, -1.0) * self._fold("elbow", phase))
+        wrist = from_rotation_vector(lean * self._fold("wrist", phase))
+        return np.stack((np.eye(3), shoulder, elbow, wrist))
+
+    def rotations(self, roles: NDArray[np.int64], right: NDArray[np.bool_], time: float) -> Array:
+        """(J, 3, 3) rotations of joints against their parents.
+
+        roles: (J,) from `roles_of`. right: (J,) whether the joint is on the bird's right.
+        """
+        picked = self.left(time)[roles]
+        return np.where(right[:, None, None], picked * _MIRROR, picked)
+
+
+def roles_of(joints: tuple[Joint, ...]) -> NDArray[np.int64]:
+    """(J + 1,) number of what each joint is driven as, the groom itself first (as a body).
+
+    A joint in the middle (side 0) has no wing to move and is driven as a body.
+    """
+    driven = (_ROLES.index(joint.role) if joint.side else 0 for joint in joints)
+    return np.array([0, *driven], dtype=np.int64)

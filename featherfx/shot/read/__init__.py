@@ -1,0 +1,1 @@
+"""Shot files in, with every problem found at once."""

@@ -1,0 +1,187 @@
+"""The parts of a shot that stand in scenes: skin, wind and colliders."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+from featherfx.errors import InputWarning
+from featherfx.groom.keys.values import INVALID, Place, Table
+from featherfx.groom.types import Groom
+from featherfx.shot.detail.view import TimedCamera
+from featherfx.shot.motion.skin import BoundSkin, bind_groom
+from featherfx.shot.read.keys import COLLIDER, SKIN, WIND_USD
+from featherfx.shot.read.sources import SceneReaders, Surface, TimedSurface, TimedWind, WindSource
+from featherfx.shot.types import LevelOfDetail
+
+
+def read_skin(
+    raw: dict[str, Any],
+    checked: dict[str, Any],
+    groom: Groom,
+    place: Place,
+    readers: SceneReaders | None,
+) -> BoundSkin | None:
+    """The bound skin of a shot; None where it has none, or after adding problems.
+
+    raw: the shot as written; checked: its sound keys. Roots bind where no problem was found.
+    """
+    at = place.child("skin")
+    entry = _checked(raw, "skin", Table(SKIN), at, readers)
+    if entry is None or readers is None:
+        return None
+    count = len(place.problems)
+    if "motion" in raw:
+        place.child("motion").fail("stands beside [skin], which moves the roots; leave one out")
+    other = sorted({f.skin for f in groom.feathers if f.skin} - {entry["prim"]})
+    needed = [entry["prim"], *other]
+    path = Path(place.source).parent / entry["usd"]
+    surfaces = readers.meshes(path, needed, None, entry["rest"], at)
+    if surfaces is None:
+        return None
+    start = _start(entry, checked, surfaces[0].time_codes_per_second)
+    if entry["beyond"] == "error":
+        _check_range(surfaces, entry["rest"], checked, start, at)
+    for surface in surfaces:
+        own = {surface.path, ""} if surface is surfaces[0] else {surface.path}
+        placed = [f.id for f in groom.feathers if f.skin_uv is not None and f.skin in own]
+        if placed and surface.st is None:
+            at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
+    if len(place.problems) > count:
+        return None
+    return bind_groom(groom, surfaces, start, entry["tolerance"], at)
+
+
+def read_wind(
+    raw: dict[str, Any], checked: dict[str, Any], place: Place, readers: SceneReaders | None
+) -> TimedWind | None:
+    """The wind that a scene adds; None where there is none, or after adding problems."""
+    at = place.child("wind_usd")
+    entry = _checked(raw, "wind_usd", Table(WIND_USD), at, readers)
+    if entry is None or readers is None:
+        return None
+    source = readers.wind(Path(place.source).parent / entry["usd"], entry, at)
+    if source is None:
+        return None
+    start = _start(entry, checked, source.time_codes_per_second)
+    _warn_of_range(source, checked, start, at)
+    return TimedWind(source, start, entry["scale"])
+
+
+def read_colliders(
+    raw: dict[str, Any], checked: dict[str, Any], place: Place, readers: SceneReaders | None
+) -> tuple[TimedSurface, ...]:
+    """The collider meshes of a shot; incomplete after adding problems."""
+    entries = raw.get("collider", [])
+    found: list[TimedSurface] = []
+    for number, _ in enumerate(entries if isinstance(entries, list) else []):
+        at = place.child("collider").item(number)
+        entry = Table(COLLIDER).check(entries[number], at, False)
+        if entry is INVALID or not _has_reader(readers, at):
+            continue
+        if not entry["prims"] and entry["collection"] is None:
+            at.fail("names neither prims nor a collection")
+            continue
+        assert readers is not None
+        path = Path(place.source).parent / entry["usd"]
+        meshes = readers.meshes(path, entry["prims"], entry["collection"], None, at)
+        for mesh in meshes or []:
+            start = _start(entry, checked, mesh.time_codes_per_second)
+            _warn_of_range(mesh, checked, start, at)
+            found.append(TimedSurface(mesh, start))
+    return tuple(found)
+
+
+def read_level_of_detail(
+    raw: dict[str, Any], checked: dict[str, Any], place: Place, readers: SceneReaders | None
+) -> LevelOfDetail | None:
+    """How levels follow what is seen; None where they do not, or after adding problems."""
+    at, values = place.child("level_of_detail"), checked["level_of_detail"]
+    if values is None or not values["enabled"]:
+        return None
+    usd, prim, scale = (values[key] for key in ("usd", "prim", "pixels_per_metre"))
+    if (usd is None) == (scale is None):
+        at.fail("needs either usd and prim of a camera, or pixels_per_metre")
+        return None
+    if (usd is None) != (prim is None):
+        at.child("prim" if prim is None else "usd").fail("missing; a camera has usd and prim")
+        return None
+    if checked["contact"] is not None and checked["contact"]["enabled"]:
+        at.fail("feathers that touch cannot change their level; leave out [contact] or this table")
+        return None
+    camera = None
+    if usd is not None:
+        if not _has_reader(readers, at) or readers is None:
+            return None
+        source = readers.camera(Path(place.source).parent / usd, prim, at)
+        if source is None:
+            return None
+        camera = TimedCamera(source, _start(values, checked, source.time_codes_per_second))
+    left_out = ("enabled", "usd", "prim", "start", "pixels_per_metre")
+    rules = {name: value for name, value in values.items() if name not in left_out}
+    return LevelOfDetail(camera=camera, pixels_per_metre=scale or 0.0, **rules)
+
+
+def _checked(
+    raw: dict[str, Any], name: str, table: Table, at: Place, readers: SceneReaders | None
+) -> dict[str, Any] | None:
+    if name not in raw:
+        return None
+    entry = table.check(raw[name], at, False)
+    if entry is INVALID or not _has_reader(readers, at):
+        return None
+    checked: dict[str, Any] = entry
+    return checked
+
+
+def _has_reader(readers: SceneReaders | None, at: Place) -> bool:
+    if readers is None:
+        at.fail("is a USD scene, which featherfx.read_shot and the commands read")
+    return readers is not None
+
+
+def _start(entry: dict[str, Any], checked: dict[str, Any], codes_per_second: float) -> float:
+    """Time code at the first frame: as given, or that of the frame's number."""
+    if entry["start"] is not None:
+        return float(entry["start"])
+    return float(checked["frames"][0] * codes_per_second / checked["frames_per_second"])
+
+
+def _check_range(
+    surfaces: list[Surface], rest: float | None, checked: dict[str, Any], start: float, at: Place
+) -> None:
+    """Problems where shot or rest, a time code, run out of the samples of a moving surface."""
+    for surface in surfaces:
+        missing = _missing(surface, checked, start)
+        if missing:
+            at.fail(f'{missing}; add the missing frames, or beyond = "hold"')
+        if rest is None or surface.sampled is None:
+            continue
+        low, high = surface.sampled
+        if not low <= rest <= high:
+            at.child("rest").fail(
+                f"{rest:g} is outside of the samples of {surface.path}, which has {low:g} to "
+                f'{high:g}; choose one of them, or beyond = "hold"'
+            )
+
+
+def _warn_of_range(
+    source: Surface | WindSource, checked: dict[str, Any], start: float, at: Place
+) -> None:
+    missing = _missing(source, checked, start)
+    if missing:
+        message = f"{at.source}: {at.key}: {missing}; the nearest is held beyond"
+        warnings.warn(message, InputWarning, stacklevel=2)
+
+
+def _missing(source: Surface | WindSource, checked: dict[str, Any], start: float) -> str:
+    """Which samples a shot needs that a scene does not have; empty where it has all."""
+    first, last = checked["frames"]
+    seconds = (last - first) / checked["frames_per_second"]
+    end = start + seconds * source.time_codes_per_second
+    low, high = source.sampled or (start, end)
+    if low - 1e-6 <= start and end <= high + 1e-6:
+        return ""
+    needs = f"the shot needs {start:g} to {end:g}"
+    return f"{source.path} has samples from {low:g} to {high:g}, {needs}"

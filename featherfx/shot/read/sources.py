@@ -1,0 +1,119 @@
+"""What a shot takes from scenes of other programs, as the frame loop sees it.
+
+The reader of scenes stands downstream of the shot; it comes in as SceneReaders, and what it reads
+answers to the protocols here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.keys.values import Place
+from featherfx.groom.regions.plumage import GroomReaders
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class Surface(Protocol):
+    """A triangle mesh that moves; metres, z up.
+
+    path: where it stands in its scene. triangles: (T, 3) point indices. face: (T,) the scene's
+    faces. rest: (V, 3) m. st: (T, 3, 2) texture coordinates, or None. sampled: first and last time
+    code of its motion, None where it does not move.
+    """
+
+    path: str
+    triangles: Indices
+    face: Indices
+    rest: Array
+    st: Array | None
+    sampled: tuple[float, float] | None
+
+    @property
+    def time_codes_per_second(self) -> float:
+        """Of the scene."""
+
+    @property
+    def space(self) -> tuple[float, str]:
+        """Metres per unit and up axis ("Y" or "Z") of the scene itself."""
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        """Path in the scene, and every file that the scene is made of."""
+
+    def corners(self, code: float, triangles: Indices) -> Array:
+        """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
+
+    def points(self, code: float) -> Array:
+        """(V, 3) m, all points at a time code."""
+
+    def is_mirrored(self, code: float) -> bool:
+        """Whether it is mirrored at a time code against rest."""
+
+
+class WindSource(Protocol):
+    """A wind that a scene gives.
+
+    path: of its prim. sampled: first and last time code of its samples, None where it is steady.
+    """
+
+    path: str
+    sampled: tuple[float, float] | None
+
+    @property
+    def time_codes_per_second(self) -> float:
+        """Of the scene."""
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        """Path in the scene, and every file that the scene is made of."""
+
+    def velocity(self, points: Array, code: float) -> Array:
+        """(N, 3) m/s at points (N, 3) m, at a time code."""
+
+
+@dataclass(frozen=True)
+class SceneReaders(GroomReaders):
+    """How scenes are read. Each returns None after adding problems at the place.
+
+    feathers, skin: see GroomReaders. meshes: (file, prim paths or names, collection,
+    rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd], place). camera:
+    (file, prim path, place) to a featherfx.shot.detail.view.Camera.
+    """
+
+    meshes: Callable[[Path, Sequence[str], str | None, float | None, Place], Any]
+    wind: Callable[[Path, dict[str, Any], Place], Any]
+    camera: Callable[[Path, str, Place], Any]
+
+
+@dataclass(frozen=True)
+class TimedSurface:
+    """A scene's mesh over the shot's time. start: time code at 0 s."""
+
+    surface: Surface
+    start: float
+
+    def points(self, time: float) -> Array:
+        """(V, 3) m, all points at a time in s since the first frame."""
+        return self.surface.points(self.start + time * self.surface.time_codes_per_second)
+
+
+@dataclass(frozen=True)
+class TimedWind:
+    """A scene's wind over the shot's time. start: time code at 0 s. scale: factor."""
+
+    source: WindSource
+    start: float
+    scale: float
+
+    def velocity(self, points: Array, time: float) -> Array:
+        """(N, 3) m/s at points (N, 3) m, at a time in s since the first frame."""
+        code = self.start + time * self.source.time_codes_per_second
+        return self.scale * self.source.velocity(points, code)

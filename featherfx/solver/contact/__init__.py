@@ -1,0 +1,1 @@
+"""One interval of time for feathers that touch."""

@@ -1,0 +1,73 @@
+"""A moving triangle mesh that feathers bump into: its pose over an interval, in a grid of cubes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.solver.contact.wall_kernels import count_cells, fill_cells
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+MOST_CUBES = 200_000
+
+
+class Wall(NamedTuple):
+    """A mesh over an interval. start, end: (V, 3) m. triangles: (T, 3), counter-clockwise seen from
+    outside. grid: (8,) origin, edge of a cube, reach (m), cubes along the axes. first: (cubes + 1,)
+    and items: triangles of each cube. beginning: 1 where nodes that are inside now have grown in.
+    """
+
+    start: Array
+    end: Array
+    triangles: Indices
+    grid: Array
+    first: Indices
+    items: Indices
+    beginning: int
+
+
+def wall_of(
+    start: Array, end: Array, triangles: Indices, reach: float, beginning: bool = False
+) -> Wall:
+    """The wall of a mesh (V, 3), m, with triangles (T, 3).
+
+    reach: m, distance at which its triangles are found; at least the way of a node against the
+    wall in the interval. beginning: whether nodes inside are to be left alone until they come out.
+    """
+    corners = start[triangles]
+    low = corners.min(axis=(0, 1)) - reach
+    size = corners.max(axis=(0, 1)) + reach - low
+    edges = np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=2)
+    edge = max(float(np.median(edges)), reach, float(np.prod(size) / MOST_CUBES) ** (1.0 / 3.0))
+    cubes = np.maximum(np.ceil(size / edge), 1.0)
+    grid = np.concatenate([low, [edge, reach], cubes])
+    counts = np.zeros(int(cubes.prod()), dtype=np.int64)
+    count_cells(start, triangles, grid, counts)
+    first = np.concatenate([[0], np.cumsum(counts)])
+    items = np.zeros(int(first[-1]), dtype=np.int64)
+    fill_cells(start, triangles, grid, first[:-1].copy(), items)
+    return Wall(
+        np.ascontiguousarray(start, dtype=float),
+        np.ascontiguousarray(end, dtype=float),
+        np.ascontiguousarray(triangles, dtype=np.int64),
+        grid,
+        first,
+        items,
+        int(beginning),
+    )
+
+
+def outward(triangles: Indices, points: Array) -> Indices:
+    """Triangles (T, 3), turned round where they close a body (V, 3) inside out."""
+    edges = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    )
+    _, uses = np.unique(edges, axis=0, return_counts=True)
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    volume = np.einsum("tk,tk->", a, np.cross(b, c))
+    inside_out = bool((uses == 2).all()) and volume < 0.0
+    return triangles[:, ::-1].copy() if inside_out else triangles

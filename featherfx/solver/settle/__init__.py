@@ -1,0 +1,1 @@
+"""Feathers brought to rest, and poses taken up from outside."""

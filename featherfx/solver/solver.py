@@ -1,0 +1,282 @@
+"""The solver as the rest of the program calls it: step and equilibrium of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from threading import local
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import SimulationError
+from featherfx.mechanics.model import Loads, Model, wind_of_each
+from featherfx.solver.settle.settle import settle
+from featherfx.solver.settle.take_up import carry_to
+from featherfx.solver.settle.wind import NO_REST as NO_REST
+from featherfx.solver.state import State as State
+from featherfx.solver.step.energy_promise_kernels import GREW
+from featherfx.solver.step.frame_kernels import advance
+from featherfx.solver.step.newton_kernels import CONVERGED, NOT_DEFINITE, NOT_FINITE, TOO_MUCH_WORK
+from featherfx.solver.step.retry_kernels import COUNTERS, STATUS, STEPS
+from featherfx.solver.step.root_path import RootPath as RootPath
+from featherfx.solver.step.root_path import hold_roots as hold_roots
+from featherfx.solver.step.start import start_acceleration
+from featherfx.solver.work import Work, make_work
+
+Array = NDArray[np.float64]
+
+REASONS = {
+    NOT_FINITE: "a value is not finite",
+    NOT_DEFINITE: "the linear system is not positive definite",
+    NO_REST: "it finds no rest in this wind",
+    GREW: "its energy would grow without work being done",
+}
+NEWTON_ITERATIONS = 32
+# length of the last step of a feather that has none, but its first acceleration
+BEGUN = -1.0
+# of one feather in one frame; bakes of the samples need 3 to 100
+MOST_ITERATIONS = 2000
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a batch is stepped.
+
+    tolerance: m, local error of a step that the sub-stepping keeps to. newton: m, distance from a
+    step's solution that counts as converged. max_substeps: regular sub-steps of a frame at most (a
+    step that Newton cannot solve is cut further). max_iterations: Newton iterations of one feather
+    in one frame; one that needs more stops with a status. radius: spectral radius at infinite
+    frequency, 0 (most damping of what a step does not resolve) to 0.9 (energy is nearly conserved).
+    At 1 nothing damps the constraint of inextensible barbs and shafts, and the steps become
+    unstable.
+    """
+
+    tolerance: float = 1e-4
+    newton: float = 1e-6
+    max_substeps: int = 64
+    radius: float = 0.0
+    max_iterations: int = MOST_ITERATIONS
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What one call did, per feather: (F,) arrays.
+
+    steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
+    iterations (linear solves), new matrices among them, steps repeated for their error, attempts
+    that Newton gave up, implicit Euler steps. forced: steps accepted above the tolerance because
+    none shorter is allowed. error: m, largest accepted local error. move: m, largest distance of a
+    step from its solution, as Newton's last moves tell. status: 0, or why the feather stopped
+    (featherfx/solver/step/newton_kernels.py).
+    """
+
+    steps: Array
+    iterations: Array
+    matrices: Array
+    rejected: Array
+    failed: Array
+    fallbacks: Array
+    forced: Array
+    error: Array
+    move: Array
+    status: Array
+
+
+class Solver:
+    """Steps a batch; holds what does not change between steps, and the threads.
+
+    model: constant data. settings: how to step. jobs: threads; every feather is computed by one
+    thread from its own data only, so the result does not depend on how many there are. A context
+    manager that ends the threads.
+    """
+
+    def __init__(self, model: Model, settings: Settings, jobs: int = 1) -> None:
+        self.model, self.settings = model, settings
+        self._local = local()
+        self._jobs = jobs
+        self._pool = ThreadPoolExecutor(jobs) if jobs > 1 else None
+
+    def __enter__(self) -> Solver:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def step(
+        self,
+        state: State,
+        loads: Loads,
+        path: RootPath,
+        duration: float,
+        feathers: Sequence[int] | None = None,
+    ) -> tuple[State, StepReport]:
+        """Advance feathers by a duration in s; the given state is not changed.
+
+        A feather whose path begins elsewhere than its root is carried there first (cut.py).
+
+        feathers: indices to advance, all by default. A feather that cannot be solved stays at its
+        last good sub-step and has a status in the report: see raise_if_failed.
+        """
+        new = state.copy()
+        carry_to(self.model, new, path)
+        counters = self.advance(new, loads, path, duration, feathers)
+        for f in np.flatnonzero((counters[:, STATUS] != CONVERGED) & (counters[:, STEPS] == 0)):
+            # not even where its path begins
+            for array, given in zip(new, state, strict=True):
+                array[f] = given[f]
+        return new, report_of(counters)
+
+    def advance(
+        self,
+        state: State,
+        loads: Loads,
+        path: RootPath,
+        duration: float,
+        feathers: Sequence[int] | None = None,
+        start: State | None = None,
+        settings: Settings | None = None,
+    ) -> Array:
+        """Advance feathers by a duration in s in place; (F, COUNTERS) of step_kernels.
+
+        start: where they begin, if that is not where the state has them. settings: other than the
+        solver's. A feather that cannot be solved stays at its last good sub-step.
+        """
+        loads = wind_of_each(loads, self.model.feathers)
+        counters = np.zeros((self.model.feathers, COUNTERS))
+        settings = settings or self.settings
+        shortest = duration / settings.max_substeps
+        values = np.array(
+            [
+                settings.radius,
+                settings.newton,
+                NEWTON_ITERATIONS,
+                settings.tolerance,
+                shortest,
+                settings.max_iterations,
+            ]
+        )
+
+        def one(f: int) -> None:
+            if start is not None:
+                for array, given in zip(state, start, strict=True):
+                    array[f] = given[f]
+            if state.step[f] == 0.0:
+                start_acceleration(self.model, loads, f, duration, state, self._work(), path)
+            advance(
+                self.model,
+                loads,
+                f,
+                duration,
+                path.samples[f],
+                path.base[f],
+                state,
+                values,
+                self._work(),
+                counters[f],
+            )
+
+        self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
+        return counters
+
+    def begin(
+        self,
+        state: State,
+        loads: Loads,
+        path: RootPath,
+        duration: float,
+        feathers: Sequence[int],
+    ) -> None:
+        """Set the first accelerations of feathers that have not been stepped yet, in place; solves
+        from this state do not do it again. duration: s, of the step to come."""
+        loads = wind_of_each(loads, self.model.feathers)
+
+        def one(f: int) -> None:
+            start_acceleration(self.model, loads, f, duration, state, self._work(), path)
+            state.step[f] = BEGUN
+
+        self._for_each(one, [f for f in feathers if state.step[f] == 0.0])
+
+    def equilibrium(
+        self,
+        state: State,
+        loads: Loads,
+        share: float = 0.0,
+        feathers: Sequence[int] | None = None,
+    ) -> tuple[State, Array, Array]:
+        """Bring feathers to rest under their loads; the given state is not changed.
+
+        share: 0..1, place within the loads' frame (grips). feathers: indices, all by default.
+        Returns the state, and per feather the status (0: at rest within settings.newton; NO_REST:
+        it flutters in the wind, and the pose is one on its way) and the Newton iterations.
+        """
+        new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
+        status = np.zeros(self.model.feathers)
+        iterations = np.zeros(self.model.feathers)
+
+        def one(f: int) -> None:
+            status[f], iterations[f] = settle(
+                self.model,
+                loads,
+                f,
+                share,
+                new,
+                self.settings.newton,
+                self._work(),
+            )
+
+        self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
+        return new, status, iterations
+
+    def _work(self) -> Work:
+        """Scratch of the calling thread."""
+        if not hasattr(self._local, "work"):
+            self._local.work = make_work(self.model)
+        work: Work = self._local.work
+        return work
+
+    def _for_each(self, function: Callable[[int], None], feathers: Iterable[int]) -> None:
+        if self._pool is None:
+            for f in feathers:
+                function(f)
+            return
+        # every thread takes the next feather when it is free
+        waiting = iter(list(feathers))
+
+        def work() -> None:
+            for f in waiting:
+                function(f)
+
+        for done in [self._pool.submit(work) for _ in range(self._jobs)]:
+            done.result()
+
+
+def report_of(counters: Array) -> StepReport:
+    """The report of (F, COUNTERS) as `Solver.advance` gives them."""
+    return StepReport(*counters.T)
+
+
+def reason_of(status: int, most: int = MOST_ITERATIONS) -> str:
+    """Why a feather stopped, in words. most: Settings.max_iterations."""
+    if status == TOO_MUCH_WORK:
+        return f"more than {most} Newton iterations in one frame"
+    return REASONS.get(status, "Newton did not converge at the shortest step")
+
+
+def raise_if_failed(
+    status: Array, time: Array, names: Sequence[str], most: int = MOST_ITERATIONS
+) -> None:
+    """SimulationError for the first feather with a status; it tells how many more there are.
+
+    most: Settings.max_iterations.
+    """
+    bad = np.flatnonzero(status != CONVERGED)
+    if len(bad) == 0:
+        return
+    first = int(bad[0])
+    reason = reason_of(int(status[first]), most)
+    if len(bad) > 1:
+        reason += f" (and {len(bad) - 1} more feathers)"
+    raise SimulationError(names[first], float(time[first]), reason)

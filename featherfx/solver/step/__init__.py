@@ -1,0 +1,1 @@
+"""One feather through one frame: implicit steps, entirely compiled."""

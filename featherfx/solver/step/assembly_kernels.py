@@ -1,0 +1,214 @@
+"""Gradient and Hessian of step_energy in generalised coordinates, as a band."""
+
+from featherfx.algebra.rotation_kernels import cross
+from featherfx.jit.compiled import kernel, shared_kernel
+from featherfx.mechanics.contact_kernels import add_contact_forces
+from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
+from featherfx.mechanics.rachis_variation_kernels import rachis_variation
+from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
+from featherfx.solver.vane.assembly_kernels import add_rows, subtract_barb_forces
+from featherfx.solver.vane.force_kernels import add_vane_forces
+from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE, damped_stress
+
+
+@kernel
+def _subtract_node_forces(i, points, force, right):
+    """Forces on row i's rachis point and directors, projected, to the row's right-hand side."""
+    for k in range(3):
+        right[k] -= force[i, 0, k]
+    for p in range(1, 3):
+        x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
+        mx, my, mz = cross(x, y, z, force[i, p, 0], force[i, p, 1], force[i, p, 2])
+        right[3] -= mx
+        right[4] -= my
+        right[5] -= mz
+
+
+@kernel
+def _add_rachis_nodes(i, points, stiff, at, band):
+    """Inertia, gravity, air and grips of row i's rachis point and directors."""
+    for k in range(3):
+        band[at + k, 0] += stiff[i, 0, k]
+    band[at, 1] += stiff[i, 0, 3]
+    band[at, 2] += stiff[i, 0, 4]
+    band[at + 1, 1] += stiff[i, 0, 5]
+    for p in range(1, 3):
+        x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
+        inertia = stiff[i, p, 0]
+        band[at + 3, 0] += inertia * (y * y + z * z)
+        band[at + 4, 0] += inertia * (x * x + z * z)
+        band[at + 5, 0] += inertia * (x * x + y * y)
+        band[at + 3, 1] -= inertia * x * y
+        band[at + 3, 2] -= inertia * x * z
+        band[at + 4, 1] -= inertia * y * z
+
+
+@kernel
+def _add_rachis_element(i, pose, length, stiffness, reference, damping, wanted, beam, system):
+    """Stretch, shear, twist and bending between rows i and i + 1.
+
+    stiffness: (6,); reference: (6,) of this element; beam: scratch; wanted: as in assemble.
+    """
+    row_size = system.band.shape[1] // 3
+    at = i * row_size
+    gradient, matrix, stress = beam.gradient, beam.matrix, beam.stress
+    start, end, halfway = pose.centre[i], pose.centre[i + 1], pose.halfway[i]
+    rachis_gradient(start, end, length, halfway, pose.rachis[i], gradient)
+    for k in range(6):
+        stress[k] = damped_stress(stiffness[k], pose.strains[6 * i + k], reference[k], damping)
+        for a in range(6):
+            system.right[at + a] -= stress[k] * gradient[k, a]
+            system.right[at + row_size + a] -= stress[k] * gradient[k, 6 + a]
+    if wanted == FORCES_ONLY:
+        return
+    matrix[:] = 0.0
+    for k in range(6):
+        weight = stiffness[k] * (1.0 + damping)
+        for a in range(12):
+            scaled = weight * gradient[k, a]
+            for b in range(a + 1):
+                matrix[a, b] += scaled * gradient[k, b]
+    if wanted == WHOLE:
+        rachis_variation(start, end, length, halfway, pose.rachis[i], stress, matrix)
+    else:
+        rachis_tension(start, end, length, halfway, stress, matrix)
+    for a in range(12):
+        to = at + a if a < 6 else at + row_size + a - 6
+        for b in range(a + 1):
+            column = at + b if b < 6 else at + row_size + b - 6
+            system.band[column, to - column] += matrix[a, b]
+
+
+@kernel
+def _add_inertia(inertia, mass, stiff):
+    """Inertia (1/s^2) times the masses (n, P), added to the stiffnesses (n, P, 6) of the nodes."""
+    for i in range(mass.shape[0]):
+        for p in range(mass.shape[1]):
+            for k in range(3):
+                stiff[i, p, k] += inertia * mass[i, p]
+
+
+@kernel
+def add_grips(node, start, end, stiffness, share, points, force, stiff):
+    """A feather's grips, added to the node forces and stiffnesses."""
+    for g in range(stiffness.shape[0]):
+        row, p = node[g, 0], node[g, 1]
+        if row < 0:
+            continue
+        for k in range(3):
+            gap = points[row, p, k] - start[g, k] - share * (end[g, k] - start[g, k])
+            force[row, p, k] += stiffness[g] * gap
+            stiff[row, p, k] += stiffness[g]
+
+
+@kernel
+def _hold_root(wanted, system):
+    """Take the six coordinates of row 0 out of the system: their increment is zero."""
+    band = system.band
+    for a in range(6):
+        system.right[a] = 0.0
+        if wanted == FORCES_ONLY:
+            continue
+        for d in range(band.shape[1]):
+            band[a, d] = 0.0
+        band[a, 0] = 1.0
+
+
+@kernel
+def _add_nodes(model, loads, f, share, factors, shift, work):
+    """Forces and stiffnesses of single nodes to work.force and work.stiff."""
+    points, around = work.now.points, work.around
+    node_forces(
+        points,
+        around.target,
+        factors[0],
+        around.past,
+        factors[1],
+        model.mass[f],
+        loads.gravity,
+        loads.air,
+        around.wind,
+        around.area,
+        around.speed,
+        model.shaft_area[f],
+        work.force,
+        work.stiff,
+    )
+    if shift > 0.0:
+        _add_inertia(shift * factors[0], model.mass[f], work.stiff)
+    add_grips(
+        loads.grip_node[f],
+        loads.grip_start[f],
+        loads.grip_end[f],
+        loads.grip_stiffness[f],
+        share,
+        points,
+        work.force,
+        work.stiff,
+    )
+    add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
+    add_contact_forces(loads.contacts, f, share, points, work.force, work.stiff)
+
+
+@kernel
+def _add_vane(model, f, damping, wanted, work):
+    """Forces of barbs and vane, and their stiffness where it is wanted."""
+    pose, reference, system = work.now, work.around.reference, work.system
+    joint_axes(model.shapes, pose, work.axes)
+    add_vane_forces(model, f, damping, wanted, pose, reference, work.vane, work.force)
+    subtract_barb_forces(model, f, damping, pose, reference, work.force, work.axes, system.right)
+    if wanted == FORCES_ONLY:
+        return
+    barb_jacobians(model.shapes, pose, work.axes, work.jacobian)
+    add_rows(
+        model,
+        f,
+        damping,
+        wanted == WHOLE,
+        pose,
+        work.force,
+        work.stiff,
+        work.jacobian,
+        work.vane,
+        system.band,
+    )
+
+
+@shared_kernel
+def assemble(model, loads, f, share, factors, wanted, shift, work):
+    """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
+
+    share: of the frame, for the grips. factors: (inertia, rate, strain rate) of the integrator.
+    wanted: WHOLE, with the geometric stiffness of compression: then the Hessian may be indefinite,
+    but Newton converges where a vane wrinkles; STABILISING, without; FORCES_ONLY: right alone, the
+    band stays as it is. shift: inertia that is added to the Hessian alone, as a share of the
+    integrator's.
+    """
+    pose, around, system = work.now, work.around, work.system
+    rows, row_size = pose.turn.shape[0], system.band.shape[1] // 3
+    if wanted != FORCES_ONLY:
+        system.band[:] = 0.0
+    system.right[:] = 0.0
+    _add_nodes(model, loads, f, share, factors, shift, work)
+    if model.joints.shape[3] > 0:
+        _add_vane(model, f, model.retardation[f, 1] * factors[2], wanted, work)
+    for i in range(rows):
+        at = i * row_size
+        _subtract_node_forces(i, pose.points, work.force, system.right[at : at + 6])
+        if wanted != FORCES_ONLY:
+            _add_rachis_nodes(i, pose.points, work.stiff, at, system.band)
+    for i in range(rows - 1):
+        _add_rachis_element(
+            i,
+            pose,
+            model.length[f, i],
+            model.rachis_stiffness[f, i],
+            around.reference[6 * i :],
+            model.retardation[f, 0] * factors[2],
+            wanted,
+            work.beam,
+            system,
+        )
+    if model.held[f]:
+        _hold_root(wanted, system)

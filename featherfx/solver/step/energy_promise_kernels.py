@@ -1,0 +1,193 @@
+"""Energy of a feather that is left alone: no step may end with more of it than it began with.
+
+    E = T + U,    T = 1/2 sum m |v - d|^2,    U = elastic + gravity, grips and dead loads
+
+v velocities, d that of the root, which moves evenly or not at all, so that it does no work in its
+own frame; heights are measured from it. Where E grows over a step, its new velocities v - d are
+made smaller, which alters nothing that was solved for; where U alone is above what there was, the
+step fails.
+
+Within the tolerance of a step, generalised-alpha keeps part of the energy in its accelerations and
+gives it back: T + U ripples within a period while a sum with terms of second order in h falls. For
+a linear system and s = (1 - r) / (2 (1 + r)), r the spectral radius, K the stiffness,
+
+    T + U + 1/2 s^2 h^2 a.M a + 1/4 (a - w).M K^-1 M (a - w)
+
+never grows (derived here; compare Erlicher, Bonaventura and Bursi 2002), a smoothed, w true
+acceleration. In motion that is resolved M (a - w) = 2 s h K v, so the last term is 1/2 s h
+|v.M (a - w)|. A step that is resolved may give back this much, with the largest s, 1/2, because
+nonlinear systems ripple as much for small s, too.
+"""
+
+from math import sqrt
+
+from featherfx.jit.compiled import kernel
+from featherfx.mechanics.node_kernels import dead_energy
+from featherfx.solver.step.energy_kernels import elastic_energy, grip_energy
+
+# Newton's status of a step whose energy would grow
+GREW = 6
+# growth that round-off and Newton's tolerance may cause, share of the energy that there is, and
+# rounding of a strain (1 or rad)
+ROUNDING, STRAIN = 1e-8, 1e-11
+# m over m, by which a path may leave the even motion that it is taken for
+EVEN = 1e-12
+
+
+@kernel
+def _any(values):
+    found = False
+    for value in values.flat:
+        found = found or value != 0.0
+    return found
+
+
+@kernel
+def _evenly(path):
+    """Whether a root path (K, 6) is straight, without turns and at one speed."""
+    count, size = path.shape[0], 0.0
+    for k in range(3):
+        size = max(size, abs(path[0, k]), abs(path[count - 1, k]))
+    for i in range(count):
+        for k in range(3):
+            place = path[0, k] + (path[count - 1, k] - path[0, k]) * i / (count - 1)
+            if abs(path[i, k] - place) > EVEN * size or path[i, 3 + k] != path[0, 3 + k]:
+                return False
+    return True
+
+
+@kernel
+def left_alone(model, loads, f, path, duration):
+    """Whether no work is done on feather f in a frame, and the velocity d of its root (m/s).
+
+    path: (K, 6) of the root (root_kernels); duration: s, of the frame. A free feather is never
+    taken as left alone: smaller velocities would change its momenta.
+    """
+    last = path.shape[0] - 1
+    x, y, z = path[last, 0] - path[0, 0], path[last, 1] - path[0, 1], path[last, 2] - path[0, 2]
+    moving = x != 0.0 or y != 0.0 or z != 0.0
+    alone = model.held[f] and _evenly(path)
+    if loads.air[0] > 0.0:
+        alone = alone and not (moving or _any(loads.wind_mean[f]) or _any(loads.wind_amplitude))
+    for g in range(loads.grip_stiffness.shape[1]):
+        still = not moving
+        for k in range(3):
+            still = still and loads.grip_start[f, g, k] == loads.grip_end[f, g, k]
+        alone = alone and (still or loads.grip_node[f, g, 0] < 0)
+    if loads.force[f].shape[0] > 0:
+        alone = alone and not (moving or _any(loads.force_change))
+    alone = alone and loads.contacts.first[f] == loads.contacts.first[f + 1]
+    return alone, (x / duration, y / duration, z / duration)
+
+
+@kernel
+def _potential(model, loads, f, points, strains):
+    """(U, scale of its rounding) of feather f, J, with its root at points[0, 0]."""
+    elastic = elastic_energy(model, f, strains, strains, 0.0)
+    fall, size = 0.0, 0.0
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            if p == 1 or p == 2:
+                continue
+            part = 0.0
+            for k in range(3):
+                part -= loads.gravity[k] * (points[i, p, k] - points[0, 0, k])
+            fall += model.mass[f, i, p] * part
+            size += model.mass[f, i, p] * abs(part)
+    grips = grip_energy(
+        loads.grip_node[f],
+        loads.grip_start[f],
+        loads.grip_end[f],
+        loads.grip_stiffness[f],
+        0.0,
+        points,
+    )
+    dead = dead_energy(points, loads.force[f], loads.force_change[f], 0.0)
+    return elastic + fall + grips + dead, elastic + size + grips + abs(dead)
+
+
+@kernel
+def _sum(values):
+    total = 0.0
+    for value in values.flat:
+        total += value
+    return total
+
+
+@kernel
+def rounding_energy(model, f):
+    """Energy (J) of strains that are nothing but round-off: that of a feather at perfect rest."""
+    stiffness = _sum(model.rachis_stiffness[f]) + _sum(model.barb_stiffness[f])
+    stiffness += _sum(model.cell_stiffness[f]) + _sum(model.hinge_stiffness[f])
+    return 0.5 * stiffness * STRAIN * STRAIN
+
+
+@kernel
+def state_energy(model, loads, f, drift, state):
+    """T + U of feather f of a state, J. drift: (x, y, z) m/s, d."""
+    kinetic = 0.0
+    mass, velocity = model.mass[f], state.velocity[f]
+    for i in range(velocity.shape[0]):
+        for p in range(velocity.shape[1]):
+            x, y, z = velocity[i, p, 0], velocity[i, p, 1], velocity[i, p, 2]
+            if p != 1 and p != 2:
+                x, y, z = x - drift[0], y - drift[1], z - drift[2]
+            kinetic += 0.5 * mass[i, p] * (x * x + y * y + z * z)
+    return kinetic + _potential(model, loads, f, state.points[f], state.strains[f, 0])[0]
+
+
+@kernel
+def held_energy(mass, h, drift, velocity, acceleration, smoothed):
+    """What the accelerations of one feather may give back in a step of h (s), J.
+
+    mass: (n, P). velocity, acceleration, smoothed: (n, P, 3) v, w, a.
+    """
+    square, lag = 0.0, 0.0
+    for i in range(mass.shape[0]):
+        for p in range(mass.shape[1]):
+            for k in range(3):
+                a, v = smoothed[i, p, k], velocity[i, p, k]
+                if p != 1 and p != 2:
+                    v -= drift[k]
+                square += mass[i, p] * a * a
+                lag += mass[i, p] * v * (a - acceleration[i, p, k])
+    return 0.125 * h * h * square + 0.25 * h * abs(lag)
+
+
+@kernel
+def solved_energy(model, loads, f, drift, energy, growth, rate, pose, past):
+    """(share of the velocities v - d that a solved step may keep, T + U with them in J).
+
+    energy: J, at the step's start. growth: J, by which it may grow. rate, past: of the integrator,
+    v = rate (x - past). The share is -1 where U alone is more than there was.
+    """
+    points, mass = pose.points, model.mass[f]
+    potential, size = _potential(model, loads, f, points, pose.strains)
+    kinetic = 0.0
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            square = 0.0
+            for k in range(3):
+                v = rate * (points[i, p, k] - past[i, p, k])
+                if p != 1 and p != 2:
+                    v -= drift[k]
+                square += v * v
+            kinetic += 0.5 * mass[i, p] * square
+    most = energy + growth + ROUNDING * (size + kinetic) - potential
+    if kinetic <= most:
+        return 1.0, potential + kinetic
+    if most < 0.0:
+        return -1.0, energy
+    return sqrt(most / kinetic), potential + most
+
+
+@kernel
+def slow_down(share, drift, velocity):
+    """Multiply velocities (n, P, 3), measured from the root's, by a share, in place."""
+    if share >= 1.0:
+        return
+    for i in range(velocity.shape[0]):
+        for p in range(velocity.shape[1]):
+            for k in range(3):
+                base = 0.0 if p == 1 or p == 2 else drift[k]
+                velocity[i, p, k] = base + share * (velocity[i, p, k] - base)

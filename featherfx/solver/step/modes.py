@@ -1,0 +1,122 @@
+"""Natural frequencies about the rest shape, and the damping times that follow from them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.types import FeatherKind
+from featherfx.mechanics.model import Model, no_loads
+from featherfx.solver.state import State, rest_state
+from featherfx.solver.step.assembly_kernels import assemble
+from featherfx.solver.step.newton_kernels import evaluate
+from featherfx.solver.step.pose_kernels import load_pose
+from featherfx.solver.vane.pairs_kernels import STABILISING
+from featherfx.solver.work import Work, make_work
+
+Array = NDArray[np.float64]
+
+STIFFNESSES = ("rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness")
+
+# unknowns up to which all modes are found at once; the Krylov space of few unknowns breaks down
+SMALL = 120
+
+
+def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
+    """Stiffness and mass of one feather at rest as lower bands (N, B + 1) of the coordinates.
+
+    The six coordinates of a held root have unit stiffness and no mass.
+    """
+    # nothing here may take time for the others, or a batch would take the square of their number
+    model = model.only(feather)
+    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+    weightless = {name: np.zeros_like(getattr(model, name)) for name in STIFFNESSES}
+    work = make_work(model)
+    stiffness = _band(model, 0.0, state, work)
+    mass = _band(model._replace(**weightless), 1.0, state, work)
+    if model.held[0]:
+        mass[:6, 0] = 0.0
+    return stiffness, mass
+
+
+def _band(model: Model, inertia: float, state: State, work: Work) -> Array:
+    """Stiffness plus inertia (1/s^2) times mass of the pose of a model's only feather."""
+    f, loads, factors, now = 0, no_loads(1), (inertia, 0.0, 0.0), work.now
+    load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
+    evaluate(model, loads, f, 0.0, factors, now, work.around)
+    assemble(model, loads, f, 0.0, factors, STABILISING, 0.0, work)
+    return work.system.band.copy()
+
+
+def first_frequency(model: Model, feather: int) -> float:
+    """Lowest natural angular frequency (rad/s) of one held feather, by inverse iteration."""
+    from scipy.linalg import cho_solve_banded, cholesky_banded
+
+    stiffness, mass = rest_bands(model, feather)
+    factor = cholesky_banded(stiffness.T, lower=True)
+    x = np.ones(len(stiffness))
+    quotient = 0.0
+    for _ in range(100):
+        x = cho_solve_banded((factor, True), _times(mass, x))
+        image = _times(mass, x)
+        x /= np.sqrt(x @ image)
+        before, quotient = quotient, float(x @ _times(stiffness, x))
+        if abs(quotient - before) <= 1e-6 * quotient:
+            break
+    return float(np.sqrt(quotient))
+
+
+def frequencies(model: Model, feather: int, count: int) -> Array:
+    """(count,) lowest natural frequencies of one held feather, Hz, ascending."""
+    from scipy.linalg import eigh
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import eigsh
+
+    stiffness, mass = (_sparse(band, diags_array) for band in rest_bands(model, feather))
+    size = mass.shape[0]
+    if size <= SMALL:
+        # compliance rather than stiffness, so that rounding is a share of the lowest mode's
+        last = (size - count, size - 1)
+        flexible = eigh(
+            mass.toarray(), stiffness.toarray(), eigvals_only=True, subset_by_index=last
+        )
+        return 1.0 / (2.0 * np.pi * np.sqrt(flexible[::-1]))
+    values = eigsh(
+        stiffness, count, mass, sigma=0.0, return_eigenvectors=False, v0=np.ones(mass.shape[0])
+    )
+    return np.sqrt(np.sort(values)) / (2.0 * np.pi)
+
+
+def _sparse(band: Array, diagonals):
+    size, width = band.shape
+    lower = [band[: size - d, d] for d in range(min(width, size))]
+    offsets = [-d for d in range(len(lower))]
+    upper = lower[1:]
+    return diagonals(lower + upper, offsets=offsets + [-o for o in offsets[1:]]).tocsc()
+
+
+def _times(band: Array, x: Array) -> Array:
+    """Symmetric band times vector."""
+    from scipy.linalg.blas import dsbmv
+
+    width = min(band.shape[1], len(x))
+    return np.asarray(dsbmv(width - 1, 1.0, band[:, :width].T, x, lower=1))
+
+
+def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:
+    """The model with Kelvin-Voigt times: loss factor over the feather's first frequency.
+
+    A vibration at the first frequency then loses 2 pi times the loss factor of its energy per
+    period (logarithmic decrement pi times the loss factor); slower ones less, faster ones more.
+    """
+    retardation = np.zeros((model.feathers, 2))
+    known: dict[bytes, float] = {}
+    for f, kind in enumerate(kinds):
+        loss = (kind.rachis_material.loss_factor, kind.vane_material.loss_factor)
+        if max(loss) == 0.0:
+            continue
+        key = b"".join(getattr(model, name)[f].tobytes() for name in ("mass", *STIFFNESSES[:2]))
+        if key not in known:
+            known[key] = first_frequency(model, f)
+        retardation[f] = np.array(loss) / known[key]
+    return model._replace(retardation=retardation)

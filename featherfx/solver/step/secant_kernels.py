@@ -1,0 +1,72 @@
+"""Solve with the factor of an earlier matrix, corrected by what the steps since then have shown.
+
+A step s after which the gradient has changed by y tells the true matrix H along s: H s = y. The
+inverse of the earlier matrix A, corrected so that it agrees with all steps since, is that of BFGS.
+It is applied by two loops over the pairs (s, y), with A^-1 between them:
+
+    a_i = s_i.x / s_i.y_i,    x := x - a_i y_i                  newest pair first
+    x := A^-1 x
+    x := x + (a_i - y_i.x / s_i.y_i) s_i                        oldest pair first
+
+Source: Nocedal 1980. Every s.y must be positive; then the corrected matrix is definite if A is.
+
+secants: (PAIRS, 3, N), of each pair s, y, and in the third row a and s.y.
+"""
+
+from featherfx.algebra.copy_kernels import copy_values
+from featherfx.jit.compiled import kernel
+from featherfx.solver.step.banded_kernels import solve_factored
+
+PAIRS = 6
+STEP, CHANGE, SUMS = 0, 1, 2
+
+
+@kernel
+def _dot(a, b):
+    total = 0.0
+    for k in range(a.shape[0]):
+        total += a[k] * b[k]
+    return total
+
+
+@kernel
+def _add_scaled(scale, a, to):
+    for k in range(a.shape[0]):
+        to[k] += scale * a[k]
+
+
+@kernel
+def begin_step(pair, right, secants):
+    """Keep minus the gradient (N,) where a step begins."""
+    copy_values(right, secants[pair, CHANGE])
+
+
+@kernel
+def keep_step(pair, step, secants):
+    """Keep the step (N,) itself."""
+    copy_values(step, secants[pair, STEP])
+
+
+@kernel
+def end_step(pair, right, secants):
+    """Complete a pair by minus the gradient (N,) where the step has led; returns s.y > 0."""
+    change = secants[pair, CHANGE]
+    for k in range(right.shape[0]):
+        change[k] -= right[k]
+    work = _dot(secants[pair, STEP], change)
+    secants[pair, SUMS, 1] = work
+    return work > 0.0
+
+
+@kernel
+def solve_corrected(band, count, secants, x):
+    """As banded_kernels.solve_factored, corrected by the first count pairs."""
+    for back in range(count):
+        pair = secants[count - 1 - back]
+        pair[SUMS, 0] = _dot(pair[STEP], x) / pair[SUMS, 1]
+        _add_scaled(-pair[SUMS, 0], pair[CHANGE], x)
+    solve_factored(band, x)
+    for i in range(count):
+        pair = secants[i]
+        share = pair[SUMS, 0] - _dot(pair[CHANGE], x) / pair[SUMS, 1]
+        _add_scaled(share, pair[STEP], x)

@@ -1,0 +1,1 @@
+"""Forces and stiffness of the vane in generalised coordinates."""

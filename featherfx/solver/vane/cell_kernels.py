@@ -1,0 +1,187 @@
+"""Forces and stiffness of a vane's triangles: strains e_ww and 2 e_vw, guard and turning.
+
+What is left of a triangle's second variation (vane_membrane_kernels) beside k g_p g_q^T of its
+strains is, with f and g their stresses,
+
+    f |dc|^2 + 2 g da.dc,      a = e / s,   c = d / h - t e,   t = p / (s h)
+
+e = x_1 - x_0 lies along the barb, d = x_2 - x_0. Compression and shear make it indefinite. Its
+stabilising part, used where the whole matrix is indefinite, is the lift of membrane_lift that has
+a positive stiffness. A compression guard (vane_guard_kernels) adds to the stresses, and J as one
+more strain.
+"""
+
+from featherfx.jit.compiled import kernel
+from featherfx.mechanics.vane_guard_kernels import guard_slopes
+from featherfx.mechanics.vane_membrane_kernels import membrane_lift
+from featherfx.solver.vane.line_kernels import (
+    add_diagonal,
+    add_forces,
+    add_outer,
+    lanes,
+    membrane_gradients,
+)
+from featherfx.solver.vane.pairs_kernels import (
+    ALONG,
+    FORCES_ONLY,
+    OWN,
+    SLANT,
+    STABILISING,
+    UP,
+    WHOLE,
+    damped_stress,
+)
+
+# strains of a triangle: e_ww, 2 e_vw, the guard's J and the stabilising lift
+GUARD, LIFT = 2, 3
+
+
+@kernel
+def _load_cells(half, rest, stiffness, strains, reference, damping, cells):
+    """Rest values, stresses and stiffnesses of triangles A or B (half) of a strip, to lines.
+
+    rest: (m, 2, 3), stiffness: (m, 2, 2), strains, reference: (4 m,). Triangles without stiffness
+    are not there: all their values are zero.
+    """
+    for j in range(stiffness.shape[0]):
+        at = 4 * j + 2 * half
+        there = stiffness[j, half, 0] != 0.0
+        for k in range(3):
+            cells.rest[k, j] = rest[j, half, k] if there else 0.0
+        for k in range(2):
+            value = stiffness[j, half, k] if there else 0.0
+            cells.weight[k, 0, j] = value * (1.0 + damping)
+            cells.weight[k, 1, j] = 0.5 * value * (1.0 + damping)
+            cells.stress[k, j] = damped_stress(value, strains[at + k], reference[at + k], damping)
+
+
+@kernel
+def _add_guard(half, guard, strains, cells):
+    """The guard's stresses, and its J as the strain GUARD; guard: (m, 2), strains: (4 m,)."""
+    gradient = cells.gradient
+    for j in range(guard.shape[0]):
+        at = 4 * j + 2 * half
+        slope, curvature, by_across, by_shear = guard_slopes(
+            guard[j, half], strains[at], strains[at + 1]
+        )
+        cells.stress[0, j] += slope * by_across
+        cells.stress[1, j] += slope * by_shear
+        cells.weight[GUARD, 0, j], cells.weight[GUARD, 1, j] = curvature, 0.5 * curvature
+        for node in range(3):
+            for k in range(3):
+                gradient[GUARD, node, k, j] = (
+                    by_across * gradient[0, node, k, j] + by_shear * gradient[1, node, k, j]
+                )
+
+
+@kernel
+def _find_lift(columns, own, other, shift, cells):
+    """The stabilising geometric stiffness of a row of triangles, as the strain LIFT."""
+    for j in range(columns):
+        membrane_lift(
+            own[:, j],
+            own[:, j + 1],
+            other[:, j + shift],
+            cells.rest[:, j],
+            cells.stress[0, j],
+            cells.stress[1, j],
+            cells.single[2, 0],
+            cells.single,
+        )
+        value = cells.single[2, 0, 0]
+        cells.weight[LIFT, 0, j], cells.weight[LIFT, 1, j] = value, 0.5 * value
+        for node in range(3):
+            for k in range(3):
+                cells.gradient[LIFT, node, k, j] = cells.single[0, node, k]
+
+
+@kernel
+def _add_pairs(count, half, weight, gradient, low, high):
+    """One strain of triangles A or B (half) to the blocks of the rows below and above them.
+
+    weight: (2, .) stiffness and half of it. gradient: (nodes, 3, .). low, high: (5, 3, 3 S).
+    """
+    k, h, a, b, c = weight[0], weight[1], gradient[0], gradient[1], gradient[2]
+    if half == 0:
+        add_outer(count, h, a, a, 0, low[OWN])
+        add_outer(count, h, b, b, 1, low[OWN])
+        add_outer(count, h, c, c, 0, high[OWN])
+        add_outer(count, k, a, b, 0, low[ALONG])
+        add_outer(count, k, c, a, 0, low[UP])
+        add_outer(count, k, c, b, 0, low[SLANT])
+    else:
+        add_outer(count, h, a, a, 0, high[OWN])
+        add_outer(count, h, b, b, 1, high[OWN])
+        add_outer(count, h, c, c, 1, low[OWN])
+        add_outer(count, k, a, b, 0, high[ALONG])
+        add_outer(count, k, b, c, 1, low[UP])
+        add_outer(count, k, a, c, 0, low[SLANT])
+
+
+@kernel
+def _find_turning(columns, cells):
+    """The whole geometric stiffness: times the unit matrix, of each pair of a triangle's nodes.
+
+    Written: turning (6, .), of x_0, x_1, x_2 with themselves, halved, and of (x_0, x_1),
+    (x_0, x_2), (x_1, x_2).
+    """
+    rest, stress, turning = cells.rest, cells.stress, cells.turning
+    for j in range(columns):
+        edge, reach = rest[0, j], rest[2, j]
+        turn, across, shear = reach * rest[1, j] * edge, stress[0, j], stress[1, j]
+        dd = across * reach * reach
+        de = reach * (shear * edge - across * turn)
+        ee = turn * (across * turn - 2.0 * shear * edge)
+        turning[0, j], turning[1, j], turning[2, j] = 0.5 * (dd + ee) + de, 0.5 * ee, 0.5 * dd
+        turning[3, j], turning[4, j], turning[5, j] = -de - ee, -dd - de, de
+
+
+@kernel
+def _add_turning(count, half, turning, low, high):
+    """As _add_pairs, of _find_turning."""
+    if half == 0:
+        add_diagonal(count, turning[0], 0, low[OWN])
+        add_diagonal(count, turning[1], 1, low[OWN])
+        add_diagonal(count, turning[2], 0, high[OWN])
+        add_diagonal(count, turning[3], 0, low[ALONG])
+        add_diagonal(count, turning[4], 0, low[UP])
+        add_diagonal(count, turning[5], 0, low[SLANT])
+    else:
+        add_diagonal(count, turning[0], 0, high[OWN])
+        add_diagonal(count, turning[1], 1, high[OWN])
+        add_diagonal(count, turning[2], 1, low[OWN])
+        add_diagonal(count, turning[3], 0, high[ALONG])
+        add_diagonal(count, turning[5], 1, low[UP])
+        add_diagonal(count, turning[4], 0, low[SLANT])
+
+
+@kernel
+def add_strip(i, side, half, rest, stiffness, guard, strains, reference, damping, wanted, vane):
+    """Triangles A or B (half) between rows i and i + 1.
+
+    rest: (m, 2, 3), stiffness: (m, 2, 2), guard: (2, n-1, m, 2) or of size 0, strains: (4 m,).
+    """
+    columns, cells = stiffness.shape[0], vane.cells
+    count, gradient, stress = lanes(columns), cells.gradient, cells.stress
+    own, other = vane.nodes[i + half, side], vane.nodes[i + 1 - half, side]
+    on_own, on_other = vane.pull[i + half, side], vane.pull[i + 1 - half, side]
+    _load_cells(half, rest, stiffness, strains, reference, damping, cells)
+    membrane_gradients(count, own, other, half, cells.rest, gradient)
+    if guard.shape[0] > 0:
+        _add_guard(half, guard[side, i], strains, cells)
+    for strain in range(2):
+        add_forces(count, stress[strain], gradient[strain, 0], 0, on_own)
+        add_forces(count, stress[strain], gradient[strain, 1], 1, on_own)
+        add_forces(count, stress[strain], gradient[strain, 2], half, on_other)
+    if wanted == FORCES_ONLY:
+        return
+    if wanted == STABILISING:
+        _find_lift(columns, own, other, half, cells)
+    low, high = vane.blocks[i, side], vane.blocks[i + 1, side]
+    for strain in range(4):
+        if (strain == GUARD and guard.shape[0] == 0) or (strain == LIFT and wanted == WHOLE):
+            continue
+        _add_pairs(count, half, cells.weight[strain], gradient[strain], low, high)
+    if wanted == WHOLE:
+        _find_turning(columns, cells)
+        _add_turning(count, half, cells.turning, low, high)

@@ -1,0 +1,123 @@
+"""Forces and stiffness of a vane's hinges (vane_bending_kernels), barb by barb."""
+
+from featherfx.jit.compiled import kernel
+from featherfx.mechanics.vane_bending_kernels import crush_gradient, opening
+from featherfx.solver.vane.line_kernels import add_forces, add_outer, hinge_gradients, lanes
+from featherfx.solver.vane.pairs_kernels import (
+    ALONG,
+    FORCES_ONLY,
+    OWN,
+    SKIP,
+    SLANT,
+    UP,
+    damped_stress,
+)
+
+
+@kernel
+def _load_hinges(stiffness, strains, reference, damping, cells):
+    """Stresses and stiffnesses of a row of hinges, to lines; stiffness to reference: (m,)."""
+    for j in range(stiffness.shape[0]):
+        value = stiffness[j]
+        cells.weight[0, 0, j] = value * (1.0 + damping)
+        cells.weight[0, 1, j] = 0.5 * value * (1.0 + damping)
+        cells.stress[0, j] = damped_stress(value, strains[j], reference[j], damping)
+
+
+@kernel
+def _crush(j, share, angle, lag, stiffness, damping, gradient, shrink, pull, above, below):
+    """Hinge j, of which a triangle is crushed: its strain is the angle times its share.
+
+    lag: angle less its reference. gradient: (4, 3, .) of the angle, in, and of the strain, out.
+    shrink: (4, 3) gradient of the share. pull, above, below: (3, .) forces on the nodes of its
+    barb and of those around it, to which its own are added.
+    """
+    by_angle = stiffness * share * share * (angle + damping * lag)
+    by_share = stiffness * share * (angle * angle + damping * lag * lag)
+    for k in range(3):
+        for node in range(4):
+            force = by_angle * gradient[node, k, j] + by_share * shrink[node, k]
+            gradient[node, k, j] = share * gradient[node, k, j] + angle * shrink[node, k]
+            if node < 2:
+                pull[k, j + node] += force
+            elif node == 2:
+                above[k, j] += force
+            else:
+                below[k, j + 1] += force
+
+
+@kernel
+def _crush_hinges(i, side, above, below, stiffness, strains, shares, reference, damping, vane):
+    """Hinges of row i of which a triangle is crushed; their stress is left zero.
+
+    above, below: (m, 2, 3) rest values. strains, shares, reference: (m,).
+    """
+    cells, pull, gradient = vane.cells, vane.pull, vane.cells.gradient[0]
+    own, up, down = vane.nodes[i, side], vane.nodes[i + 1, side], vane.nodes[i - 1, side]
+    for j in range(stiffness.shape[0]):
+        if stiffness[j] == 0.0 or shares[j] >= 1.0:
+            continue
+        shrink, lag = cells.single[0], strains[j] - reference[j]
+        opens = opening(above[j, 0]), opening(below[j, 1])
+        crush_gradient(
+            own[:, j], own[:, j + 1], up[:, j], down[:, j + 1], opens[0], opens[1], shrink
+        )
+        _crush(
+            j,
+            shares[j],
+            strains[j],
+            lag,
+            stiffness[j],
+            damping,
+            gradient,
+            shrink,
+            pull[i, side],
+            pull[i + 1, side],
+            pull[i - 1, side],
+        )
+        cells.stress[0, j] = 0.0
+
+
+@kernel
+def _add_hinge_pairs(count, weight, gradient, low, own, high):
+    """Hinges of a row to the blocks of the rows below them, their own and above.
+
+    weight: (2, .) stiffness and half of it. gradient: (4, 3, .). low, own, high: (5, 3, 3 S).
+    """
+    k, h = weight[0], weight[1]
+    a, b, c, d = gradient[0], gradient[1], gradient[2], gradient[3]
+    add_outer(count, h, a, a, 0, own[OWN])
+    add_outer(count, h, b, b, 1, own[OWN])
+    add_outer(count, h, c, c, 0, high[OWN])
+    add_outer(count, h, d, d, 1, low[OWN])
+    add_outer(count, k, a, b, 0, own[ALONG])
+    add_outer(count, k, c, a, 0, own[UP])
+    add_outer(count, k, c, b, 0, own[SLANT])
+    add_outer(count, k, a, d, 0, low[SLANT])
+    add_outer(count, k, b, d, 1, low[UP])
+    add_outer(count, k, c, d, 0, own[SKIP])
+
+
+@kernel
+def add_hinges(i, side, above, below, stiffness, strains, shares, reference, damping, wanted, vane):
+    """Hinges on row i's barb; stiffness to reference: (m,).
+
+    above, below: (m, 2, 3) rest values of the cells on either side of the barb.
+    """
+    cells, nodes, pull = vane.cells, vane.nodes, vane.pull
+    count, weight, gradient = lanes(stiffness.shape[0]), cells.weight[0], cells.gradient[0]
+    _load_hinges(stiffness, strains, reference, damping, cells)
+    hinge_gradients(
+        count, nodes[i, side], nodes[i + 1, side], nodes[i - 1, side], weight[0], gradient
+    )
+    _crush_hinges(i, side, above, below, stiffness, strains, shares, reference, damping, vane)
+    stress = cells.stress[0]
+    add_forces(count, stress, gradient[0], 0, pull[i, side])
+    add_forces(count, stress, gradient[1], 1, pull[i, side])
+    add_forces(count, stress, gradient[2], 0, pull[i + 1, side])
+    add_forces(count, stress, gradient[3], 1, pull[i - 1, side])
+    if wanted != FORCES_ONLY:
+        blocks = vane.blocks
+        _add_hinge_pairs(
+            count, weight, gradient, blocks[i - 1, side], blocks[i, side], blocks[i + 1, side]
+        )

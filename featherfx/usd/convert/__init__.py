@@ -1,0 +1,1 @@
+"""Caches in other forms: Alembic, condensed feathers, plain meshes."""

@@ -1,0 +1,163 @@
+"""A cache as Houdini's condensed feathers: one polyline per shaft that carries its barbs.
+
+Every point of a shaft has its two barbs as arrays, P_barbl and P_barbr, of equally many points
+each, root to end, the root (on the shaft) left out: what featherfx itself reads back as a groom.
+USD holds per-point arrays as primvars of elementSize m. Left is as seen from dorsal with the tip
+ahead. Rows without a barb have all its points on the shaft.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Kind, Sdf, Usd, UsdGeom, Vt
+
+from featherfx.errors import InputError, Problem
+from featherfx.feather.types import LEADING, TRAILING
+from featherfx.usd import arrays
+from featherfx.usd.read.inputs import refuse_inputs
+from featherfx.usd.read.read import Cache, CachedFeather
+from featherfx.usd.write.atomic import publish
+from featherfx.usd.write.output import check_output
+from featherfx.usd.write.resume import layer_metadata
+
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+NAMES = ("P_barbl", "P_barbr")
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The barb grid of one mesh of V points, n rows and m columns.
+
+    tube: (K,) points of the shaft's surface, and row: (K,) theirs; a row's shaft point is their
+    mean. nodes: (2, n, m + 1) points of the left and right barbs, root first; V + i is the shaft
+    point of row i.
+    """
+
+    tube: Indices
+    row: Indices
+    nodes: Indices
+
+    def values(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """Shaft (n, 3), left and right barbs (n, m, 3) of surface points (V, 3)."""
+        rows = self.nodes.shape[1]
+        shaft = np.zeros((rows, 3))
+        np.add.at(shaft, self.row, points[self.tube])
+        shaft /= np.bincount(self.row, minlength=rows)[:, None]
+        left, right = np.concatenate([points, shaft.astype(np.float32)])[self.nodes]
+        return left[:, 0], left[:, 1:], right[:, 1:]
+
+
+def export_condensed(path: str | Path, output: str | Path, overwrite: bool = False) -> int:
+    """Write a cache as condensed feathers and return their number.
+
+    output: .usd, .usdc or .usda. All samples are in memory meanwhile. Raises InputError where the
+    cache cannot be read, a mesh in it is not laid out on a barb grid, or the output not written.
+    """
+    target = check_output(output, overwrite)
+    cache = Cache(path)
+    refuse_inputs([target], [Path(path)])
+    grids = [_grid(path, feather, cache.pose(k)) for k, feather in enumerate(cache.feathers)]
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    stage = Usd.Stage.Open(layer)
+    _author_stage(stage, cache, target)
+    codes = cache.codes()
+    root = stage.GetDefaultPrim().GetPath()
+    for index, (feather, grid) in enumerate(zip(cache.feathers, grids, strict=True)):
+        name = feather.path.rpartition("/")[2]
+        curve = _define(stage, root.AppendChild(name), feather, grid)
+        rest = cache.pose(index).points
+        _author_pose(curve, grid, rest, Usd.TimeCode.Default())
+        poses = [cache.pose(index, code).points for code in codes]
+        if any(not np.array_equal(pose, rest) for pose in poses):
+            for code, pose in zip(codes, poses, strict=True):
+                _author_pose(curve, grid, pose, Usd.TimeCode(code))
+    layer.customLayerData = {"featherfx": {**layer_metadata(Path(path)), "layout": "condensed"}}
+    publish([(layer, target)])
+    return len(cache.feathers)
+
+
+def _author_stage(stage: Any, cache: Cache, target: Path) -> None:
+    from featherfx.usd.write.names import prim_name
+
+    root = UsdGeom.Xform.Define(stage, f"/{prim_name(target.stem)}").GetPrim()
+    Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
+    stage.SetDefaultPrim(root)
+    UsdGeom.SetStageMetersPerUnit(stage, cache.meters_per_unit)
+    UsdGeom.SetStageUpAxis(stage, cache.up_axis)
+    stage.SetTimeCodesPerSecond(cache.frames_per_second)
+    stage.SetFramesPerSecond(cache.frames_per_second)
+    if cache.has_frames:
+        stage.SetStartTimeCode(cache.frames[0])
+        stage.SetEndTimeCode(cache.frames[1])
+
+
+def _grid(path: str | Path, feather: CachedFeather, pose: Any) -> _Grid:
+    """Rows and columns from the texture coordinates: v is the row, u - 1/2 counts barb nodes."""
+    problem = Problem(str(path), feather.path, "is not laid out on a barb grid with st and sides")
+    if feather.st is None:
+        raise InputError(problem)
+    vane = np.unique(feather.triangles[feather.side != 2])
+    tube = np.unique(feather.triangles[feather.side == 2])
+    if len(vane) == 0 or len(tube) == 0:
+        raise InputError(problem)
+    across = feather.st[vane, 0].astype(float) - 0.5
+    steps = np.unique(np.round(np.abs(across[np.abs(across) > 1e-5]), 6))
+    columns = round(0.5 / steps[0]) if len(steps) else 0
+    node = np.round(across * 2 * columns).astype(int)
+    if columns == 0 or not np.allclose(node / (2.0 * columns), across, atol=1e-4):
+        raise InputError(problem)
+    stations, row = np.unique(feather.st[tube, 1], return_inverse=True)
+    row_of_vane = np.searchsorted(stations, feather.st[vane, 1])
+    if not np.isin(feather.st[vane, 1], stations).all():
+        raise InputError(problem)
+    # what no triangle uses, as in the calamus, is the row's shaft point
+    shaft = len(pose.points) + np.arange(len(stations))
+    nodes = np.tile(shaft[:, None], (2, 1, columns + 1))
+    for side, sign in ((LEADING, 1), (TRAILING, -1)):
+        own = node * sign > 0
+        nodes[side, row_of_vane[own], np.abs(node[own])] = vane[own]
+    grid = _Grid(tube, row, nodes)
+    return _Grid(tube, row, nodes[::-1]) if _leading_is_right(grid, feather, pose) else grid
+
+
+def _leading_is_right(grid: _Grid, feather: CachedFeather, pose: Any) -> bool:
+    """Whether the first side of a grid, the leading one, is the right one seen from dorsal."""
+    points = pose.points.astype(float)
+    shaft, leading, trailing = grid.values(pose.points)
+    tangent, apart = np.gradient(shaft, axis=0), leading[:, -1] - trailing[:, -1]
+    corners = points[feather.triangles[feather.side != 2]]
+    dorsal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+    return float((np.cross(dorsal, tangent) * apart).sum()) < 0.0
+
+
+def _define(stage: Any, path: Any, feather: CachedFeather, grid: _Grid) -> Any:
+    curve = UsdGeom.BasisCurves.Define(stage, path)
+    rows, columns = grid.nodes.shape[1], grid.nodes.shape[2] - 1
+    curve.CreateTypeAttr(UsdGeom.Tokens.linear)
+    curve.CreateWrapAttr(UsdGeom.Tokens.nonperiodic)
+    curve.CreateCurveVertexCountsAttr(arrays.ints([rows]))
+    primvars = UsdGeom.PrimvarsAPI(curve)
+    labels = {"featherId": feather.id, "featherKind": feather.kind, "region": feather.region}
+    for name, value in labels.items():
+        primvar = primvars.CreatePrimvar(name, Sdf.ValueTypeNames.StringArray, "constant")
+        primvar.Set(Vt.StringArray([value]))
+    for name in NAMES:
+        kind = Sdf.ValueTypeNames.Point3fArray
+        primvars.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex, columns)
+    return curve
+
+
+def _author_pose(curve: Any, grid: _Grid, points: Floats, code: Any) -> None:
+    shaft, left, right = grid.values(points)
+    curve.GetPointsAttr().Set(arrays.vec3f(shaft), code)
+    curve.CreateExtentAttr().Set(arrays.vec3f([shaft.min(axis=0), shaft.max(axis=0)]), code)
+    primvars = UsdGeom.PrimvarsAPI(curve)
+    for name, barbs in zip(NAMES, (left, right), strict=True):
+        primvars.GetPrimvar(name).Set(arrays.vec3f(barbs.reshape(-1, 3)), code)

@@ -1,0 +1,138 @@
+"""A cache in other forms: one plain USD file, Houdini's condensed feathers, mesh sequences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from pxr import Sdf
+
+from featherfx.errors import InputError, Problem
+from featherfx.files.whole import write_all
+from featherfx.usd.read.inputs import refuse_inputs
+from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.read import Cache
+from featherfx.usd.types import OutputError
+from featherfx.usd.write.atomic import publish
+from featherfx.usd.write.output import check_output, folder_problems
+
+MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
+
+
+# of exported meshes, red, green, blue, opacity of 255
+COLOUR = (230, 220, 200, 255)
+
+
+def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Path:
+    """Write a cache of any layout as one file without references, clips or sublayers.
+
+    output: .usd, .usdc or .usda. The samples of the whole cache are in memory meanwhile. Raises
+    InputError where one cannot be read or the other not be written.
+    """
+    target = check_output(output, overwrite)
+    stage = open_stage(path)
+    refuse_inputs([target], [Path(path)])
+    layer = stage.Flatten(addSourceFileComment=False)
+    source = stage.GetRootLayer().customLayerData
+    if source:
+        layer.customLayerData = source
+    # Export goes by the suffix of the layer's own name; a plain copy has the right one.
+    plain = Sdf.Layer.CreateAnonymous(".usda")
+    plain.TransferContent(layer)
+    publish([(plain, target)])
+    return target
+
+
+def mesh_sequence(
+    path: str | Path,
+    output: str | Path,
+    frames: Sequence[float] | None = None,
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write a file per frame for a quick look, with one mesh per feather, and return the files.
+
+    output: .glb, .obj, .ply or .stl; wing.glb gives wing.0001.glb and so on; a cache without time
+    gives the one file. frames: time codes, by default every whole one. glTF is in metres with y
+    up, as it has to be; the others keep the stage's units and axes. All files appear, or none.
+    Raises InputError.
+    """
+    cache, output = Cache(path), Path(output)
+    codes = _codes(cache, frames)
+    files = [_numbered(output, code) for code in codes]
+    problems = folder_problems(output)
+    if output.suffix not in MESH_SUFFIXES:
+        message = f"suffix '{output.suffix}' is not one of .abc, {', '.join(MESH_SUFFIXES)}"
+        problems.append(Problem(str(output), "", message))
+    taken = [file for file in files if file.exists()]
+    if taken and not overwrite:
+        message = "exists already; choose another name or --overwrite"
+        problems += [Problem(str(file), "", message) for file in taken]
+    if problems:
+        raise OutputError(*problems)
+
+    def put(file: BinaryIO, code: float | None) -> None:
+        content = _scene(cache, code, output.suffix == ".glb").export(file_type=output.suffix[1:])
+        file.write(content.encode() if isinstance(content, str) else content)
+
+    try:
+        each = zip(files, codes, strict=True)
+        write_all((file, partial(put, code=code)) for file, code in each)
+    except OSError as error:
+        message = f"not written: {error.strerror or error}"
+        raise OutputError(Problem(str(error.filename), "", message)) from error
+    return files
+
+
+def _codes(cache: Cache, frames: Sequence[float] | None) -> list[float | None]:
+    if not cache.has_frames:
+        return [None]
+    first, last = cache.frames
+    if frames is None:
+        return [float(code) for code in range(int(np.ceil(first)), int(last) + 1)]
+    outside = [code for code in frames if not first <= code <= last]
+    if outside:
+        message = f"{outside[0]:g} is out of range; allowed {first:g} to {last:g}"
+        raise InputError(Problem("frames", "", message))
+    return [float(code) for code in frames]
+
+
+def _numbered(output: Path, code: float | None) -> Path:
+    if code is None:
+        return output
+    whole, part = divmod(code, 1.0)
+    number = f"{int(whole):04d}" + (f"_{round(1000 * part):03d}" if part else "")
+    return output.with_name(f"{output.stem}.{number}{output.suffix}")
+
+
+def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
+    import trimesh
+
+    matrix = _to_gltf(cache) if as_gltf else np.eye(3)
+    scene = trimesh.Scene()
+    for index, feather in enumerate(cache.feathers):
+        pose = cache.pose(index, code)
+        normals = None if pose.normals is None else pose.normals @ _rotation(matrix).T
+        # unprocessed: merging points would give another mesh in every frame
+        mesh = trimesh.Trimesh(
+            pose.points @ matrix.T, feather.triangles, vertex_normals=normals, process=False
+        )
+        if feather.st is not None:
+            # a material of its own, because trimesh's default one needs Pillow
+            material = trimesh.visual.material.PBRMaterial(baseColorFactor=COLOUR)
+            mesh.visual = trimesh.visual.TextureVisuals(uv=feather.st, material=material)
+        name = feather.path.rpartition("/")[2]
+        scene.add_geometry(mesh, node_name=name, geom_name=name)
+    return scene
+
+
+def _to_gltf(cache: Cache) -> Any:
+    """(3, 3) stage to glTF: metres, y up."""
+    turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) if cache.up_axis == "Z" else np.eye(3)
+    return turn * cache.meters_per_unit
+
+
+def _rotation(matrix: Any) -> Any:
+    return matrix / np.cbrt(np.linalg.det(matrix))

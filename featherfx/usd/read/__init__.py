@@ -1,0 +1,1 @@
+"""What is read from USD: caches, and the scenes of others."""

@@ -1,0 +1,245 @@
+"""Animated meshes of any stage as triangles that move: skins and colliders.
+
+Topology, and the points of every time sample, are checked when a mesh is opened; points are read
+again when they are asked for, so that memory does not grow with the number of frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from featherfx.groom.keys.values import Place
+from featherfx.groom.skin.skin import is_flat
+from featherfx.usd import arrays
+from featherfx.usd.read.scene import (
+    DEFAULT,
+    EARLIEST,
+    Scene,
+    codes_of,
+    find_prim,
+    rest_code,
+    sampled_range,
+    transform_code,
+    transform_fault,
+    transformed,
+)
+from featherfx.usd.read.skinning import find_skinning
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class AnimatedMesh:
+    """A mesh of T triangles and V points in the world: metres, z up.
+
+    path: of the prim. triangles: (T, 3) point indices, outside counter-clockwise; faces with more
+    sides are cut into fans, holes and faces without area left out. face: (T,) their faces. rest:
+    (V, 3) m, points at rest. st: (T, 3, 2) texture coordinates of the corners, None where there
+    are none. sampled: first and last time code with samples of anything that moves it, None
+    where nothing does.
+    """
+
+    def __init__(self, scene: Scene, mesh: Any, rest: float | None, skinning: Any) -> None:
+        self._scene, self._mesh, self._skinning = scene, mesh, skinning
+        self.path = str(mesh.GetPath())
+        self.triangles, self.face, self.st = triangles_of(mesh)
+        self._rest_code = DEFAULT if rest is None else Usd.TimeCode(rest)
+        self.rest = self._at_rest(rest is None)
+        moving = [] if skinning is None else skinning.attributes()
+        self.sampled = sampled_range(mesh.GetPrim(), [*moving, mesh.GetPointsAttr()])
+        self._rest_sign = self._sign(self._rest_code)
+        sound = ~is_flat(self.rest, self.triangles)
+        self.triangles, self.face = self.triangles[sound], self.face[sound]
+        self.st = None if self.st is None else self.st[sound]
+
+    @property
+    def time_codes_per_second(self) -> float:
+        return self._scene.time_codes_per_second
+
+    @property
+    def space(self) -> tuple[float, str]:
+        return self._scene.space
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        return self.path, self._scene.files
+
+    def corners(self, code: float, triangles: Indices) -> Array:
+        """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
+        local, prim = self._local_points(Usd.TimeCode(code))
+        matrix = self._scene.matrix(prim, Usd.TimeCode(code))
+        return transformed(np.asarray(local)[triangles].astype(np.float64), matrix)
+
+    def points(self, code: float) -> Array:
+        """(V, 3) m, all points at a time code."""
+        local, prim = self._local_points(Usd.TimeCode(code))
+        matrix = self._scene.matrix(prim, Usd.TimeCode(code))
+        return transformed(np.asarray(local, dtype=np.float64), matrix)
+
+    def is_mirrored(self, code: float) -> bool:
+        """Whether the transforms mirror the mesh at a time code, and did not at rest."""
+        return self._sign(Usd.TimeCode(code)) != self._rest_sign
+
+    def _local_points(self, code: Any) -> tuple[Any, Any]:
+        """Points, and the prim in whose space they are."""
+        if self._skinning is not None:
+            return self._skinning.points(code), self._skinning.space
+        return self._mesh.GetPointsAttr().Get(code), self._mesh.GetPrim()
+
+    def _at_rest(self, is_default: bool) -> Array:
+        prim = self._mesh.GetPrim()
+        if is_default and self._skinning is not None:
+            local, prim = self._skinning.bind_points(), self._skinning.space
+        elif is_default:
+            self._rest_code = rest_code(self._mesh.GetPointsAttr())
+            local = self._mesh.GetPointsAttr().Get(self._rest_code)
+        else:
+            local, prim = self._local_points(self._rest_code)
+        self._rest_code = transform_code(prim, self._rest_code)
+        matrix = self._scene.matrix(prim, self._rest_code)
+        return transformed(np.asarray(local, dtype=np.float64), matrix)
+
+    def _sign(self, code: Any) -> bool:
+        prim = self._mesh.GetPrim() if self._skinning is None else self._skinning.space
+        code = transform_code(prim, code)
+        return bool(np.linalg.det(self._scene.matrix(prim, code)[:3, :3]) < 0.0)
+
+
+def open_mesh(scene: Scene, path: str, rest: float | None, place: Place) -> AnimatedMesh | None:
+    """A mesh by its prim path; None after adding problems, which name the prim.
+
+    rest: time code of the rest pose; None: the bind pose of a skinned mesh, the default values or,
+    where there are none, the first samples of any other.
+    """
+    prim = find_prim(scene, path, place)
+    if prim is None:
+        return None
+    if not prim.IsA(UsdGeom.Mesh):
+        meshes = [str(p.GetPath()) for p in Usd.PrimRange(prim) if p.IsA(UsdGeom.Mesh)][:3]
+        hint = f"; below it is {', '.join(meshes)}" if meshes else ""
+        place.fail(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
+        return None
+    mesh = UsdGeom.Mesh(prim)
+    count = len(place.problems)
+    for attribute, message in _faults(mesh):
+        place.fail(f"{path}.{attribute} in {scene.path}: {message}")
+    fault = transform_fault(scene, prim)
+    if fault:
+        place.fail(fault)
+    if len(place.problems) > count:
+        return None
+    skinning = find_skinning(scene, mesh, place)
+    if len(place.problems) > count:
+        return None
+    opened = AnimatedMesh(scene, mesh, rest, skinning)
+    if len(opened.triangles) == 0:
+        place.fail(f"{path} in {scene.path}: no face has any area")
+        return None
+    return opened
+
+
+def _faults(mesh: Any) -> Iterator[tuple[str, str]]:
+    """(attribute, message) of everything that keeps a mesh from being followed."""
+    attributes = {
+        "faceVertexCounts": mesh.GetFaceVertexCountsAttr(),
+        "faceVertexIndices": mesh.GetFaceVertexIndicesAttr(),
+        "holeIndices": mesh.GetHoleIndicesAttr(),
+    }
+    values = {name: _changing(attribute) for name, attribute in attributes.items()}
+    for name, (_, changed) in values.items():
+        if changed is not None:
+            yield name, f"changes at time code {changed:g}; topology has to stay the same"
+    counts, indices = values["faceVertexCounts"][0], values["faceVertexIndices"][0]
+    if counts is None or indices is None:
+        yield "faceVertexCounts" if counts is None else "faceVertexIndices", "has no value"
+        return
+    total, size = _points_faults(mesh.GetPointsAttr())
+    if total:
+        yield "points", total
+        return
+    if (counts < 3).any():
+        face = int(np.flatnonzero(counts < 3)[0])
+        yield "faceVertexCounts", f"face {face} has {counts[face]} sides, expects 3 at least"
+    elif counts.sum() != len(indices):
+        yield "faceVertexIndices", f"has {len(indices)}, the counts add up to {counts.sum()}"
+    elif len(indices) and (indices.min() < 0 or indices.max() >= size):
+        bad = int(indices[(indices < 0) | (indices >= size)][0])
+        yield "faceVertexIndices", f"{bad} is out of range, allowed 0 to {size - 1}"
+    holes = values["holeIndices"][0]
+    if holes is not None and len(holes) and (holes.min() < 0 or holes.max() >= len(counts)):
+        yield "holeIndices", f"name face {holes.max()} of {len(counts)}"
+
+
+def _changing(attribute: Any) -> tuple[Indices | None, float | None]:
+    """The first value of an integer array, and the time code at which another stands."""
+    known = None
+    for code in codes_of(attribute):
+        value = attribute.Get(code)
+        if known is None and value is not None:
+            known = np.array(value, dtype=np.int64)
+        elif known is not None and (value is None or not np.array_equal(np.asarray(value), known)):
+            return known, code.GetValue()
+    return known, None
+
+
+def _points_faults(attribute: Any) -> tuple[str, int]:
+    """What is wrong with the points of any sample (empty: nothing), and their number."""
+    size = -1
+    for code in codes_of(attribute):
+        where = "by default" if code.IsDefault() else f"at time code {code.GetValue():g}"
+        value = attribute.Get(code)
+        if value is None:
+            return f"has no value {where}", 0
+        points = np.asarray(value)
+        if size not in (-1, len(points)):
+            return f"has {len(points)} points {where}, {size} before", 0
+        size = len(points)
+        # the sum of finite values is finite here, and one pass over them is enough
+        if not np.isfinite(points.sum(dtype=np.float64)):
+            return f"holds values that are not finite {where}", 0
+    return ("has no value", 0) if size < 0 else ("", size)
+
+
+def fans(counts: Indices) -> tuple[Indices, Indices]:
+    cuts = np.maximum(counts - 2, 0)
+    face = np.repeat(np.arange(len(counts)), cuts)
+    starts = (np.cumsum(counts) - counts)[face]
+    step = np.arange(len(face)) - (np.cumsum(cuts) - cuts)[face]
+    return np.stack([starts, starts + step + 1, starts + step + 2], axis=1), face
+
+
+def triangles_of(mesh: Any) -> tuple[Indices, Indices, Array | None]:
+    """(T, 3) point indices, (T,) faces and (T, 3, 2) texture coordinates (None: none) of a mesh.
+
+    Faces in holeIndices are left out; left-handed faces are turned round, so that the outside is
+    counter-clockwise. The mesh's topology must be sound.
+    """
+    counts = arrays.to_numpy(mesh.GetFaceVertexCountsAttr().Get(EARLIEST)).astype(np.int64)
+    indices = arrays.to_numpy(mesh.GetFaceVertexIndicesAttr().Get(EARLIEST)).astype(np.int64)
+    places, face = fans(counts)
+    holes = arrays.to_numpy(mesh.GetHoleIndicesAttr().Get(EARLIEST))
+    if len(holes):
+        kept = ~np.isin(face, holes)
+        places, face = places[kept], face[kept]
+    if str(mesh.GetOrientationAttr().Get(EARLIEST)) == UsdGeom.Tokens.leftHanded:
+        places = places[:, [0, 2, 1]]
+    return indices[places], face, _texture(mesh, indices, places)
+
+
+def _texture(mesh: Any, indices: Indices, places: Indices) -> Array | None:
+    primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).FindPrimvarWithInheritance("st")
+    value = primvar.ComputeFlattened(EARLIEST) if primvar and primvar.HasValue() else None
+    if value is None:
+        return None
+    st = arrays.to_numpy(value)
+    if primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying and len(st) == len(indices):
+        return np.asarray(st[places], dtype=np.float64)
+    if len(st) > indices.max(initial=-1) and st.ndim == 2:
+        return np.asarray(st[indices[places]], dtype=np.float64)
+    return None

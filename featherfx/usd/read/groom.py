@@ -1,0 +1,319 @@
+"""Grooms drawn in USD: curves as shafts, condensed feathers, and instanced template feathers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from featherfx.groom.keys.values import Place
+from featherfx.groom.read.condensed import BarbCurves
+from featherfx.groom.read.drawn import DrawnFeather
+from featherfx.groom.read.rachis_curve import BASES, spline_points
+from featherfx.usd.read.curve_values import Values
+from featherfx.usd.read.scene import (
+    Scene,
+    broken_note,
+    find_prim,
+    open_scene,
+    prims_below,
+    rest_code,
+    transform_code,
+    transform_fault,
+    transformed,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """One curve of a prim in the prim's own space, points (k, 3), with what its primvars say."""
+
+    prim: Any
+    number: int
+    of: int
+    points: Array
+    barbs: BarbCurves | None
+    values: Values
+
+
+def read_feathers(
+    entry: dict[str, Any], folder: Path, place: Place
+) -> tuple[Path, list[DrawnFeather]] | None:
+    """The feathers of one checked [[usd]] entry, and the file; None after adding problems.
+
+    folder: that relative files start from. Problems of prims name the file and the prim.
+    """
+    path = folder / entry["file"]
+    scene = open_scene(path, place.child("file"))
+    if scene is None:
+        return None
+    count = len(place.problems)
+    paths = entry["prims"] or ("/",)
+    roots = [
+        scene.stage.GetPseudoRoot() if each == "/" else find_prim(scene, each, place.child("prims"))
+        for each in paths
+    ]
+    feathers = [
+        feather
+        for root in roots
+        if root
+        for prim in _sources(scene, root)
+        for feather in _feathers(scene, prim, entry, Place(str(path), "", place.problems))
+    ]
+    if not feathers and len(place.problems) == count:
+        where = ", ".join(paths)
+        nothing = f"{path}: no curves and no instances at {where} or below"
+        place.child("prims").fail(nothing + broken_note(scene))
+    return (path, feathers) if len(place.problems) == count else None
+
+
+def _sources(scene: Scene, root: Any) -> Iterator[Any]:
+    """Curves and instancers at a prim or below; what is a prototype only counts as instanced."""
+    found = [
+        prim
+        for prim in prims_below(scene, root)
+        if prim.IsA(UsdGeom.BasisCurves) or prim.IsA(UsdGeom.PointInstancer)
+    ]
+    prototypes = [
+        target
+        for prim in found
+        if prim.IsA(UsdGeom.PointInstancer)
+        for target in UsdGeom.PointInstancer(prim).GetPrototypesRel().GetForwardedTargets()
+    ]
+    for prim in found:
+        if not any(prim.GetPath().HasPrefix(each) for each in prototypes):
+            yield prim
+
+
+def _feathers(
+    scene: Scene, prim: Any, entry: dict[str, Any], place: Place
+) -> Iterator[DrawnFeather]:
+    fault = transform_fault(scene, prim)
+    if fault:
+        place.child(str(prim.GetPath())).fail(fault)
+        return
+    if prim.IsA(UsdGeom.PointInstancer):
+        yield from _instances(scene, prim, entry, place)
+        return
+    for curve in _curves(prim, entry, place):
+        code = _code(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
+        matrix = scene.matrix(prim, transform_code(prim, code))
+        path = str(prim.GetPath())
+        label = path if curve.of == 1 else f"{path}[{curve.number}]"
+        name = prim.GetName() + ("" if curve.of == 1 else f"_{curve.number:04d}")
+        yield _feather(curve, matrix, label, name, None)
+
+
+def _code(attribute: Any, entry: dict[str, Any]) -> Any:
+    return rest_code(attribute) if entry["time"] is None else Usd.TimeCode(entry["time"])
+
+
+def _curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
+    """The curves of a BasisCurves prim; none after adding problems."""
+    curves, at = UsdGeom.BasisCurves(prim), place.child(str(prim.GetPath()))
+    code = _code(curves.GetPointsAttr(), entry)
+    points, counts = curves.GetPointsAttr().Get(code), curves.GetCurveVertexCountsAttr().Get(code)
+    if points is None or counts is None:
+        missing = "points" if points is None else "curveVertexCounts"
+        at.child(missing).fail(f"no value at time code {code}")
+        return
+    points, counts = np.array(points, dtype=np.float64), np.array(counts, dtype=np.int64)
+    cubic = str(curves.GetTypeAttr().Get()) == "cubic"
+    basis, wrap = str(curves.GetBasisAttr().Get()), str(curves.GetWrapAttr().Get())
+    if not _are_sound(points, counts, cubic, basis, wrap, at):
+        return
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    values = Values(prim, entry["names"], code, starts, at)
+    left, right = values.barbs("left_barbs", len(points)), values.barbs("right_barbs", len(points))
+    if (left is None) != (right is None):
+        at.fail("has barbs on one side only; a condensed feather has P_barbl and P_barbr")
+    for number in range(len(counts)):
+        part = slice(starts[number], starts[number + 1])
+        barbs = None
+        if left is not None and right is not None:
+            barbs = BarbCurves(left[part], right[part])
+        control = points[part]
+        drawn = control
+        if cubic and barbs is None:
+            drawn = spline_points(control, basis, wrap == "pinned")
+        yield _Curve(prim, number, len(counts), drawn, barbs, values)
+
+
+def _are_sound(
+    points: Array, counts: NDArray[np.int64], cubic: bool, basis: str, wrap: str, at: Place
+) -> bool:
+    problems = len(at.problems)
+    if counts.sum() != len(points) or (counts < 0).any():
+        at.child("curveVertexCounts").fail(f"add up to {counts.sum()}, there are {len(points)}")
+    if not np.isfinite(points).all():
+        at.child("points").fail("hold values that are not finite")
+    if wrap == "periodic":
+        at.child("wrap").fail("is periodic; a shaft has two ends")
+    if cubic and basis not in BASES:
+        at.child("basis").fail(f"'{basis}' is not one of {', '.join(BASES)}")
+    least = 4 if cubic and not (wrap == "pinned" and basis != "bezier") else 2
+    short = np.flatnonzero(counts < least)
+    if len(short):
+        few = f"curve {short[0]} has {counts[short[0]]} points, a shaft has {least} at least"
+        more = f" (and {len(short) - 1} more curves)" if len(short) > 1 else ""
+        at.child("curveVertexCounts").fail(few + more)
+    elif cubic and basis == "bezier" and ((counts - 4) % 3).any():
+        wrong = int(np.flatnonzero((counts - 4) % 3)[0])
+        at.child("curveVertexCounts").fail(
+            f"curve {wrong} has {counts[wrong]} points, a bezier has 4, 7, 10, ..."
+        )
+    return len(at.problems) == problems
+
+
+def _feather(
+    curve: _Curve, matrix: Array, label: str, name: str, instance: tuple[Values, int, int] | None
+) -> DrawnFeather:
+    """A curve carried into the world by a matrix (4, 4).
+
+    instance: primvars of the instancer, number of the instance and of how many; its values win.
+    """
+    own = (curve.values, curve.number, curve.of)
+    sources = [own] if instance is None else [instance, own]
+
+    def text(what: str) -> str:
+        return next((found for v, k, n in sources if (found := v.text(what, k, n))), "")
+
+    scale = 1.0
+    for values, number, of in sources:
+        scale *= values.number("scale", number, of, 1.0)
+    barbs = curve.barbs
+    if barbs is not None:
+        sides = [transformed(side, matrix) for side in (barbs.left, barbs.right)]
+        mirrored = np.linalg.det(matrix[:3, :3]) < 0.0
+        # left and right change places in a mirror; scale is about the root
+        root = transformed(curve.points[:1], matrix)
+        sides = [root + scale * (side - root) for side in sides]
+        barbs = BarbCurves(*(reversed(sides) if mirrored else sides))
+    points = transformed(curve.points, matrix)
+    skin_uv = next((u for v, k, n in sources if (u := v.vector("skin_uv", k, n, 2)) is not None), 0)
+    return DrawnFeather(
+        label=label,
+        name=name,
+        id=sources[0][0].text("id", *sources[0][1:]),
+        kind=text("kind"),
+        region=text("region"),
+        points=points[:1] + scale * (points - points[:1]),
+        direction=None,
+        up=_up(own, matrix),
+        scale=1.0,
+        mirrored=bool(np.linalg.det(matrix[:3, :3]) < 0.0),
+        skin=text("skin"),
+        skin_uv=None if isinstance(skin_uv, int) else (float(skin_uv[0]), float(skin_uv[1])),
+        barbs=barbs,
+    )
+
+
+def _up(source: tuple[Values, int, int], matrix: Array) -> Array | None:
+    """(3,) dorsal in the world, from a frame or an up vector."""
+    values, number, of = source
+    frame = values.frame(number, of)
+    up = values.vector("up", number, of, 3) if frame is None else frame[2]
+    if up is None:
+        return None
+    turned = up @ matrix[:3, :3]
+    size = np.linalg.norm(turned)
+    return np.asarray(turned / size) if size > 0.0 else None
+
+
+def _instances(
+    scene: Scene, prim: Any, entry: dict[str, Any], place: Place
+) -> Iterator[DrawnFeather]:
+    """Feathers of a point instancer: each instance of a template that holds curves, or a kind."""
+    instancer, at = UsdGeom.PointInstancer(prim), place.child(str(prim.GetPath()))
+    code = _code(instancer.GetPositionsAttr(), entry)
+    indices = instancer.GetProtoIndicesAttr().Get(code)
+    targets = instancer.GetPrototypesRel().GetForwardedTargets()
+    numbers = np.array([] if indices is None else indices, dtype=np.int64)
+    wrong = numbers[(numbers < 0) | (numbers >= len(targets))]
+    if len(wrong):
+        at.child("protoIndices").fail(f"name prototype {wrong[0]} of {len(targets)}")
+        return
+    matrices = np.array(
+        instancer.ComputeInstanceTransformsAtTime(
+            code, code, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+        )
+    )
+    if len(numbers) == 0 or len(matrices) != len(numbers):
+        at.fail(f"has {len(numbers)} protoIndices and {len(matrices)} instance transforms")
+        return
+    if not np.isfinite(matrices).all():
+        at.fail("holds instances whose places are not finite")
+        return
+    templates = [_template(scene, path, entry, at, place) for path in targets]
+    to_stage = scene.matrix(prim, transform_code(prim, code))
+    ids = instancer.GetIdsAttr().Get(code)
+    mask = instancer.ComputeMaskAtTime(code)
+    values = Values(prim, entry["names"], code, None, at)
+    for k, number in enumerate(numbers):
+        if len(mask) and not mask[k]:
+            continue
+        whole = matrices[k] @ to_stage
+        mark = k if ids is None else ids[k]
+        label, name = f"{prim.GetPath()}[{k}]", f"{prim.GetName()}_{mark:04d}"
+        of = (values, k, len(numbers))
+        yield from _instanced(templates[number], whole, scene.meters_per_unit, label, name, of)
+
+
+def _template(scene: Scene, path: Any, entry: dict[str, Any], at: Place, place: Place) -> Any:
+    """[(curve, matrix to the prototype's space)] and values; None where there is no such prim."""
+    prim = find_prim(scene, str(path), at.child("prototypes"))
+    if prim is None:
+        return None
+    found = []
+    root = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()))
+    for each in prims_below(scene, prim):
+        if each.IsA(UsdGeom.BasisCurves):
+            own = UsdGeom.Xformable(each).ComputeLocalToWorldTransform(Usd.TimeCode.Default())
+            relative = np.array(own) @ np.linalg.inv(root)
+            found += [(curve, relative) for curve in _curves(each, entry, place)]
+    code = Usd.TimeCode.Default()
+    return found, Values(prim, entry["names"], code, None, place.child(str(path)))
+
+
+def _instanced(
+    template: Any,
+    matrix: Array,
+    unit: float,
+    label: str,
+    name: str,
+    of: tuple[Values, int, int],
+) -> Iterator[DrawnFeather]:
+    if template is None:
+        return
+    curves, own = template
+    for curve, relative in curves:
+        several = "" if len(curves) == 1 else f"_{curve.prim.GetName()}_{curve.number}"
+        yield _feather(curve, relative @ matrix, label + several, name + several, of)
+    if curves:
+        return
+    # a template without a curve: its kind at its own size, shaft along x, dorsal along z
+    values, k, n = of
+    size = float(abs(np.linalg.det(matrix[:3, :3]))) ** (1.0 / 3.0) / unit
+    uv = values.vector("skin_uv", k, n, 2)
+    yield DrawnFeather(
+        label=label,
+        name=name,
+        id=values.text("id", k, n),
+        kind=values.text("kind", k, n) or own.text("kind", 0, 1),
+        region=values.text("region", k, n) or own.text("region", 0, 1),
+        points=matrix[None, 3, :3],
+        direction=matrix[0, :3],
+        up=matrix[2, :3],
+        scale=size * values.number("scale", k, n, 1.0),
+        mirrored=bool(np.linalg.det(matrix[:3, :3]) < 0.0),
+        skin=values.text("skin", k, n),
+        skin_uv=None if uv is None else (float(uv[0]), float(uv[1])),
+        barbs=None,
+    )

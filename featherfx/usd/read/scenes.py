@@ -1,0 +1,206 @@
+"""Meshes by path, name or collection, and winds, out of USD stages."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom
+
+from featherfx.groom.keys.values import Place
+from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
+from featherfx.usd.read.scene import (
+    DEFAULT,
+    EARLIEST,
+    Scene,
+    find_prim,
+    open_scene,
+    prims_below,
+    sampled_range,
+    transform_fault,
+    transformed,
+)
+
+Array = NDArray[np.float64]
+
+_NEIGHBOURS = 8
+
+
+def open_meshes(
+    path: Path, prims: Sequence[str], collection: str | None, rest: float | None, place: Place
+) -> list[AnimatedMesh] | None:
+    """Meshes of a file by prim path, or by name with wild cards, and by collection.
+
+    rest: time code of the rest pose, as in open_mesh. None after adding problems.
+    """
+    scene = open_scene(path, place.child("usd"))
+    if scene is None:
+        return None
+    count = len(place.problems)
+    paths: dict[str, None] = {}
+    for each in prims:
+        paths |= dict.fromkeys([each] if each.startswith("/") else _by_name(scene, each, place))
+    if collection is not None:
+        paths |= dict.fromkeys(_by_collection(scene, collection, place))
+    meshes = [open_mesh(scene, each, rest, place) for each in paths]
+    found = [mesh for mesh in meshes if mesh is not None]
+    return found if len(place.problems) == count else None
+
+
+def _by_name(scene: Scene, pattern: str, place: Place) -> list[str]:
+    found = [
+        str(prim.GetPath())
+        for prim in prims_below(scene, scene.stage.GetPseudoRoot())
+        if prim.IsA(UsdGeom.Mesh) and fnmatch.fnmatchcase(prim.GetName(), pattern)
+    ]
+    if not found:
+        place.fail(f"no mesh is called '{pattern}' in {scene.path}")
+    return found
+
+
+def _by_collection(scene: Scene, collection: str, place: Place) -> list[str]:
+    at = place.child("collection")
+    owner, _, name = collection.partition(".collection:")
+    prim = find_prim(scene, owner, at)
+    if prim is None:
+        return []
+    api = Usd.CollectionAPI(prim, name) if name else None
+    if not api or not prim.HasAPI(Usd.CollectionAPI, name):
+        known = [each.GetName() for each in Usd.CollectionAPI.GetAll(prim)]
+        at.fail(f"no collection '{name}' on {owner}, there is {', '.join(known) or 'none'}")
+        return []
+    members = Usd.CollectionAPI.ComputeIncludedObjects(
+        api.ComputeMembershipQuery(), scene.stage, Usd.TraverseInstanceProxies()
+    )
+    paths = sorted(str(m.GetPath()) for m in members if isinstance(m, Usd.Prim) and _is_mesh(m))
+    if not paths:
+        at.fail(f"{collection} holds no mesh")
+    return paths
+
+
+def _is_mesh(prim: Any) -> bool:
+    return bool(prim.IsA(UsdGeom.Mesh))
+
+
+class UniformWind:
+    """One vector attribute, as a wind that is the same everywhere."""
+
+    def __init__(self, scene: Scene, prim: Any, attribute: Any) -> None:
+        self._scene, self._prim, self._attribute = scene, prim, attribute
+        self.path = str(prim.GetPath())
+        self.sampled = sampled_range(prim, [attribute])
+
+    @property
+    def time_codes_per_second(self) -> float:
+        return self._scene.time_codes_per_second
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        return self.path, self._scene.files
+
+    def velocity(self, points: Array, code: float) -> Array:
+        """(N, 3) m/s, the same at all points, at a time code."""
+        time = Usd.TimeCode(code)
+        vector = np.array(self._attribute.Get(time), dtype=np.float64).reshape(3)
+        turned = vector @ self._scene.matrix(self._prim, time)[:3, :3]
+        return np.broadcast_to(turned, points.shape).copy()
+
+
+class SampledWind:
+    """Points with velocities: the wind between them is the mean of the nearest by 1/distance^2."""
+
+    def __init__(self, scene: Scene, prim: Any) -> None:
+        self._scene, self._prim = scene, prim
+        self._base = UsdGeom.PointBased(prim)
+        moving = [self._base.GetPointsAttr(), self._base.GetVelocitiesAttr()]
+        self.path, self.sampled = str(prim.GetPath()), sampled_range(prim, moving)
+        self._last: tuple[float, Any, Array] | None = None
+
+    @property
+    def time_codes_per_second(self) -> float:
+        return self._scene.time_codes_per_second
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        return self.path, self._scene.files
+
+    def velocity(self, points: Array, code: float) -> Array:
+        """(N, 3) m/s at points (N, 3) m, at a time code."""
+        if self._last is None or self._last[0] != code:
+            self._last = (code, *self._field(code))
+        _, tree, velocities = self._last
+        distance, near = tree.query(points, k=min(_NEIGHBOURS, len(velocities)))
+        distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
+        floor = 1e-9 * max(float(distance.max(initial=0.0)), 1e-300)
+        weights = 1.0 / np.maximum(distance, floor) ** 2
+        weights = weights / weights.sum(axis=1, keepdims=True)
+        return np.asarray(np.einsum("nk,nkc->nc", weights, velocities[near]))
+
+    def _field(self, code: float) -> tuple[Any, Array]:
+        from scipy.spatial import cKDTree
+
+        time = Usd.TimeCode(code)
+        matrix = self._scene.matrix(self._prim, time)
+        points = np.array(self._base.GetPointsAttr().Get(time), dtype=np.float64)
+        velocities = np.array(self._base.GetVelocitiesAttr().Get(time), dtype=np.float64)
+        return cKDTree(transformed(points, matrix)), velocities @ matrix[:3, :3]
+
+
+def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | SampledWind | None:
+    """The wind that checked keys of [wind_usd] name; None after adding problems."""
+    scene = open_scene(path, place.child("usd"))
+    prim = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"))
+    if scene is None or prim is None:
+        return None
+    fault = transform_fault(scene, prim)
+    if fault:
+        place.child("prim").fail(fault)
+        return None
+    if entry["attribute"] is not None:
+        return _uniform(scene, prim, entry["attribute"], place.child("attribute"))
+    return _sampled(scene, prim, place.child("prim"))
+
+
+def _uniform(scene: Scene, prim: Any, name: str, at: Place) -> UniformWind | None:
+    if not Sdf.Path.IsValidNamespacedIdentifier(name) or not prim.GetAttribute(name):
+        vectors = [a.GetName() for a in prim.GetAuthoredAttributes() if _is_vector(a.Get(EARLIEST))]
+        known = ", ".join(vectors) or "none"
+        at.fail(f"no attribute '{name}' on {prim.GetPath()}; attributes of one vector: {known}")
+        return None
+    attribute = prim.GetAttribute(name)
+    for code in [EARLIEST, *map(Usd.TimeCode, attribute.GetTimeSamples())]:
+        if not _is_vector(attribute.Get(code)):
+            at.fail(f"{attribute.GetPath()} is no vector of 3 finite numbers at time code {code}")
+            return None
+    return UniformWind(scene, prim, attribute)
+
+
+def _is_vector(value: Any) -> bool:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return array.shape in ((3,), (1, 3)) and bool(np.isfinite(array).all())
+
+
+def _sampled(scene: Scene, prim: Any, at: Place) -> SampledWind | None:
+    if not prim.IsA(UsdGeom.PointBased):
+        at.fail(f"{prim.GetPath()} holds no points; give attribute for one vector")
+        return None
+    base = UsdGeom.PointBased(prim)
+    points, velocities = base.GetPointsAttr(), base.GetVelocitiesAttr()
+    times = {*points.GetTimeSamples(), *velocities.GetTimeSamples()}
+    for code in [*map(Usd.TimeCode, sorted(times))] or [DEFAULT]:
+        values = [np.array(each.Get(code) or [], dtype=np.float64) for each in (points, velocities)]
+        where = f"{prim.GetPath()} at time code {code}"
+        if len(values[0]) == 0 or len(values[0]) != len(values[1]):
+            at.fail(f"{where}: {len(values[0])} points and {len(values[1])} velocities")
+            return None
+        if not all(np.isfinite(each).all() for each in values):
+            at.fail(f"{where}: values that are not finite")
+            return None
+    return SampledWind(scene, prim)

@@ -1,0 +1,244 @@
+"""Skins to groom: a mesh of a stage at rest, with its primvars, subsets and guide curves."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, UsdSkel
+
+from featherfx.errors import InputWarning
+from featherfx.groom.keys.values import Place, nearest
+from featherfx.groom.read.rachis_curve import spline_points
+from featherfx.groom.skin.faults import skin_faults
+from featherfx.usd import arrays
+from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
+from featherfx.usd.read.scene import (
+    DEFAULT,
+    EARLIEST,
+    Scene,
+    find_prim,
+    open_scene,
+    prims_below,
+    rest_code,
+    transform_code,
+    transformed,
+)
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def read_skin(
+    skin: dict[str, Any], paths: tuple[str, ...], folder: Path, place: Place
+) -> dict[str, Skin] | None:
+    """Meshes by their paths, of the file that checked keys of [skin] name; None after problems.
+
+    Warns of holes and of faces that pass through each other.
+    """
+    scene = open_scene(folder / skin["usd"], place.child("usd"))
+    if scene is None:
+        return None
+    found = {}
+    for path in paths:
+        mesh = open_mesh(scene, path, skin["rest"], place.child("prim"))
+        if mesh is None:
+            continue
+        found[path] = Skin(scene, mesh)
+        problems, doubts = skin_faults(mesh.rest, mesh.triangles, mesh.face)
+        for message in problems:
+            place.child("prim").fail(f"{path} in {scene.path}: {message}")
+        for message in doubts:
+            warnings.warn(f"{scene.path}: {path}: {message}", InputWarning, stacklevel=2)
+    return found if len(found) == len(paths) else None
+
+
+class Skin:
+    """A mesh as featherfx.groom.skin.points.SkinSource describes it."""
+
+    def __init__(self, scene: Scene, mesh: AnimatedMesh) -> None:
+        self._scene, self._prim = scene, scene.stage.GetPrimAtPath(mesh.path)
+        self.path, self.points = mesh.path, mesh.rest
+        self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st
+
+    def weights(self, name: str, place: Place) -> Array | None:
+        """(T, 3) a scalar primvar at the corners; None after adding a problem."""
+        return self._primvar(name, 1, place)
+
+    def vectors(self, name: str, place: Place) -> Array | None:
+        """(T, 3, 3) a vector primvar at the corners, in the world; None after a problem."""
+        local = self._primvar(name, 3, place)
+        if local is None:
+            return None
+        code = transform_code(self._prim, Usd.TimeCode.Default())
+        return np.asarray(local @ self._scene.matrix(self._prim, code)[:3, :3])
+
+    def subset(self, name: str, place: Place) -> NDArray[np.bool_] | None:
+        """(T,) whether triangles are of a named set of faces; None after adding a problem."""
+        subsets = {
+            each.GetPrim().GetName(): each
+            for each in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(self._prim))
+        }
+        if name not in subsets:
+            place.fail(f"no subset '{name}' on {self.path}, {nearest(name, subsets)}")
+            return None
+        return np.isin(self.face, arrays.to_numpy(subsets[name].GetIndicesAttr().Get(EARLIEST)))
+
+    def image(self, path: Path, place: Place) -> Array | None:
+        """(H, W) grey values 0 to 1 of a picture, top row first; None after adding a problem."""
+        try:
+            from PIL import Image
+        except ImportError:
+            place.fail('needs Pillow; pip install "featherfx[preview]"')
+            return None
+        try:
+            with Image.open(path) as image:
+                return np.asarray(image.convert("L"), dtype=np.float64) / 255.0
+        except FileNotFoundError:
+            place.fail(f"{path}: there is no such file")
+        except OSError as error:
+            place.fail(f"{path}: cannot be read: {error}")
+        return None
+
+    def curves(self, prims: tuple[str, ...], place: Place) -> list[Array] | None:
+        """Polylines (k, 3) m of curves at or below prims; None after adding problems."""
+        return _curves(self._scene, prims, place)
+
+    def _primvar(self, name: str, size: int, place: Place) -> Array | None:
+        """(T, 3) or (T, 3, size) values at the corners of the triangles."""
+        api = UsdGeom.PrimvarsAPI(self._prim)
+        primvar = api.FindPrimvarWithInheritance(name)
+        value = primvar.ComputeFlattened(EARLIEST) if primvar and primvar.HasValue() else None
+        if value is None:
+            known = [each.GetPrimvarName() for each in api.GetPrimvarsWithValues()]
+            place.fail(f"no primvar '{name}' on {self.path}, {nearest(name, known)}")
+            return None
+        try:
+            values = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            values = np.full(1, np.nan)
+        wanted = values.ndim == (1 if size == 1 else 2) and values.shape[1:] in ((), (size,))
+        if not wanted or not np.isfinite(values).all():
+            place.fail(f"primvar '{name}' on {self.path} is not {size} finite numbers an element")
+            return None
+        corners = self._corners(values, str(primvar.GetInterpolation()))
+        if corners is None:
+            place.fail(f"primvar '{name}' on {self.path} has {len(values)} values that fit nothing")
+        return corners
+
+    def _corners(self, values: Array, interpolation: str) -> Array | None:
+        """Values of constant, uniform, vertex or face-varying elements at triangle corners."""
+        if len(values) == 1:
+            return np.broadcast_to(values[0], (*self.triangles.shape, *values.shape[1:]))
+        mesh = UsdGeom.Mesh(self._prim)
+        counts = arrays.to_numpy(mesh.GetFaceVertexCountsAttr().Get(EARLIEST)).astype(np.int64)
+        if interpolation == UsdGeom.Tokens.uniform and len(values) == len(counts):
+            return np.repeat(values[self.face][:, None], 3, axis=1)
+        if interpolation == UsdGeom.Tokens.faceVarying and len(values) == counts.sum():
+            return self._face_varying(values, counts)
+        return values[self.triangles] if len(values) == len(self.points) else None
+
+    def _face_varying(self, values: Array, counts: Indices) -> Array:
+        indices = arrays.to_numpy(
+            UsdGeom.Mesh(self._prim).GetFaceVertexIndicesAttr().Get(EARLIEST)
+        ).astype(np.int64)
+        # a triangle's corners stand in the list of its face's corners
+        starts = (np.cumsum(counts) - counts)[self.face]
+        result = np.zeros((*self.triangles.shape, *values.shape[1:]))
+        for corner in range(3):
+            for offset in range(int(counts.max())):
+                at = np.minimum(starts + offset, len(indices) - 1)
+                fits = (offset < counts[self.face]) & (indices[at] == self.triangles[:, corner])
+                result[fits, corner] = values[at[fits]]
+        return result
+
+
+def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array] | None:
+    """Polylines (k, 3) m of the curves at or below a prim of a USD file, or of a skeleton's joints.
+
+    entry: checked keys of the curve of a row. None after adding problems.
+    """
+    scene = open_scene(folder / entry["usd"], place.child("usd"))
+    root = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"))
+    if scene is None or root is None:
+        return None
+    if not root.IsA(UsdSkel.Skeleton):
+        if entry["joints"]:
+            place.child("joints").fail(f"{entry['prim']} in {scene.path} is no Skeleton")
+            return None
+        return _curves(scene, (entry["prim"],), place.child("prim"))
+    if len(entry["joints"]) < 2:
+        known = ", ".join(str(each) for each in UsdSkel.Skeleton(root).GetJointsAttr().Get() or ())
+        place.child("joints").fail(f"expects two or more of {entry['prim']}, known: {known}")
+        return None
+    line = joint_line(scene, root, entry["joints"], place)
+    return None if line is None else [line]
+
+
+def _curves(scene: Scene, prims: tuple[str, ...], place: Place) -> list[Array] | None:
+    found: list[Array] = []
+    for path in prims:
+        root = find_prim(scene, path, place)
+        if root is None:
+            return None
+        for prim in prims_below(scene, root):
+            if prim.IsA(UsdGeom.BasisCurves):
+                found += _polylines(scene, UsdGeom.BasisCurves(prim))
+    if not found:
+        place.fail(f"no curves at {', '.join(prims)} or below in {scene.path}")
+        return None
+    return found
+
+
+def _polylines(scene: Scene, curves: Any) -> list[Array]:
+    code = rest_code(curves.GetPointsAttr())
+    points = arrays.to_numpy(curves.GetPointsAttr().Get(code)).astype(np.float64)
+    counts = arrays.to_numpy(curves.GetCurveVertexCountsAttr().Get(code)).astype(np.int64)
+    matrix = scene.matrix(curves.GetPrim(), transform_code(curves.GetPrim(), code))
+    cubic = str(curves.GetTypeAttr().Get()) == "cubic"
+    basis, pinned = str(curves.GetBasisAttr().Get()), curves.GetWrapAttr().Get() == "pinned"
+    parts = np.split(transformed(points.reshape(-1, 3), matrix), np.cumsum(counts)[:-1])
+    drawn = [spline_points(part, basis, pinned) if cubic else part for part in parts]
+    return [each for each in drawn if len(each) > 1]
+
+
+def joint_line(scene: Scene, prim: Any, names: tuple[str, ...], place: Place) -> Array | None:
+    """(k, 3) m, places of joints in the bind pose of a skeleton; None after adding problems.
+
+    names: paths as the skeleton has them, or their last parts where these are unique.
+    """
+    skeleton = UsdSkel.Skeleton(prim)
+    paths = [str(each) for each in skeleton.GetJointsAttr().Get(EARLIEST) or ()]
+    bind = skeleton.GetBindTransformsAttr().Get(EARLIEST)
+    if bind is None or len(bind) != len(paths) or not paths:
+        place.fail(f"{prim.GetPath()} in {scene.path} has no bind transform for every joint")
+        return None
+    found = [_number(name, paths, place.child("joints").item(k)) for k, name in enumerate(names)]
+    chosen = [each for each in found if each is not None]
+    if len(chosen) < len(found):
+        return None
+    places = np.array(bind, dtype=np.float64).reshape(-1, 4, 4)[chosen, 3, :3]
+    points = transformed(places, scene.matrix(prim, transform_code(prim, DEFAULT)))
+    if (np.diff(points, axis=0) == 0.0).all(axis=1).any():
+        place.child("joints").fail("two joints that follow each other are at one place")
+        return None
+    return np.asarray(points)
+
+
+def _number(name: str, paths: list[str], place: Place) -> int | None:
+    """The number of a joint; None after adding a problem."""
+    if name in paths:
+        return paths.index(name)
+    found = [k for k, path in enumerate(paths) if path.rsplit("/", 1)[-1] == name]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        several = ", ".join(paths[k] for k in found)
+        place.fail(f"'{name}' may be {several}; give the whole path")
+    else:
+        known = {path.rsplit("/", 1)[-1] for path in paths} | set(paths)
+        place.fail(f"no joint '{name}', {nearest(name, known)}")
+    return None

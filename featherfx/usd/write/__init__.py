@@ -1,0 +1,1 @@
+"""Caches and static feathers written to USD, complete or not at all."""

@@ -1,0 +1,125 @@
+"""From finished chunks to a cache: defaults, samples or clips, then all files at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf
+
+from featherfx.errors import Problem
+from featherfx.usd.arrays import Floats
+from featherfx.usd.types import OutputError
+from featherfx.usd.write.atomic import publish
+from featherfx.usd.write.chunk import open_chunk
+from featherfx.usd.write.layout import CacheLayers, Clips, finish_layers
+from featherfx.usd.write.names import prim_name
+from featherfx.usd.write.parts import ChunkRecord, Parts
+from featherfx.usd.write.samples import RATES, AnimatedPrims
+from featherfx.usd.write.stage import StageInfo, new_layer
+
+
+def assemble(
+    layers: CacheLayers,
+    info: StageInfo,
+    prims: AnimatedPrims,
+    static: Sequence[bool],
+    path: Path,
+    parts: Parts | None,
+) -> None:
+    """Complete the layers from the chunks and publish the cache; the root is written last.
+
+    static: per feather, whether it never has samples. parts: None for a cache without time. The
+    rest pose becomes the default of everything, but of a feather that keeps one other pose
+    throughout: it has that pose as its default and no samples. Raises OutputError where a chunk
+    is not what was written, or a file cannot be.
+    """
+    clips = None
+    records = parts.records if parts else []
+    moving = _moving(records, static)
+    corners: list[Floats] = []
+    with Sdf.ChangeBlock():
+        for index, feather in enumerate(prims.feathers):
+            layer = layers.animation if moving[index] else layers.topology
+            rest = feather.rest()
+            prims.author_defaults(layer, index, rest)
+            corners += rest.corners()
+    low, high = np.min(corners, axis=0)[0], np.max(corners, axis=0)[1]
+    if parts:
+        low = np.minimum(low, np.min([record.low for record in records], axis=0))
+        high = np.maximum(high, np.max([record.high for record in records], axis=0))
+        _still_poses(layers.topology, prims, ~moving & ~np.array(static), parts)
+        if layers.layout == "clips":
+            clips = _clips(path.stem, info, prims, moving, parts)
+        else:
+            _copy_samples(layers.animation, prims, moving, parts)
+    publish(finish_layers(layers, info, path, (low, high), clips))
+
+
+def _moving(records: Sequence[ChunkRecord], static: Sequence[bool]) -> NDArray[np.bool_]:
+    """(N,) which feathers have samples: those with more than one pose over all chunks."""
+    result = np.zeros(len(static), dtype=np.bool_)
+    for record in records:
+        result |= np.array([flag == "0" for flag in record.constant])
+        result |= np.array(record.first) != np.array(records[0].first)
+    return result & ~np.array(static, dtype=np.bool_)
+
+
+def _still_poses(layer: Any, prims: AnimatedPrims, still: Any, parts: Parts) -> None:
+    chunk, code = open_chunk(parts.chunk(0)), parts.records[0].codes[0]
+    with Sdf.ChangeBlock():
+        for index in np.flatnonzero(still):
+            for key, path in prims.paths[index].items():
+                if key[1] not in RATES:
+                    value = chunk.QueryTimeSample(path, code)
+                    prims.create(layer, int(index), key).default = value
+
+
+def _copy_samples(layer: Any, prims: AnimatedPrims, moving: Any, parts: Parts) -> None:
+    for index in np.flatnonzero(moving):
+        for key in prims.paths[index]:
+            prims.create(layer, int(index), key)
+    for number, record in enumerate(parts.records):
+        chunk = _checked(parts, number)
+        with Sdf.ChangeBlock():
+            for index in np.flatnonzero(moving):
+                for path in prims.paths[index].values():
+                    for code in record.codes:
+                        layer.SetTimeSample(path, code, chunk.QueryTimeSample(path, code))
+
+
+def _clips(
+    name: str, info: StageInfo, prims: AnimatedPrims, moving: Any, parts: Parts
+) -> Clips | None:
+    """The chunks as clips; None where nothing moves. Each is looked at before the root names it."""
+    if not moving.any():
+        return None
+    for number in range(len(parts.records)):
+        _checked(parts, number)
+    manifest, path = new_layer(info), parts.folder / "manifest.usdc"
+    for index in np.flatnonzero(moving):
+        for key in prims.paths[index]:
+            prims.create(manifest, int(index), key)
+    publish([(manifest, path)])
+    codes = [record.codes for record in parts.records]
+    return Clips(
+        name=prim_name(name),
+        manifest=path,
+        files=[parts.chunk(number) for number in range(len(codes))],
+        starts=[each[0] for each in codes],
+        end=codes[-1][-1],
+    )
+
+
+def _checked(parts: Parts, number: int) -> Any:
+    """A chunk's layer, after a look at its size and time codes."""
+    path, record = parts.chunk(number), parts.records[number]
+    size = path.stat().st_size if path.is_file() else 0
+    chunk = open_chunk(path) if size == record.bytes else None
+    ends = record.codes[0], record.codes[-1]
+    if chunk is None or (chunk.startTimeCode, chunk.endTimeCode) != ends:
+        raise OutputError(Problem(str(path), "", "is not the chunk that was written; bake again"))
+    return chunk

@@ -1,0 +1,171 @@
+"""Static plumage as instances: one PointInstancer whose prototypes are the shapes that repeat."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+
+from featherfx.feather.types import Feather
+from featherfx.groom.types import Placement
+from featherfx.shot.placement import place
+from featherfx.usd import arrays
+from featherfx.usd.space import StageSpace
+from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write.atomic import publish
+from featherfx.usd.write.layout import finish_layers, new_layers
+from featherfx.usd.write.material import define_materials
+from featherfx.usd.write.mesh import MeshValues, define_mesh
+from featherfx.usd.write.names import prim_name, unique_prim_names
+from featherfx.usd.write.output import check_output
+from featherfx.usd.write.poses import MESH, posed_feathers
+from featherfx.usd.write.samples import AnimatedPrims
+from featherfx.usd.write.stage import MATERIALS, StageInfo, define_root
+
+Array = NDArray[np.float64]
+
+PLUMAGE, PROTOTYPES = "plumage", "prototypes"
+
+
+def write_instances(
+    path: str | Path,
+    placements: Sequence[Placement],
+    shapes: Sequence[Feather],
+    chosen: Sequence[int],
+    *,
+    meters_per_unit: float = 1.0,
+    up_axis: str = "Z",
+    layout: str = "flat",
+    overwrite: bool = False,
+    metadata: Mapping[str, Any] | None = None,
+) -> None:
+    """Write feathers at rest as instances; complete or not at all.
+
+    shapes: of the prototypes, in their own frames at their own sizes. chosen: per placement, the
+    number of its shape. Ids, kinds and regions are primvars with one value an instance; `ids` are
+    numbers made from the ids, the same whatever else the groom holds. layout: "flat" or "payload";
+    "auto" is flat. Raises OutputError.
+    """
+    layout = "payload" if layout in ("payload", "clips") else "flat"
+    target = check_output(path, overwrite, layout)
+    info = StageInfo(
+        prim_name(target.stem),
+        StageSpace(meters_per_unit, up_axis),
+        None,
+        24.0,
+        {**(metadata or {}), "layout": layout},
+    )
+    layers = new_layers(info, layout)
+    stage = Usd.Stage.Open(layers.topology)
+    define_root(stage, info)
+    at = info.root_path.AppendChild(PLUMAGE)
+    instancer = UsdGeom.PointInstancer.Define(stage, at)
+    entries = _entries(placements, shapes, chosen)
+    paths = _define_prototypes(stage, layers.topology, info, at, entries)
+    instancer.CreatePrototypesRel().SetTargets(paths)
+    _author_instances(instancer, placements, chosen, info.space)
+    extent = instancer.ComputeExtentAtTime(Usd.TimeCode.Default(), Usd.TimeCode.Default())
+    instancer.CreateExtentAttr(extent)
+    del stage
+    publish(finish_layers(layers, info, target, arrays.to_numpy(extent), None))
+
+
+def _entries(
+    placements: Sequence[Placement], shapes: Sequence[Feather], chosen: Sequence[int]
+) -> list[FeatherEntry]:
+    first: dict[int, Placement] = {}
+    for placement, shape in zip(placements, chosen, strict=True):
+        first.setdefault(shape, placement)
+    kinds = [first[number].kind.name for number in range(len(shapes))]
+    return [
+        FeatherEntry(
+            id=f"{kind}_{number:04d}",
+            kind=kind,
+            region="",
+            feather=shape,
+            rest_points=place(shape.points, np.zeros(3), np.eye(3)),
+            static=True,
+        )
+        for number, (shape, kind) in enumerate(zip(shapes, kinds, strict=True))
+    ]
+
+
+def _define_prototypes(
+    stage: Any, layer: Any, info: StageInfo, at: Any, entries: Sequence[FeatherEntry]
+) -> list[Any]:
+    """Meshes below the instancer, where nothing draws them but instances."""
+    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
+    scope = at.AppendChild(PROTOTYPES)
+    UsdGeom.Scope.Define(stage, scope)
+    names = unique_prim_names([entry.id for entry in entries])
+    paths = [scope.AppendChild(name) for name in names]
+    posed = posed_feathers(entries, info.space)
+    poses = [each.rest() for each in posed]
+    for entry, path, pose in zip(entries, paths, poses, strict=True):
+        values = MeshValues(entry.feather.surface)
+        define_mesh(stage, path, entry, values, pose.values[MESH, "points"].value, materials)
+    nothing = [None] * len(paths)
+    prims = AnimatedPrims(posed, paths, nothing, nothing)
+    with Sdf.ChangeBlock():
+        for index, pose in enumerate(poses):
+            for key in prims.paths[index]:
+                if key[1] != "velocities":
+                    prims.create(layer, index, key).default = pose.values[key].value
+    return paths
+
+
+def _author_instances(
+    instancer: Any, placements: Sequence[Placement], chosen: Sequence[int], space: StageSpace
+) -> None:
+    positions = space.positions(np.array([p.position for p in placements]))
+    turn = space.directions(np.eye(3)).T
+    rotations = turn @ np.array([p.rotation for p in placements]) @ turn.T
+    turned = quaternions(rotations)
+    instancer.CreateProtoIndicesAttr(arrays.ints(np.array(chosen)))
+    instancer.CreatePositionsAttr(arrays.vec3f(positions))
+    instancer.CreateScalesAttr(arrays.vec3f(np.repeat([[p.size] for p in placements], 3, axis=1)))
+    instancer.CreateOrientationsAttr(Vt.QuathArray([_half(each) for each in turned]))
+    # half precision turns a long feather's tip by its thickness; older USD lacks the finer one
+    if hasattr(instancer, "CreateOrientationsfAttr"):
+        instancer.CreateOrientationsfAttr(Vt.QuatfArray([_single(each) for each in turned]))
+    instancer.CreateIdsAttr(Vt.Int64Array([stable_number(p.id) for p in placements]))
+    api = UsdGeom.PrimvarsAPI(instancer)
+    texts = {
+        "featherId": [p.id for p in placements],
+        "featherKind": [p.kind.name for p in placements],
+        "region": [p.region for p in placements],
+    }
+    for name, values in texts.items():
+        primvar = api.CreatePrimvar(name, Sdf.ValueTypeNames.StringArray, "vertex")
+        known = list(dict.fromkeys(values))
+        if len(known) < len(values):
+            place_of = {value: number for number, value in enumerate(known)}
+            primvar.SetIndices(arrays.ints([place_of[value] for value in values]))
+        primvar.Set(Vt.StringArray(known))
+
+
+def stable_number(name: str) -> int:
+    """A number from 0 to 2^63 - 1 made from an id, so that it stays when others come or go."""
+    digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") >> 1
+
+
+def quaternions(rotations: Array) -> Array:
+    """(N, 4) unit quaternions, real part first and not negative, of rotations (N, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(rotations).as_quat(canonical=True).T
+    return np.stack([w, x, y, z], axis=1)
+
+
+def _half(values: Array) -> Any:
+    return Gf.Quath(*map(float, values))
+
+
+def _single(values: Array) -> Any:
+    return Gf.Quatf(*map(float, values))

@@ -1,0 +1,86 @@
+"""One cache of shares of the feathers that several workers have baked: a root that names them.
+
+Every share is a complete cache with the same root prim and prim names that fit together, so that
+sublayers compose to the whole. Workers never touch each other's files, and a share can be baked
+again at any time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Tf, Usd, UsdGeom
+
+from featherfx.errors import Problem
+from featherfx.usd import arrays
+from featherfx.usd.types import OutputError
+from featherfx.usd.write.atomic import publish
+from featherfx.usd.write.output import check_output
+from featherfx.usd.write.resume import layer_metadata
+
+_DIFFERING = "feathers"  # the only setting in which shares of one cache differ
+_METADATA = (
+    "metersPerUnit", "upAxis", "timeCodesPerSecond", "framesPerSecond", "startTimeCode",
+    "endTimeCode", "defaultPrim",
+)  # fmt: skip
+
+
+def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = False) -> int:
+    """Write the root file of a cache over its shares, and return the number of feathers.
+
+    shares: one file each, in the folder of path. Raises OutputError, with everything that is
+    wrong, where a share is missing, cannot be read, or was baked with other settings than the
+    first; then nothing is written.
+    """
+    path = check_output(path, overwrite)
+    problems = [Problem(str(each), "", "is missing") for each in shares if not each.is_file()]
+    if problems:
+        raise OutputError(*problems)
+    metadata = [layer_metadata(each) for each in shares]
+    for share, each in zip(shares, metadata, strict=True):
+        problems += _differences(share, each.get("settings", {}), metadata[0].get("settings", {}))
+    if problems:
+        raise OutputError(*problems)
+    layers = [_opened(share) for share in shares]
+    root = _root_layer(layers, shares, metadata[0])
+    publish([(root, path)])
+    stage = Usd.Stage.Open(str(path))
+    return sum(prim.IsA(UsdGeom.Mesh) for prim in stage.Traverse())
+
+
+def _differences(share: Path, settings: Any, first: Any) -> list[Problem]:
+    if not settings:
+        return [Problem(str(share), "", "does not tell with which settings it was baked")]
+    return [
+        Problem(
+            str(share), key, f"was {settings.get(key)}, but {first.get(key)} in the first share"
+        )
+        for key in {**first, **settings}
+        if key != _DIFFERING and settings.get(key) != first.get(key)
+    ]
+
+
+def _opened(share: Path) -> Any:
+    try:
+        return Sdf.Layer.OpenAsAnonymous(str(share))
+    except Tf.ErrorException as error:
+        raise OutputError(Problem(str(share), "", "USD cannot open it")) from error
+
+
+def _root_layer(layers: Sequence[Any], shares: Sequence[Path], metadata: Any) -> Any:
+    first, root = layers[0], Sdf.Layer.CreateAnonymous(".usda")
+    for name in _METADATA:
+        root.pseudoRoot.SetInfo(name, first.pseudoRoot.GetInfo(name))
+    root.subLayerPaths = [f"./{share.name}" for share in shares]
+    settings = {**metadata["settings"], _DIFFERING: "all"}
+    root.customLayerData = {"featherfx": {**metadata, "settings": settings, "layout": "shares"}}
+    prim = Sdf.Path.absoluteRootPath.AppendChild(first.defaultPrim)
+    name = prim.AppendProperty(UsdGeom.Tokens.extentsHint)
+    hints = np.stack([np.asarray(layer.GetAttributeAtPath(name).default) for layer in layers])
+    Sdf.JustCreatePrimAttributeInLayer(root, name, Sdf.ValueTypeNames.Float3Array)
+    corners = [hints[:, 0].min(axis=0), hints[:, 1].max(axis=0)]
+    root.GetAttributeAtPath(name).default = arrays.vec3f(corners)
+    return root

@@ -1,0 +1,111 @@
+"""How a cache is spread over layers.
+
+    flat     one file
+    payload  root -> payload (topology), with the animation as its sublayer
+    clips    root, which holds the clips' metadata -> payload (topology); chunks as value clips
+
+A stronger default hides samples of weaker layers and of clips. So what moves has its default in
+the animation layer of the payload layout, and in the clips layout in the payload, which is weaker
+than the root that names the clips.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom
+
+from featherfx.usd import arrays
+from featherfx.usd.write.output import output_files
+from featherfx.usd.write.stage import StageInfo, author_metadata, define_root, new_layer
+
+
+@dataclass(frozen=True)
+class CacheLayers:
+    """The layers of a cache in memory.
+
+    root: what users open. topology: takes the prims and all that is constant. animation: takes
+    the samples and the default values of what has samples. In the flat layout all three are one
+    layer; with clips the last two are.
+    """
+
+    layout: str
+    root: Any
+    topology: Any
+    animation: Any
+
+
+@dataclass(frozen=True)
+class Clips:
+    """Chunks as value clips. manifest, files: in any folder at or below the root file's.
+
+    starts: first time code of each. end: last code of all.
+    """
+
+    name: str
+    manifest: Path
+    files: Sequence[Path]
+    starts: Sequence[float]
+    end: float
+
+
+def new_layers(info: StageInfo, layout: str) -> CacheLayers:
+    """Empty layers of a layout ("flat", "payload" or "clips")."""
+    if layout == "flat":
+        layer = new_layer(info)
+        return CacheLayers(layout, layer, layer, layer)
+    topology = new_layer(info)
+    animation = topology if layout == "clips" else new_layer(info)
+    return CacheLayers(layout, new_layer(info), topology, animation)
+
+
+def finish_layers(
+    layers: CacheLayers, info: StageInfo, path: Path, extent: Any, clips: Clips | None
+) -> list[Any]:
+    """Connect the layers and pair each with its file, in the order of publication.
+
+    extent: (2, 3) stage units, of everything at all times: lets tools place an unloaded payload.
+    """
+    files = output_files(path, layers.layout)
+    if len(files) > 1:
+        stage = Usd.Stage.Open(layers.root, Usd.Stage.LoadNone)
+        root = define_root(stage, info)
+        # Sdf level: the file does not exist yet, and a composed stage would complain.
+        del stage, root
+        spec = layers.root.GetPrimAtPath(info.root_path)
+        spec.payloadList.Prepend(Sdf.Payload(f"./{files[-2].name}"))
+    if layers.layout == "payload":
+        layers.topology.subLayerPaths.append(f"./{files[0].name}")
+    if clips is not None:
+        _author_clips(layers.root.GetPrimAtPath(info.root_path), path.parent, clips)
+    _author_extents_hint(layers.root, info, extent)
+    author_metadata(layers.root, info.metadata)
+    ordered = [layers.animation, layers.topology, layers.root][-len(files) :]
+    return list(zip(ordered, files, strict=True))
+
+
+def _author_clips(spec: Any, folder: Path, clips: Clips) -> None:
+    def asset(file: Path) -> Any:
+        return Sdf.AssetPath(f"./{file.relative_to(folder).as_posix()}")
+
+    first = clips.starts[0]
+    values = {
+        "assetPaths": Sdf.AssetPathArray([asset(file) for file in clips.files]),
+        "manifestAssetPath": asset(clips.manifest),
+        "primPath": str(spec.path),
+        "active": arrays.vec2d([(start, k) for k, start in enumerate(clips.starts)]),
+        "times": arrays.vec2d([(first, first), (clips.end, clips.end)]),
+    }
+    spec.SetInfo("clips", {clips.name: values})
+
+
+def _author_extents_hint(layer: Any, info: StageInfo, extent: Any) -> None:
+    path = info.root_path.AppendProperty(UsdGeom.Tokens.extentsHint)
+    Sdf.JustCreatePrimAttributeInLayer(layer, path, Sdf.ValueTypeNames.Float3Array)
+    layer.GetAttributeAtPath(path).default = arrays.vec3f(np.asarray(extent))
+    schemas = Sdf.TokenListOp.Create(prependedItems=["GeomModelAPI"])
+    layer.GetPrimAtPath(info.root_path).SetInfo("apiSchemas", schemas)

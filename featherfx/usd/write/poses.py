@@ -1,0 +1,267 @@
+"""What is written of a feather in one pose, computed by compiled code into USD's own arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.density import PointMap
+from featherfx.feather.types import RACHIS as SHAFT
+from featherfx.feather.types import Feather, Surface
+from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
+from featherfx.usd.space import StageSpace
+from featherfx.usd.types import (
+    ACCELERATIONS,
+    DIAGNOSTICS,
+    ENERGY_DENSITY,
+    STRAIN_ACROSS,
+    STRAIN_SHEAR,
+    FeatherEntry,
+)
+from featherfx.usd.write import strain_kernels, surface_kernels
+from featherfx.usd.write.primvars import BARB_DIRECTION
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+Key = tuple[str, str]
+MESH, RACHIS, BARB = "mesh", "rachis", "barbs"
+
+_ROUNDING = float(np.finfo(np.float32).eps)
+
+
+@dataclass
+class Pose:
+    """One feather at one time, stage units and axes, as it is written.
+
+    values: per prim (MESH, RACHIS, BARB) and attribute. finite: whether points and rates are.
+    Made once by PosedFeather.new_pose, then written to as often as a sample has left the layers.
+    """
+
+    values: dict[Key, InPlace]
+    finite: bool = True
+
+    def corners(self) -> Sequence[Floats]:
+        """(2, 3) extents of surface and barbs."""
+        parts = (self.values.get((part, "extent")) for part in (MESH, BARB))
+        return [part.numbers for part in parts if part is not None]
+
+
+class PosedFeather:
+    """The constant arrays of one feather of a cache, and its evaluation.
+
+    widths, barb_widths: (n,) and (B K,) stage units, diameters of shaft and barbs; those of the
+    shaft are of the circle of its section's area. parts: the prims that it has. keys: what is
+    written of them. extras: ACCELERATIONS, names of DIAGNOSTICS.
+    """
+
+    def __init__(
+        self, entry: FeatherEntry, surface: _Surface, space: StageSpace, extras: Collection[str]
+    ) -> None:
+        self._entry, self._surface = entry, surface
+        self._to_stage = (1.0 / space.meters_per_unit, space.up_axis == "Y")
+        self._accelerations = ACCELERATIONS in extras
+        feather, barbs = entry.feather, entry.barbs
+        self.widths = space.lengths(np.sqrt(feather.width * feather.height))
+        self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else np.zeros(0)
+        # The widest point pads all, as in USD's own computation of the extent of curves.
+        self._half_width = 0.5 * float(self.widths.max())
+        self._half_barb = 0.5 * float(self.barb_widths.max(initial=0.0))
+        self.has_barbs = len(self.barb_widths) > 0
+        self.parts = (MESH, RACHIS, BARB) if self.has_barbs else (MESH, RACHIS)
+        counts = {MESH: len(surface.row), RACHIS: feather.rows, BARB: len(self.barb_widths)}
+        each = ("points", "velocities", *([ACCELERATIONS] * self._accelerations))
+        self._sizes = {(part, name): counts[part] for part in self.parts for name in each}
+        self._sizes |= {(part, "extent"): 2 for part in self.parts}
+        self._sizes[MESH, "normals"] = counts[MESH]
+        self._sizes[MESH, BARB_DIRECTION] = len(surface.triangles)
+        asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
+        self._scalars = {(MESH, name): len(surface.triangles) for name in asked}
+        self.keys: tuple[Key, ...] = (*self._sizes, *self._scalars)
+
+    @property
+    def bytes_per_sample(self) -> int:
+        """Bytes of one pose."""
+        return 12 * sum(self._sizes.values()) + 4 * sum(self._scalars.values())
+
+    def new_pose(self) -> Pose:
+        """Room for one pose."""
+        room: dict[Key, InPlace] = {key: Vec3f(count) for key, count in self._sizes.items()}
+        return Pose(room | {key: Scalars(count) for key, count in self._scalars.items()})
+
+    def rest(self) -> Pose:
+        """The rest pose; its rates are zero."""
+        pose, barbs = self.new_pose(), self._entry.barbs
+        material = np.reshape(self._entry.rest_points, (-1, 3))
+        pose.finite = self._place(pose, material)
+        if self.has_barbs and barbs:
+            pose.finite &= self._barb_points(pose, np.reshape(barbs.points, (-1, 3)))
+        for (_, name), value in pose.values.items():
+            if name in ("velocities", ACCELERATIONS):
+                value.numbers[...] = 0.0
+        return pose
+
+    def evaluate(
+        self, pose: Pose, points: Array, velocities: Array, accelerations: Array | None
+    ) -> None:
+        """Write a pose: (n, P, 3) material points and their rates, m and per second, to pose.
+
+        accelerations: None where they are not written. Raises ValueError for another shape.
+        """
+        own, expected = self._entry.points_map, np.shape(self._entry.rest_points)
+        if own is None and not np.shape(points) == np.shape(velocities) == expected:
+            raise ValueError(f"'{self._entry.id}': {np.shape(points)}, not {expected} points")
+        pose.finite = self._place(pose, _mapped(own, points))
+        pose.finite &= self._rates(pose, "velocities", _mapped(own, velocities))
+        if self._accelerations and accelerations is not None:
+            pose.finite &= self._rates(pose, ACCELERATIONS, _mapped(own, accelerations))
+        barbs = self._entry.barbs
+        if not self.has_barbs or barbs is None:
+            return
+        pose.finite &= self._barb_points(pose, _mapped(barbs.points_map, points))
+        rates = {"velocities": velocities}
+        if self._accelerations and accelerations is not None:
+            rates[ACCELERATIONS] = accelerations
+        for name, values in rates.items():
+            out = pose.values[BARB, name].numbers
+            mapped = _mapped(barbs.points_map, values)
+            pose.finite &= bool(surface_kernels.turn(mapped, *self._to_stage, out))
+
+    def changed(self, pose: Pose, reference: Pose, seconds: float) -> bool:
+        """Whether the feather, as written, differs from a reference pose, or is on its way.
+
+        seconds: to the next sample. A velocity that until then carries no point farther than its
+        rounding, at the greatest coordinate of a prim, does not count.
+        """
+        now, before = pose.values, reference.values
+        return any(
+            surface_kernels.changed(
+                now[part, "points"].numbers,
+                now[part, "velocities"].numbers,
+                before[part, "points"].numbers,
+                _ROUNDING / seconds,
+            )
+            for part in self.parts
+        )
+
+    def _place(self, pose: Pose, material: Array) -> bool:
+        """Points of mesh and shaft, and what follows from them; whether all are finite."""
+        surface, values = self._surface, pose.values
+        scale, quarter = self._to_stage
+        finite = surface_kernels.pose_surface(
+            material, *surface.terms, surface.triangles, surface.edges, scale, quarter,
+            *surface.scratch, values[MESH, "points"].numbers, values[MESH, "normals"].numbers,
+            values[MESH, BARB_DIRECTION].numbers, values[MESH, "extent"].numbers,
+        )  # fmt: skip
+        shaft, size = values[RACHIS, "points"].numbers, surface.size
+        finite &= surface_kernels.pose_shaft(material, size, scale, quarter, shaft)
+        surface_kernels.extent(shaft, self._half_width, values[RACHIS, "extent"].numbers)
+        if self._scalars:
+            self._diagnose(pose)
+        return bool(finite)
+
+    def _diagnose(self, pose: Pose) -> None:
+        """Strain and energy of the surface that was placed last."""
+        surface, values = self._surface, pose.values
+        across, shear = surface.strains
+        strain_kernels.face_strains(
+            surface.scratch[0], surface.corners, surface.strain_rest, across, shear
+        )
+        if (MESH, STRAIN_ACROSS) in values:
+            values[MESH, STRAIN_ACROSS].numbers[:] = across
+            values[MESH, STRAIN_SHEAR].numbers[:] = shear
+        if (MESH, ENERGY_DENSITY) in values:
+            out = values[MESH, ENERGY_DENSITY].numbers
+            strain_kernels.energy_density(across, shear, *self._entry.vane_stiffness, out)
+
+    def _rates(self, pose: Pose, name: str, material: Array) -> bool:
+        surface, (scale, quarter) = self._surface, self._to_stage
+        out, shaft = pose.values[MESH, name].numbers, pose.values[RACHIS, name].numbers
+        finite = surface_kernels.combine(material, *surface.terms, scale, quarter, out)
+        finite &= surface_kernels.pose_shaft(material, surface.size, scale, quarter, shaft)
+        return bool(finite)
+
+    def _barb_points(self, pose: Pose, points: Array) -> bool:
+        out, corners = pose.values[BARB, "points"].numbers, pose.values[BARB, "extent"].numbers
+        finite = surface_kernels.turn(points, *self._to_stage, out)
+        surface_kernels.extent(out, self._half_barb, corners)
+        return bool(finite)
+
+
+class _Surface:
+    """Arrays of a surface that all feathers of one shape share, as the kernels take them."""
+
+    def __init__(self, feather: Feather) -> None:
+        surface = feather.surface
+        self.row = _plain(surface.row)
+        weights = np.ascontiguousarray(surface.weights, dtype=np.float64)
+        self.size = size = feather.points.shape[1]
+        self.terms = (self.row, _plain(surface.terms), weights, size)
+        self.triangles = _plain(surface.triangles)
+        rest = surface.points(feather.points)
+        self.edges = barb_edges(surface, rest)
+        self.corners, self.strain_rest = strain_rest(surface, self.edges, rest)
+        self.strains = np.zeros((2, len(self.triangles)))
+        # World points, and sums of normals.
+        self.scratch = np.zeros((2, len(self.row), 3))
+
+
+def posed_feathers(
+    entries: Sequence[FeatherEntry], space: StageSpace, extras: Collection[str] = ()
+) -> list[PosedFeather]:
+    """All feathers of a cache; arrays of entries that share a Feather are made once."""
+    shapes: dict[int, _Surface] = {}
+    for entry in entries:
+        if id(entry.feather) not in shapes:
+            shapes[id(entry.feather)] = _Surface(entry.feather)
+    return [PosedFeather(entry, shapes[id(entry.feather)], space, extras) for entry in entries]
+
+
+def barb_edges(surface: Surface, points: Array) -> NDArray[np.int32]:
+    """(T, 2) the edge of each triangle that runs along its barb, directed as barb_direction.
+
+    points: (V, 3) surface points at rest, feather frame.
+    """
+    starts, ends = surface.triangles, np.roll(surface.triangles, -1, axis=1)
+    along = points[ends] - points[starts]
+    length = np.linalg.norm(along, axis=2)
+    cosine = np.einsum("tec,tc->te", along, surface.barb_direction) / np.maximum(length, 1e-300)
+    triangle = np.arange(len(cosine))
+    edge = np.argmax(np.abs(cosine), axis=1)
+    pair = np.stack([starts[triangle, edge], ends[triangle, edge]], axis=1)
+    directed = np.where((cosine[triangle, edge] < 0)[:, None], pair[:, ::-1], pair)
+    return directed.astype(np.int32)
+
+
+def strain_rest(surface: Surface, edges: NDArray[np.int32], points: Array) -> tuple[Indices, Array]:
+    """Corners (T, 3), barb edge first, and rest values (T, 3) of membrane_strain in the vanes.
+
+    points: (V, 3) surface points at rest. The height over the edge is negative on faces that lie
+    at the root's side of their barb, so that `across` points to the tip everywhere: else the
+    shear would change its sign from face to face.
+    """
+    opposite = surface.triangles.sum(axis=1) - edges.sum(axis=1)
+    corners = np.column_stack([edges, opposite]).astype(np.int64)
+    start, end, third = (points[corners[:, k]] for k in range(3))
+    edge = np.linalg.norm(end - start, axis=1)
+    along = np.einsum("tc,tc->t", third - start, end - start) / np.maximum(edge, 1e-300)
+    reach = np.einsum("tc,tc->t", third - start, third - start)
+    height = np.sqrt(np.maximum(reach - along**2, 0.0))
+    sound = (surface.part != SHAFT) & (edge > 0.0) & (height > 0.0)
+    height *= np.where(surface.row[opposite] > surface.row[edges[:, 0]], 1.0, -1.0)
+    rest = np.zeros(corners.shape)
+    rest[sound] = np.column_stack([1.0 / edge[sound], along[sound], 1.0 / height[sound]])
+    return corners, rest
+
+
+def _mapped(points_map: PointMap | None, values: Array) -> Array:
+    """(K, 3) material points or rates of what is drawn, from those of a frame."""
+    mapped = values if points_map is None else points_map(values)
+    return np.ascontiguousarray(mapped, dtype=np.float64).reshape(-1, 3)
+
+
+def _plain(indices: Indices) -> Indices:
+    return np.ascontiguousarray(indices, dtype=np.int64)

@@ -1,0 +1,235 @@
+"""The sink of a bake: frames in, one USD cache out, complete or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from featherfx.errors import Problem, SimulationError
+from featherfx.files.background import Background
+from featherfx.shot.types import Frame, sample_number
+from featherfx.usd.space import StageSpace
+from featherfx.usd.types import ACCELERATIONS, FeatherEntry, OutputError
+from featherfx.usd.write.arguments import check_arguments
+from featherfx.usd.write.assemble import assemble
+from featherfx.usd.write.chunk import ChunkWriter, WrittenChunk
+from featherfx.usd.write.define import animated_prims, define_prims
+from featherfx.usd.write.layout import new_layers
+from featherfx.usd.write.names import prim_name
+from featherfx.usd.write.output import check_output, chosen_layout, parts_folder
+from featherfx.usd.write.parts import Parts
+from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.stage import StageInfo
+
+CHUNK_FRAMES = 24
+# A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
+# costs by itself goes with the feathers, so many small ones get more of it.
+CHUNK_BYTES, BYTES_EACH, MOST_BYTES = 32_000_000, 40_000, 128_000_000
+
+
+def chunk_bytes(feathers: int) -> int:
+    """Bytes of values that a chunk of so many feathers may hold."""
+    return min(CHUNK_BYTES + BYTES_EACH * feathers, MOST_BYTES)
+
+
+class CacheWriter:
+    """Writes feathers, and frames of them, to USD; a context manager.
+
+        with CacheWriter("wing.usdc", entries, (1, 24), 24.0) as writer:
+            for frame in simulate(shot):
+                writer.write(frame)
+
+    path: .usd, .usdc or .usda. feathers: at least one, unique ids. frames: first and last frame,
+    None for a rest pose without time. frames_per_second: also the time codes per second.
+    meters_per_unit: m, and up_axis: "Y" or "Z": points, velocities and widths are converted.
+    layout: "flat", "payload" or "clips" (usd/write/layout.py), or "auto". chunk: frames that
+    are held in memory, then written to a file of their own; fewer where they exceed chunk_bytes.
+    subframes: samples a frame. accelerations: whether frames have them and they are written.
+    diagnostics: names of DIAGNOSTICS (featherfx/usd/types.py), written per face.
+    root: name of the root prim, by default the file's. metadata: plain values, kept with the
+    layout as custom data of the root layer.
+
+    settings: texts of all that the frames depend on. Where given, finished chunks stay on disk
+    when the block is left by an exception, or the process by a kill, and a writer with equal
+    settings and resume continues after them: `samples_done` tells how many samples there are,
+    `state` the file that was written with the last (None: nothing to continue from).
+
+    The cache appears complete when the block ends normally; until then, and after an exception,
+    its files are as before. Raises OutputError (every problem at once) where the arguments are
+    wrong, the output cannot be written or frames are missing.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        feathers: Sequence[FeatherEntry],
+        frames: tuple[int, int] | None,
+        frames_per_second: float = 24.0,
+        *,
+        meters_per_unit: float = 1.0,
+        up_axis: str = "Z",
+        layout: str = "flat",
+        overwrite: bool = False,
+        chunk: int = CHUNK_FRAMES,
+        subframes: int = 1,
+        accelerations: bool = False,
+        diagnostics: Sequence[str] = (),
+        root: str = "",
+        metadata: Mapping[str, Any] | None = None,
+        settings: Mapping[str, str] | None = None,
+        resume: bool = False,
+    ) -> None:
+        self._path = check_output(path, overwrite, layout)
+        values = {
+            "frames_per_second": frames_per_second,
+            "meters_per_unit": meters_per_unit,
+            "chunk": chunk,
+            "subframes": subframes,
+        }
+        check_arguments(self._path, feathers, frames, values, up_axis, diagnostics)
+        space = StageSpace(meters_per_unit, up_axis)
+        self._info = StageInfo(
+            prim_name(root or self._path.stem), space, frames, frames_per_second, {}
+        )
+        self._feathers, self._subframes = tuple(feathers), subframes
+        self._accelerations = accelerations
+        extras = {*diagnostics, *([ACCELERATIONS] * accelerations)}
+        self._posed = posed_feathers(self._feathers, space, extras)
+        self._static = [entry.static for entry in self._feathers]
+        bytes_per_sample = sum(each.bytes_per_sample for each in self._posed)
+        layout = chosen_layout(layout, bytes_per_sample * self._samples)
+        self._info = replace(self._info, metadata={**(metadata or {}), "layout": layout})
+        self._layout = layout
+        self._check_finite([k for k, each in enumerate(self._posed) if not each.rest().finite], 0.0)
+        self._prims = animated_prims(self._info, self._feathers, self._posed)
+        self._resumable = settings is not None
+        self._parts: Parts | None = None
+        if frames is not None:
+            folder = parts_folder(self._path, layout)
+            self._parts = Parts(folder, settings or self._settings_of_stage(chunk), resume)
+            step = 1.0 / (frames_per_second * subframes)
+            self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
+            most = chunk_bytes(len(self._feathers)) // (subframes * bytes_per_sample)
+            self._chunk_size = max(1, min(chunk, most)) * subframes
+        self._finishing: Background | None = None
+        self._written: list[WrittenChunk] = []
+        self._next = self.samples_done
+
+    def __enter__(self) -> CacheWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        complete = False
+        try:
+            if kind is None:
+                self._finish()
+                complete = True
+        finally:
+            if not complete:
+                self._leave()
+
+    def _leave(self) -> None:
+        """After a failure: finished chunks stay where they can be continued from."""
+        if self._finishing is not None:
+            with contextlib.suppress(OutputError, OSError):
+                self._finishing.__exit__(None, None, None)
+        for chunk in self._written:
+            chunk.file.discard()
+        if self._parts and self._resumable and self._parts.records:
+            self._parts.close()
+        elif self._parts:
+            self._parts.discard()
+
+    @property
+    def samples_done(self) -> int:
+        """Samples that are safely on disk, from the first on; waits for those on their way."""
+        if self._finishing is not None:
+            self._finishing.wait()
+        records = self._parts.records if self._parts else []
+        return sum(len(record.codes) for record in records)
+
+    @property
+    def state(self) -> Path | None:
+        """File that was saved with the last finished chunk."""
+        if not (self._parts and self._parts.records):
+            return None
+        return self._parts.state(len(self._parts.records) - 1)
+
+    def write(self, frame: Frame, save: Callable[[Path], object] | None = None) -> None:
+        """Add the next sample: numbers count up by one, or one by subframes, from the first.
+
+        save: writes to a path what a resumed bake needs to go on after this frame; called where
+        a chunk ends. Raises SimulationError if a value is not finite, ValueError for a frame out
+        of turn or of other feathers.
+        """
+        frames = self._info.frames
+        if frames is None or self._next == self._samples or frame.number != self._code:
+            raise ValueError(f"frame {frame.number:g} is out of turn; the cache holds {frames}")
+        if len(frame.points) != len(self._feathers):
+            raise ValueError(f"{len(frame.points)} feathers given, not {len(self._feathers)}")
+        if self._accelerations and len(frame.accelerations) != len(self._feathers):
+            raise ValueError(f"frame {frame.number:g} has no accelerations")
+        bad = self._chunk.add(float(frame.number), frame, self._accelerations)
+        self._check_finite(bad, frame.time)
+        self._next += 1
+        if self._chunk.count == self._chunk_size or self._next == self._samples:
+            self._finish_chunk(save)
+
+    def _finish_chunk(self, save: Callable[[Path], object] | None) -> None:
+        """Write the chunk; its way to the disk goes on while the next frames come."""
+        parts = self._parts
+        assert parts is not None
+        if self._finishing is None:
+            self._taken_over = len(parts.records)
+            self._finishing = Background(lambda chunk, save: parts.commit(chunk.finish(), save), 1)
+            self._finishing.__enter__()
+        index = self._taken_over + len(self._written)
+        self._written.append(self._chunk.write(parts.chunk(index)))
+        self._finishing(self._written[-1], save)
+
+    @property
+    def _samples(self) -> int:
+        frames = self._info.frames
+        return (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
+
+    @property
+    def _code(self) -> float:
+        """Time code of the next sample."""
+        assert self._info.frames is not None
+        return sample_number(self._info.frames[0], self._next, self._subframes)
+
+    def _settings_of_stage(self, chunk: int) -> dict[str, str]:
+        """What tells one cache without settings from another of the same name."""
+        space, info = self._info.space, self._info
+        values = (space, info.frames, info.frames_per_second, info.metadata, self._subframes, chunk)
+        return {"stage": repr(values)}
+
+    def _finish(self) -> None:
+        frames = self._info.frames
+        if self._finishing is not None:
+            self._finishing.__exit__(None, None, None)
+        if frames is not None and self._next < self._samples:
+            message = f"not written: frames {self._code:g} to {frames[1]} never came"
+            raise OutputError(Problem(str(self._path), "frames", message))
+        if self._parts:
+            # Samples are on disk; their memory is wanted for what is constant.
+            del self._chunk
+        layers = new_layers(self._info, self._layout)
+        define_prims(layers.topology, self._info, self._feathers, self._prims)
+        assemble(layers, self._info, self._prims, self._static, self._path, self._parts)
+        if self._parts:
+            self._parts.finish(keep_chunks=self._layout == "clips")
+
+    def _check_finite(self, bad: Sequence[int], time: float) -> None:
+        for index in bad:
+            reason = "a position or velocity is not finite, or too large for single precision"
+            raise SimulationError(self._feathers[index].id, time, reason)
