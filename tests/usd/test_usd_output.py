@@ -95,7 +95,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import feathers
 from featherfx.errors import InputError
-from featherfx.usd.write import CacheWriter
+from featherfx.usd.write.write import CacheWriter
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 try:
     with CacheWriter(sys.argv[2], feathers.entries(), (1, 3), layout=sys.argv[3],
