@@ -11,9 +11,9 @@ from numba import types
 from numba.core import registry
 
 from featherfx.algebra import copy_kernels
-from featherfx.jit import compiled
+from featherfx.jit import cache, compiled
 
-ROOT = Path(compiled.__file__).parents[1]
+ROOT = Path(cache.__file__).parents[1]
 
 
 @pytest.fixture
@@ -23,16 +23,16 @@ def folder_after_change(monkeypatch, tmp_path):
     read = Path.read_bytes
 
     def folders(source, changed):
-        compiled.cache_folder.cache_clear()
-        before = compiled.cache_folder(ROOT / source)
+        cache.cache_folder.cache_clear()
+        before = cache.cache_folder(ROOT / source)
         with monkeypatch.context() as patch:
             edited = ROOT / changed
             patch.setattr(
                 Path, "read_bytes", lambda self: read(self) + (b"#" if self == edited else b"")
             )
-            compiled.cache_folder.cache_clear()
-            after = compiled.cache_folder(ROOT / source)
-        compiled.cache_folder.cache_clear()
+            cache.cache_folder.cache_clear()
+            after = cache.cache_folder(ROOT / source)
+        cache.cache_folder.cache_clear()
         return before, after
 
     return folders

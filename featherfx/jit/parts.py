@@ -8,20 +8,18 @@ calls is optimised once.
 A shared kernel is large and called from several entries. It is not linked to them: they call its
 machine code by a symbol (Shared). The symbol's name is the same in every run, and its address is
 made known before code that uses it is loaded, also from the cache: what machine code needs is
-stored with it (Stored).
+stored with it (cache.py).
 """
 
 from __future__ import annotations
 
 import copy
 import hashlib
-import importlib
 import itertools
 from typing import Any
 
 from llvmlite import binding
 from numba.core import sigutils
-from numba.core.caching import CompileResultCacheImpl
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
@@ -151,19 +149,6 @@ def needs_of(library: Any) -> set[Need]:
     """The shared kernels that a library and the parts linked to it call."""
     libraries = (library, *library._linking_libraries)
     return {need for each in libraries for need in vars(each).get("needs", ())}
-
-
-class Stored(CompileResultCacheImpl):
-    """A kernel's machine code as the cache stores it, with the shared kernels that it needs."""
-
-    def reduce(self, result: Any) -> Any:
-        return needs_of(result.library), super().reduce(result)
-
-    def rebuild(self, target: Any, stored: Any) -> Any:
-        needs, code = stored
-        for module, name, args in needs:
-            getattr(importlib.import_module(module), name).linked.compile(args)
-        return super().rebuild(target, code)
 
 
 def _calling(implementation: Any, need: Need) -> Any:

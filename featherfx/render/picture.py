@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
 import os
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import InputError, Problem
+from featherfx.files.whole import write_all
 
 _MOST_PIXELS = 8192
 
@@ -134,19 +134,17 @@ def _number(time: float | None) -> str:
 
 
 def _save(picture: Any, output: Path) -> Path:
-    """Write a PNG in one piece: under another name first, then renamed."""
+    """Write a PNG in one piece."""
     from PIL import Image
 
-    temporary = output.with_name(f".{output.stem}.{os.getpid()}.tmp.png")
+    def store(path: Path) -> None:
+        Image.fromarray(picture).save(path, format="PNG", optimize=True)
+
     try:
-        Image.fromarray(picture).save(temporary, format="PNG", optimize=True)
-        os.replace(temporary, output)
+        write_all([(output, store)])
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(Problem(str(output), "", f"cannot be written: {reason}")) from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        message = f"cannot be written: {error.strerror}"
+        raise InputError(Problem(str(output), "", message)) from error
     return output
 
 

@@ -12,8 +12,9 @@ import pytest
 from pxr import Usd
 
 from featherfx.errors import InputError
+from featherfx.files import whole
 from featherfx.usd.types import OutputError
-from featherfx.usd.write import atomic
+from featherfx.usd.write import publish
 from featherfx.usd.write.output import check_output
 from featherfx.usd.write.write import CacheWriter
 
@@ -83,7 +84,7 @@ def test_a_failed_rename_restores_all_files(tmp_path, monkeypatch, failing, exis
             raise OSError(5, "Input/output error")
         real(source, target)
 
-    monkeypatch.setattr(atomic.os, "replace", replace)
+    monkeypatch.setattr(whole.os, "replace", replace)
     with pytest.raises(OutputError, match="Input/output error"):
         bake(tmp_path / "out.usda", layout="payload", overwrite=True, meters_per_unit=0.01)
     assert contents(tmp_path) == before
@@ -129,9 +130,10 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, name, layout, limit):
 
 def test_an_error_of_export_is_one_message(tmp_path, monkeypatch):
     def fail(path):
-        raise OSError(28, "No space left on device")
+        if path.suffix == ".usdc":
+            raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(atomic, "_flush", fail)
+    monkeypatch.setattr(whole, "flush", fail)
     with pytest.raises(OutputError, match=r"0000\.usdc: not written .No space left on device"):
         bake(tmp_path / "out.usda")
     assert contents(tmp_path) == {}
@@ -146,7 +148,7 @@ def test_a_file_that_reads_back_differently_is_not_published(tmp_path, monkeypat
         less.EraseTimeSample("/out/feathers/primary_1.points", 2)
         return less.Export(str(path))
 
-    monkeypatch.setattr(atomic, "_store", lose_a_sample)
+    monkeypatch.setattr(publish, "_store", lose_a_sample)
     with pytest.raises(OutputError, match=r"differs.*primary_1\.points"):
         bake(tmp_path / "out.usda")
     assert contents(tmp_path) == {}

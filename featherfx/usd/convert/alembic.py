@@ -7,7 +7,6 @@ stay those of the stage, since Alembic has no place to tell them.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import InputError, Problem
+from featherfx.files.whole import write_all
 from featherfx.usd.read.read import Cache, CachedFeather, CachedPose
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import folder_problems
@@ -43,15 +43,16 @@ def export_alembic(
         problems.append(Problem(str(output), "", message))
     if problems:
         raise OutputError(*problems)
-    temporary = output.with_name(f".{output.name}.{os.getpid()}.tmp")
-    try:
+
+    def store(temporary: Path) -> None:
         _write(abc, cache, codes, temporary)
         _verify(abc, cache, codes, temporary)
-        os.replace(temporary, output)
+
+    try:
+        write_all([(output, store)])
     except (OSError, RuntimeError) as error:
-        raise OutputError(Problem(str(output), "", f"not written: {error}")) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise OutputError(Problem(str(output), "", f"not written: {reason}")) from error
     return output
 
 

@@ -21,8 +21,8 @@ from featherfx.feather.types import LEADING, TRAILING
 from featherfx.usd import arrays
 from featherfx.usd.read.inputs import refuse_inputs
 from featherfx.usd.read.read import Cache, CachedFeather
-from featherfx.usd.write.atomic import publish
 from featherfx.usd.write.output import check_output
+from featherfx.usd.write.publish import publish
 from featherfx.usd.write.resume import layer_metadata
 
 Floats = NDArray[np.float32]

@@ -11,13 +11,13 @@ import numpy as np
 from pxr import Sdf
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import write_all
+from featherfx.files.whole import into, write_all
 from featherfx.usd.read.inputs import refuse_inputs
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.read import Cache
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.atomic import publish
 from featherfx.usd.write.output import check_output, folder_problems
+from featherfx.usd.write.publish import publish
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
 
@@ -79,7 +79,7 @@ def mesh_sequence(
 
     try:
         each = zip(files, codes, strict=True)
-        write_all((file, partial(put, code=code)) for file, code in each)
+        write_all((file, into(partial(put, code=code))) for file, code in each)
     except OSError as error:
         message = f"not written: {error.strerror or error}"
         raise OutputError(Problem(str(error.filename), "", message)) from error

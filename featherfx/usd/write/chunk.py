@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf
 
+from featherfx.files.whole import WrittenFile
 from featherfx.shot.types import Frame
 from featherfx.usd.arrays import Floats
-from featherfx.usd.write.atomic import WrittenFile, write_beside
 from featherfx.usd.write.parts import ChunkRecord, checksum
 from featherfx.usd.write.poses import Pose
+from featherfx.usd.write.publish import export_beside, output_errors
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import StageInfo, new_layer
 
@@ -54,9 +55,10 @@ class WrittenChunk:
 
     def finish(self) -> ChunkRecord:
         """Force the file to disk, name it, and return its record. Raises OutputError."""
-        self.file.flush()
-        size, crc = checksum(self.file.temporary)
-        self.file.publish()
+        with output_errors():
+            self.file.flush()
+            size, crc = checksum(self.file.temporary)
+            self.file.publish()
         return ChunkRecord(self.codes, size, crc, self.constant, self.first, self.low, self.high)
 
 
@@ -122,7 +124,7 @@ class ChunkWriter:
                     prims.author_sample(layer, index, run.codes, first)
                     digests[index] = prims.digest(index, first)
         layer.startTimeCode, layer.endTimeCode = run.codes[0], run.codes[-1]
-        file = write_beside(layer, path)
+        file = export_beside(layer, path)
         self._run = self._new_run()
         return WrittenChunk(
             file=file,

@@ -17,13 +17,13 @@ from featherfx.shot.placement import place
 from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write.atomic import publish
 from featherfx.usd.write.layout import finish_layers, new_layers
 from featherfx.usd.write.material import define_materials
 from featherfx.usd.write.mesh import MeshValues, define_mesh
 from featherfx.usd.write.names import prim_name, unique_prim_names
 from featherfx.usd.write.output import check_output
 from featherfx.usd.write.poses import MESH, posed_feathers
+from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import MATERIALS, StageInfo, define_root
 

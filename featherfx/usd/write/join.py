@@ -17,8 +17,8 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 from featherfx.errors import Problem
 from featherfx.usd import arrays
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.atomic import publish
 from featherfx.usd.write.output import check_output
+from featherfx.usd.write.publish import publish
 from featherfx.usd.write.resume import layer_metadata
 
 _DIFFERING = "feathers"  # the only setting in which shares of one cache differ

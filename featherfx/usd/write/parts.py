@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import shutil
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import Problem
+from featherfx.files.lock import Lock
 from featherfx.files.whole import write_text
 from featherfx.shot.fingerprint import settings_digest
 from featherfx.usd.types import OutputError
@@ -65,7 +65,11 @@ class Parts:
         self.folder = folder / settings_digest(settings)
         self._settings = dict(settings)
         folder.mkdir(exist_ok=True)
-        self._lock = _Lock(folder / "lock")
+        try:
+            self._lock = Lock(folder / "lock")
+        except TimeoutError as error:
+            message = "another bake is writing this cache; wait for it or choose another name"
+            raise OutputError(Problem(str(folder), "", message)) from error
         self.records: list[ChunkRecord] = []
         try:
             self._start(keep)
@@ -111,21 +115,21 @@ class Parts:
             for other in self.folder.parent.iterdir():
                 if other.is_dir() and other != self.folder:
                     shutil.rmtree(other, ignore_errors=True)
-            self._lock.close()
+            self._lock.release()
         else:
             shutil.rmtree(self.folder.parent, ignore_errors=True)
-            self._lock.close()
+            self._lock.release()
 
     def discard(self) -> None:
         """Remove the chunks, and the folder unless something else is in it."""
         shutil.rmtree(self.folder, ignore_errors=True)
-        self._lock.close()
+        self._lock.release()
         with contextlib.suppress(OSError):
             self.folder.parent.rmdir()
 
     def close(self) -> None:
         """Leave all as it is, for a later run."""
-        self._lock.close()
+        self._lock.release()
 
     @staticmethod
     def are_whole(folder: Path, settings: Mapping[str, str]) -> bool:
@@ -218,39 +222,3 @@ def _told(folder: Path) -> Iterator[None]:
     except OSError as error:
         message = f"cannot write to this folder: {error.strerror or error}"
         raise OutputError(Problem(str(folder), "", message)) from error
-
-
-class _Lock:
-    """A lock that the system drops with the process that holds it."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._file = path.open("ab")
-        try:
-            _lock(self._file.fileno())
-            # The file may have been removed by its last holder after it was opened here.
-            if not os.path.samestat(os.fstat(self._file.fileno()), path.stat()):
-                raise BlockingIOError
-        except OSError as error:
-            self._file.close()
-            message = "another bake is writing this cache; wait for it or choose another name"
-            raise OutputError(Problem(str(path.parent), "", message)) from error
-
-    def close(self) -> None:
-        if not self._file.closed:
-            # On Windows an open file cannot be removed; nobody else waits for this lock.
-            if os.name == "nt":
-                self._file.close()
-            self._path.unlink(missing_ok=True)
-            self._file.close()
-
-
-def _lock(descriptor: int) -> None:
-    if os.name == "nt":
-        import msvcrt
-
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-    else:
-        import fcntl
-
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
