@@ -51,7 +51,7 @@ def main() -> None:
     print("| coat | seconds | worst | of 99 in 100 | mean | worst region |")
     print("|---|---|---|---|---|---|")
     for name, (level, every) in CASES.items():
-        details = tuple(Detail("*", level, kind=kind, every=every) for kind in COAT)
+        details = tuple(Detail(level=level, kind=kind, every=every) for kind in COAT)
         points, spent = run(replace(shot, details=details))
         errors = np.array(
             [

@@ -83,8 +83,8 @@ def _levels(shot: Shot) -> tuple[dict[str, float], dict[str, Any]]:
 
     from featherfx.shot.detail.levels import level_plan
     from featherfx.shot.motion.motion import root_motion
-    from featherfx.shot.read.keys import LEVELS
     from featherfx.shot.simulate import simulate
+    from featherfx.shot.types import LEVELS
 
     table = level_plan(shot, simulate(shot).feathers, root_motion(shot)).table
     there = [name for k, name in enumerate(LEVELS) if (table == k).any()]
@@ -106,7 +106,7 @@ def _try(shot: Shot, level: str, members: Any, full: float | None) -> _Tried:
     most = TRIED_FOLLOWERS if level in ("guided", "rigid") else TRIED_FEATHERS
     chosen = _neighbours(shot, members, most) if shot.contact else _spread(members, most)
     part = part_of(shot, chosen)
-    pinned = (*part.details, Detail("*", level))
+    pinned = (*part.details, Detail(level=level))
     part = replace(part, details=pinned, level_of_detail=None, grips=(), forces=())
     last = min(shot.last_frame, shot.first_frame + TRIED_FRAMES)
     simulation = simulate(part, 1, (shot.first_frame, last))

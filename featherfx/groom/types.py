@@ -9,152 +9,192 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.groom.keys.values import (
+    ArrayOf,
+    Default,
+    Number,
+    Preset,
+    Table,
+    Text,
+    keys_of,
+    vector,
+)
+
 Array = NDArray[np.float64]
+
+POSITION = vector(-1e4, 1e4, "m")
+_TURNING = Number(-360, 360, "deg")
+_HALF_TURNING = Number(-180, 180, "deg")
+_BENT = Number(-120, 120, "deg")
 
 
 @dataclass(frozen=True)
 class RachisShape:
-    """The shaft at rest.
+    """The shaft at rest. Angles are total turnings of the tangent from base to tip.
 
-    diameter_base, diameter_tip: m, outer diameter at the follicle and at the tip.
-    taper: exponent p of d(s) = tip + (base - tip) (1 - s)^p, s = arc length / length.
-    camber: deg, total turning of the tangent towards ventral (-z) from base to tip.
-    sweep: deg, total turning of the tangent towards the trailing side (-y).
-    twist: deg, total turning of the vane about the tangent (right-handed).
+    taper: p of diameter d(s) = tip + (base - tip) (1 - s)^p, s = arc length / length. camber turns
+    to -z, sweep to -y; twist is right-handed.
     """
 
-    diameter_base: float
-    diameter_tip: float
-    taper: float
-    camber: float
-    sweep: float
-    twist: float
+    diameter_base: Annotated[float, Number(1e-5, 0.1, "m"), "Outer diameter at the follicle."]
+    diameter_tip: Annotated[float, Number(1e-6, 0.1, "m"), "Outer diameter at the tip."]
+    taper: Annotated[
+        float, Number(0.1, 5), "Exponent of the diameter: 1 is a cone, less stays thick."
+    ] = 1.0
+    camber: Annotated[float, _TURNING, "Turning of the shaft towards ventral."] = 0.0
+    sweep: Annotated[float, _HALF_TURNING, "Turning of the shaft towards the trailing side."] = 0.0
+    twist: Annotated[float, _HALF_TURNING, "Turning of the vane about the shaft."] = 0.0
 
 
 @dataclass(frozen=True)
 class BarbGuide:
     """A barb that the artist drew; barbs between two guides are interpolated.
 
-    position: share of the vane's length along the rachis, 0 at the first barb, 1 at the tip.
-    angle: deg, barb angle, between rachis tangent and barb at the barb's root.
-    curl: deg, turning of the barb within the vane towards the rachis tip, root to end.
-    camber: deg, turning of the barb towards ventral (-z), root to end.
+    The vane's length runs from the first barb (0) to the tip (1). curl turns within the vane,
+    camber to -z, both from the barb's root to its end.
     """
 
-    position: float
-    angle: float
-    curl: float
-    camber: float
+    position: Annotated[float, Number(0, 1), "Root of the barb as a share of the vane's length."]
+    angle: Annotated[
+        float, Number(5, 120, "deg"), "Barb angle between rachis and barb, at the root."
+    ]
+    curl: Annotated[float, _BENT, "Turning of the barb towards the rachis tip."] = 0.0
+    camber: Annotated[float, _BENT, "Turning of the barb towards ventral."] = 0.0
 
 
 @dataclass(frozen=True)
 class VaneShape:
     """One vane at rest, on the flattened feather (before camber, sweep and twist of the rachis).
 
-    outline: ((x, y), ...), the vane's edge from base to tip as control points; x is the share of
-        the vane's length along the rachis, y >= 0 the distance from the rachis as a share of the
-        feather's length. Empty: no vane on this side.
-    guides: barb guides in ascending position, at least one where there is an outline.
+    guides: at least one where there is an outline.
     """
 
-    outline: tuple[tuple[float, float], ...]
-    guides: tuple[BarbGuide, ...]
+    outline: Annotated[
+        tuple[tuple[float, float], ...],
+        ArrayOf(ArrayOf(Number(-0.5, 1.5), 2, 2), 0, 200),
+        "Edge of the vane from base to tip as points [x, y]: x is the share of the vane's "
+        "length, y (0 or more) the distance from the rachis as a share of the feather's length. "
+        "Empty: no vane on this side.",
+    ]
+    guides: Annotated[
+        tuple[BarbGuide, ...],
+        ArrayOf(Table(keys_of(BarbGuide), "table of a guide"), 0, 100),
+        "Barb guides in ascending position; barbs in between are interpolated.",
+    ] = ()
 
 
-@dataclass(frozen=True)
+_STIFFNESS = Number(1e-10, 10, "N m")
+_COMPLIANCE = Number(0, 1e9, "rad/N")
+_LOSS = Number(0, 2)
+_LOSS_MEANS = "Damping: tangent of the loss angle at the feather's first frequency."
+
+
+@dataclass(frozen=True, kw_only=True)
 class VaneMaterial:
     """The vane as a barb-and-barbule membrane (references: Jouve 2024, tables 5.1, 5.2, 6.1).
 
-    along, across, shear: Pa, moduli along the barbs, across them and in shear (stress = shear
-        modulus times engineering shear).
-    thickness: m.
-    surface_density: kg/m^2.
-    barb_bending_normal, barb_bending_in_plane: N m, bending stiffness of the barbs per metre of
-        vane across the barbs, out of the vane and within it, at the barb's root.
-    barb_taper: exponent p: both barb stiffnesses fall as (1 - s)^p towards the barb's end, floored
-        at 5 % of the root's.
-    bending_across: N m, bending modulus of the vane across the barbs (barbs stay straight).
-    loss_factor: damping of the vane, tangent of the loss angle at the feather's first frequency.
-    compression_guard: Pa, modulus of a penalty on lost area; 0: none.
-    barb_clamp_normal, barb_clamp_in_plane: rad / N, turn of the barbs' roots out of the vane and
-        within it under a moment of 1 N m per metre of vane; 0: rigid.
+    Both barb stiffnesses are those at the barb's root, and floored at 5 % of it further out. Barbs
+    stay straight where the vane bends across them.
     """
 
-    along: float
-    across: float
-    shear: float
-    thickness: float
-    surface_density: float
-    barb_bending_normal: float
-    barb_bending_in_plane: float
-    barb_taper: float
-    bending_across: float
-    loss_factor: float
-    compression_guard: float = 0.0
-    barb_clamp_normal: float = 0.0
-    barb_clamp_in_plane: float = 0.0
+    along: Annotated[float, Number(1e2, 1e12, "Pa"), "Modulus of the vane along the barbs."]
+    across: Annotated[float, Number(0, 1e10, "Pa"), "Modulus across the barbs (barbules)."]
+    shear: Annotated[float, Number(0, 1e10, "Pa"), "Shear modulus, against engineering shear."]
+    thickness: Annotated[float, Number(1e-6, 0.01, "m"), "Thickness of the vane."]
+    surface_density: Annotated[float, Number(1e-5, 10, "kg/m^2"), "Mass of the vane per area."]
+    barb_bending_normal: Annotated[
+        float, _STIFFNESS, "Bending stiffness of barbs out of the vane, per metre of vane."
+    ]
+    barb_bending_in_plane: Annotated[
+        float, _STIFFNESS, "Bending stiffness of barbs within the vane, per metre of vane."
+    ]
+    barb_taper: Annotated[
+        float,
+        Number(0, 5),
+        "Exponent p: both barb stiffnesses fall as (1 - s)^p to the barb's end.",
+    ] = 0.0
+    bending_across: Annotated[
+        float, Number(0, 10, "N m"), "Bending modulus of the vane across the barbs."
+    ]
+    loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
+    compression_guard: Annotated[
+        float,
+        Number(0, 1e12, "Pa"),
+        "Modulus of a penalty on lost area, so that the vane wrinkles before it closes; 0: none.",
+    ] = 0.0
+    barb_clamp_normal: Annotated[
+        float,
+        _COMPLIANCE,
+        "Compliance of the barbs' roots out of the vane: turn under 1 N m per metre of vane; 0: "
+        "rigid.",
+    ] = 0.0
+    barb_clamp_in_plane: Annotated[
+        float, _COMPLIANCE, "The same for turns of the barbs' roots within the vane."
+    ] = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RachisMaterial:
-    """The shaft's keratin cortex around a light core.
+    """The shaft's keratin cortex around a light core."""
 
-    young, shear: Pa, of the cortex.
-    wall: share of the radius that is cortex (1: solid).
-    flattening: height across the vane over width within the vane of the elliptic section.
-    cortex_density, core_density: kg/m^3.
-    loss_factor: damping, as in VaneMaterial.
-    """
-
-    young: float
-    shear: float
-    wall: float
-    flattening: float
-    cortex_density: float
-    core_density: float
-    loss_factor: float
+    young: Annotated[float, Number(1e3, 1e12, "Pa"), "Young's modulus of the cortex."]
+    shear: Annotated[float, Number(1e3, 1e12, "Pa"), "Shear modulus of the cortex."]
+    wall: Annotated[float, Number(0.01, 1), "Share of the radius that is cortex; 1 is solid."]
+    flattening: Annotated[
+        float, Number(0.05, 20), "Height of the section (across the vane) over its width."
+    ] = 1.0
+    cortex_density: Annotated[float, Number(1, 2e4, "kg/m^3"), "Density of the cortex."]
+    core_density: Annotated[float, Number(0, 2e4, "kg/m^3"), "Density of the core."] = 0.0
+    loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FeatherKind:
-    """A feather at rest, with its materials; every preset and override is already merged.
-
-    name: name of the kind.
-    length: m, arc length of the rachis with the calamus.
-    calamus: share of the length that is bare.
-    barb_spacing: m, distance of real barbs along the rachis.
-    """
+    """A feather at rest, with its materials; every preset and override is already merged."""
 
     name: str
-    length: float
-    calamus: float
-    barb_spacing: float
-    rachis: RachisShape
-    leading: VaneShape
-    trailing: VaneShape
-    vane_material: VaneMaterial
-    rachis_material: RachisMaterial
+    length: Annotated[float, Number(1e-3, 5, "m"), "Arc length of the rachis with the calamus."]
+    calamus: Annotated[
+        float, Number(0, 0.8), "Share of the length that is bare, from the follicle on."
+    ] = 0.1
+    barb_spacing: Annotated[
+        float, Number(1e-5, 0.02, "m"), "Distance of real barbs along the rachis."
+    ] = 5e-4
+    vane_material: Annotated[
+        VaneMaterial, Preset("material/vane", keys_of(VaneMaterial)), "Material of both vanes."
+    ]
+    rachis_material: Annotated[
+        RachisMaterial,
+        Preset("material/rachis", keys_of(RachisMaterial)),
+        "Material of the shaft.",
+    ]
+    rachis: Annotated[RachisShape, "Shape of the shaft at rest."]
+    leading: Annotated[VaneShape, "The leading vane."]
+    trailing: Annotated[VaneShape, "The trailing vane."]
 
 
 @dataclass(frozen=True)
 class Joint:
     """A node of the skeleton that carries roots.
 
-    position: (3,) m, pivot at rest in the groom's frame.
-    parent: name of the parent joint, empty for none.
-    role: what a motion preset drives it as: "body", "shoulder", "elbow" or "wrist".
-    side: +1 on the bird's left, -1 on its right, 0 in the middle (mirrors the flap).
+    position: (3,). side: +1 on the bird's left, -1 on its right, 0 in the middle (mirrors the
+    flap).
     """
 
-    name: str
-    position: Array
-    parent: str
-    role: str
-    side: int
+    name: Annotated[str, "Name, unique in the groom."]
+    position: Annotated[Array, POSITION, "Pivot at rest."]
+    parent: Annotated[str, Text(empty=True), "Name of the parent joint; empty: none."] = ""
+    role: Annotated[
+        str, Text(("body", "shoulder", "elbow", "wrist")), "What a flap drives it as."
+    ] = "body"
+    side: Annotated[
+        int, Text(("left", "right", "middle")), "Side of the bird.", Default("middle")
+    ] = 0
 
 
 @dataclass(frozen=True)
@@ -196,20 +236,36 @@ class Placement:
 
 @dataclass(frozen=True)
 class Layout:
-    """How feathers are laid over each other at rest.
+    """How feathers are laid over each other at rest."""
 
-    clearance: m, gap that is aimed at. most_tilt: deg, and most_lift: m, by which a feather is
-    raised at most. most_tilt_placed: deg, the same of feathers that no region made. least_size:
-    share of its length down to which a grown feather that does not come clear is shortened.
-    drop: m, depth beyond which it is left out, None: never.
-    """
-
-    clearance: float
-    most_tilt: float
-    most_lift: float
-    most_tilt_placed: float = 20.0
-    least_size: float = 1.0
-    drop: float | None = None
+    clearance: Annotated[
+        float, Number(0, 0.1, "m"), "Gap between feathers, and over the skin, that is aimed at."
+    ] = 1.5e-4
+    most_tilt: Annotated[
+        float,
+        Number(0, 90, "deg"),
+        "Most that a feather of a region is raised and rolled about its root beyond its tilt.",
+    ] = 20.0
+    most_tilt_placed: Annotated[
+        float,
+        Number(0, 90, "deg"),
+        "The same for feathers that no region made, as those of rows.",
+    ] = 20.0
+    most_lift: Annotated[float, Number(0, 0.1, "m"), "Most that a root is lifted off the skin."] = (
+        5e-4
+    )
+    least_size: Annotated[
+        float,
+        Number(0.05, 1),
+        "Feathers of regions that do not come clear are shortened, down to this share of their "
+        "length; 1: none is.",
+    ] = 1.0
+    drop: Annotated[
+        float | None,
+        Number(0, 1, "m"),
+        "Feathers of regions that still pass through others or the skin by more than this are left "
+        "out, as few as will do; by default all are kept.",
+    ] = None
 
 
 @dataclass(frozen=True)

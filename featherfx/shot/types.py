@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.groom.keys.preset import FAMILIES, Quality, Wind
+from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.motion.skin import BoundSkin
@@ -17,159 +19,171 @@ from featherfx.shot.read.sources import TimedSurface, TimedWind
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Quality:
-    """How finely a feather is resolved.
+LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
 
-    rows: rachis rows, columns: barb columns a side, of the meshes and, where nothing else is said,
-    of what is simulated. coefficients: curvature coefficients per barb and direction (0: rigid
-    barbs; -1: chosen by the solver). tolerance: m, error per frame that the sub-stepping aims at.
-    max_substeps: most sub-steps per frame. radius: of the integrator, 0 to 0.9
-    (featherfx/solver/solver.py). simulated_rows: 0: as the meshes; -1: chosen by the
-    solver, at most as many. coarse_below, rachis_below, guided_below, rigid_below: m, feathers
-    shorter than that are simulated with less detail (shot/detail/detail.py). guided_every: of
-    those that are guided by their length, every n-th is a guide.
-    """
-
-    name: str
-    rows: int
-    columns: int
-    coefficients: int
-    tolerance: float
-    max_substeps: int
-    simulated_rows: int = 0
-    coarse_below: float = 0.0
-    rachis_below: float = 0.0
-    rigid_below: float = 0.0
-    radius: float = 0.0
-    guided_below: float = 0.0
-    guided_every: int = 8
+_COLUMN = "Place along the barb: 0 the rachis, 1 the barb's end."
+_VANES = Text(("leading", "trailing"))
+_VANE = "Vane that the barb belongs to."
+_PART = Number(0, 1)
+_PIXELS = Number(0, 1e6)
 
 
-@dataclass(frozen=True)
-class Detail:
-    """How finely some feathers are simulated, whatever their length.
+@dataclass(frozen=True, kw_only=True)
+class SomeFeathers:
+    """Feathers that all three patterns fit."""
 
-    feathers, region, kind: patterns with * and ? as wild cards; all three must fit. level: "full",
-    "coarse", "rachis", "guided" or "rigid". every, spacing: of guided feathers, every n-th is a
-    guide (0: none), and, with a spacing (m), no more guides than leave no feather farther from one.
-    """
-
-    feathers: str
-    level: str
-    region: str = "*"
-    kind: str = "*"
-    every: int = 8
-    spacing: float | None = None
+    feathers: Annotated[str, "Ids, with * and ? as wild cards."] = "*"
+    region: Annotated[str, "Regions, with * and ? as wild cards."] = "*"
+    kind: Annotated[str, "Kinds, with * and ? as wild cards."] = "*"
 
 
-@dataclass(frozen=True)
-class Shelter:
-    """How much of the air's motion against the roots the plumage keeps off some feathers.
+@dataclass(frozen=True, kw_only=True)
+class Detail(SomeFeathers):
+    """How finely some feathers are simulated, whatever their length."""
 
-    share: 0 (none) to 1. feathers, region, kind: patterns, as in Detail.
-    """
+    level: Annotated[
+        str,
+        Text(LEVELS),
+        "full: as the quality says; coarse: half the rows and columns, one coefficient; rachis: "
+        "the shaft alone, with rigid barbs; guided: follows simulated feathers of its region; "
+        "rigid: not simulated, follows its root.",
+    ]
+    every: Annotated[
+        int,
+        Number(0, 100_000, whole=True),
+        "Of guided feathers, every n-th of each region is simulated and guides the others; 0: "
+        "only feathers that are simulated anyway guide.",
+    ] = 8
+    spacing: Annotated[
+        float | None,
+        Number(1e-6, 100, "m"),
+        "Of guided feathers, no more guides than leave none farther from one; `every = 1` lets the "
+        "spacing alone decide.",
+    ] = None
 
-    feathers: str
-    share: float
-    region: str = "*"
-    kind: str = "*"
+
+@dataclass(frozen=True, kw_only=True)
+class Shelter(SomeFeathers):
+    """How much of the air's motion against the roots the plumage keeps off some feathers."""
+
+    share: Annotated[
+        float,
+        _PART,
+        "Share of the air's velocity against the roots that the plumage around keeps off: 0 none, "
+        "as for a feather that stands alone; 1 all.",
+    ]
 
 
 @dataclass(frozen=True)
 class LevelOfDetail:
     """How levels of detail follow what is seen (featherfx/shot/detail/levels.py).
 
-    camera: None: all feathers are seen at pixels_per_metre. image_height: pixels. coarse_below,
-    rachis_below, guided_below, rigid_below: pixels of a feather's length in the picture. outside:
-    level of feathers outside the picture, widened by margin (share of it) on every side. motion:
-    weight of the root's acceleration in gravities. fade: frames of a change, at least.
+    camera: None: all feathers are seen at pixels_per_metre.
     """
 
-    camera: TimedCamera | None
-    pixels_per_metre: float
-    image_height: float
-    coarse_below: float
-    rachis_below: float
-    guided_below: float
-    rigid_below: float
-    outside: str
-    margin: float
-    motion: float
-    fade: int
+    camera: TimedCamera | None = None
+    pixels_per_metre: Annotated[
+        float | None,
+        Number(1e-3, 1e9, "1/m"),
+        "Without a camera: all feathers are seen at this scale.",
+    ] = None
+    image_height: Annotated[float, Number(1, 100_000), "Height of the picture in pixels."] = 1080.0
+    coarse_below: Annotated[
+        float, _PIXELS, "Feathers shorter than this in the picture, in pixels, are coarse."
+    ] = 80.0
+    rachis_below: Annotated[float, _PIXELS, "Of shorter ones only the shaft is simulated."] = 0.0
+    guided_below: Annotated[
+        float, _PIXELS, "Shorter ones follow simulated feathers of their region."
+    ] = 30.0
+    rigid_below: Annotated[float, _PIXELS, "Shorter ones follow their roots."] = 6.0
+    outside: Annotated[str, Text(LEVELS), "Level of feathers outside the picture."] = "rigid"
+    margin: Annotated[
+        float, Number(0, 10), "Share of the picture by which it is widened on every side."
+    ] = 0.1
+    motion: Annotated[
+        float,
+        Number(0, 100),
+        "Sizes count 1 + this times the acceleration of root or tip, in gravities; 0: only what is "
+        "seen counts.",
+    ] = 0.5
+    fade: Annotated[
+        int,
+        Number(1, 1000, whole=True),
+        "Frames that a change takes at least, and that a finer level is there before it is needed.",
+    ] = 8
 
 
-@dataclass(frozen=True)
-class Wind:
-    """A wind field: a mean wind with seeded gusts that travel with it.
-
-    direction: (3,) unit. speed: m/s. gust: share of the speed, root mean square of the gusts.
-    gust_length: m, size of the eddies. air_density: kg/m^3. seed: of the gusts.
-    drag_normal, drag_tangential: force coefficients of the vane across and along its surface.
-    """
-
-    direction: Array
-    speed: float
-    gust: float
-    gust_length: float
-    air_density: float
-    drag_normal: float
-    drag_tangential: float
-    seed: int
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Grip:
     """A material point that is led along a path by a stiff spring.
 
-    feather: id. row: rachis row as a share 0..1. column: share 0..1 of the barb (0: the rachis).
-    side: "leading" or "trailing". displacement: (3,) m in the groom's frame, reached from start
-    to end (s) with zero velocity at both. stiffness: N/m.
+    displacement: (3,), reached with zero velocity at start and end.
     """
 
-    feather: str
-    row: float
-    column: float
-    side: str
-    displacement: Array
-    start: float
-    end: float
-    stiffness: float
+    feather: Annotated[str, "Id of the feather."]
+    row: Annotated[float, _PART, "Place along the rachis: 0 the base, 1 the tip."] = 1.0
+    column: Annotated[float, _PART, _COLUMN] = 0.0
+    side: Annotated[str, _VANES, _VANE] = "leading"
+    displacement: Annotated[
+        Array,
+        vector(-100, 100, "m"),
+        "Way of the gripped point in the groom's frame, from start to end with rest at both.",
+    ]
+    start: Annotated[float, Number(0, 1e5, "s"), "When the grip starts to move."] = 0.0
+    end: Annotated[float, Number(0, 1e5, "s"), "When it has arrived; later than start."]
+    stiffness: Annotated[
+        float, Number(1e-6, 1e7, "N/m"), "Stiffness of the spring that leads the point."
+    ]
 
 
 @dataclass(frozen=True)
 class Contact:
-    """How feathers touch each other.
+    """How feathers touch each other."""
 
-    thickness: m, distance of two vanes' middle surfaces that touch; None: by the vanes' materials.
-    friction: Coulomb's coefficient. steps: common steps of all feathers per frame; 0: by the
-    quality's tolerance.
-    """
-
-    thickness: float | None
-    friction: float
-    steps: int
+    thickness: Annotated[
+        float | None,
+        Number(1e-6, 0.1, "m"),
+        "Distance of the middle surfaces of two vanes that touch; default: the vanes' thickness.",
+    ] = None
+    friction: Annotated[float, Number(0, 2), "Coulomb's coefficient of friction."] = 0.3
+    steps: Annotated[
+        int,
+        Number(0, 10_000, whole=True),
+        "Steps per frame that all feathers take together; 0: by the quality's tolerance.",
+    ] = 0
 
 
 @dataclass(frozen=True)
 class Force:
-    """A dead force: it keeps its direction, however the feather turns.
+    """A dead force. force: (3,). Of a barb's line the row alone counts."""
 
-    feather: id. force: (3,) N in the groom's frame, of a line N/m. line: "point", "rachis" or
-    "barb". row: share 0..1 of the rachis's arc length, and column: share 0..1 of the barb there
-    (0: the rachis), of a point; of a barb the row alone. side: "leading" or "trailing". span:
-    shares of rachis or barb between which a line's force acts. keys: ((s, factor), ...), ascending
-    times, linear between them and constant outside; none: always the whole force.
-    """
-
-    feather: str
-    force: Array
-    line: str
-    row: float
-    column: float
-    side: str
-    span: tuple[float, float]
-    keys: tuple[tuple[float, float], ...]
+    feather: Annotated[str, "Id of the feather."]
+    force: Annotated[
+        Array,
+        vector(-1e6, 1e6, "N"),
+        "Force in the groom's frame, which the feather does not turn; N/m along a line.",
+    ]
+    line: Annotated[
+        str,
+        Text(("point", "rachis", "barb")),
+        "Where it acts: at a point, along the rachis, or along the barb at `row`.",
+    ] = "point"
+    row: Annotated[float, _PART, "Place along the rachis by arc length: 0 the base, 1 the tip."] = (
+        1.0
+    )
+    column: Annotated[float, _PART, _COLUMN] = 0.0
+    side: Annotated[str, _VANES, _VANE] = "leading"
+    span: Annotated[
+        tuple[float, float],
+        ArrayOf(_PART, 2, 2),
+        "Of a line: first and last share that it covers.",
+    ] = (0.0, 1.0)
+    keys: Annotated[
+        tuple[tuple[float, float], ...],
+        ArrayOf(ArrayOf(Number(-1e6, 1e6), 2, 2), 0, 10_000),
+        "[time in s, factor of the force] in ascending time, linear between them and constant "
+        "outside. None: the whole force at all times.",
+    ] = ()
 
 
 @dataclass(frozen=True)
@@ -182,12 +196,11 @@ class Motion:
 
 @dataclass(frozen=True)
 class Shot:
-    """All that a bake needs. frames: first and last, inclusive. gravity: (3,) m/s^2.
+    """All that a bake needs. first_frame, last_frame: both baked. gravity: (3,).
 
     skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
     wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
-    through each other and through colliders. level_of_detail: None: levels do not change. cycle:
-    frames after which what acts repeats, 0 where it does not.
+    through each other and through colliders. level_of_detail: None: levels do not change.
     """
 
     name: str
@@ -195,18 +208,49 @@ class Shot:
     groom: Groom
     first_frame: int
     last_frame: int
-    frames_per_second: float
-    motion: Motion
-    wind: Wind
-    quality: Quality
-    gravity: Array
+    frames_per_second: Annotated[float, Number(1, 1000, "1/s"), "Frames per second.", Default(24.0)]
+    motion: Annotated[
+        Motion,
+        FAMILIES["motion"],
+        "Motion of the roots: a preset, or a table with or without base.",
+        Default("hold"),
+    ]
+    wind: Annotated[
+        Wind, FAMILIES["wind"], "Wind: a preset, or a table with or without base.", Default("calm")
+    ]
+    quality: Annotated[
+        Quality,
+        FAMILIES["quality"],
+        "Resolution: a preset, or a table with or without base.",
+        Default("preview"),
+    ]
+    gravity: Annotated[
+        Array,
+        vector(-1000, 1000, "m/s^2"),
+        "Acceleration of free fall.",
+        Default((0.0, 0.0, -9.81)),
+    ]
     grips: tuple[Grip, ...] = field(default=())
     forces: tuple[Force, ...] = field(default=())
     details: tuple[Detail, ...] = field(default=())
-    settle: bool = True
-    sleep: bool = True
-    coast: bool = True
-    cycle: int = 0
+    sleep: Annotated[
+        bool, "Whether feathers at rest are skipped until root, wind, grip or force wakes them."
+    ] = True
+    coast: Annotated[
+        bool,
+        "Whether feathers at rest against a root that moves evenly on a straight line are carried "
+        "along unstepped; needs `sleep`.",
+    ] = True
+    cycle: Annotated[
+        int,
+        Number(0, 1_000_000, "frames", whole=True),
+        "Frames after which root, wind, grips and forces repeat: once a feather's motion has "
+        "become periodic to within the quality's tolerance, it is replayed instead of stepped. 0: "
+        "never.",
+    ] = 0
+    settle: Annotated[
+        bool, "Whether feathers hang in balance at the first frame, instead of at rest."
+    ] = True
     skin: BoundSkin | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[TimedSurface, ...] = ()

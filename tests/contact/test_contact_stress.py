@@ -123,7 +123,7 @@ def test_a_wing_folds_by_120_degrees_and_ten_beats_run_through():
 
 def test_feathers_of_different_grids_touch_each_other():
     shot = half_wing(bird())
-    details = (Detail("*_02", "coarse"), Detail("*_04", "rachis"))
+    details = (Detail(feathers="*_02", level="coarse"), Detail(feathers="*_04", level="rachis"))
     simulation, frames = baked(replace(shot, details=details), 10)
     assert {r.level for r in simulation.resolutions} == {"full", "coarse", "rachis"}
     contact = simulation.report["contact"]

@@ -37,13 +37,24 @@ def plate():
         bending_across=1e-2,
         loss_factor=0.2,
     )
-    shaft = RachisMaterial(5e11, 1.5e11, 1.0, 1.0, 1.0, 1.0, 0.2)
+    shaft = RachisMaterial(
+        young=5e11, shear=1.5e11, wall=1.0, cortex_density=1.0, core_density=1.0, loss_factor=0.2
+    )
     width = WIDTH / LENGTH
     side = VaneShape(
         ((0.0, 0.0), (0.0, width), (1.0, width), (1.0, 0.0)), (BarbGuide(0.5, 90.0, 0.0, 0.0),)
     )
     straight = RachisShape(1e-3, 1e-3, 1.0, 0.0, 0.0, 0.0)
-    return FeatherKind("plate", LENGTH, 0.0, 5e-4, straight, side, side, vane, shaft)
+    return FeatherKind(
+        name="plate",
+        length=LENGTH,
+        calamus=0.0,
+        rachis=straight,
+        leading=side,
+        trailing=side,
+        vane_material=vane,
+        rachis_material=shaft,
+    )
 
 
 def test_terminal_speed_is_the_balance_of_weight_and_quadratic_drag():

@@ -55,7 +55,15 @@ def curved_kind() -> FeatherKind:
         leading=leading,
         trailing=trailing,
         vane_material=VANE,
-        rachis_material=RachisMaterial(5e9, 1.5e9, 0.2, 0.9, 1300.0, 100.0, 0.0),
+        rachis_material=RachisMaterial(
+            young=5e9,
+            shear=1.5e9,
+            wall=0.2,
+            flattening=0.9,
+            cortex_density=1300.0,
+            core_density=100.0,
+            loss_factor=0.0,
+        ),
     )
 
 

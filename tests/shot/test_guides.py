@@ -45,7 +45,9 @@ def row_of(count: int, frames: int = 5, spread: float = 0.02) -> Shot:
 
 
 def guided(shot: Shot, pattern: str = "*", **values: object) -> Shot:
-    return replace(shot, details=(*shot.details, Detail(pattern, "guided", **values)))
+    return replace(
+        shot, details=(*shot.details, Detail(feathers=pattern, level="guided", **values))
+    )
 
 
 def test_a_follower_of_a_like_guide_with_like_motion_is_that_guide() -> None:
@@ -203,7 +205,7 @@ def test_what_cannot_be_guided_is_told() -> None:
     simulation = simulate(
         replace(
             guided(row_of(3, 1), every=0),
-            details=(Detail("*", "guided", every=0), Detail("f1", "full")),
+            details=(Detail(level="guided", every=0), Detail(feathers="f1", level="full")),
         )
     )
     list(simulation)

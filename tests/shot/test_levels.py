@@ -66,7 +66,7 @@ def apart(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def test_full_detail_and_no_detail_are_the_same_bytes() -> None:
-    plain, named = shaken(), replace(shaken(), details=(Detail("*", "full"),))
+    plain, named = shaken(), replace(shaken(), details=(Detail(level="full"),))
     assert run(plain)[1].tobytes() == run(named)[1].tobytes()
     many = replace(plain, quality=replace(plain.quality, simulated_rows=21))
     assert run(plain)[1].tobytes() == run(many)[1].tobytes()
@@ -76,7 +76,7 @@ def test_full_detail_and_no_detail_are_the_same_bytes() -> None:
 def test_less_detail_keeps_the_mesh_and_stays_near(level: str, allowed: float) -> None:
     shot = shaken()
     _, full = run(shot)
-    simulation, less = run(replace(shot, details=(Detail("feat*", level),)))
+    simulation, less = run(replace(shot, details=(Detail(feathers="feat*", level=level),)))
     assert less.shape == full.shape
     assert simulation.feathers[0].rows == 21
     assert simulation.resolutions[0].level == level
@@ -96,12 +96,14 @@ def test_lengths_choose_levels_and_patterns_win() -> None:
     ):
         chosen = replace(shot, quality=replace(shot.quality, **below))
         assert run(chosen)[0].resolutions[0].level == level
-    pinned = replace(chosen, details=(Detail("*", "rachis"), Detail("feather", "full")))
+    pinned = replace(
+        chosen, details=(Detail(level="rachis"), Detail(feathers="feather", level="full"))
+    )
     assert run(pinned)[0].resolutions[0].level == "full"
 
 
 def test_a_rigid_feather_is_its_rest_shape_with_the_rates_of_its_root() -> None:
-    shot = replace(led((1.0, 0.0, 0.5), turn=90.0), details=(Detail("*", "rigid"),))
+    shot = replace(led((1.0, 0.0, 0.5), turn=90.0), details=(Detail(level="rigid"),))
     simulation = simulate(shot)
     frames = list(simulation)
     fine = list(simulate(shot, subframes=32))
@@ -141,7 +143,7 @@ def test_wrong_details_are_told(tmp_path: Path) -> None:
 def test_a_rigid_feather_cannot_be_pulled() -> None:
     shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
     with pytest.raises(InputError, match="'feather' is rigid, but a grip"):
-        list(simulate(replace(shot, details=(Detail("*", "rigid"),))))
+        list(simulate(replace(shot, details=(Detail(level="rigid"),))))
 
 
 @pytest.mark.parametrize("stiffer", [1.0, 100.0])

@@ -30,7 +30,7 @@ def one_feather(speed: float, share: float | None, gust: float = 0.3) -> Shot:
         grips=(),
         wind=wind,
         quality=replace(shot.quality, rows=9, columns=3, coefficients=1, simulated_rows=0),
-        shelters=() if share is None else (Shelter("*", share),),
+        shelters=() if share is None else (Shelter(share=share),),
     )
 
 
@@ -73,7 +73,14 @@ def test_air_in_the_plumage_goes_with_the_body() -> None:
 def test_the_last_shelter_that_fits_holds_and_patterns_must_fit(tmp_path: Path) -> None:
     shot = one_feather(1.0, 0.4)
     name = shot.groom.feathers[0].id
-    both = replace(shot, shelters=(Shelter("*", 0.4), Shelter(name, 0.9), Shelter("none", 0.1)))
+    both = replace(
+        shot,
+        shelters=(
+            Shelter(share=0.4),
+            Shelter(feathers=name, share=0.9),
+            Shelter(feathers="none", share=0.1),
+        ),
+    )
     assert exposures(both) == pytest.approx(0.1)
     path = tmp_path / "shot.toml"
     groom = SAMPLES / "feather_pull" / "groom.toml"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.preset import FEATHER, is_list, is_table, names_or_list, vector
+from featherfx.groom.keys.preset import FEATHER, names_or_list
 from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN
 from featherfx.groom.keys.values import (
-    Array,
+    ArrayOf,
     Direction,
     Either,
     Flag,
@@ -15,7 +15,10 @@ from featherfx.groom.keys.values import (
     Partial,
     Table,
     Text,
+    keys_of,
+    vector,
 )
+from featherfx.groom.types import POSITION, Joint
 
 MOST_FEATHERS = 1_000_000
 
@@ -34,7 +37,6 @@ DEFAULT_NAMES = {
 }
 
 _LABEL = Text(empty=True)
-_POSITION = vector(-1e4, 1e4, "m")
 _FACTOR = Number(0.01, 100)
 _DIRECTION = Key(Direction(), "Direction of the shaft as it leaves the follicle.", None)
 _UP = Key(Direction(), "Dorsal side; need not be square to the direction.", None)
@@ -60,17 +62,10 @@ _ROLL = Key(
     "Turning of the root about the shaft; positive lifts the leading vane.",
     0.0,
 )
-_SOME_FEATHER_KEYS = Partial(Table(FEATHER, "table"))
+_SOME_FEATHER_KEYS = Partial(Table(FEATHER))
 _KIND = Key(Text(), "Name of a feather preset.")
 
-JOINT = {
-    "name": Key(Text(), "Name, unique in the groom."),
-    "position": Key(_POSITION, "Pivot at rest."),
-    "parent": Key(_LABEL, "Name of the parent joint; empty: none.", ""),
-    "role": Key(Text(("body", "shoulder", "elbow", "wrist")), "What a flap drives it as.", "body"),
-    "side": Key(Text(("left", "right", "middle")), "Side of the bird.", "middle"),
-    "mirror": _MIRROR,
-}
+JOINT = keys_of(Joint) | {"mirror": _MIRROR}
 
 CHANGE = FEATHER | {
     "scale": _SCALE,
@@ -81,7 +76,7 @@ CHANGE = FEATHER | {
 FEATHER_ENTRY = {
     "id": Key(Text(), "Name, unique in the groom."),
     "kind": _KIND,
-    "position": Key(_POSITION, "Place of the follicle."),
+    "position": Key(POSITION, "Place of the follicle."),
     "direction": _DIRECTION,
     "up": _UP,
     "rotation": Key(
@@ -103,7 +98,7 @@ FEATHER_ENTRY = {
 }
 
 ROOT = {
-    "position": Key(_POSITION, "Place of the follicle."),
+    "position": Key(POSITION, "Place of the follicle."),
     "direction": Key(Direction(), "Direction of the shaft."),
     "up": Key(Direction(), "Dorsal side."),
 }
@@ -112,7 +107,7 @@ CURVE = {
     "usd": Key(Text(), "USD file, as seen from the groom's folder."),
     "prim": Key(Text(), "Path of the BasisCurves, which hold one curve, or of a Skeleton."),
     "joints": Key(
-        Array(Text(), 0, 10_000),
+        ArrayOf(Text(), 0, 10_000),
         "Joints of the Skeleton, by path or last name: the roots stand on the straight lines from "
         "one to the next, in the bind pose.",
         (),
@@ -132,19 +127,19 @@ ROW = {
     "first": Key(Table(ROOT, "table of a root"), "Root of the first feather."),
     "last": Key(Table(ROOT, "table of a root"), "Root of the last feather."),
     "path": Key(
-        Array(_POSITION, 2, 10_000),
+        ArrayOf(POSITION, 2, 10_000),
         "Polyline that the roots stand on, at equal distances, instead of the straight line from "
         "first.position to last.position.",
         None,
     ),
     "curve": Key(
-        Table(CURVE, "table"),
+        Table(CURVE),
         "A curve of a USD file that the roots stand on, at equal distances, as a bone or the edge "
         "of a wing, instead of `path`.",
         None,
     ),
     "scale": Key(
-        Array(_FACTOR, 2, 2), "Factors of length and diameters, first and last.", (1.0, 1.0)
+        ArrayOf(_FACTOR, 2, 2), "Factors of length and diameters, first and last.", (1.0, 1.0)
     ),
     "width": _WIDTH,
     "roll": _ROLL,
@@ -191,7 +186,7 @@ USD_NAMES = {name: _NAME for name in DEFAULT_NAMES}
 USD = {
     "file": Key(Text(), "USD file beside the groom: curves, condensed feathers, instancers."),
     "prims": Key(
-        Array(Text(), 0, 10_000),
+        ArrayOf(Text(), 0, 10_000),
         "Paths of the prims to read, with all below them; empty: the whole stage.",
         (),
     ),
@@ -210,7 +205,7 @@ USD = {
         None,
     ),
     "names": Key(
-        Partial(Table(USD_NAMES, "table")),
+        Partial(Table(USD_NAMES)),
         "Primvars by what they hold; default: " + ", ".join(DEFAULT_NAMES.values()) + ".",
         {},
     ),
@@ -237,41 +232,39 @@ VARIATION = {
 }
 
 
-_TABLES = Array(Table(TABLE, "table"), 0, 1000)
-
 GROOM = {
     "name": Key(Text(), "Name of the groom."),
-    "joint": Key(Array(Table(JOINT, "table"), 0, 10_000), "Joints of the skeleton.", ()),
+    "joint": Key(ArrayOf(Table(JOINT), 0, 10_000), "Joints of the skeleton.", ()),
     "feather": Key(
-        Array(Table(FEATHER_ENTRY, "table"), 0, MOST_FEATHERS), "Feathers placed one by one.", ()
+        ArrayOf(Table(FEATHER_ENTRY), 0, MOST_FEATHERS), "Feathers placed one by one.", ()
     ),
-    "row": Key(Array(Table(ROW, "table"), 0, 10_000), "Rows of feathers.", ()),
+    "row": Key(ArrayOf(Table(ROW), 0, 10_000), "Rows of feathers.", ()),
     "table": Key(
-        Either(((is_list, _TABLES), (is_table, Table(TABLE, "table")))),
+        Either({list: ArrayOf(Table(TABLE), 0, 1000), dict: Table(TABLE)}),
         "Feathers from files, one table or several.",
         (),
     ),
     "usd": Key(
-        Either(((is_list, Array(Table(USD, "table"), 0, 1000)), (is_table, Table(USD, "table")))),
+        Either({list: ArrayOf(Table(USD), 0, 1000), dict: Table(USD)}),
         "Feathers drawn in USD scenes, one table or several.",
         (),
     ),
-    "skin": Key(Table(SKIN, "table"), "Mesh that regions grow on.", None),
+    "skin": Key(Table(SKIN), "Mesh that regions grow on.", None),
     "region": Key(
-        Array(Table(REGION, "table"), 0, 10_000), "Regions of the skin with their feathers.", ()
+        ArrayOf(Table(REGION), 0, 10_000), "Regions of the skin with their feathers.", ()
     ),
     "layout": Key(
-        Table(LAYOUT, "table"),
+        Table(LAYOUT),
         "Lay the feathers over each other like shingles; without it they stay as placed.",
         None,
     ),
     "overrides": Key(
-        Named(Partial(Table(CHANGE, "table"))),
+        Named(Partial(Table(CHANGE))),
         'By feather id, with * and ? as wild cards: "primary_*" = { rachis.camber = 5 }. Any key '
         "of a feather preset, and scale, width (both multiply) and roll (adds). Applied in order.",
         {},
     ),
-    "variation": Key(Table(VARIATION, "table"), "Seeded variation of all feathers.", None),
+    "variation": Key(Table(VARIATION), "Seeded variation of all feathers.", None),
 }
 
 GROOM_FILE = Table(GROOM, "groom")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.preset import FEATHER, is_table, is_text, names_or_list, vector
+from featherfx.groom.keys.preset import FEATHER, names_or_list
 from featherfx.groom.keys.values import (
-    Array,
+    ArrayOf,
     Direction,
     Either,
     Flag,
@@ -13,12 +13,15 @@ from featherfx.groom.keys.values import (
     Partial,
     Table,
     Text,
+    keys_of,
 )
+from featherfx.groom.types import POSITION, Layout
 
 MOST_SCATTERED = 200_000
 
-_POINT = vector(-1e4, 1e4, "m")
-_RANGE = Array(Number(-1e4, 1e4, "m"), 2, 2)
+LAYOUT = keys_of(Layout)
+
+_RANGE = ArrayOf(Number(-1e4, 1e4, "m"), 2, 2)
 
 SKIN = {
     "usd": Key(Text(), "USD file that holds the skin, as seen from the groom's folder."),
@@ -45,10 +48,10 @@ WHERE = {
         None,
     ),
     "box": Key(
-        Array(_POINT, 2, 2), "1 within a box, given by its least and greatest corner.", None
+        ArrayOf(POSITION, 2, 2), "1 within a box, given by its least and greatest corner.", None
     ),
     "sphere": Key(
-        Array(Number(-1e4, 1e4, "m"), 4, 4), "1 within a sphere: centre and radius.", None
+        ArrayOf(Number(-1e4, 1e4, "m"), 4, 4), "1 within a sphere: centre and radius.", None
     ),
     "x": Key(_RANGE, "1 between two values of x.", None),
     "y": Key(_RANGE, "1 between two values of y.", None),
@@ -72,11 +75,11 @@ WHERE = {
 
 FLOW = {
     "direction": Key(Direction(), "Combed along one direction, laid onto the skin.", None),
-    "away": Key(_POINT, "Combed away from a point.", None),
-    "towards": Key(_POINT, "Combed towards a point.", None),
+    "away": Key(POSITION, "Combed away from a point.", None),
+    "towards": Key(POSITION, "Combed towards a point.", None),
     "primvar": Key(Text(), "Vector primvar of the skin.", None),
     "curves": Key(
-        Array(Text(), 1, 10_000),
+        ArrayOf(Text(), 1, 10_000),
         "Paths of guide curves in the skin's file: tangents of the nearest ones, by distance.",
         None,
     ),
@@ -98,7 +101,7 @@ REGION_KIND = {
     "name": Key(Text(), "Name of a feather preset."),
     "share": Key(Number(0, 1e6), "How much of it there is, against the other kinds.", 1.0),
     "where": Key(
-        Array(Table(WHERE, "table"), 0, 100),
+        ArrayOf(Table(WHERE), 0, 100),
         "Rules as of a region; the share is multiplied by their product, so maps choose kinds. "
         "Where no kind has a share, the first is taken.",
         (),
@@ -110,13 +113,13 @@ _NO_SPREAD = {name: key.default for name, key in SPREAD.items()}
 REGION = {
     "id": Key(Text(), "Start of the ids, and the region's label; a stable number follows."),
     "kind": Key(
-        names_or_list(Either(((is_table, Table(REGION_KIND, "table")), (is_text, Text()))), 100),
+        names_or_list(Either({dict: Table(REGION_KIND), str: Text()}), 100),
         "Name of a feather preset, or an array of names and tables: kinds that mix, each feather's "
         "drawn by their shares.",
     ),
     "prim": Key(Text(), "Path of the mesh; default: that of [skin].", None),
     "where": Key(
-        Array(Table(WHERE, "table"), 0, 100),
+        ArrayOf(Table(WHERE), 0, 100),
         "How much of the region there is at a place, 0 to 1: the product of all rules; without any "
         "the whole skin.",
         (),
@@ -124,7 +127,7 @@ REGION = {
     "density": Key(Number(0, 1e9, "1/m^2"), "Feathers per area where the region is whole.", None),
     "count": Key(Number(0, 1_000_000, whole=True), "Feathers in all, instead of density.", None),
     "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed of places and variation.", 1),
-    "flow": Key(Table(FLOW, "table"), "Direction of the shafts along the skin."),
+    "flow": Key(Table(FLOW), "Direction of the shafts along the skin."),
     "length": Key(Number(1e-4, 10, "m"), "Length of the feathers; default: the kind's.", None),
     "fit": Key(
         Number(0.01, 100),
@@ -160,41 +163,12 @@ REGION = {
         "Wing that the feathers are shaped for; auto: left where y is above 0.",
         "auto",
     ),
-    "variation": Key(Table(SPREAD, "table"), "Seeded variation.", _NO_SPREAD),
+    "variation": Key(Table(SPREAD), "Seeded variation.", _NO_SPREAD),
     "variants": Key(
         Number(0, 10_000, whole=True),
         "Different shapes that width and curl vary over, so that feathers repeat and can be "
         "instanced; 0: every feather its own.",
         16,
     ),
-    "overrides": Key(
-        Partial(Table(FEATHER, "table")), "Any key of a feather preset, for this region.", {}
-    ),
-}
-
-LAYOUT = {
-    "clearance": Key(
-        Number(0, 0.1, "m"), "Gap between feathers, and over the skin, that is aimed at.", 1.5e-4
-    ),
-    "most_tilt": Key(
-        Number(0, 90, "deg"),
-        "Most that a feather of a region is raised and rolled about its root beyond its tilt.",
-        20.0,
-    ),
-    "most_tilt_placed": Key(
-        Number(0, 90, "deg"), "The same for feathers that no region made, as those of rows.", 20.0
-    ),
-    "most_lift": Key(Number(0, 0.1, "m"), "Most that a root is lifted off the skin.", 5e-4),
-    "least_size": Key(
-        Number(0.05, 1),
-        "Feathers of regions that do not come clear are shortened, down to this share of their "
-        "length; 1: none is.",
-        1.0,
-    ),
-    "drop": Key(
-        Number(0, 1, "m"),
-        "Feathers of regions that still pass through others or the skin by more than this are left "
-        "out, as few as will do; by default all are kept.",
-        None,
-    ),
+    "overrides": Key(Partial(Table(FEATHER)), "Any key of a feather preset, for this region.", {}),
 }

@@ -1,6 +1,7 @@
 """What a file may hold, as data: each key with its type, unit, range, default and meaning.
 
-The same declarations check what users write, fill defaults in, and generate docs/reference.md.
+The same declarations check what users write, fill defaults in, and generate docs/reference.md and
+the JSON Schemas. Keys that become fields of a dataclass are declared there (see `keys_of`).
 Checking never stops at the first fault: everything that is wrong goes to one list.
 """
 
@@ -8,9 +9,10 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from functools import cached_property
+from typing import Annotated, Any, Protocol, get_args, get_origin, get_type_hints
 
 from featherfx.errors import InputError, Problem
 
@@ -61,14 +63,23 @@ class Place:
         return INVALID
 
 
+JsonSchema = dict[str, Any]
+
+
 class ValueType(Protocol):
-    """How one value is checked and described."""
+    """How one value is checked and described.
+
+    partial: whether keys of a table may be left out, as in what extends a preset.
+    """
 
     def check(self, value: Any, place: Place, partial: bool) -> Any:
         """The value as the program uses it, or INVALID after place.fail()."""
 
     def describe(self) -> tuple[str, str, str]:
         """Type, unit and allowed range, for people."""
+
+    def schema(self, partial: bool) -> JsonSchema:
+        """The same as JSON Schema, in words that drafts 4 to 2020-12 share."""
 
 
 def shown(value: Any) -> str:
@@ -115,6 +126,10 @@ class Number:
     def describe(self) -> tuple[str, str, str]:
         return "integer" if self.whole else "number", self.unit, self._range()
 
+    def schema(self, partial: bool) -> JsonSchema:
+        kind = "integer" if self.whole else "number"
+        return {"type": kind, "minimum": self.low, "maximum": self.high}
+
     def _range(self) -> str:
         return f"{self.low:.10g} to {self.high:.10g}"
 
@@ -133,6 +148,9 @@ class Flag:
 
     def describe(self) -> tuple[str, str, str]:
         return "boolean", "", "true, false"
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return {"type": "boolean"}
 
 
 @dataclass(frozen=True)
@@ -154,9 +172,14 @@ class Text:
     def describe(self) -> tuple[str, str, str]:
         return "text", "", ", ".join(f'"{choice}"' for choice in self.choices)
 
+    def schema(self, partial: bool) -> JsonSchema:
+        if self.choices:
+            return {"type": "string", "enum": list(self.choices)}
+        return {"type": "string"} if self.empty else {"type": "string", "minLength": 1}
+
 
 @dataclass(frozen=True)
-class Array:
+class ArrayOf:
     """An array of equal items, its length within [least, most]; a tuple when checked."""
 
     item: ValueType
@@ -175,8 +198,17 @@ class Array:
         kind, unit, allowed = self.item.describe()
         return f"array of {self._count()} {kind}", unit, allowed
 
+    def schema(self, partial: bool) -> JsonSchema:
+        sizes = {"minItems": self.least, "maxItems": self.most}
+        return {"type": "array", "items": self.item.schema(False)} | sizes
+
     def _count(self) -> str:
         return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
+
+
+def vector(low: float, high: float, unit: str) -> ArrayOf:
+    """Three numbers."""
+    return ArrayOf(Number(low, high, unit), 3, 3)
 
 
 @dataclass(frozen=True)
@@ -184,36 +216,45 @@ class Direction:
     """Three numbers that are not all zero; a unit vector when checked."""
 
     def check(self, value: Any, place: Place, partial: bool) -> Any:
-        vector = Array(Number(-1e6, 1e6), 3, 3).check(value, place, partial)
-        if vector is INVALID:
+        numbers = _DIRECTION.check(value, place, partial)
+        if numbers is INVALID:
             return INVALID
-        norm = math.hypot(*vector)
+        norm = math.hypot(*numbers)
         if norm < 1e-9:
             return place.fail("a direction cannot be zero")
-        return tuple(each / norm for each in vector)
+        return tuple(each / norm for each in numbers)
 
     def describe(self) -> tuple[str, str, str]:
         return "array of 3 number", "", "not zero; made a unit vector"
 
+    def schema(self, partial: bool) -> JsonSchema:
+        return _DIRECTION.schema(partial) | {"not": {"items": {"enum": [0]}}}
+
+
+_DIRECTION = vector(-1e6, 1e6, "")
+
 
 @dataclass(frozen=True)
 class Either:
-    """The first of several types whose kind of value fits (decided by `fits`)."""
+    """One of several types, each for another kind of TOML value."""
 
-    options: tuple[tuple[Callable[[Any], bool], ValueType], ...]
+    options: Mapping[type, ValueType]
 
     def check(self, value: Any, place: Place, partial: bool) -> Any:
-        for fits, option in self.options:
-            if fits(value):
-                return option.check(value, place, partial)
-        names = " or ".join(option.describe()[0] for _, option in self.options)
+        option = self.options.get(type(value))
+        if option is not None:
+            return option.check(value, place, partial)
+        names = " or ".join(option.describe()[0] for option in self.options.values())
         return place.fail(f"{shown(value)} is not allowed here, expects {names}")
 
     def describe(self) -> tuple[str, str, str]:
-        parts = [option.describe() for _, option in self.options]
+        parts = [option.describe() for option in self.options.values()]
         units = dict.fromkeys(part[1] for part in parts if part[1])
         ranges = dict.fromkeys(part[2] for part in parts if part[2])
         return " or ".join(part[0] for part in parts), " or ".join(units), "; ".join(ranges)
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return {"anyOf": [option.schema(partial) for option in self.options.values()]}
 
 
 @dataclass(frozen=True)
@@ -223,6 +264,56 @@ class Key:
     type: ValueType
     meaning: str
     default: Any = REQUIRED
+
+    def schema(self, partial: bool) -> JsonSchema:
+        """JSON Schema of the value, with meaning, unit and default."""
+        unit = self.type.describe()[1]
+        result = self.type.schema(partial)
+        result["description"] = f"{self.meaning} Unit: {unit}." if unit else self.meaning
+        if self.default is not REQUIRED and self.default is not None:
+            result["default"] = self.default
+        return result
+
+
+@dataclass(frozen=True)
+class Default:
+    """What a key that is left out stands for, where the field holds another kind of object."""
+
+    value: Any
+
+
+def keys_of(declared: type) -> dict[str, Key]:
+    """The keys that the fields of a dataclass declare.
+
+    A field is a key where it is Annotated with its meaning, and with a value type unless it is a
+    bool, a text or a dataclass of keys. Its default is the field's, or that of a Default.
+    """
+    hints = get_type_hints(declared, include_extras=True)
+    return {
+        each.name: _declared_key(each, hints[each.name])
+        for each in fields(declared)
+        if get_origin(hints[each.name]) is Annotated
+    }
+
+
+def _declared_key(declared: Field[Any], hint: Any) -> Key:
+    held, *notes = get_args(hint)
+    default = REQUIRED if declared.default is MISSING else declared.default
+    kind: ValueType | None = None
+    for note in notes:
+        if isinstance(note, str):
+            meaning = note
+        elif isinstance(note, Default):
+            default = note.value
+        else:
+            kind = note
+    return Key(kind or _plain_type(held), meaning, default)
+
+
+def _plain_type(held: type) -> ValueType:
+    if is_dataclass(held):
+        return Table(keys_of(held))
+    return Flag() if held is bool else Text()
 
 
 @dataclass(frozen=True)
@@ -263,6 +354,14 @@ class Table:
     def describe(self) -> tuple[str, str, str]:
         return self.title, "", ""
 
+    def schema(self, partial: bool) -> JsonSchema:
+        required = [name for name, key in self.keys.items() if key.default is REQUIRED]
+        return {
+            "type": "object",
+            "properties": {name: key.schema(partial) for name, key in self.keys.items()},
+            "additionalProperties": False,
+        } | ({"required": required} if required and not partial else {})
+
 
 @dataclass(frozen=True)
 class Named:
@@ -283,6 +382,9 @@ class Named:
     def describe(self) -> tuple[str, str, str]:
         return self.title, "", ""
 
+    def schema(self, partial: bool) -> JsonSchema:
+        return {"type": "object", "additionalProperties": self.item.schema(partial)}
+
 
 @dataclass(frozen=True)
 class Partial:
@@ -295,6 +397,91 @@ class Partial:
 
     def describe(self) -> tuple[str, str, str]:
         return self.table.describe()
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return self.table.schema(True)
+
+
+_BASE = Key(
+    Text(),
+    "Preset of the same family that this one starts from. In a user's folder, a preset that "
+    "names itself extends the shipped one.",
+    None,
+)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A preset of a family by its name, or a table that extends one: a table with `base`, checked.
+
+    keys: of the family. kinds: where a preset has a `kind`, the keys of each, which are no other
+    kind's.
+    """
+
+    family: str
+    keys: Mapping[str, Key]
+    kinds: Mapping[str, Mapping[str, Key]] = field(default_factory=dict)
+
+    def check(self, value: Any, place: Place, partial: bool) -> Any:
+        if isinstance(value, str):
+            value = {"base": value}
+        return self.extended.check(value, place, True)
+
+    def describe(self) -> tuple[str, str, str]:
+        return f"name of a {self.family} preset, or a table that extends one", "", ""
+
+    @cached_property
+    def extended(self) -> Table:
+        """The table of a preset file: the keys and `base`, of which any may be left out."""
+        return Table({"base": _BASE, **self.keys}, f"{self.family} preset")
+
+    def finished(self, kind: str = "") -> Table:
+        """The keys that a preset must have once it is merged with its bases."""
+        if kind in self.kinds:
+            return Table(self.kinds[kind], f"{self.family} of kind {kind}")
+        return Table(self.keys, f"{self.family} preset")
+
+    def schema(self, partial: bool) -> JsonSchema:
+        named = {"type": "string", "minLength": 1}
+        table: JsonSchema = {"$ref": "#/$defs/" + self.family.replace("/", "_")}
+        return {"anyOf": [named, table if partial else {"allOf": [table, self.complete()]}]}
+
+    def definition(self) -> JsonSchema:
+        """JSON Schema of a preset file that may lack any key, to refer to by the family's name."""
+        result = self.extended.schema(True) | {"title": f"{self.family} preset"}
+        if self.kinds:
+            kinds = [self._only(kind) for kind in self.kinds]
+            result["anyOf"] = [{"not": {"required": ["kind"]}}, *kinds]
+        return result
+
+    def _only(self, kind: str) -> JsonSchema:
+        names: JsonSchema = {name: {} for name in ("base", *self.kinds[kind])}
+        return {
+            "properties": names | {"kind": {"enum": [kind]}},
+            "additionalProperties": False,
+        }
+
+    def complete(self) -> JsonSchema:
+        """JSON Schema of what a preset file must hold besides: a base, or all without default."""
+        kinds = [
+            {"properties": {"kind": {"enum": [kind]}}} | _needed(self.finished(kind))
+            for kind in self.kinds
+        ]
+        return {"anyOf": [{"required": ["base"]}, *(kinds or [_needed(self.finished())])]}
+
+
+def _needed(table: Table) -> JsonSchema:
+    """JSON Schema that asks for a table's keys without default, and no more."""
+    result: JsonSchema = {
+        "required": [name for name, key in table.keys.items() if key.default is REQUIRED]
+    }
+    within: dict[str, JsonSchema] = {}
+    for name, key in table.keys.items():
+        if isinstance(key.type, Table):
+            within[name] = _needed(key.type)
+        elif isinstance(key.type, Preset):
+            within[name] = {"anyOf": [{"type": "string"}, key.type.complete()]}
+    return result | ({"properties": within} if within else {})
 
 
 def expected(kind: ValueType) -> str:

@@ -8,8 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from featherfx.groom.keys.preset import Preset, extended, family_keys
-from featherfx.groom.keys.values import REQUIRED, Key, Place, Problems, Table, expected, nearest
+from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.values import (
+    REQUIRED,
+    Key,
+    Place,
+    Preset,
+    Problems,
+    Table,
+    expected,
+    nearest,
+)
 from featherfx.groom.read.toml_file import load_toml
 
 ENVIRONMENT_VARIABLE = "FEATHERFX_PRESETS"
@@ -162,7 +171,7 @@ class Library:
             return None
         place = Place(source, "", self.problems)
         count = len(self.problems)
-        checked = extended(family).check(raw, place, True)
+        checked = FAMILIES[family].extended.check(raw, place, True)
         broken = len(self.problems) > count
         tree = sourced(checked, source) if isinstance(checked, dict) else {"base": None}
         if broken and isinstance(raw.get("base"), str):
@@ -175,7 +184,7 @@ class Library:
     def finish(self, family: str, tree: Tree, place: Place) -> Tree | None:
         """The tree with materials resolved and defaults filled in; None after adding problems."""
         kind = tree.get("kind")
-        table = family_keys(family, kind.value if isinstance(kind, Sourced) else "")
+        table = FAMILIES[family].finished(kind.value if isinstance(kind, Sourced) else "")
         return self._finish(table, tree, place)
 
     def _finish(self, table: Table, tree: Tree, place: Place) -> Tree | None:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import Problem
-from featherfx.groom.keys.preset import FAMILIES, Preset, family_keys
-from featherfx.groom.keys.values import Place, Problems, Table, nearest
+from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.values import Place, Preset, Problems, Table, nearest
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree
 
@@ -101,7 +101,7 @@ def show(name: str, preset_folders: Iterable[str | Path] = ()) -> str:
     """
     family, tree = load_preset(name, preset_folders)
     kind = tree["kind"].value if "kind" in tree else ""
-    lines = list(_lines(family_keys(family, kind), tree, ""))
+    lines = list(_lines(FAMILIES[family].finished(kind), tree, ""))
     width = min(48, max(len(text) for text, _ in lines))
     shown = [f"{text.ljust(width)}  # {note}" for text, note in lines]
     return "\n".join([f"# {family} preset {name.rpartition('/')[2]}", *shown])
@@ -110,7 +110,7 @@ def show(name: str, preset_folders: Iterable[str | Path] = ()) -> str:
 def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
     for name, key in table.keys.items():
         value: Any = tree[name]
-        inner = family_keys(key.type.family) if isinstance(key.type, Preset) else key.type
+        inner = key.type.finished() if isinstance(key.type, Preset) else key.type
         if isinstance(value, Sourced):
             unit = key.type.describe()[1]
             note = f"{unit}, {value.source}" if unit else value.source

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from featherfx.groom.keys.preset import FAMILIES, extended
+from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import Problems, Table
 
 _POSITION = re.compile(r"^(?P<what>.*) \(at (?P<where>.*)\)$", re.DOTALL)
@@ -48,7 +48,7 @@ def file_kind(raw: dict[str, Any], path: Path, others: Mapping[str, Table]) -> s
     for family in FAMILIES:
         if folder.endswith(f"/{family}"):
             return family
-    tables = dict(others) | {family: extended(family) for family in FAMILIES}
+    tables = dict(others) | {name: family.extended for name, family in FAMILIES.items()}
     known = {name: sum(key in table.keys for key in raw) for name, table in tables.items()}
     best = max(known, key=lambda name: known[name])
     return best if known[best] else ""

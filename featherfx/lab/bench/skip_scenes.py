@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from featherfx.shot.detail.view import TimedCamera, View
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.read.keys import LEVEL_OF_DETAIL
 from featherfx.shot.types import LevelOfDetail, Motion, Shot
 
 Array = NDArray[np.float64]
@@ -43,14 +42,10 @@ def backing_away(shot: Shot) -> Shot:
     lengths = np.array([p.kind.length for p in shot.groom.feathers])
     roots, _ = root_motion(shot).frames(0.0)
     size = float(np.linalg.norm(np.ptp(roots, axis=0))) + 2.0 * float(lengths.max())
-    keys = {name: key.default for name, key in LEVEL_OF_DETAIL.items()}
-    height = float(keys["image_height"])
-    far = height * float(lengths.mean()) / (10.0 * 0.45)
+    far = LevelOfDetail().image_height * float(lengths.mean()) / (10.0 * 0.45)
     duration = (shot.last_frame - shot.first_frame) / shot.frames_per_second
     dolly = _Dolly(roots.mean(axis=0), 2.0 * size, max(far, 2.0 * size), max(duration, 1e-3))
-    left_out = ("enabled", "usd", "prim", "start", "pixels_per_metre")
-    values = {name: value for name, value in keys.items() if name not in left_out}
-    rules = LevelOfDetail(camera=TimedCamera(dolly, 0.0), pixels_per_metre=0.0, **values)
+    rules = LevelOfDetail(camera=TimedCamera(dolly, 0.0))
     return replace(undecided(shot), level_of_detail=rules)
 
 

@@ -74,7 +74,7 @@ def _quality(**values: Any) -> Change:
 
 
 def _level(level: str) -> Change:
-    return lambda shot: replace(shot, details=(*shot.details, Detail("*", level)))
+    return lambda shot: replace(shot, details=(*shot.details, Detail(level=level)))
 
 
 # one object, so that skips that are compared with it share its run

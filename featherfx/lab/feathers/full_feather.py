@@ -39,9 +39,20 @@ SCENES = ("tip", "side")
 MATERIALS = ("barbs", "cloth", "isotropic")
 # table 6.1, SI units
 LENGTH = 0.2
-RACHIS = RachisMaterial(34e6, 34e6 / 2.98, 1.0, 5.0, 700.0, 0.0, 0.1)
+RACHIS = RachisMaterial(
+    young=34e6, shear=34e6 / 2.98, wall=1.0, flattening=5.0, cortex_density=700.0
+)
 WIDTH_BASE, WIDTH_TIP = 4e-3, 1e-3
-SWAN = VaneMaterial(3.6e8, 4.8e4, 2.78e4, 1.2e-4, 2.6e-2, 2.5e-4, 8.5e-5, 0.0, 1e-7, 0.1)
+SWAN = VaneMaterial(
+    along=3.6e8,
+    across=4.8e4,
+    shear=2.78e4,
+    thickness=1.2e-4,
+    surface_density=2.6e-2,
+    barb_bending_normal=2.5e-4,
+    barb_bending_in_plane=8.5e-5,
+    bending_across=1e-7,
+)
 # isotropic without Poisson effect: the shear modulus is half of Young's; its hinges take the
 # bending of the vane, and nothing bends within its plane that is not stretched or sheared
 ISOTROPIC = replace(

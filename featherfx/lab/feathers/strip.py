@@ -291,11 +291,13 @@ def strip_kind(length: float, vane: VaneMaterial) -> FeatherKind:
         length=length,
         calamus=0.0,
         barb_spacing=length,
-        rachis=RachisShape(NO_SHAFT, NO_SHAFT, 1.0, 0.0, 0.0, 0.0),
+        rachis=RachisShape(NO_SHAFT, NO_SHAFT),
         leading=nothing,
         trailing=nothing,
         vane_material=vane,
-        rachis_material=RachisMaterial(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0),
+        rachis_material=RachisMaterial(
+            young=1.0, shear=1.0, wall=1.0, cortex_density=1.0, core_density=1.0, loss_factor=0.0
+        ),
     )
 
 

@@ -20,8 +20,7 @@ from featherfx.shot.detail.detail import CARRIED, Detailer, Resolution
 from featherfx.shot.detail.guides import with_guides
 from featherfx.shot.detail.view import shares_of_height
 from featherfx.shot.motion.motion import Roots
-from featherfx.shot.read.keys import LEVELS
-from featherfx.shot.types import LevelOfDetail, Shot
+from featherfx.shot.types import LEVELS, LevelOfDetail, Shot
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int8]
@@ -121,7 +120,7 @@ def _seen(shot: Shot, rules: LevelOfDetail, motion: Roots) -> Numbers:
 
 def _pixels(rules: LevelOfDetail, time: float, roots: Array, lengths: Array) -> Array:
     if rules.camera is None:
-        return rules.pixels_per_metre * lengths
+        return (rules.pixels_per_metre or 0.0) * lengths
     view = rules.camera.view(time)
     return rules.image_height * shares_of_height(view, roots, lengths, rules.margin)
 

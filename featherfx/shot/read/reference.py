@@ -12,7 +12,8 @@ from typing import Any
 from featherfx.groom.keys import groom as groom_keys
 from featherfx.groom.keys import preset as preset_keys
 from featherfx.groom.keys import regions as region_keys
-from featherfx.groom.keys.values import REQUIRED, Key
+from featherfx.groom.keys.values import REQUIRED, Key, keys_of
+from featherfx.groom.types import BarbGuide, RachisShape, VaneShape
 from featherfx.shot.read import keys as shot_keys
 
 _HEAD = """# Reference: every key of shots, grooms and presets
@@ -80,7 +81,7 @@ def reference() -> str:
     lines += _parts(_GROOM_PARTS)
     lines += [_PRESETS, *_feather()]
     for family in ("material/vane", "material/rachis", "quality", "wind"):
-        lines += [f"### {family} preset", "", *_table(preset_keys.FAMILIES[family])]
+        lines += [f"### {family} preset", "", *_table(preset_keys.FAMILIES[family].keys)]
     lines += _motion()
     return "\n".join(lines).rstrip() + "\n"
 
@@ -92,10 +93,10 @@ def _parts(parts: Mapping[str, tuple[str, Mapping[str, Key]]]) -> Iterator[str]:
 
 def _feather() -> Iterator[str]:
     yield from ("### feather preset", "", *_table(preset_keys.FEATHER))
-    yield from ("### [rachis] of a feather preset", "", *_table(preset_keys.RACHIS))
+    yield from ("### [rachis] of a feather preset", "", *_table(keys_of(RachisShape)))
     yield from ("### [leading] and [trailing] of a feather preset", "")
-    yield from _table(preset_keys.VANE)
-    yield from ("### guides of a vane", "", *_table(preset_keys.GUIDE))
+    yield from _table(keys_of(VaneShape))
+    yield from ("### guides of a vane", "", *_table(keys_of(BarbGuide)))
 
 
 def _motion() -> Iterator[str]:

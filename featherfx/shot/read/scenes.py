@@ -118,9 +118,9 @@ def read_level_of_detail(
         if source is None:
             return None
         camera = TimedCamera(source, _start(values, checked, source.time_codes_per_second))
-    left_out = ("enabled", "usd", "prim", "start", "pixels_per_metre")
+    left_out = ("enabled", "usd", "prim", "start")
     rules = {name: value for name, value in values.items() if name not in left_out}
-    return LevelOfDetail(camera=camera, pixels_per_metre=scale or 0.0, **rules)
+    return LevelOfDetail(camera=camera, **rules)
 
 
 def _checked(
