@@ -15,13 +15,13 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads
+from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
-from featherfx.shot.detail.rigid import FeatherPose
 from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
-from featherfx.shot.loads.shelter import exposures, sheltered
-from featherfx.shot.motion.motion import Roots
+from featherfx.shot.loads.wind import exposures, sheltered
+from featherfx.shot.motion.roots import Roots
 from featherfx.shot.types import Force, Grip, Shot
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import State, rest_state
@@ -39,7 +39,7 @@ CONTACT_NEWTON_SHARE = 1e-3
 class Group:
     """Feathers that share a grid: their places in the groom, solver, state and loads.
 
-    level: of detail. exposure: to the air (shelter.py). feathers: as simulated. maps: to the
+    level: of detail. exposure: to the air (loads/wind.py). feathers: as simulated. maps: to the
     meshes' grid, where that is another one. cycle: of a shot that repeats.
     """
 

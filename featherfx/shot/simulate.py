@@ -22,8 +22,8 @@ from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within, make_groups
-from featherfx.shot.loads.loads import root_path
-from featherfx.shot.motion.motion import Roots, root_motion
+from featherfx.shot.motion.motion import root_motion, root_path
+from featherfx.shot.motion.roots import Roots
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.solver import RootPath, raise_if_failed

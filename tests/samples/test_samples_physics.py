@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
-from featherfx.shot.loads.loads import grip_share
+from featherfx.shot.loads.forces import grip_fraction
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.placement import place
 from featherfx.shot.read.read import read_shot
@@ -148,8 +148,8 @@ def test_the_pulled_tip_follows_its_grip_and_bends_the_shaft():
     got = film("feather_pull")
     (grip,) = got.shot.grips
     tip = got.points[0][:, -1, 0]
-    share = np.array([grip_share(grip, time) for time in got.times])
-    target = tip[0] + share[:, None] * np.asarray(grip.displacement)
+    fraction = np.array([grip_fraction(grip, time) for time in got.times])
+    target = tip[0] + fraction[:, None] * np.asarray(grip.displacement)
     assert np.linalg.norm(tip - target, axis=1).max() < 1e-3
     pull = np.linalg.norm(grip.displacement)
     assert np.linalg.norm(tip[-1] - tip[0]) > 0.95 * pull

@@ -13,8 +13,7 @@ from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.groom.types import Placement
 from featherfx.shot.detail.guided import Followers, Shapes
-from featherfx.shot.detail.guides import guide_weights
-from featherfx.shot.detail.skin_distance import root_distances
+from featherfx.shot.detail.guides import guide_weights, root_distances
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Detail, Motion, Shot

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.detail.fade import JUMP, Fades
+from featherfx.shot.detail.carried import FeatherPose
+from featherfx.shot.detail.changes import JUMP, Fades
 from featherfx.shot.detail.levels import NUMBER, LevelPlan, level_plan
-from featherfx.shot.detail.rigid import FeatherPose
 from featherfx.shot.detail.view import TimedCamera, View, shares_of_height
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file, read_shot
@@ -158,7 +158,7 @@ def test_a_change_adds_less_than_the_bound_however_far_levels_are_apart() -> Non
             own = (1.0 - w) * (now[0] - before[0]) + w * (now[1] - before[1])
             jump = fades.blended(0, poses).points - shown - own
             added.append(np.linalg.norm(np.delete(jump, (1, 2), axis=1), axis=-1).max())
-            shares.append(float(fades.share[0]))
+            shares.append(float(fades.weight[0]))
         assert len(shares) < 500
     assert shares[-1] == 1.0
     assert max(added) <= JUMP * length / per_frame * (1.0 + 1e-9)

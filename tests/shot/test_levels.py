@@ -14,7 +14,7 @@ from featherfx.groom.presets.kinds import adjusted
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.resolution import ROWS, rachis_deflection, rows_for
-from featherfx.shot.detail.rigid import end_rates
+from featherfx.shot.motion.roots import end_rates
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Detail, Motion, Shot

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.shot.loads.shelter import exposures
+from featherfx.shot.loads.wind import exposures
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Motion, Shelter, Shot

@@ -156,8 +156,7 @@ def _nodal_body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _Body
 
 def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _Body) -> FeatherRun:
     from featherfx.lab.feathers.timing import iteration_seconds
-    from featherfx.shot.loads.loads import root_path
-    from featherfx.shot.motion.motion import root_motion
+    from featherfx.shot.motion.motion import root_motion, root_path
 
     motion, grips = root_motion(shot), _grips(test)
     members = np.zeros(1, dtype=np.int64)

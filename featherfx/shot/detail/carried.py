@@ -1,8 +1,12 @@
-"""Guided feathers in the world: their guides seen from moving roots, and back."""
+"""Feathers that are not solved: rigid ones follow their roots, guided ones their guides.
+
+Guides are seen from their moving roots, and what follows them is carried back into the world.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +14,33 @@ from numpy.typing import NDArray
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
-from featherfx.shot.detail.rigid import FeatherPose, Frames, Roots, root_rates, shifted, turned
+from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
 from featherfx.shot.types import Shot
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class FeatherPose:
+    """points, velocities, accelerations: (n, P, 3) of one feather."""
+
+    points: Array
+    velocities: Array
+    accelerations: Array
+
+
+def rigid_poses(
+    feathers: Mapping[int, Feather], motion: Roots, start: float, end: float
+) -> dict[int, FeatherPose]:
+    """Poses of feathers at their rest shape at a time `end` (s), by their number in the groom.
+
+    start: s, of the sample before (see root_rates).
+    """
+    members = np.array(list(feathers), dtype=np.int64)
+    local = np.stack([feather.points for feather in feathers.values()])
+    world = [_shifted(p, local) + _turned(r, local) for p, r in _rates(motion, members, start, end)]
+    return _by_number(members, world)
 
 
 class Carried:
@@ -53,48 +79,65 @@ class Carried:
         self._followers = Followers(own, others, weights)
 
     def poses(
-        self, guides: Mapping[int, FeatherPose], frames: Frames, start: float, end: float
+        self, guides: Mapping[int, FeatherPose], motion: Roots, start: float, end: float
     ) -> dict[int, FeatherPose]:
         """Poses of the guided at a time `end` (s), by numbers in the groom.
 
-        guides: poses of the guides. frames: root positions (F, 3) m and rotations (F, 3, 3) at a
-        time. start: s, of the sample before.
+        guides: poses of the guides. start: s, of the sample before.
         """
         poses = [guides[int(f)] for f in self.guides]
         given = [
             np.stack([getattr(pose, name) for pose in poses])
             for name in ("points", "velocities", "accelerations")
         ]
-        roots = root_rates(frames, start, end)
-        local = _seen_from_roots(given, [(p[self.guides], r[self.guides]) for p, r in roots])
-        points, rates, seconds = local
+        points, rates, seconds = _seen_from_roots(given, _rates(motion, self.guides, start, end))
         moved = self._followers.motion(points, rates, seconds, end - start)
-        world = _in_world(moved, [(p[self.guided], r[self.guided]) for p, r in roots])
-        return {int(f): FeatherPose(*pose) for f, *pose in zip(self.guided, *world, strict=True)}
+        return _by_number(self.guided, _in_world(moved, _rates(motion, self.guided, start, end)))
 
 
-def _seen_from_roots(world: Sequence[Array], roots: Roots) -> list[Array]:
+def _rates(motion: Roots, members: Indices, start: float, end: float) -> list[RootFrames]:
+    """Root frames of some feathers at end, and their first and second rates."""
+    return [
+        RootFrames(*(values[members] for values in each)) for each in root_rates(motion, start, end)
+    ]
+
+
+def _by_number(members: Indices, world: Sequence[Array]) -> dict[int, FeatherPose]:
+    return {int(f): FeatherPose(*pose) for f, *pose in zip(members, *world, strict=True)}
+
+
+def _seen_from_roots(world: Sequence[Array], roots: Sequence[RootFrames]) -> list[Array]:
     """Points (F, n, P, 3) and their first and second rates in moving root frames.
 
     With x = p + R y:  R y' = x' - p' - R' y,  R y'' = x'' - p'' - R'' y - 2 R' y'.
     """
     (p, r), (p1, r1), (p2, r2) = roots
-    y = _back(world[0] - shifted(p, world[0]), r)
-    y1 = _back(world[1] - shifted(p1, y) - turned(r1, y), r)
-    y2 = _back(world[2] - shifted(p2, y) - turned(r2, y) - 2.0 * turned(r1, y1), r)
+    back = r.swapaxes(1, 2)
+    y = _turned(back, world[0] - _shifted(p, world[0]))
+    y1 = _turned(back, world[1] - _shifted(p1, y) - _turned(r1, y))
+    y2 = _turned(back, world[2] - _shifted(p2, y) - _turned(r2, y) - 2.0 * _turned(r1, y1))
     return [y, y1, y2]
 
 
-def _in_world(local: Sequence[Array], roots: Roots) -> list[Array]:
+def _in_world(local: Sequence[Array], roots: Sequence[RootFrames]) -> list[Array]:
     """The inverse of _seen_from_roots."""
     (p, r), (p1, r1), (p2, r2) = roots
     y, y1, y2 = local
     return [
-        shifted(p, y) + turned(r, y),
-        shifted(p1, y) + turned(r1, y) + turned(r, y1),
-        shifted(p2, y) + turned(r2, y) + 2.0 * turned(r1, y1) + turned(r, y2),
+        _shifted(p, y) + _turned(r, y),
+        _shifted(p1, y) + _turned(r1, y) + _turned(r, y1),
+        _shifted(p2, y) + _turned(r2, y) + 2.0 * _turned(r1, y1) + _turned(r, y2),
     ]
 
 
-def _back(points: Array, rotations: Array) -> Array:
-    return turned(rotations.swapaxes(1, 2), points)
+def _shifted(vectors: Array, like: Array) -> Array:
+    """Vectors (F, 3) for all material points (F, n, P, 3); directors do not move."""
+    shifts = np.repeat(vectors[:, None, None], like.shape[2], axis=2)
+    shifts[:, :, 1:3] = 0.0
+    return shifts
+
+
+def _turned(matrices: Array, points: Array) -> Array:
+    """Material points (F, n, P, 3) times matrices (F, 3, 3)."""
+    flat = points.reshape(len(points), -1, 3)
+    return np.asarray(flat @ matrices.swapaxes(1, 2)).reshape(points.shape)

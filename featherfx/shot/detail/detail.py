@@ -24,8 +24,8 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.resolution import GRID_SHARE, coefficients_for, rachis_deflection, rows_for
 from featherfx.shot.detail.guides import GuideRule
-from featherfx.shot.loads.shelter import exposures
-from featherfx.shot.motion.motion import Roots
+from featherfx.shot.loads.wind import exposures
+from featherfx.shot.motion.roots import Roots
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Shot
 

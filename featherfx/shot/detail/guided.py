@@ -21,74 +21,74 @@ shared out by how far those of guide and follower overlap; b is interpolated alo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
+from featherfx.algebra.rotation import rotation_vectors
 from featherfx.feather.types import LEADING, TRAILING, Feather
 from featherfx.shot.detail.guided_kernels import chains
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# rates come from poses that far apart in time, as shares of the time between two samples
+# rates come from poses that far apart in time, as a fraction of the time between two samples
 INSTANT = 1e-3
 # relative arc lengths are compared to that many digits, so that equal shapes map one to one
 _DIGITS = 12
 
 
-@dataclass(frozen=True)
-class Turns:
-    """Deformation of F feathers in their own frames, rad.
+class Turns(NamedTuple):
+    """Rotation vectors that deform F feathers in their own frames, rad.
 
-    along: (F, n - 1, 6) turns k and c of the intervals. barbs: (F, 2, n, m, 3) of the segments.
+    along: (F, n - 1, 6) k and c of the intervals. barbs: (F, 2, n, m, 3) of the segments.
     """
 
     along: Array
     barbs: Array
 
 
+class Pieces(NamedTuple):
+    """What F feathers are made of.
+
+    origins: (F, 3) m, first rachis points in the root frames. steps: (F, n - 1, 3, 3) from row
+    frame to row frame. chords: (F, n - 1, 3) and segments: (F, 2, n, m, 3) m, in row frames.
+    """
+
+    origins: Array
+    steps: Array
+    chords: Array
+    segments: Array
+
+
 class Shapes:
-    """Rest shapes of F feathers of n rows and m columns, as the chains need them."""
+    """Rest shapes of F feathers of n rows and m columns, as the chains need them.
+
+    stations: (n,) relative arc lengths, and grown: (2, n) which barbs there are, of each.
+    """
 
     def __init__(self, feathers: Sequence[Feather], mirrored: Sequence[bool]) -> None:
         self._mirrored = np.array(mirrored, dtype=np.bool_)
         rest = self._unmirrored(np.stack([feather.points for feather in feathers]))
-        frames = _row_frames(rest)
-        self._origin = np.ascontiguousarray(rest[:, 0, 0])
-        self._steps = _transposed(frames[:, :-1]) @ frames[:, 1:]
-        self._chords, self._segments = (np.ascontiguousarray(p) for p in _pieces(rest, frames))
-        self.shares = [np.round(each.station / each.station[-1], _DIGITS) for each in feathers]
+        self._rest = _pieces(rest)
+        self.stations = [np.round(each.station / each.station[-1], _DIGITS) for each in feathers]
         self.grown = [np.asarray(each.barb_length > 0.0) for each in feathers]
         self.size = rest.shape[1], (rest.shape[2] - 3) // 2
 
     def turns(self, points: Array) -> Turns:
         """How feathers with material points (F, n, P, 3) in their root frames are deformed."""
-        local = self._unmirrored(points)
-        frames = _row_frames(local)
-        steps = _transposed(frames[:, :-1]) @ frames[:, 1:]
-        bends = _rotation_vectors(_transposed(self._steps) @ steps)
-        chords, segments = _pieces(local, frames)
-        along = np.concatenate([bends, _turn_between(self._chords, chords)], axis=2)
-        return Turns(along, _turn_between(self._segments, segments))
+        now = _pieces(self._unmirrored(points))
+        bends = rotation_vectors(np.ascontiguousarray(_transposed(self._rest.steps) @ now.steps))
+        along = np.concatenate([bends, _turn_between(self._rest.chords, now.chords)], axis=2)
+        return Turns(along, _turn_between(self._rest.segments, now.segments))
 
     def posed(self, turns: Turns) -> Array:
         """(F, n, P, 3) material points in the root frames."""
-        count, (rows, columns) = len(self._origin), self.size
-        points = np.empty((count, rows, 3 + 2 * columns, 3))
-        chains(
-            turns.along,
-            turns.barbs,
-            self._origin,
-            self._steps,
-            self._chords,
-            self._segments,
-            np.zeros((2, 3, 3)),
-            np.zeros((3, 3)),
-            points,
-        )
+        rows, columns = self.size
+        points = np.empty((len(self._rest.origins), rows, 3 + 2 * columns, 3))
+        chains(turns, self._rest, np.empty((3, 3, 3)), points)
         return self._unmirrored(points)
 
     def _unmirrored(self, points: Array) -> Array:
@@ -112,7 +112,7 @@ class Followers:
         """(F, n, P, 3) material points in root frames from those of the guides (G, n, P, 3)."""
         taken = self.guides.turns(guides)
         rows, columns = self.shapes.size
-        count = len(self.shapes.shares)
+        count = len(self.shapes.stations)
         along = self._along @ taken.along.reshape(-1, 6)
         barbs = np.stack(
             [
@@ -140,14 +140,12 @@ class Followers:
 
 def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any]]:
     """Sparse maps of the intervals' turns, and for each side of the rows' barb turns."""
-    from scipy import sparse
-
     weights = weights.tocoo()
     rows = shapes.size[0]
     known: dict[tuple[bytes, ...], list[Any]] = {}
     parts: list[list[tuple[Array, Array, Array]]] = [[], [], []]
     for f, g, weight in zip(weights.row, weights.col, weights.data, strict=True):
-        own, other = shapes.shares[f], guides.shares[g]
+        own, other = shapes.stations[f], guides.stations[g]
         key = own.tobytes(), other.tobytes(), guides.grown[g].tobytes()
         if key not in known:
             maps = [overlaps(own, other)]
@@ -158,7 +156,7 @@ def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any
     found = []
     for part, size in zip(parts, (rows - 1, rows, rows), strict=True):
         row, column, data = (np.concatenate(column) for column in zip(*part, strict=True))
-        shape = len(shapes.shares) * size, len(guides.shares) * size
+        shape = len(shapes.stations) * size, len(guides.stations) * size
         found.append(sparse.coo_array((data, (row, column)), shape=shape).tocsr())
     return found[0], found[1:]
 
@@ -189,32 +187,22 @@ def _row_frames(points: Array) -> Array:
     return np.stack([np.cross(second, third), second, third], axis=-1)
 
 
-def _pieces(points: Array, frames: Array) -> tuple[Array, Array]:
-    """Chords (F, n - 1, 3) of the shaft and segments (F, 2, n, m, 3) of the barbs in row frames."""
-    columns = (points.shape[2] - 3) // 2
-    rachis = points[:, :, 0]
-    chords = _applied(_transposed(frames[:, :-1]), np.diff(rachis, axis=1))
+def _pieces(points: Array) -> Pieces:
+    """What feathers with material points (F, n, P, 3) in their root frames are made of."""
+    frames, columns = _row_frames(points), (points.shape[2] - 3) // 2
+    back = _transposed(frames[:, :-1])
+    chords = (back @ np.diff(points[:, :, 0], axis=1)[..., None])[..., 0]
     sides = []
     for side in (LEADING, TRAILING):
         first = 3 + side * columns
         nodes = np.concatenate([points[:, :, :1], points[:, :, first : first + columns]], axis=2)
         sides.append(np.diff(nodes, axis=2) @ frames)
-    return chords, np.stack(sides, axis=1)
-
-
-def _applied(frames: Array, vectors: Array) -> Array:
-    return np.asarray((frames @ vectors[..., None])[..., 0])
+    pieces = points[:, 0, 0], back @ frames[:, 1:], chords, np.stack(sides, axis=1)
+    return Pieces(*map(np.ascontiguousarray, pieces))
 
 
 def _transposed(frames: Array) -> Array:
     return frames.swapaxes(-1, -2)
-
-
-def _rotation_vectors(frames: Array) -> Array:
-    """(..., 3) rotation vectors of (..., 3, 3) matrices."""
-    from featherfx.algebra.rotation import rotation_vectors
-
-    return rotation_vectors(np.ascontiguousarray(frames))
 
 
 def _turn_between(before: Array, after: Array) -> Array:

@@ -6,8 +6,8 @@ from featherfx.jit.compiled import kernel
 
 
 @kernel
-def turned(vector, piece, out):
-    """A piece (3,) turned by a rotation vector (3,), to out (3,)."""
+def turned(vector, piece):
+    """A piece (3,) turned by a rotation vector (3,)."""
     x, y, z = vector[0], vector[1], vector[2]
     square = x * x + y * y + z * z
     if square < 1e-8:
@@ -17,34 +17,35 @@ def turned(vector, piece, out):
         sine, versine = sin(angle) / angle, (1.0 - cos(angle)) / square
     a, b, c = piece[0], piece[1], piece[2]
     p, q, r = y * c - z * b, z * a - x * c, x * b - y * a
-    out[0] = a + sine * p + versine * (y * r - z * q)
-    out[1] = b + sine * q + versine * (z * p - x * r)
-    out[2] = c + sine * r + versine * (x * q - y * p)
+    return (
+        a + sine * p + versine * (y * r - z * q),
+        b + sine * q + versine * (z * p - x * r),
+        c + sine * r + versine * (x * q - y * p),
+    )
 
 
 @kernel
 def add_applied(frame, vector, start, out):
     """start + frame vector, to out (3,). frame: (3, 3)."""
     for k in range(3):
-        total = start[k]
-        for c in range(3):
-            total += frame[k, c] * vector[c]
-        out[k] = total
+        out[k] = (
+            start[k] + frame[k, 0] * vector[0] + frame[k, 1] * vector[1] + frame[k, 2] * vector[2]
+        )
 
 
 @kernel
-def chains(along, barbs, origin, steps, chords, segments, frame, piece, points):
+def chains(turns, rest, scratch, points):
     """Material points of all feathers, in their root frames.
 
-    along: (F, n - 1, 6), barbs: (F, 2, n, m, 3) turns. origin: (F, 3), steps: (F, n - 1, 3, 3),
-    chords: (F, n - 1, 3), segments: (F, 2, n, m, 3) at rest. frame: (2, 3, 3) and piece: (3, 3) are
-    scratch. Written: points (F, n, 3 + 2 m, 3).
+    turns: Turns, and rest: Pieces at rest, of F feathers. scratch: (3, 3, 3). Written: points
+    (F, n, 3 + 2 m, 3).
     """
-    rows, columns = barbs.shape[2], barbs.shape[3]
+    rows, columns = turns.barbs.shape[2], turns.barbs.shape[3]
+    step, none = scratch[2, 0], (0.0, 0.0, 0.0)
     for f in range(points.shape[0]):
-        now, after = frame[0], frame[1]
+        now, after = scratch[0], scratch[1]
         for k in range(3):
-            points[f, 0, 0, k] = origin[f, k]
+            points[f, 0, 0, k] = rest.origins[f, k]
             for c in range(3):
                 now[k, c] = 1.0 if k == c else 0.0
         for i in range(rows):
@@ -54,21 +55,16 @@ def chains(along, barbs, origin, steps, chords, segments, frame, piece, points):
             for side in range(2):
                 start = at[0]
                 for j in range(columns):
-                    turned(barbs[f, side, i, j], segments[f, side, i, j], piece[0])
-                    add_applied(now, piece[0], start, at[3 + side * columns + j])
+                    piece = turned(turns.barbs[f, side, i, j], rest.segments[f, side, i, j])
+                    add_applied(now, piece, start, at[3 + side * columns + j])
                     start = at[3 + side * columns + j]
             if i == rows - 1:
                 break
-            turned(along[f, i, 3:], chords[f, i], piece[0])
-            add_applied(now, piece[0], at[0], points[f, i + 1, 0])
+            chord = turned(turns.along[f, i, 3:], rest.chords[f, i])
+            add_applied(now, chord, at[0], points[f, i + 1, 0])
             # columns of the next frame: A K exp(k) e_c
             for c in range(3):
-                for k in range(3):
-                    piece[0, k] = 1.0 if k == c else 0.0
-                    piece[2, k] = 0.0
-                turned(along[f, i, :3], piece[0], piece[1])
-                add_applied(steps[f, i], piece[1], piece[2], piece[0])
-                add_applied(now, piece[0], piece[2], piece[1])
-                for k in range(3):
-                    after[k, c] = piece[1, k]
+                unit = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
+                add_applied(rest.steps[f, i], turned(turns.along[f, i, :3], unit), none, step)
+                add_applied(now, step, none, after[:, c])
             now, after = after, now

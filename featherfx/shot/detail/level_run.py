@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
-from featherfx.shot.detail.carried import Carried
-from featherfx.shot.detail.fade import Change, Fades
-from featherfx.shot.detail.level_start import take_level_up
+from featherfx.shot.detail.carried import Carried, FeatherPose, rigid_poses
+from featherfx.shot.detail.changes import Change, Fades, take_level_up
 from featherfx.shot.detail.levels import NUMBER, LevelPlan
-from featherfx.shot.detail.rigid import FeatherPose, rigid_poses
 from featherfx.shot.groups import Group, loads_within, pose_of
-from featherfx.shot.motion.motion import Roots
+from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 from featherfx.solver.step.root_path import RootPath
 
@@ -80,7 +78,7 @@ class LevelRun:
         if not starting:
             return
         poses, time = self._poses(index - 1), (index - 1) * self._duration
-        positions, rotations = self._motion.frames(time)
+        roots = self._motion.frames(time)
         copied: set[int] = set()
         for change in starting:
             f = change.feather
@@ -90,7 +88,7 @@ class LevelRun:
                 group.state = group.state.copy()
                 copied.add(id(group))
             source = self._place.get((f, change.before))
-            root, pose = (positions[f], rotations[f]), poses[f, change.before]
+            root, pose = RootFrames(*(each[f] for each in roots)), poses[f, change.before]
             take_level_up(self._shot, self._drawn[f], pose, group, k, source, root, time)
         if self._shot.settle:
             self._settle([c for c in starting if c.before == _RIGID], time)
@@ -155,13 +153,10 @@ class LevelRun:
                 found[int(group.members[k]), level] = pose_of(group, int(k))
         rigid = {int(f): self._drawn[f] for f in every[self.fades.active(every, _RIGID)]}
         if rigid:
-            moved = rigid_poses(rigid, self._motion.frames, start, end)
+            moved = rigid_poses(rigid, self._motion, start, end)
             found |= {(f, _RIGID): pose for f, pose in moved.items()}
         if self.fades.active(every, _GUIDED).any():
             guides = {f: self.fades.blended(f, found) for f in self._carried.guides.tolist()}
-            found |= self._guided(guides, start, end)
+            moved = self._carried.poses(guides, self._motion, start, end)
+            found |= {(f, _GUIDED): pose for f, pose in moved.items()}
         return found
-
-    def _guided(self, guides: Mapping[int, FeatherPose], start: float, end: float) -> Poses:
-        poses = self._carried.poses(guides, self._motion.frames, start, end)
-        return {(f, _GUIDED): pose for f, pose in poses.items()}

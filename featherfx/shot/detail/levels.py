@@ -19,7 +19,7 @@ from featherfx.feather.types import Feather
 from featherfx.shot.detail.detail import CARRIED, Detailer, Resolution
 from featherfx.shot.detail.guides import with_guides
 from featherfx.shot.detail.view import shares_of_height
-from featherfx.shot.motion.motion import Roots
+from featherfx.shot.motion.roots import Roots
 from featherfx.shot.types import LEVELS, LevelOfDetail, Shot
 
 Array = NDArray[np.float64]

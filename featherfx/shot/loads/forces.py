@@ -1,40 +1,43 @@
-"""Dead forces on feathers: at a point, along the rachis or along a barb.
+"""What pulls single feathers: dead forces at a point, along the rachis or along a barb, and grips.
 
-A force is shared by the material points around its place with linear hats along the rachis (by
+A force is spread over the material points around its place with linear hats along the rachis (by
 arc length) and along the barbs, a line's with the integrals of those hats. So the total does not
 depend on the grid, and the place converges with it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.rotation import smooth_step
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING, Feather
-from featherfx.shot.types import Force
+from featherfx.shot.types import Force, Grip
 
 Array = NDArray[np.float64]
 
 
 def force_weights(force: Force, feather: Feather) -> Array:
-    """(n, P) share of a force that acts on every material point; of a line's, m.
+    """(n, P) how much of a force acts on every material point; of a line's, m.
 
     Raises InputError where a barb is meant and none grows.
     """
-    place = feather.station / feather.station[-1]
+    stations = feather.station / feather.station[-1]
     weights = np.zeros(feather.points.shape[:2])
     if force.line == "rachis":
-        weights[:, 0] = feather.station[-1] * hat_integrals(place, *force.span)
+        weights[:, 0] = feather.station[-1] * hat_integrals(stations, *force.span)
         return weights
-    rows = hat_values(place, force.row)
+    rows = hat_values(stations, force.row)
     if force.line == "point" and force.column == 0.0:
         weights[:, 0] = rows
         return weights
     side = LEADING if force.side == "leading" else TRAILING
     reach = feather.barb_length[side]
     if not np.all(reach[rows > 0.0] > 0.0):
-        raise InputError(Problem("shot", "force", _no_barb(force, place, reach)))
+        raise InputError(Problem("shot", "force", _no_barb(force, stations, reach)))
     columns = np.linspace(0.0, 1.0, feather.columns + 1)
     if force.line == "barb":
         rows, along = rows * reach, hat_integrals(columns, *force.span)
@@ -46,9 +49,9 @@ def force_weights(force: Force, feather: Feather) -> Array:
     return weights
 
 
-def _no_barb(force: Force, place: Array, reach: Array) -> str:
+def _no_barb(force: Force, stations: Array, reach: Array) -> str:
     where = f"no {force.side} barb grows at row = {force.row:g} of feather '{force.feather}'"
-    grown = place[reach > 0.0]
+    grown = stations[reach > 0.0]
     return f"{where}; allowed: {grown[0]:.3g} to {grown[-1]:.3g}" if len(grown) else where
 
 
@@ -72,3 +75,61 @@ def force_at(force: Force, time: float) -> Array:
         return force.force
     times, factors = zip(*force.keys, strict=True)
     return force.force * float(np.interp(time, times, factors))
+
+
+def dead_forces(
+    forces: Sequence[tuple[int, Force, Array]],
+    feathers: Sequence[Feather],
+    start: float,
+    end: float,
+) -> tuple[Array, Array]:
+    """force and force_change of Loads, from (place in the batch, force, its weights)."""
+    if not forces:
+        return np.zeros((len(feathers), 0, 0, 3)), np.zeros((0, 0, 0, 3))
+    force = np.zeros((len(feathers), *feathers[0].points.shape))
+    change = np.zeros_like(force)
+    for place, each, weights in forces:
+        before, after = force_at(each, start), force_at(each, end)
+        force[place] += weights[..., None] * before
+        change[place] += weights[..., None] * (after - before)
+    return force, change
+
+
+def gripped(
+    grips: Sequence[tuple[int, Grip]],
+    feathers: Sequence[Feather],
+    start_points: Sequence[Array],
+    start: float,
+    end: float,
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """grip_node, (grip_start, grip_end) and grip_stiffness of Loads (see frame_loads)."""
+    count = len(feathers)
+    most = max(np.bincount([place for place, _ in grips], minlength=count)) if grips else 0
+    node = np.full((count, most, 2), -1, dtype=np.int64)
+    targets, stiffness = np.zeros((2, count, most, 3)), np.zeros((count, most))
+    used = [0] * count
+    for place, grip in grips:
+        g = used[place]
+        used[place] += 1
+        node[place, g] = _grip_node(grip, feathers[place])
+        rest = start_points[place][tuple(node[place, g])]
+        for k, time in enumerate((start, end)):
+            targets[k, place, g] = rest + grip_fraction(grip, time) * grip.displacement
+        stiffness[place, g] = grip.stiffness
+    return node, targets, stiffness
+
+
+def grip_fraction(grip: Grip, time: float) -> float:
+    """How much of a grip's displacement is done at a time (s); no velocity at start and end."""
+    if grip.end <= grip.start:
+        return 1.0 if time >= grip.end else 0.0
+    return smooth_step((time - grip.start) / (grip.end - grip.start))
+
+
+def _grip_node(grip: Grip, feather: Feather) -> tuple[int, int]:
+    """Row and material point that a grip holds."""
+    row = round(grip.row * (feather.rows - 1))
+    column = round(grip.column * feather.columns)
+    if column == 0:
+        return row, 0
+    return row, 2 + (0 if grip.side == "leading" else feather.columns) + column

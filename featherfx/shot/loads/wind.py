@@ -5,6 +5,16 @@
 Each amplitude is perpendicular to its wave vector, so the field has no divergence. The gusts
 travel with the mean wind (frozen turbulence, Taylor 1938): frequency = wave_vector . mean. Their
 strengths follow the energy spectrum of von Karman (1948), E(k) ~ k^4 / (1 + k^2)^(17/6).
+
+Feathers within a plumage are sheltered: they feel the air slower than it blows,
+
+    u' = v + e (u - v)
+
+u: velocity of the air, v: velocity of the feather's root over the interval, e: its exposure, how
+much of the air's motion against the root reaches the feather (1: all of it). A vane alone in the
+wind is pressed on from one side; one that lies on others and on the skin has nearly the same
+pressure on both, and the air between them moves with the body. e stands for both. It is no measured
+property; a bird's back needs less of it than the tips of its crest.
 """
 
 from __future__ import annotations
@@ -15,7 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.shot.types import Wind
+from featherfx.mechanics.model import Loads
+from featherfx.shot.patterns import fits
+from featherfx.shot.types import Shot, Wind
 
 Array = NDArray[np.float64]
 
@@ -23,6 +35,8 @@ _MODES = 24
 # Wave numbers over that of the largest energy; 0.1 % of the energy lies below, 7 % above.
 _LOWEST, _HIGHEST = 0.25, 60.0
 _PEAK = math.sqrt(12.0 / 5.0)  # where E(k) is largest
+# m/s, to which roots' velocities are rounded, so that even motion gives equal winds
+_DIGITS = 9
 
 
 @dataclass(frozen=True)
@@ -60,16 +74,16 @@ def wind_field(wind: Wind) -> WindField:
     numbers, energies = _spectrum(random, math.pi / wind.gust_length)
     directions = _directions(random)
     wave_vectors = numbers[:, None] * directions
-    amplitudes = (strength * np.sqrt(2.0 * energies))[:, None] * _across(random, directions)
+    amplitudes = (strength * np.sqrt(2.0 * energies))[:, None] * _perpendicular(random, directions)
     phases = random.uniform(0.0, 2.0 * math.pi, _MODES)
     return WindField(mean, wave_vectors, wave_vectors @ mean, amplitudes, phases)
 
 
 def _spectrum(random: np.random.Generator, peak: float) -> tuple[Array, Array]:
-    """Wave numbers (K,) rad/m, one in each of K bands, and the bands' shares of the energy."""
+    """Wave numbers (K,) rad/m, one in each of K bands, and how much of the energy each band has."""
     edges = np.geomspace(_LOWEST, _HIGHEST, _MODES + 1)
-    share = random.uniform(0.0, 1.0, _MODES)
-    numbers = edges[:-1] * (edges[1:] / edges[:-1]) ** share
+    within = random.uniform(0.0, 1.0, _MODES)
+    numbers = edges[:-1] * (edges[1:] / edges[:-1]) ** within
     scaled = _PEAK * numbers
     energies = scaled**4 / (1.0 + scaled**2) ** (17.0 / 6.0) * np.diff(edges)
     return peak * numbers, energies / energies.sum()
@@ -81,11 +95,35 @@ def _directions(random: np.random.Generator) -> Array:
     around = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(_MODES)
     radius = np.sqrt(1.0 - height**2)
     spread = np.stack((radius * np.cos(around), radius * np.sin(around), height), axis=1)
-    turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
-    return np.asarray(random.permutation(spread) @ turn.T)
+    rotation, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    return np.asarray(random.permutation(spread) @ rotation.T)
 
 
-def _across(random: np.random.Generator, directions: Array) -> Array:
+def _perpendicular(random: np.random.Generator, directions: Array) -> Array:
     """(K, 3) unit vectors, each perpendicular to its direction, otherwise at random."""
     drawn = np.cross(directions, random.normal(size=directions.shape))
     return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
+
+
+def exposures(shot: Shot) -> Array:
+    """(F,) e of every feather of a shot: by the last shelter that fits it, else 1."""
+    found = np.ones(len(shot.groom.feathers))
+    for shelter in shot.shelters:
+        for f, placement in enumerate(shot.groom.feathers):
+            if fits(shelter, placement):
+                found[f] = 1.0 - shelter.share
+    return found
+
+
+def sheltered(loads: Loads, exposure: float, way: Array, duration: float) -> Loads:
+    """Loads of a batch whose feathers all have one exposure.
+
+    way: (F, 3) m, that the roots go within the loads' duration (s; 0: nothing moves).
+    """
+    velocity = np.zeros_like(way)
+    if duration > 0.0:
+        velocity = np.round(way / duration, _DIGITS)
+    return loads._replace(
+        wind_mean=exposure * loads.wind_mean + (1.0 - exposure) * velocity,
+        wind_amplitude=exposure * loads.wind_amplitude,
+    )

@@ -24,7 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import from_rotation_vector, smooth_step
-from featherfx.groom.types import Joint
+from featherfx.errors import InputError, Problem
+from featherfx.groom.types import Groom
+from featherfx.shot.motion.joints import JointPoses, PosesOverTime
 
 Array = NDArray[np.float64]
 
@@ -82,19 +84,24 @@ class Flap:
         wrist = from_rotation_vector(lean * self._fold("wrist", phase))
         return np.stack((np.eye(3), shoulder, elbow, wrist))
 
-    def rotations(self, roles: NDArray[np.int64], right: NDArray[np.bool_], time: float) -> Array:
-        """(J, 3, 3) rotations of joints against their parents.
 
-        roles: (J,) from `roles_of`. right: (J,) whether the joint is on the bird's right.
-        """
-        picked = self.left(time)[roles]
-        return np.where(right[:, None, None], picked * _MIRROR, picked)
+def flapping(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverTime:
+    """Poses of a groom's joints that beat. values: as of Flap. source: of the shot, for messages.
 
-
-def roles_of(joints: tuple[Joint, ...]) -> NDArray[np.int64]:
-    """(J + 1,) number of what each joint is driven as, the groom itself first (as a body).
-
-    A joint in the middle (side 0) has no wing to move and is driven as a body.
+    A joint in the middle (side 0) has no wing to move and is driven as a body, as the groom itself
+    is. Raises InputError where the groom has no shoulder on either side.
     """
-    driven = (_ROLES.index(joint.role) if joint.side else 0 for joint in joints)
-    return np.array([0, *driven], dtype=np.int64)
+    if not any(joint.role == "shoulder" and joint.side for joint in groom.joints):
+        message = 'a flap needs a joint with role = "shoulder" and side = 1 or -1 in the groom'
+        raise InputError(Problem(source, "motion.kind", message))
+    flap = Flap(values)
+    driven = [_ROLES.index(joint.role) if joint.side else 0 for joint in groom.joints]
+    roles = np.array([0, *driven], dtype=np.int64)
+    right = np.array([False, *(joint.side < 0 for joint in groom.joints)])[:, None, None]
+    still = np.zeros((len(roles), 3))
+
+    def poses(time: float) -> JointPoses:
+        picked = flap.left(time)[roles]
+        return JointPoses(np.where(right, picked * _MIRROR, picked), still)
+
+    return poses

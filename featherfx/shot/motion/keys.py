@@ -10,58 +10,41 @@ both in the frame of the parent joint, whose axes are the groom's at rest.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from featherfx.algebra.rotation import rotation_spline
-from featherfx.shot.motion.skeleton import Skeleton
+from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 
 Array = NDArray[np.float64]
 Track = Callable[[float], Array]
 
 
-@dataclass(frozen=True)
-class Keys:
-    """Tracks per joint number: position (3,) m and rotation (3, 3) over time in seconds."""
-
-    joints: int
-    positions: tuple[tuple[int, Track], ...]
-    rotations: tuple[tuple[int, Track], ...]
-
-    def __call__(self, time: float) -> tuple[Array, Array]:
-        """(J, 3, 3) rotations and (J, 3) m displacements against the parents."""
-        turns = np.broadcast_to(np.eye(3), (self.joints, 3, 3)).copy()
-        shifts = np.zeros((self.joints, 3))
-        for joint, track in self.rotations:
-            turns[joint] = track(time)
-        for joint, track in self.positions:
-            shifts[joint] = track(time)
-        return turns, shifts
-
-
-def keys_of(keyframes: Sequence[dict[str, Any]], skeleton: Skeleton) -> Keys:
-    """Tracks through keyframes, in any order, that the reader of the shot has checked."""
+def keyed(keyframes: Sequence[dict[str, Any]], skeleton: Skeleton) -> PosesOverTime:
+    """Poses through keyframes, in any order, that the reader of the shot has checked."""
     ordered = sorted(keyframes, key=lambda keyframe: keyframe["time"])
-    positions: list[tuple[int, Track]] = []
-    rotations: list[tuple[int, Track]] = []
-    for number, name in enumerate(skeleton.names):
-        for what, tracks in (("position", positions), ("rotation", rotations)):
-            keyed = [k for k in ordered if k.get("joint", "") == name and _has(k, what)]
-            if keyed:
-                times = np.array([k["time"] for k in keyed], dtype=np.float64)
-                make = _position_track if what == "position" else _rotation_track
-                tracks.append((number, make(times, [k[what] for k in keyed])))
-    return Keys(len(skeleton.names), tuple(positions), tuple(rotations))
+    tracks: list[tuple[int, int, Track]] = []
+    for joint, name in enumerate(skeleton.names):
+        for which, (what, track) in enumerate(_TRACKS.items()):
+            own = [k for k in ordered if k.get("joint", "") == name and k.get(what) is not None]
+            if own:
+                times = np.array([keyframe["time"] for keyframe in own], dtype=np.float64)
+                tracks.append((which, joint, track(times, [keyframe[what] for keyframe in own])))
 
+    def poses(time: float) -> JointPoses:
+        found = still_poses(len(skeleton.names))
+        for which, joint, track in tracks:
+            found[which][joint] = track(time)
+        return found
 
-def _has(keyframe: dict[str, Any], what: str) -> bool:
-    return keyframe.get(what) is not None
+    return poses
 
 
 def _position_track(times: Array, values: list[Any]) -> Track:
+    # takes half a second to load, and few shots have keyframes
     from scipy.interpolate import CubicSpline
 
     points = np.array(values, dtype=np.float64)
@@ -77,8 +60,10 @@ def _rotation_track(times: Array, values: list[Any]) -> Track:
 
 
 def _matrix(value: Sequence[float]) -> Array:
-    from scipy.spatial.transform import Rotation
-
     if len(value) == 4:
         return np.asarray(Rotation.from_quat(value, scalar_first=True).as_matrix())
     return np.asarray(Rotation.from_euler("xyz", value, degrees=True).as_matrix())
+
+
+# what a keyframe may set, in the order of JointPoses
+_TRACKS = {"rotation": _rotation_track, "position": _position_track}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,8 @@ from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.skin import Binding, bind, follow, is_flat
 from featherfx.groom.types import Groom
+from featherfx.shot.motion.joints import roots_at_rest
+from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.read.sources import Surface
 
 Array = NDArray[np.float64]
@@ -45,7 +47,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class BoundSkin:
-    """The F roots of a groom on one or more surfaces; moves them as RootMotion does.
+    """The F roots of a groom on one or more surfaces.
 
     ids: of the feathers. rotations: (F, 3, 3) at rest. start: time code at 0 s. parts: surfaces
     with their roots; every root is on one. roots: of each feather.
@@ -56,10 +58,10 @@ class BoundSkin:
     start: float
     parts: tuple[_Part, ...]
     roots: tuple[SkinRoot, ...]
-    _poses: OrderedDict[float, tuple[Array, Array]] = field(default_factory=OrderedDict, repr=False)
+    _poses: OrderedDict[float, RootFrames] = field(default_factory=OrderedDict, repr=False)
 
-    def frames(self, time: float) -> tuple[Array, Array]:
-        """Root positions (F, 3) m and rotations (F, 3, 3) in the world at a time in s.
+    def frames(self, time: float) -> RootFrames:
+        """Root frames at a time in s.
 
         Raises InputError where a triangle that carries a root has collapsed.
         """
@@ -67,20 +69,19 @@ class BoundSkin:
             self._poses[time] = self._evaluated(time)
             if len(self._poses) > _KEPT:
                 self._poses.popitem(last=False)
-        positions, rotations = self._poses[time]
-        return positions.copy(), rotations.copy()
+        return RootFrames(*(values.copy() for values in self._poses[time]))
 
-    def _evaluated(self, time: float) -> tuple[Array, Array]:
+    def _evaluated(self, time: float) -> RootFrames:
         positions, rotations = np.zeros((len(self.ids), 3)), self.rotations.copy()
         for part in self.parts:
             surface, members = part.surface, part.members
             code = self.start + time * surface.time_codes_per_second
             corners = surface.corners(code, part.triangles)
             self._check(part, corners, code)
-            moved, turns = follow(part.binding, corners, surface.is_mirrored(code))
+            moved, carriers = follow(part.binding, corners, surface.is_mirrored(code))
             positions[members] = moved
-            rotations[members] = turns @ self.rotations[members]
-        return positions, rotations
+            rotations[members] = carriers @ self.rotations[members]
+        return RootFrames(positions, rotations)
 
     def _check(self, part: _Part, corners: Array, code: float) -> None:
         own = np.arange(3 * len(corners)).reshape(-1, 3)
@@ -106,44 +107,44 @@ def bind_groom(
     """
     index = {surface.path: number for number, surface in enumerate(surfaces)}
     chosen = np.array([index.get(feather.skin, 0) for feather in groom.feathers], dtype=np.int64)
-    positions = np.array([f.position for f in groom.feathers], dtype=np.float64).reshape(-1, 3)
+    by_uv = np.array([feather.skin_uv is not None for feather in groom.feathers], dtype=np.bool_)
+    at_rest = roots_at_rest(groom)
     parts = []
-    roots: list[SkinRoot | None] = [None] * len(groom.feathers)
     for number, surface in enumerate(surfaces):
-        members = np.flatnonzero(chosen == number)
-        uv = [groom.feathers[k].skin_uv for k in members]
         for at_uv in (False, True):
-            some = members[[(each is not None) == at_uv for each in uv]]
-            if len(some) == 0:
-                continue
-            places = [each for each in uv if each is not None] if at_uv else []
-            part = _part(surface, some, positions[some], np.array(places))
-            parts.append(part)
-            _warn(groom, part, tolerance, place)
-            for k, triangle in enumerate(part.binding.triangle):
-                roots[some[k]] = SkinRoot(
-                    surface.path,
-                    int(surface.face[triangle]),
-                    part.triangles[k],
-                    part.binding.barycentric[k],
-                )
+            members = np.flatnonzero((chosen == number) & (by_uv == at_uv))
+            if len(members):
+                uv = np.array([groom.feathers[k].skin_uv for k in members]) if at_uv else None
+                parts.append(_part(surface, members, at_rest.positions[members], uv))
+                _warn(groom, parts[-1], tolerance, place)
+    roots = dict(pair for part in parts for pair in _roots(part))
     return BoundSkin(
         ids=tuple(feather.id for feather in groom.feathers),
-        rotations=np.array([f.rotation for f in groom.feathers]).reshape(-1, 3, 3),
+        rotations=at_rest.rotations,
         start=start,
         parts=tuple(parts),
-        roots=tuple(root for root in roots if root is not None),
+        roots=tuple(roots[k] for k in range(len(groom.feathers))),
     )
 
 
-def _part(surface: Surface, members: Indices, positions: Array, uv: Array) -> _Part:
+def _part(surface: Surface, members: Indices, positions: Array, uv: Array | None) -> _Part:
+    """Bind roots, by their places in texture space where uv (R, 2) is given."""
     search = None
-    if len(uv) and surface.st is not None:
+    if uv is not None and surface.st is not None:
         flat = np.zeros((len(surface.st), 3, 3))
         flat[:, :, :2] = surface.st
         search = np.column_stack([uv, np.zeros(len(uv))]), flat
     binding = bind(positions, surface.rest, surface.triangles, search)
     return _Part(surface, members, binding, surface.triangles[binding.triangle])
+
+
+def _roots(part: _Part) -> Iterator[tuple[int, SkinRoot]]:
+    """By numbers of the feathers."""
+    path, binding = part.surface.path, part.binding
+    faces = part.surface.face[binding.triangle]
+    each = zip(part.members, faces, part.triangles, binding.barycentric, strict=True)
+    for member, face, points, weights in each:
+        yield int(member), SkinRoot(path, int(face), points, weights)
 
 
 def _warn(groom: Groom, part: _Part, tolerance: float, place: Place) -> None:

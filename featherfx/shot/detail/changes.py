@@ -1,0 +1,205 @@
+"""Changes of level without a pop: both levels are simulated while one passes into the other.
+
+A feather's points are (1 - w) a + w b, a those of the level that it leaves and b those of the one
+that it takes up. From one sample to the next w grows by at most
+
+    min(1 / N, JUMP length / (samples a frame) / |b - a|),
+
+N the samples of a fade and |b - a| the largest distance of any point, so what a change adds to the
+motion of a and b, dw |b - a|, is below JUMP of the feather's length a frame, however far the levels
+are apart; the fade takes longer then. The rate of w is part of the velocities.
+
+The level that is taken up begins in the pose that the feather has, with its rows and rates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.mechanics.batch import has_elastic_clamp
+from featherfx.shot.detail.carried import FeatherPose
+from featherfx.shot.detail.guided import Shapes, Turns, overlaps
+from featherfx.shot.detail.levels import LevelPlan
+from featherfx.shot.groups import Group
+from featherfx.shot.motion.roots import RootFrames
+from featherfx.shot.placement import place
+from featherfx.shot.types import Shot
+from featherfx.solver.settle.take_up import take_up
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int8]
+Flags = NDArray[np.bool_]
+
+# of a feather's length, what a change may add to the way of a point within a frame
+JUMP = 0.004
+
+
+@dataclass(frozen=True)
+class Change:
+    """A feather that takes up a new level. before, after: numbers of levels."""
+
+    feather: int
+    before: int
+    after: int
+
+
+class Fades:
+    """The levels of all feathers while the shot goes on.
+
+    lengths: (F,) m. samples: of a fade at least. per_frame: samples in a frame. duration: s, of a
+    sample. now, to: (F,) the level and the one that is taken up, the same where none is; weight:
+    (F,) w, and grown: (F,) what the last sample added to it.
+    """
+
+    def __init__(
+        self, plan: LevelPlan, lengths: Array, samples: int, per_frame: int, duration: float
+    ) -> None:
+        self.plan, self._lengths, self._per_frame = plan, lengths, per_frame
+        self._most, self._duration = 1.0 / max(samples, 1), duration
+        self.now: Numbers = plan.at(0).copy()
+        self.to: Numbers = self.now.copy()
+        self.weight, self.grown = np.zeros(len(lengths)), np.zeros(len(lengths))
+
+    def begin(self, index: int) -> list[Change]:
+        """End the fades that are through and begin those to the levels of a sample."""
+        through = self.weight >= 1.0
+        self.now[through] = self.to[through]
+        self.weight[through] = self.grown[through] = 0.0
+        wanted = self.plan.at(-(-index // self._per_frame))
+        starting = np.flatnonzero((self.now == self.to) & (wanted != self.now))
+        self.to[starting] = wanted[starting]
+        return [Change(int(f), int(self.now[f]), int(self.to[f])) for f in starting]
+
+    def active(self, members: NDArray[np.int64], level: int) -> Flags:
+        """(M,) which of some feathers are to be computed at a level."""
+        return np.asarray((self.now[members] == level) | (self.to[members] == level))
+
+    @property
+    def fading(self) -> NDArray[np.int64]:
+        """Feathers that change."""
+        return np.flatnonzero(self.now != self.to)
+
+    def grow(self, feathers: Sequence[int], poses: Mapping[tuple[int, int], FeatherPose]) -> None:
+        """Move fades on by a sample. poses: by feather and level."""
+        for f in feathers:
+            before, after = (poses[f, int(level)].points for level in (self.now[f], self.to[f]))
+            apart = float(np.linalg.norm(np.delete(after - before, (1, 2), axis=1), axis=2).max())
+            allowed = JUMP * self._lengths[f] / self._per_frame
+            self.grown[f] = min(self._most, allowed / max(apart, 1e-30), 1.0 - self.weight[f])
+            self.weight[f] += self.grown[f]
+
+    def blended(self, f: int, poses: Mapping[tuple[int, int], FeatherPose]) -> FeatherPose:
+        """A feather's pose from those of its levels."""
+        first = poses[f, int(self.now[f])]
+        weight = self.weight[f]
+        if weight == 0.0:
+            return first
+        second = poses[f, int(self.to[f])]
+        way = second.points - first.points
+        rate = self.grown[f] / self._duration
+        change = second.velocities - first.velocities
+        return FeatherPose(
+            first.points + weight * way,
+            first.velocities + weight * change + rate * way,
+            first.accelerations
+            + weight * (second.accelerations - first.accelerations)
+            + 2.0 * rate * change,
+        )
+
+    def memory(self) -> dict[str, Any]:
+        """What is kept between frames, for checkpoints."""
+        names = ("now", "to", "weight", "grown")
+        return {name: getattr(self, name).copy() for name in names}
+
+    def restore(self, memory: Mapping[str, Any]) -> None:
+        """Take over what `memory` gave."""
+        for name, array in memory.items():
+            getattr(self, name)[:] = array
+
+
+def take_level_up(
+    shot: Shot,
+    drawn: Feather,
+    pose: FeatherPose,
+    group: Group,
+    k: int,
+    source: tuple[Group, int] | None,
+    root: RootFrames,
+    time: float,
+) -> None:
+    """Put feather k of a group into the pose of the same feather as drawn, in place.
+
+    The turns from row to row are spread over the new rows, so that nothing is stretched; the
+    rates are those of the pose. Barbs keep the coefficients that both levels have, if the source,
+    a group and the place in it, has any, and else begin at rest. root: of that feather alone, at a
+    time in s.
+    """
+    placement = shot.groom.feathers[int(group.members[k])]
+    feather, mirrored = group.feathers[k], [placement.mirrored]
+    position, rotation = root.positions, root.rotations
+    local = pose.points - position
+    local[:, 1:3] = pose.points[:, 1:3]
+    given, own = Shapes([drawn], mirrored), Shapes([feather], mirrored)
+    taken = given.turns((local @ rotation)[None])
+    blend = overlaps(own.stations[0], given.stations[0])
+    rows, columns = own.size
+    along = (blend @ taken.along[0])[None]
+    world = place(
+        own.posed(Turns(along, np.zeros((1, 2, rows, columns, 3))))[0], position, rotation
+    )
+    second, third = world[:, 1], world[:, 2]
+    frames = np.stack([np.cross(second, third), second, third], axis=-1)
+    velocity = _resampled(pose.velocities, drawn, feather)
+    coefficients = np.zeros_like(group.state.coefficient[k])
+    if source is not None:
+        coefficients = _coefficients(group, k, source, has_elastic_clamp(placement.kind))
+    take_up(group.solver.model, group.state, k, frames, world[:, 0], coefficients, velocity, time)
+
+
+def _resampled(values: Array, given: Feather, wanted: Feather) -> Array:
+    """Rates (n, P, 3) of one grid on another, linear between rows and between barb nodes.
+
+    The density maps (featherfx/feather/density.py) would be exact for turning feathers as well,
+    but take longer to make than a feather to step.
+    """
+    if given.points.shape == wanted.points.shape:
+        return values
+    rows = _linear(*(each.station / each.station[-1] for each in (wanted, given)))
+    across = _linear(*(np.linspace(0.0, 1.0, each.columns + 1) for each in (wanted, given)))
+    along = np.einsum("ni,ipc->npc", rows, values)
+    parts = [along[:, :3]]
+    for side in (LEADING, TRAILING):
+        first = 3 + side * given.columns
+        barb = np.concatenate([along[:, :1], along[:, first : first + given.columns]], axis=1)
+        parts.append(np.einsum("mj,njc->nmc", across[1:], barb))
+    return np.concatenate(parts, axis=1)
+
+
+def _linear(places: Array, knots: Array) -> Array:
+    """(K, n) weights of values at knots (n,) at places (K,)."""
+    return np.stack([np.interp(places, knots, unit) for unit in np.eye(len(knots))], axis=1)
+
+
+def _coefficients(group: Group, k: int, source: tuple[Group, int], clamp: bool) -> Array:
+    """(2, n, 2 C) from those of the source: curvature shapes are the same polynomials in any
+    number, and an elastic clamp is the last of each direction."""
+    before, f = source
+    given, wanted = before.state.coefficient[f], group.state.coefficient[k]
+    count, most = given.shape[2] // 2, wanted.shape[2] // 2
+    found = np.zeros_like(wanted)
+    stations = [each.station / each.station[-1] for each in (before.feathers[f], group.feathers[k])]
+    pairs = [(c, c) for c in range(min(count, most) - clamp)]
+    pairs += [(count - 1, most - 1)] if clamp and count and most else []
+    for start, to in ((0, 0), (count, most)):
+        for old, new in pairs:
+            for side in (0, 1):
+                values = given[side, :, start + old]
+                found[side, :, to + new] = np.interp(stations[1], stations[0], values)
+    found[group.feathers[k].barb_length == 0.0] = 0.0
+    return found

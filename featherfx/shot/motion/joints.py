@@ -1,0 +1,138 @@
+"""Roots that are carried by the joints of a groom: a skeleton, and its poses over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import smooth_step
+from featherfx.groom.types import Groom
+from featherfx.shot.motion.roots import RootFrames
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class JointPoses(NamedTuple):
+    """rotations: (J, 3, 3), about the pivots, and displacements: (J, 3) m, of joints against their
+    parents, whose axes are the groom's at rest."""
+
+    rotations: Array
+    displacements: Array
+
+
+# poses of all joints at a time in s
+PosesOverTime = Callable[[float], JointPoses]
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """J joints of which joint 0, named "", is the groom itself and the parent of all.
+
+    names: of the joints. pivots: (J, 3) m, at rest in the groom's frame. levels: per depth below
+    the groom, (joints, parents), index arrays of equal length.
+    """
+
+    names: tuple[str, ...]
+    pivots: Array
+    levels: tuple[tuple[Indices, Indices], ...]
+
+    def carriers(self, poses: JointPoses) -> tuple[Array, Array]:
+        """Rotations (J, 3, 3) and shifts (J, 3) such that a point x of the groom at rest that is
+        carried by joint j goes to rotation x + shift."""
+        rotations = poses.rotations.copy()
+        shifts = self.pivots + poses.displacements - _applied(rotations, self.pivots)
+        for joints, parents in self.levels:
+            carrier = rotations[parents]
+            shifts[joints] = _applied(carrier, shifts[joints]) + shifts[parents]
+            rotations[joints] = carrier @ rotations[joints]
+        return rotations, shifts
+
+
+def skeleton_of(groom: Groom) -> Skeleton:
+    """The skeleton of a groom whose joints form a tree."""
+    names = ("", *(joint.name for joint in groom.joints))
+    index = {name: number for number, name in enumerate(names)}
+    parents = np.array([0, *(index[joint.parent] for joint in groom.joints)], dtype=np.int64)
+    depths, ancestors = np.zeros(len(names), dtype=np.int64), np.arange(len(names))
+    while ancestors.any():
+        depths[ancestors > 0] += 1
+        ancestors = parents[ancestors]
+    levels = [np.flatnonzero(depths == depth) for depth in range(1, int(depths.max()) + 1)]
+    pivots = np.vstack([np.zeros((1, 3)), *(np.reshape(j.position, (1, 3)) for j in groom.joints)])
+    return Skeleton(names, pivots, tuple((joints, parents[joints]) for joints in levels))
+
+
+@dataclass(frozen=True)
+class JointRoots:
+    """The F roots of a groom on its joints.
+
+    joints: (F,) number of each feather's joint. at_rest: the roots in the groom's frame. poses: of
+    the joints over time.
+    """
+
+    skeleton: Skeleton
+    joints: Indices
+    at_rest: RootFrames
+    poses: PosesOverTime
+
+    def frames(self, time: float) -> RootFrames:
+        """Root frames at a time in s.
+
+        Smooth in time; times before 0 give the pose at 0 for hold, shake and flap, and the first
+        keyframe's for keys.
+        """
+        rotations, shifts = self.skeleton.carriers(self.poses(time))
+        carriers = rotations[self.joints]
+        positions = _applied(carriers, self.at_rest.positions) + shifts[self.joints]
+        return RootFrames(positions, carriers @ self.at_rest.rotations)
+
+
+def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> JointRoots:
+    """The roots of a groom on its joints, which move by poses."""
+    index = {name: number for number, name in enumerate(skeleton.names)}
+    joints = np.array([index[feather.joint] for feather in groom.feathers], dtype=np.int64)
+    return JointRoots(skeleton, joints, roots_at_rest(groom), poses)
+
+
+def roots_at_rest(groom: Groom) -> RootFrames:
+    """The roots of a groom as it is."""
+    positions = np.array([each.position for each in groom.feathers], dtype=np.float64)
+    rotations = np.array([each.rotation for each in groom.feathers])
+    return RootFrames(positions.reshape(-1, 3), rotations.reshape(-1, 3, 3))
+
+
+def held(joints: int) -> PosesOverTime:
+    """Nothing moves."""
+    still = still_poses(joints)
+    return lambda time: still
+
+
+def shaken(joints: int, amplitude: float, frequency: float, direction: Array) -> PosesOverTime:
+    """The whole groom swings by amplitude (m) along direction, from rest within 1/4 period."""
+    axis = np.asarray(direction, dtype=np.float64)
+    axis = axis / np.linalg.norm(axis)
+
+    def poses(time: float) -> JointPoses:
+        found = still_poses(joints)
+        periods = max(time, 0.0) * frequency
+        swing = math.sin(2.0 * math.pi * periods) * smooth_step(4.0 * periods)
+        found.displacements[0] = amplitude * swing * axis
+        return found
+
+    return poses
+
+
+def still_poses(joints: int) -> JointPoses:
+    """The poses at rest."""
+    return JointPoses(np.tile(np.eye(3), (joints, 1, 1)), np.zeros((joints, 3)))
+
+
+def _applied(matrices: Array, vectors: Array) -> Array:
+    """(K, 3, 3) matrices times (K, 3) vectors."""
+    return np.asarray((matrices @ vectors[:, :, None])[..., 0])

@@ -1,0 +1,62 @@
+"""Root frames at any time: what every source of motion answers, and rates made of it.
+
+The frame loop asks a `Roots` and nothing else. Sources: a skin (skin.py), or joints (joints.py)
+whose poses come from a wing beat (flap.py), from keyframes (keys.py), or are held or shaken.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# of a root within an interval
+SAMPLES = 5
+
+
+class RootFrames(NamedTuple):
+    """positions: (F, 3) m, rotations: (F, 3, 3) whose columns are the feathers' x, y and z axes, in
+    the world; or rates of both."""
+
+    positions: Array
+    rotations: Array
+
+
+class Roots(Protocol):
+    """Whatever moves the roots of F feathers."""
+
+    def frames(self, time: float) -> RootFrames:
+        """Where the roots are at a time, s since the first frame."""
+
+
+def root_rates(motion: Roots, start: float, end: float) -> tuple[RootFrames, ...]:
+    """Root frames at end (s), then their first and second rates.
+
+    Rates are those of the polynomial through evenly spaced frames from `start` on; without a time
+    in between, none.
+    """
+    now = motion.frames(end)
+    if not end > start:
+        none = RootFrames(*(np.zeros_like(each) for each in now))
+        return now, none, none
+    times = np.linspace(start, end, SAMPLES)
+    samples = [motion.frames(float(time)) for time in times[:-1]] + [now]
+    positions, rotations = (
+        np.stack([values - values_now for values in column])
+        for column, values_now in zip(zip(*samples, strict=True), now, strict=True)
+    )
+    first, second = (
+        RootFrames(np.tensordot(weights, positions, 1), np.tensordot(weights, rotations, 1))
+        for weights in end_rates(times)
+    )
+    return now, first, second
+
+
+def end_rates(times: Array) -> tuple[Array, Array]:
+    """(K,) weights of values at K times that give the first and second rate at the last one."""
+    powers = np.vander(times - times[-1], increasing=True)
+    inverse = np.linalg.inv(powers)
+    return inverse[1], 2.0 * inverse[2]
