@@ -204,7 +204,8 @@ class Simulation:
         groups, start, end = self._groups, self._time(index - 1), self._time(index)
         resting = self._resting(motion, index)
         self._counts.slept += int(resting.sum())
-        if resting.all():
+        states = [group.state for group in groups]
+        if resting.all() and not self._contact.stirred(states, start, end):
             self._pass(motion, index)
             return
 
@@ -214,7 +215,6 @@ class Simulation:
         def paths_of(begin: float, stop: float) -> list[RootPath]:
             return [root_path(motion, group.members, begin, stop) for group in groups]
 
-        states = [group.state for group in groups]
         states, reports = self._contact.advance(states, loads_of, paths_of, start, end, resting)
         for group, state, report in zip(groups, states, reports, strict=True):
             group.state, group.loads = state, self._loads(group, motion, index)

@@ -13,6 +13,8 @@ from featherfx.solver.state import State
 
 Array = NDArray[np.float64]
 
+# times within a frame at which bodies are looked at, to tell whether they come near
+LOOKS = 5
 # depth, as a share of the longest feather, from which a node finds its way out of a body
 DEPTH_SHARE = 0.02
 
@@ -30,6 +32,26 @@ class Bodies:
         self._triangles = [outward(surface.triangles, surface.rest) for surface in surfaces]
         self._depth = DEPTH_SHARE * longest
         self.begun = False
+
+    def approach(self, states: Sequence[State], start: float, end: float, margin: float) -> bool:
+        """Whether a body that moves between start and end (s) comes near any feather at rest.
+
+        margin: m, what counts as near. Told by boxes: never missed, at times said in vain.
+        """
+        if not self._bodies:
+            return False
+        nodes = [np.delete(state.points, (1, 2), axis=2) for state in states]
+        low = np.concatenate([each.min(axis=(1, 2)) for each in nodes]) - margin
+        high = np.concatenate([each.max(axis=(1, 2)) for each in nodes]) + margin
+        times = np.linspace(start, end, LOOKS)
+        for body in self._bodies:
+            poses = np.stack([body.points(time) for time in times])
+            if np.ptp(poses, axis=0).max(initial=0.0) == 0.0:
+                continue
+            near = (low <= poses.max(axis=(0, 1))) & (poses.min(axis=(0, 1)) <= high)
+            if near.all(axis=1).any():
+                return True
+        return False
 
     def walls(self, states: Sequence[State], start: float, end: float, margin: float) -> list[Wall]:
         """The bodies from start to end, s since the first frame, for feathers in these states."""

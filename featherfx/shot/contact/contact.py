@@ -176,6 +176,10 @@ class ShotContact:
         self.tally.repeated += steps.repeated
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
 
+    def stirred(self, states: Sequence[State], start: float, end: float) -> bool:
+        """Whether a moving body comes near any feather from start to end (s)."""
+        return self._bodies.approach(states, start, end, self.solver.settings.margin)
+
     def settle(self, states: Sequence[State], loads: Sequence[Loads]) -> list[State]:
         """Bring layered feathers to rest against each other by long damped steps."""
         found = settled_together(self.solver, self._bodies, states, loads, self.names)
