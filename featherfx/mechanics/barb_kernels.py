@@ -17,7 +17,14 @@ curvature unknowns is that of super-helices and ribbon elements (Charrondiere et
 
 from math import cos, sin, sqrt
 
-from featherfx.algebra.rotation_kernels import SMALL_SQUARE, exponential, multiply, rotate
+from featherfx.algebra.rotation_kernels import (
+    SMALL_SQUARE,
+    exponential,
+    multiply,
+    rotate,
+    store_rotation,
+)
+from featherfx.algebra.vec3_kernels import accumulate, add, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 
 
@@ -35,7 +42,7 @@ def _right_jacobian(y, z):
         angle = sqrt(square)
         a = (1.0 - cos(angle)) / square
         b = (angle - sin(angle)) / (square * angle)
-    return a * z, 1.0 - b * z * z, b * y * z, -a * y, b * y * z, 1.0 - b * y * y
+    return (a * z, 1.0 - b * z * z, b * y * z), (-a * y, b * y * z, 1.0 - b * y * y)
 
 
 @kernel
@@ -50,33 +57,30 @@ def _joint_angles(shapes, coefficients, j):
 
 
 @kernel
-def _next_frame(w, x, y, z, joint, normal, in_plane):
+def _next_frame(frame, joint, normal, in_plane):
     """T_j from T_{j-1}. The turn between them is made first: that does not wait for T_{j-1}."""
-    ew, ex, ey, ez = exponential(0.0, normal, in_plane)
-    ew, ex, ey, ez = multiply(joint[0], joint[1], joint[2], joint[3], ew, ex, ey, ez)
-    return multiply(w, x, y, z, ew, ex, ey, ez)
+    return multiply(frame, multiply(joint, exponential((0.0, normal, in_plane))))
 
 
 @kernel
-def barb_points(turn, root, clamp, joints, segment, shapes, coefficients, frames, points):
+def barb_points(row, root, clamp, joints, segment, shapes, coefficients, frames, points):
     """Nodes of one barb, and the frames of its segments.
 
-    turn: (4,) row quaternion. root: (3,). clamp: (4,). joints: (m, 4) D_j. segment: m, length.
+    row: (4,) quaternion R. root: (3,). clamp: (4,). joints: (m, 4) D_j. segment: m, length.
     shapes: (C, m). coefficients: (2 C,), normal then in-plane. Written: frames (m, 4),
     T_j, and points (m, 3).
     """
-    w, x, y, z = multiply(
-        turn[0], turn[1], turn[2], turn[3], clamp[0], clamp[1], clamp[2], clamp[3]
-    )
+    frame = multiply(row, clamp)
     px, py, pz = root[0], root[1], root[2]
     for j in range(shapes.shape[1]):
         normal, in_plane = _joint_angles(shapes, coefficients, j)
-        w, x, y, z = _next_frame(w, x, y, z, joints[j], normal, in_plane)
-        frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3] = w, x, y, z
+        frame = _next_frame(frame, joints[j], normal, in_plane)
+        store_rotation(frames[j], frame)
+        w, x, y, z = frame
         px += segment * (1.0 - 2.0 * (y * y + z * z))
         py += segment * 2.0 * (x * y + w * z)
         pz += segment * 2.0 * (x * z - w * y)
-        points[j, 0], points[j, 1], points[j, 2] = px, py, pz
+        store(points[j], (px, py, pz))
 
 
 @kernel
@@ -87,11 +91,9 @@ def barb_axes(frames, shapes, coefficients, axes):
     """
     for j in range(shapes.shape[1]):
         normal, in_plane = _joint_angles(shapes, coefficients, j)
-        w, x, y, z = frames[j, 0], frames[j, 1], frames[j, 2], frames[j, 3]
-        n1, n2, n3, b1, b2, b3 = _right_jacobian(normal, in_plane)
-        axis = axes[j]
-        axis[0], axis[1], axis[2] = rotate(w, x, y, z, n1, n2, n3)
-        axis[3], axis[4], axis[5] = rotate(w, x, y, z, b1, b2, b3)
+        by_normal, by_in_plane = _right_jacobian(normal, in_plane)
+        store(axes[j], rotate(frames[j], by_normal))
+        store(axes[j, 3:], rotate(frames[j], by_in_plane))
 
 
 @kernel
@@ -107,20 +109,12 @@ def barb_jacobian(axes, shapes, root, points, jacobian):
         shape = shapes[c if c < count else c - count]
         first = 0 if c < count else 3
         d = jacobian[6 + c]
-        sx, sy, sz = 0.0, 0.0, 0.0
-        dx, dy, dz = 0.0, 0.0, 0.0
-        before = root
+        spin, move, before = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), root
         for j in range(shape.shape[0]):
-            share, axis, point = shape[j], axes[j], points[j]
-            sx += share * axis[first]
-            sy += share * axis[first + 1]
-            sz += share * axis[first + 2]
-            tx, ty, tz = point[0] - before[0], point[1] - before[1], point[2] - before[2]
-            dx += sy * tz - sz * ty
-            dy += sz * tx - sx * tz
-            dz += sx * ty - sy * tx
-            d[0, j + 1], d[1, j + 1], d[2, j + 1] = dx, dy, dz
-            before = point
+            spin = add(spin, scale(shape[j], axes[j, first:]))
+            move = add(move, cross(spin, sub(points[j], before)))
+            d[0, j + 1], d[1, j + 1], d[2, j + 1] = move
+            before = points[j]
 
 
 @kernel
@@ -135,9 +129,7 @@ def root_jacobian(root, points, jacobian):
             jacobian[k, k, j] = 1.0
         if j == 0:
             continue
-        x = points[j - 1, 0] - root[0]
-        y = points[j - 1, 1] - root[1]
-        z = points[j - 1, 2] - root[2]
+        x, y, z = sub(points[j - 1], root)
         jacobian[3, 1, j], jacobian[3, 2, j] = -z, y
         jacobian[4, 0, j], jacobian[4, 2, j] = z, -x
         jacobian[5, 0, j], jacobian[5, 1, j] = -y, x
@@ -151,30 +143,18 @@ def add_barb_forces(axes, shapes, root, points, forces, row, barb):
     barb_jacobian. forces: (m, 3). Changed: row (6,), of the row's dr and u, and barb (2 C,).
     """
     count, columns = shapes.shape
-    fx, fy, fz = 0.0, 0.0, 0.0
-    mx, my, mz = 0.0, 0.0, 0.0
+    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for back in range(columns):
         j = columns - 1 - back
         before = points[j - 1] if j > 0 else root
-        point, force, axis = points[j], forces[j], axes[j]
-        fx += force[0]
-        fy += force[1]
-        fz += force[2]
-        tx, ty, tz = point[0] - before[0], point[1] - before[1], point[2] - before[2]
-        mx += ty * fz - tz * fy
-        my += tz * fx - tx * fz
-        mz += tx * fy - ty * fx
-        normal = axis[0] * mx + axis[1] * my + axis[2] * mz
-        in_plane = axis[3] * mx + axis[4] * my + axis[5] * mz
+        force = add(force, forces[j])
+        moment = add(moment, cross(sub(points[j], before), force))
+        normal, in_plane = dot(axes[j], moment), dot(axes[j, 3:], moment)
         for c in range(count):
             barb[c] -= shapes[c, j] * normal
             barb[count + c] -= shapes[c, j] * in_plane
-    row[0] -= fx
-    row[1] -= fy
-    row[2] -= fz
-    row[3] -= mx
-    row[4] -= my
-    row[5] -= mz
+    accumulate(row, -1.0, force)
+    accumulate(row[3:], -1.0, moment)
 
 
 @kernel
@@ -187,14 +167,9 @@ def barb_tensions(root, points, forces, tension):
     Tension T stiffens a segment against turning: the second derivative of the barb's nodes times
     the forces is T / l |turn of l e1|^2 (leading order in the turns between joints).
     """
-    sx, sy, sz = 0.0, 0.0, 0.0
+    pull = (0.0, 0.0, 0.0)
     for j in range(points.shape[0] - 1, -1, -1):
-        sx -= forces[j, 0]
-        sy -= forces[j, 1]
-        sz -= forces[j, 2]
-        before = root if j == 0 else points[j - 1]
-        dx = points[j, 0] - before[0]
-        dy = points[j, 1] - before[1]
-        dz = points[j, 2] - before[2]
-        length = sqrt(dx * dx + dy * dy + dz * dz)
-        tension[j] = (sx * dx + sy * dy + sz * dz) / length if length > 0.0 else 0.0
+        pull = sub(pull, forces[j])
+        span = sub(points[j], root if j == 0 else points[j - 1])
+        distance = length(span)
+        tension[j] = dot(pull, span) / distance if distance > 0.0 else 0.0

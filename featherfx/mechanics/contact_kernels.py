@@ -14,8 +14,7 @@ Sources: augmented Lagrangian of Powell and Hestenes 1969; lagged smoothed frict
 2020 (Incremental Potential Contact, section 5). d and q move linearly within the interval.
 """
 
-from math import sqrt
-
+from featherfx.algebra.vec3_kernels import accumulate, dot, length, scale, sub
 from featherfx.jit.compiled import kernel
 
 # columns of a contact's strength
@@ -23,21 +22,19 @@ STIFFNESS, FORCE, FRICTION, SMOOTHING = 0, 1, 2, 3
 
 
 @kernel
-def _gap(point, normal, offset, share):
-    """Gap (m) of a point at a share (0..1) of the interval."""
-    level = offset[0] + share * (offset[1] - offset[0])
-    return normal[0] * point[0] + normal[1] * point[1] + normal[2] * point[2] - level
+def _gap(contacts, c, point, fraction):
+    """Gap (m) of a point at a fraction (0..1) of the interval."""
+    offset = contacts.offset[c]
+    level = offset[0] + fraction * (offset[1] - offset[0])
+    return dot(contacts.normal[c], point) - level
 
 
 @kernel
-def _slip(point, normal, target, share):
-    """Slip vector (m) of a point within its plane, and its length."""
-    x = point[0] - target[0, 0] - share * (target[1, 0] - target[0, 0])
-    y = point[1] - target[0, 1] - share * (target[1, 1] - target[0, 1])
-    z = point[2] - target[0, 2] - share * (target[1, 2] - target[0, 2])
-    along = normal[0] * x + normal[1] * y + normal[2] * z
-    x, y, z = x - along * normal[0], y - along * normal[1], z - along * normal[2]
-    return x, y, z, sqrt(x * x + y * y + z * z)
+def _slip(contacts, c, point, fraction):
+    """Slip vector (m) of a point within its plane."""
+    normal, target = contacts.normal[c], contacts.target[c]
+    u = sub(sub(point, target[0]), scale(fraction, sub(target[1], target[0])))
+    return sub(u, scale(dot(normal, u), normal))
 
 
 @kernel
@@ -55,55 +52,47 @@ def friction_potential(slip, smoothing):
 
 
 @kernel
-def contact_energy(contacts, f, share, points):
+def contact_energy(contacts, f, fraction, points):
     """Energy of feather f's contacts (J). points: (n, P, 3)."""
     total = 0.0
     for c in range(contacts.first[f], contacts.first[f + 1]):
-        point = points[contacts.node[c, 0], contacts.node[c, 1]]
-        normal, strength = contacts.normal[c], contacts.strength[c]
+        point, strength = points[contacts.node[c, 0], contacts.node[c, 1]], contacts.strength[c]
         stiffness = strength[STIFFNESS]
-        push = strength[FORCE] - stiffness * _gap(point, normal, contacts.offset[c], share)
+        push = strength[FORCE] - stiffness * _gap(contacts, c, point, fraction)
         if push > 0.0:
             total += 0.5 * push * push / stiffness
         if strength[FRICTION] > 0.0:
-            _, _, _, slip = _slip(point, normal, contacts.target[c], share)
+            slip = length(_slip(contacts, c, point, fraction))
             value, _, _, _ = friction_potential(slip, strength[SMOOTHING])
             total += strength[FRICTION] * value
     return total
 
 
 @kernel
-def add_contact_forces(contacts, f, share, points, force, stiff):
+def add_contact_forces(contacts, f, fraction, points, force, stiff):
     """Gradient and Hessian of contact_energy, added to force (n, P, 3) and stiff (n, P, 6)."""
     for c in range(contacts.first[f], contacts.first[f + 1]):
         row, p = contacts.node[c, 0], contacts.node[c, 1]
-        point, normal, strength = points[row, p], contacts.normal[c], contacts.strength[c]
-        nx, ny, nz = normal[0], normal[1], normal[2]
-        push = strength[FORCE] - strength[STIFFNESS] * _gap(
-            point, normal, contacts.offset[c], share
-        )
+        point, n, strength = points[row, p], contacts.normal[c], contacts.strength[c]
+        push = strength[FORCE] - strength[STIFFNESS] * _gap(contacts, c, point, fraction)
         isotropic, along_normal, along_slip = 0.0, 0.0, 0.0
-        ux, uy, uz = 0.0, 0.0, 0.0
+        u = (0.0, 0.0, 0.0)
         if push > 0.0:
-            force[row, p, 0] -= push * nx
-            force[row, p, 1] -= push * ny
-            force[row, p, 2] -= push * nz
+            accumulate(force[row, p], -push, n)
             along_normal = strength[STIFFNESS]
         bound = strength[FRICTION]
         if bound > 0.0:
-            ux, uy, uz, slip = _slip(point, normal, contacts.target[c], share)
+            u = _slip(contacts, c, point, fraction)
+            slip = length(u)
             _, _, ratio, second = friction_potential(slip, strength[SMOOTHING])
             isotropic = bound * ratio
-            force[row, p, 0] += isotropic * ux
-            force[row, p, 1] += isotropic * uy
-            force[row, p, 2] += isotropic * uz
+            accumulate(force[row, p], isotropic, u)
             along_normal -= isotropic
             if slip > 0.0:
                 along_slip = bound * (second - ratio) / (slip * slip)
         out = stiff[row, p]
-        out[0] += isotropic + along_normal * nx * nx + along_slip * ux * ux
-        out[1] += isotropic + along_normal * ny * ny + along_slip * uy * uy
-        out[2] += isotropic + along_normal * nz * nz + along_slip * uz * uz
-        out[3] += along_normal * nx * ny + along_slip * ux * uy
-        out[4] += along_normal * nx * nz + along_slip * ux * uz
-        out[5] += along_normal * ny * nz + along_slip * uy * uz
+        for k in range(3):
+            out[k] += isotropic + along_normal * n[k] * n[k] + along_slip * u[k] * u[k]
+        out[3] += along_normal * n[0] * n[1] + along_slip * u[0] * u[1]
+        out[4] += along_normal * n[0] * n[2] + along_slip * u[0] * u[2]
+        out[5] += along_normal * n[1] * n[2] + along_slip * u[1] * u[2]

@@ -22,7 +22,18 @@ make the energy jump, too. t - t0 is therefore multiplied by w(y) of either tria
 
 from math import atan2, sqrt
 
-from featherfx.algebra.rotation_kernels import cross
+from featherfx.algebra.vec3_kernels import (
+    accumulate,
+    add,
+    combined,
+    cross,
+    dot,
+    length,
+    normal_of,
+    scale,
+    store,
+    sub,
+)
 from featherfx.jit.compiled import kernel
 
 TINY = 1e-300
@@ -31,16 +42,11 @@ CRUSHED = 0.2
 
 @kernel
 def _angle_and_squares(start, end, above, below):
-    """Dihedral angle, and |n|^2 of both triangles, n = e x u."""
-    ex, ey, ez = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    ux, uy, uz = above[0] - start[0], above[1] - start[1], above[2] - start[2]
-    vx, vy, vz = below[0] - start[0], below[1] - start[1], below[2] - start[2]
-    ax, ay, az = cross(ex, ey, ez, ux, uy, uz)
-    bx, by, bz = cross(vx, vy, vz, ex, ey, ez)
-    cx, cy, cz = cross(ax, ay, az, bx, by, bz)
-    length = sqrt(ex * ex + ey * ey + ez * ez)
-    angle = atan2(cx * ex + cy * ey + cz * ez, length * (ax * bx + ay * by + az * bz) + TINY)
-    return angle, ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
+    """Dihedral angle, and |n|^2 of both triangles."""
+    e, u, v = sub(end, start), sub(above, start), sub(below, start)
+    n1, n2 = cross(e, u), cross(v, e)
+    angle = atan2(dot(cross(n1, n2), e), length(e) * dot(n1, n2) + TINY)
+    return angle, dot(n1, n1), dot(n2, n2)
 
 
 @kernel
@@ -51,45 +57,29 @@ def hinge_angle(start, end, above, below):
 
 
 @kernel
-def hinge_slopes(ex, ey, ez, ux, uy, uz, vx, vy, vz):
-    """Derivatives of the dihedral angle by x_0, x_1, x_2, x_3, three each, in one tuple.
+def hinge_slopes(e, u, v):
+    """Derivatives of the dihedral angle by x_0, x_1, x_2, x_3.
 
-    e = x_1 - x_0, u = x_2 - x_0, v = x_3 - x_0, axis by axis.
+    e = x_1 - x_0, u = x_2 - x_0, v = x_3 - x_0.
     """
-    ax, ay, az = cross(ex, ey, ez, ux, uy, uz)
-    bx, by, bz = cross(vx, vy, vz, ex, ey, ez)
-    square = ex * ex + ey * ey + ez * ez
-    length = sqrt(square)
+    n1, n2 = cross(e, u), cross(v, e)
+    square = dot(e, e)
+    size = sqrt(square)
     # a triangle crushed to a line would give an infinite slope; it is bounded there
     floor = 1e-12 * square * square
-    a = length / max(ax * ax + ay * ay + az * az, floor)
-    b = length / max(bx * bx + by * by + bz * bz, floor)
-    ax, ay, az, bx, by, bz = a * ax, a * ay, a * az, b * bx, b * by, b * bz
-    s = (ux * ex + uy * ey + uz * ez) / square
-    t = (vx * ex + vy * ey + vz * ez) / square
-    p, q = 1.0 - s, 1.0 - t
-    start = p * ax + q * bx, p * ay + q * by, p * az + q * bz
-    end = s * ax + t * bx, s * ay + t * by, s * az + t * bz
-    return (*start, *end, -ax, -ay, -az, -bx, -by, -bz)
+    n1 = scale(size / max(dot(n1, n1), floor), n1)
+    n2 = scale(size / max(dot(n2, n2), floor), n2)
+    s, t = dot(u, e) / square, dot(v, e) / square
+    by_start, by_end = combined(1.0 - s, n1, 1.0 - t, n2), combined(s, n1, t, n2)
+    return by_start, by_end, scale(-1.0, n1), scale(-1.0, n2)
 
 
 @kernel
 def hinge_gradient(start, end, above, below, gradient):
     """Gradient of the dihedral angle, written to gradient (4, 3): x_0, x_1, x_2, x_3."""
-    slopes = hinge_slopes(
-        end[0] - start[0],
-        end[1] - start[1],
-        end[2] - start[2],
-        above[0] - start[0],
-        above[1] - start[1],
-        above[2] - start[2],
-        below[0] - start[0],
-        below[1] - start[1],
-        below[2] - start[2],
-    )
+    slopes = hinge_slopes(sub(end, start), sub(above, start), sub(below, start))
     for node in range(4):
-        for k in range(3):
-            gradient[node, k] = slopes[3 * node + k]
+        store(gradient[node], slopes[node])
 
 
 @kernel
@@ -99,7 +89,7 @@ def opening(rest):
 
 
 @kernel
-def _share(square, opening):
+def _openness(square, opening):
     """w and its derivative by |n|^2, of a triangle with n = e x u of the given square."""
     y = square * opening
     if y >= 1.0:
@@ -108,49 +98,34 @@ def _share(square, opening):
 
 
 @kernel
-def _normal_square(edge_start, edge_end, opposite):
-    ex, ey, ez = cross(
-        edge_end[0] - edge_start[0],
-        edge_end[1] - edge_start[1],
-        edge_end[2] - edge_start[2],
-        opposite[0] - edge_start[0],
-        opposite[1] - edge_start[1],
-        opposite[2] - edge_start[2],
-    )
-    return ex * ex + ey * ey + ez * ez
-
-
-@kernel
-def angle_and_share(start, end, above, below, open_above, open_below):
+def angle_and_openness(start, end, above, below, open_above, open_below):
     """Dihedral angle of a hinge, and w of both its triangles, multiplied.
 
     start to below: as in hinge_angle. open_above, open_below: of `opening`.
     """
     angle, over, under = _angle_and_squares(start, end, above, below)
-    first, _ = _share(over, open_above)
-    second, _ = _share(under, open_below)
+    first, _ = _openness(over, open_above)
+    second, _ = _openness(under, open_below)
     return angle, first * second
 
 
 @kernel
-def _add_area_slope(start, end, opposite, scale, at, gradient):
-    """scale times the gradient of |e x u|^2, added to rows 0, 1 and at of gradient (4, 3)."""
-    ex, ey, ez = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    ux, uy, uz = opposite[0] - start[0], opposite[1] - start[1], opposite[2] - start[2]
-    nx, ny, nz = cross(ex, ey, ez, ux, uy, uz)
-    by_end = cross(ux, uy, uz, nx, ny, nz)
-    by_opposite = cross(nx, ny, nz, ex, ey, ez)
-    for k in range(3):
-        gradient[1, k] += 2.0 * scale * by_end[k]
-        gradient[at, k] += 2.0 * scale * by_opposite[k]
-        gradient[0, k] -= 2.0 * scale * (by_end[k] + by_opposite[k])
+def _add_area_slope(start, end, opposite, factor, at, gradient):
+    """factor times the gradient of |e x u|^2, added to rows 0, 1 and at of gradient (4, 3)."""
+    e, u = sub(end, start), sub(opposite, start)
+    normal = cross(e, u)
+    by_end, by_opposite = cross(u, normal), cross(normal, e)
+    accumulate(gradient[1], 2.0 * factor, by_end)
+    accumulate(gradient[at], 2.0 * factor, by_opposite)
+    accumulate(gradient[0], -2.0 * factor, add(by_end, by_opposite))
 
 
 @kernel
-def crush_gradient(start, end, above, below, open_above, open_below, gradient):
+def openness_gradient(start, end, above, below, open_above, open_below, gradient):
     """Gradient of w of both triangles, multiplied, written to gradient (4, 3)."""
-    first, first_slope = _share(_normal_square(start, end, above), open_above)
-    second, second_slope = _share(_normal_square(start, end, below), open_below)
+    n1, n2 = normal_of(start, end, above), normal_of(start, end, below)
+    first, first_slope = _openness(dot(n1, n1), open_above)
+    second, second_slope = _openness(dot(n2, n2), open_below)
     gradient[:] = 0.0
     _add_area_slope(start, end, above, first_slope * second, 2, gradient)
     _add_area_slope(start, end, below, second_slope * first, 3, gradient)

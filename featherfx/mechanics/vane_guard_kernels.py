@@ -27,35 +27,36 @@ SMALLEST = 0.5 * ROUNDING  # of J^2, below which J goes on linearly in it
 
 
 @kernel
-def _ratio_and_root(across, shear):
+def _ratio_and_root(strain_across, strain_shear):
     """J, and the root that dJ / d(J^2) = 1 / (2 root) holds."""
-    square = (1.0 + 2.0 * across - shear * shear + ROUNDING) / (1.0 + ROUNDING)
+    unrounded = 1.0 + 2.0 * strain_across - strain_shear * strain_shear
+    square = (unrounded + ROUNDING) / (1.0 + ROUNDING)
     root = sqrt(max(square, SMALLEST))
     return root + 0.5 * min(square - SMALLEST, 0.0) / root, root
 
 
 @kernel
-def area_ratio(across, shear):
+def area_ratio(strain_across, strain_shear):
     """J of strains e_ww and 2 e_vw."""
-    ratio, _ = _ratio_and_root(across, shear)
+    ratio, _ = _ratio_and_root(strain_across, strain_shear)
     return ratio
 
 
 @kernel
-def guard_energy(stiffness, across, shear):
+def guard_energy(stiffness, strain_across, strain_shear):
     """W of one triangle; stiffness: G."""
-    loss = 1.0 - area_ratio(across, shear)
+    loss = 1.0 - area_ratio(strain_across, strain_shear)
     return stiffness * loss * loss * loss if loss > 0.0 else 0.0
 
 
 @kernel
-def guard_slopes(stiffness, across, shear):
+def guard_slopes(stiffness, strain_across, strain_shear):
     """(dW/dJ, d2W/dJ2, dJ/de_ww, dJ/d(2 e_vw)) of one triangle; the first two 0 if J >= 1."""
-    ratio, root = _ratio_and_root(across, shear)
+    ratio, root = _ratio_and_root(strain_across, strain_shear)
     loss = max(1.0 - ratio, 0.0)
     by_across = 1.0 / (root * (1.0 + ROUNDING))
     slope = -3.0 * stiffness * loss * loss
-    return slope, 6.0 * stiffness * loss, by_across, -shear * by_across
+    return slope, 6.0 * stiffness * loss, by_across, -strain_shear * by_across
 
 
 @kernel

@@ -12,15 +12,21 @@ Source: Jouve 2024, eq. 4.1. In the barb-curvature kinematics e_vv is zero by co
 
 Strains of one cell, triangle A then B: e_ww, 2 e_vw, e_ww, 2 e_vw.
 
-A stretched vane resists being lifted, a compressed one wrinkles: with stresses s = E_ww e_ww and
-t = 2 E_vw e_vw the second variation holds s |dc|^2 + 2 t da.dc besides the squares of the strain
-variations. Within the triangle's plane it is small against those; along its normal n it is all
-there is. It is the sum of l (n.(p da + q dc))^2 over both eigenvalues l of [[0, t], [t, s]] with
-unit eigenvectors (p, q).
+A stretched vane resists being lifted, a compressed one wrinkles: with stresses f = E_ww e_ww and
+g = 2 E_vw e_vw (times b A) the second variation holds, besides squares of the strains' variations,
+the geometric stiffness
+
+    f |dc|^2 + 2 g da.dc
+
+Compression and shear make it indefinite. Within the triangle's plane it is small against those
+squares; along its normal n it is all there is, and there it is the sum of l (n.(p da + q dc))^2
+over both eigenvalues l of [[0, g], [g, f]] with unit eigenvectors (p, q): the positive one is its
+stabilising part.
 """
 
 from math import sqrt
 
+from featherfx.algebra.vec3_kernels import dot, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
 
 
@@ -30,54 +36,67 @@ def membrane_strain(start, end, opposite, rest):
 
     start, end, opposite: (3,) nodes x_0, x_1, x_2. rest: (1/s, p, 1/h).
     """
-    across, shear = 0.0, 0.0
-    for k in range(3):
-        a = (end[k] - start[k]) * rest[0]
-        c = (opposite[k] - start[k] - rest[1] * a) * rest[2]
-        across += c * c
-        shear += a * c
-    return 0.5 * (across - 1.0), shear
+    a = scale(rest[0], sub(end, start))
+    c = scale(rest[2], sub(sub(opposite, start), scale(rest[1], a)))
+    return 0.5 * (dot(c, c) - 1.0), dot(a, c)
 
 
 @kernel
-def membrane_slopes(start, end, opposite, edge, slant, reach):
+def membrane_slopes(start, end, opposite, rest):
     """Derivatives of both strains by one axis of each node.
 
-    start, end, opposite: that axis of x_0, x_1, x_2. edge, slant, reach: 1/s, p, 1/h. Returns e_ww
-    by start, end, opposite, then 2 e_vw.
+    start, end, opposite: that axis of x_0, x_1, x_2. rest: (1/s, p, 1/h). Returns e_ww by
+    start, end, opposite, then 2 e_vw.
     """
+    edge, slant, reach = rest
     a = (end - start) * edge
     c = (opposite - start - slant * a) * reach
-    across, shear = c * reach, a * reach
-    across_end = -slant * edge * across
-    shear_end = (c - slant * shear) * edge
-    return -across - across_end, across_end, across, -shear - shear_end, shear_end, shear
+    across_tip, shear_tip = c * reach, a * reach
+    across_end = -slant * edge * across_tip
+    shear_end = (c - slant * shear_tip) * edge
+    return (
+        (-across_tip - across_end, across_end, across_tip),
+        (-shear_tip - shear_end, shear_end, shear_tip),
+    )
 
 
 @kernel
 def membrane_gradient(start, end, opposite, rest, gradient):
     """Gradients, written to gradient (2, 3, 3): strain, node (start, end, opposite), axis."""
     for k in range(3):
-        slopes = membrane_slopes(start[k], end[k], opposite[k], rest[0], rest[1], rest[2])
+        slopes = membrane_slopes(start[k], end[k], opposite[k], (rest[0], rest[1], rest[2]))
         for node in range(3):
-            gradient[0, node, k] = slopes[node]
-            gradient[1, node, k] = slopes[3 + node]
+            gradient[0, node, k] = slopes[0][node]
+            gradient[1, node, k] = slopes[1][node]
 
 
 @kernel
-def membrane_lift(start, end, opposite, rest, across, shear, stiffness, gradient):
-    """Geometric stiffness along the triangle's normal.
+def membrane_geometric_stiffness(rest, stress_across, stress_shear):
+    """Geometric stiffness: factors of the unit matrix, of each pair of a triangle's nodes.
 
-    across, shear: stresses s, t (times b A). Written: stiffness (2,), the positive and the
-    negative eigenvalue, and gradient (2, 3, 3) of n.(p a + q c) at fixed n for each: node (start,
-    end, opposite), axis.
+    rest: (1/s, p, 1/h). Returns those of x_0, x_1, x_2 with themselves, halved, and of (x_0, x_1),
+    (x_0, x_2), (x_1, x_2).
     """
+    edge, reach = rest[0], rest[2]
+    slant = reach * rest[1] * edge
+    dd = stress_across * reach * reach
+    de = reach * (stress_shear * edge - stress_across * slant)
+    ee = slant * (stress_across * slant - 2.0 * stress_shear * edge)
+    return 0.5 * (dd + ee) + de, 0.5 * ee, 0.5 * dd, -de - ee, -dd - de, de
+
+
+@kernel
+def membrane_normal_stiffness(start, end, opposite, rest, stresses, stiffness, gradient):
+    """Geometric stiffness along the triangle's normal, split by sign.
+
+    stresses: (f, g). Written: stiffness (2,), the positive and the negative eigenvalue, and
+    gradient (2, 3, 3) of n.(p a + q c) at fixed n for each: node (start, end, opposite), axis.
+    """
+    across, shear = stresses
     root = sqrt(across * across + 4.0 * shear * shear)
-    ux, uy, uz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    vx, vy, vz = opposite[0] - start[0], opposite[1] - start[1], opposite[2] - start[2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    length = sqrt(nx * nx + ny * ny + nz * nz)
-    scale = 1.0 / length if length > 0.0 else 0.0
+    normal = normal_of(start, end, opposite)
+    size = length(normal)
+    inverse = 1.0 / size if size > 0.0 else 0.0
     for e in range(2):
         value = 0.5 * (across + root) if e == 0 else 0.5 * (across - root)
         size = sqrt(value * value + shear * shear)
@@ -85,10 +104,8 @@ def membrane_lift(start, end, opposite, rest, across, shear, stiffness, gradient
         if size > 0.0:
             p, q = shear / size, value / size
         stiffness[e] = value
-        by_opposite = q * rest[2] * scale
-        by_end = (p * scale - by_opposite * rest[1]) * rest[0]
-        for k in range(3):
-            n = nx if k == 0 else (ny if k == 1 else nz)
-            gradient[e, 0, k] = -(by_opposite + by_end) * n
-            gradient[e, 1, k] = by_end * n
-            gradient[e, 2, k] = by_opposite * n
+        by_opposite = q * rest[2] * inverse
+        by_end = (p * inverse - by_opposite * rest[1]) * rest[0]
+        store(gradient[e, 0], scale(-(by_opposite + by_end), normal))
+        store(gradient[e, 1], scale(by_end, normal))
+        store(gradient[e, 2], scale(by_opposite, normal))

@@ -1,6 +1,7 @@
 """Feathers in their rest shape."""
 
-from featherfx.algebra.rotation_kernels import exponential, multiply, normalised
+from featherfx.algebra.rotation_kernels import exponential, multiply, normalised, store_rotation
+from featherfx.algebra.vec3_kernels import store
 from featherfx.jit.compiled import kernel
 from featherfx.solver.step.pose_kernels import chain, material_points
 
@@ -13,16 +14,10 @@ def rest_pose(model, positions, turns, turn, centre, coefficient, frames, points
     must be zero. frames: (2, n, m, 4) scratch.
     """
     for f in range(positions.shape[0]):
-        for k in range(3):
-            centre[f, 0, k] = positions[f, k]
-        for k in range(4):
-            turn[f, 0, k] = turns[f, k]
+        store(centre[f, 0], positions[f])
+        store_rotation(turn[f, 0], turns[f])
         for i in range(turn.shape[1] - 1):
-            rest, t = model.rachis_rest[f, i], turn[f, i]
-            w, x, y, z = exponential(rest[3], rest[4], rest[5])
-            w, x, y, z = multiply(t[0], t[1], t[2], t[3], w, x, y, z)
-            w, x, y, z = normalised(w, x, y, z)
-            after = turn[f, i + 1]
-            after[0], after[1], after[2], after[3] = w, x, y, z
-            chain(t, after, rest, model.length[f, i], centre[f, i], centre[f, i + 1])
+            rest, row, after = model.rachis_rest[f, i], turn[f, i], turn[f, i + 1]
+            store_rotation(after, normalised(multiply(row, exponential(rest[3:]))))
+            chain(row, after, rest, model.length[f, i], centre[f, i], centre[f, i + 1])
         material_points(model, f, turn[f], centre[f], coefficient[f], frames, points[f])

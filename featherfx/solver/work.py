@@ -73,7 +73,7 @@ class Cells(NamedTuple):
     """What a barb's cells or hinges give, between two of its nodes each; up to four strains.
 
     Lines of S numbers (vane/line_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
-    stiffness and half of it. gradient: (4, 4, 3, S), strain, node, axis. turning: (6, S), N/m.
+    stiffness and half of it. gradient: (4, 4, 3, S), strain, node, axis. geometric: (6, S), N/m.
     single: (3, 4, 3), of one cell.
     """
 
@@ -81,7 +81,7 @@ class Cells(NamedTuple):
     stress: Array
     weight: Array
     gradient: Array
-    turning: Array
+    geometric: Array
     single: Array
 
 
@@ -182,7 +182,7 @@ def make_work(model: Model) -> Work:
                 stress=np.zeros((2, padded)),
                 weight=np.zeros((4, 2, padded)),
                 gradient=np.zeros((4, 4, 3, padded)),
-                turning=np.zeros((6, padded)),
+                geometric=np.zeros((6, padded)),
                 single=np.zeros((3, 4, 3)),
             ),
         ),

@@ -1,4 +1,4 @@
-"""The share of a hinge whose triangles are crushed: its range, and its gradient."""
+"""The openness of a hinge whose triangles are crushed: its range, and its gradient."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import pytest
 
 from featherfx.mechanics.vane_bending_kernels import (
     CRUSHED,
-    angle_and_share,
-    crush_gradient,
+    angle_and_openness,
     opening,
+    openness_gradient,
 )
 
 # unit edge, triangles of height 1 at rest
@@ -24,31 +24,31 @@ def nodes(height, seed=0):
     return flat @ turn
 
 
-def share(points):
-    return angle_and_share(*points, opening(REST), opening(REST))[1]
+def openness(points):
+    return angle_and_openness(*points, opening(REST), opening(REST))[1]
 
 
 @pytest.mark.parametrize("height", [CRUSHED, 0.5, -1.0])
 def test_a_triangle_that_keeps_enough_area_bends_as_ever(height):
     points = nodes(height)
     points[3] = points[0] + 2.0 * (points[3] - points[0])
-    assert share(points) == pytest.approx(1.0, abs=1e-12)
+    assert openness(points) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_the_share_of_one_that_turns_over_passes_through_zero():
+def test_the_openness_of_one_that_turns_over_passes_through_zero():
     heights = np.linspace(-0.2, 0.2, 41)
-    shares = [share(nodes(height)) for height in heights]
-    assert shares[20] == pytest.approx(0.0, abs=1e-25)
-    assert np.all(np.diff(shares[20:]) > 0.0)
-    assert shares == pytest.approx(shares[::-1])
+    values = [openness(nodes(height)) for height in heights]
+    assert values[20] == pytest.approx(0.0, abs=1e-25)
+    assert np.all(np.diff(values[20:]) > 0.0)
+    assert values == pytest.approx(values[::-1])
 
 
 @pytest.mark.parametrize("height", [0.19, 0.1, 0.03, 1e-3])
 def test_its_gradient_is_the_derivative(height):
     points, gradient = nodes(height, 1), np.zeros((4, 3))
-    crush_gradient(*points, opening(REST), opening(REST), gradient)
+    openness_gradient(*points, opening(REST), opening(REST), gradient)
     rng = np.random.default_rng(2)
     for _ in range(6):
         x, step = rng.normal(size=(4, 3)), 1e-7
-        slope = (share(points + step * x) - share(points - step * x)) / (2.0 * step)
+        slope = (openness(points + step * x) - openness(points - step * x)) / (2.0 * step)
         assert np.sum(gradient * x) == pytest.approx(slope, rel=1e-5, abs=1e-6)

@@ -11,14 +11,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from derivatives import derivative_fault, unnoticed_signs
-from trial_batches import barb_slopes, random_turn, turned
+from trial_batches import barb_slopes, random_turn, rod, turned
 
 from featherfx.mechanics.barb_kernels import barb_points
 from featherfx.mechanics.barb_shapes import curvature_shapes
+from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.node_kernels import node_energy, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
+from featherfx.solver.work import make_work
 
 SEEDS = range(5)
 
@@ -130,21 +132,28 @@ class Nodes:
     def __init__(self, rng):
         shape = (2, 7)
         self.points = rng.normal(size=(*shape, 3))
-        target, past = rng.normal(size=(2, *shape, 3))
-        self.arguments = (
-            *(target, 3.0, past, 2.0, rng.uniform(0.5, 1.5, shape), rng.normal(size=3)),
-            *(np.array([1.2, 1.5, 0.1, 1.1]), rng.normal(size=(*shape, 3))),
-            *(rng.normal(size=(*shape, 3)), rng.uniform(0.5, 2.0, shape), rng.uniform(1, 2, 2)),
+        self.model = rod(2)._replace(
+            mass=rng.uniform(0.5, 1.5, (1, *shape)), shaft_area=rng.uniform(1, 2, (1, 2))
         )
+        air, gravity = np.array([1.2, 1.5, 0.1, 1.1]), rng.normal(size=3)
+        self.loads = no_loads(1)._replace(air=air, gravity=gravity)
+        target, past, wind, area = rng.normal(size=(4, *shape, 3))
+        speed = rng.uniform(0.5, 2.0, shape)
+        self.around = make_work(self.model).around._replace(
+            target=target, past=past, wind=wind, area=area, speed=speed
+        )
+        self.factors = (3.0, 2.0, 0.0)
         self.force, self.stiff = np.zeros((*shape, 3)), np.zeros((*shape, 6))
         self.size = self.points.size
 
     def energy(self, x):
-        return node_energy(self.points + x.reshape(self.points.shape), *self.arguments)
+        moved = self.points + x.reshape(self.points.shape)
+        return node_energy(self.model, self.loads, 0, self.factors, moved, self.around)
 
     def forces(self, x):
         moved = self.points + x.reshape(self.points.shape)
-        node_forces(moved, *self.arguments, self.force, self.stiff)
+        each = self.model, self.loads, 0, self.factors, moved, self.around
+        node_forces(*each, self.force, self.stiff)
         return self.force.copy()
 
 

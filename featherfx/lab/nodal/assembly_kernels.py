@@ -14,9 +14,8 @@ from featherfx.lab.nodal.stencil_kernels import (
     add_turns,
     agreed,
 )
-from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
-from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
-from featherfx.solver.step.assembly_kernels import add_grips
+from featherfx.mechanics.node_kernels import add_dead_forces, add_grip_forces, node_forces
+from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_normal_stiffness
 from featherfx.solver.step.energy_kernels import node_index
 
 
@@ -49,15 +48,15 @@ def _add_cells(model, nodal, f, pose, before, reference, damping, signed, elemen
                         stress[2 + k] = stiffness[k] * (agreed(strain, before[at]) + rate)
                         weight[k] = stiffness[k] * (1.0 + damping)
                         at += 1
-                    membrane_lift(
-                        start, end, tip, rest, stress[2], stress[3], element.lift, gradient[2:]
-                    )
+                    signs, lines_along = element.normal, gradient[2:]
+                    stresses = stress[2], stress[3]
+                    membrane_normal_stiffness(start, end, tip, rest, stresses, signs, lines_along)
                     for k in range(4):
                         for a in range(3):
                             for x in range(3):
                                 lines[k, 3 * a + x] = gradient[k, a, x]
-                    weight[2] = element.lift[0]
-                    weight[3] = element.lift[1]
+                    weight[2] = signs[0]
+                    weight[3] = signs[1]
                     add_stress(stress[0], lines[0], 3, element, system.right)
                     add_stress(stress[1], lines[1], 3, element, system.right)
                     add_element(4 if signed else 3, 3, element, system)
@@ -145,33 +144,9 @@ def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work)
     reference = around.reference
     system.band[:] = 0.0
     system.right[:] = 0.0
-    node_forces(
-        pose.points,
-        around.target,
-        factors[0],
-        around.past,
-        factors[1],
-        model.mass[f],
-        loads.gravity,
-        loads.air,
-        around.wind,
-        around.area,
-        around.speed,
-        model.shaft_area[f],
-        work.force,
-        work.stiff,
-    )
-    add_grips(
-        loads.grip_node[f],
-        loads.grip_start[f],
-        loads.grip_end[f],
-        loads.grip_stiffness[f],
-        share,
-        pose.points,
-        work.force,
-        work.stiff,
-    )
-    add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
+    node_forces(model, loads, f, factors, pose.points, around, work.force, work.stiff)
+    add_grip_forces(loads, f, share, pose.points, work.force, work.stiff)
+    add_dead_forces(loads, f, share, work.force)
     _, _, cells_at, _ = sections(pose.points.shape[0], model.joints.shape[3])
     add_guard_forces(
         model.cell_guard[f],

@@ -16,7 +16,7 @@ instead of a material frame that would have to be carried along.
 
 from math import sqrt
 
-from featherfx.algebra.rotation_kernels import cross
+from featherfx.algebra.vec3_kernels import add, combined, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 
 SMALLEST = 1e-6  # of c: a barb folded back on itself would have an infinite slope
@@ -25,51 +25,44 @@ SMALLEST = 1e-6  # of c: a barb folded back on itself would have an infinite slo
 @kernel
 def turns(first, second, normal):
     """(s, b) between unit directions first and second, each (3,), with unit normal (3,)."""
-    c = 1.0 + first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
-    c = max(c, SMALLEST)
-    x, y, z = cross(first[0], first[1], first[2], second[0], second[1], second[2])
-    out, within = 0.0, 2.0 / c * (x * normal[0] + y * normal[1] + z * normal[2])
-    for k in range(3):
-        out += (first[k] - second[k]) * normal[k]
-    return sqrt(2.0 / c) * out, within
+    c = max(1.0 + dot(first, second), SMALLEST)
+    out, within = dot(sub(first, second), normal), dot(cross(first, second), normal)
+    return sqrt(2.0 / c) * out, 2.0 / c * within
 
 
 @kernel
 def turns_gradient(first, second, normal, gradient):
     """Derivatives of (s, b) by the three vectors, written to gradient (2, 3, 3)."""
-    c = 1.0 + first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
-    c = max(c, SMALLEST)
+    c = max(1.0 + dot(first, second), SMALLEST)
     root = sqrt(2.0 / c)
     out, within = turns(first, second, normal)
-    second_normal = cross(second[0], second[1], second[2], normal[0], normal[1], normal[2])
-    normal_first = cross(normal[0], normal[1], normal[2], first[0], first[1], first[2])
-    binormal = cross(first[0], first[1], first[2], second[0], second[1], second[2])
-    for k in range(3):
-        gradient[0, 0, k] = root * normal[k] - 0.5 * out / c * second[k]
-        gradient[0, 1, k] = -root * normal[k] - 0.5 * out / c * first[k]
-        gradient[0, 2, k] = root * (first[k] - second[k])
-        gradient[1, 0, k] = 2.0 / c * second_normal[k] - within / c * second[k]
-        gradient[1, 1, k] = 2.0 / c * normal_first[k] - within / c * first[k]
-        gradient[1, 2, k] = 2.0 / c * binormal[k]
+    store(gradient[0, 0], combined(root, normal, -0.5 * out / c, second))
+    store(gradient[0, 1], combined(-root, normal, -0.5 * out / c, first))
+    store(gradient[0, 2], scale(root, sub(first, second)))
+    store(gradient[1, 0], combined(2.0 / c, cross(second, normal), -within / c, second))
+    store(gradient[1, 1], combined(2.0 / c, cross(normal, first), -within / c, first))
+    store(gradient[1, 2], scale(2.0 / c, cross(first, second)))
+
+
+@kernel
+def _unit(v, out):
+    """v / |v| to out (3,), zero if it has no length; returns the length."""
+    size = length(v)
+    store(out, scale(1.0 / size if size > 0.0 else 0.0, v))
+    return size
 
 
 @kernel
 def unit_between(start, end, out):
     """Unit vector from start to end to out (3,), zero if they coincide; returns the distance."""
-    x, y, z = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    length = sqrt(x * x + y * y + z * z)
-    scale = 1.0 / length if length > 0.0 else 0.0
-    out[0], out[1], out[2] = scale * x, scale * y, scale * z
-    return length
+    return _unit(sub(end, start), out)
 
 
 @kernel
-def pull_back(unit, length, gradient):
-    """Gradient (3,) by a unit vector u / |u| becomes that by u, in place; length: |u|."""
-    scale = 1.0 / length if length > 0.0 else 0.0
-    along = gradient[0] * unit[0] + gradient[1] * unit[1] + gradient[2] * unit[2]
-    for k in range(3):
-        gradient[k] = scale * (gradient[k] - along * unit[k])
+def pull_back(unit, size, gradient):
+    """Gradient (3,) by a unit vector u / |u| becomes that by u, in place; size: |u|."""
+    inverse = 1.0 / size if size > 0.0 else 0.0
+    store(gradient, scale(inverse, sub(gradient, scale(dot(gradient, unit), unit))))
 
 
 @kernel
@@ -77,18 +70,7 @@ def vane_frame(before, node, after, above, below, frame):
     """t_1, t_2 and n of a barb node to frame (3, 3), rows; returns their three lengths."""
     first = unit_between(before, node, frame[0])
     second = unit_between(node, after, frame[1])
-    x, y, z = cross(
-        after[0] - before[0],
-        after[1] - before[1],
-        after[2] - before[2],
-        above[0] - below[0],
-        above[1] - below[1],
-        above[2] - below[2],
-    )
-    size = sqrt(x * x + y * y + z * z)
-    scale = 1.0 / size if size > 0.0 else 0.0
-    frame[2, 0], frame[2, 1], frame[2, 2] = scale * x, scale * y, scale * z
-    return first, second, size
+    return first, second, _unit(cross(sub(after, before), sub(above, below)), frame[2])
 
 
 @kernel
@@ -106,18 +88,16 @@ def bend_gradient(before, node, after, above, below, frame, gradient, lines):
     """
     first, second, size = vane_frame(before, node, after, above, below, frame)
     turns_gradient(frame[0], frame[1], frame[2], gradient)
-    ux, uy, uz = after[0] - before[0], after[1] - before[1], after[2] - before[2]
-    vx, vy, vz = above[0] - below[0], above[1] - below[1], above[2] - below[2]
+    along, up = sub(after, before), sub(above, below)
     for d in range(2):
         by_first, by_second, by_normal = gradient[d, 0], gradient[d, 1], gradient[d, 2]
         pull_back(frame[0], first, by_first)
         pull_back(frame[1], second, by_second)
         pull_back(frame[2], size, by_normal)
-        by_barb = cross(vx, vy, vz, by_normal[0], by_normal[1], by_normal[2])
-        by_row = cross(by_normal[0], by_normal[1], by_normal[2], ux, uy, uz)
-        for k in range(3):
-            lines[d, k] = -by_first[k] - by_barb[k]
-            lines[d, 3 + k] = by_first[k] - by_second[k]
-            lines[d, 6 + k] = by_second[k] + by_barb[k]
-            lines[d, 9 + k] = by_row[k]
-            lines[d, 12 + k] = -by_row[k]
+        by_barb, by_row = cross(up, by_normal), cross(by_normal, along)
+        line = lines[d]
+        store(line, scale(-1.0, add(by_first, by_barb)))
+        store(line[3:], sub(by_first, by_second))
+        store(line[6:], add(by_second, by_barb))
+        store(line[9:], by_row)
+        store(line[12:], scale(-1.0, by_row))

@@ -17,7 +17,8 @@ The second is the holonomy of parallel transport (Bergou et al. 2008). A stencil
 rachis point, the row's rotation and the barb's nodes from the first on.
 """
 
-from featherfx.algebra.rotation_kernels import cross, multiply, rotate
+from featherfx.algebra.rotation_kernels import multiply, rotate
+from featherfx.algebra.vec3_kernels import accumulate, add, cross, dot, scale, store
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.barb_bending_kernels import (
     SMALLEST,
@@ -31,27 +32,20 @@ TWIST = 4  # line that holds the derivative of r_j
 
 
 @kernel
-def begin_barb(turn, clamp, frame):
-    """t_0 and n_0 to rows 0 and 2 of frame (3, 3); turn, clamp: (4,) quaternions."""
-    w, x, y, z = multiply(
-        turn[0], turn[1], turn[2], turn[3], clamp[0], clamp[1], clamp[2], clamp[3]
-    )
-    frame[0, 0], frame[0, 1], frame[0, 2] = rotate(w, x, y, z, 1.0, 0.0, 0.0)
-    frame[2, 0], frame[2, 1], frame[2, 2] = rotate(w, x, y, z, 0.0, 0.0, 1.0)
+def begin_barb(row, clamp, frame):
+    """t_0 and n_0 to rows 0 and 2 of frame (3, 3); row, clamp: (4,) quaternions."""
+    base = multiply(row, clamp)
+    store(frame[0], rotate(base, (1.0, 0.0, 0.0)))
+    store(frame[2], rotate(base, (0.0, 0.0, 1.0)))
 
 
 @kernel
 def _carry(frame):
     """Frame to the next segment: n_j+1 to row 2, t_j+1 to row 0."""
     first, second, normal = frame[0], frame[1], frame[2]
-    c, lean = 1.0, 0.0
-    for k in range(3):
-        c += first[k] * second[k]
-        lean += normal[k] * second[k]
-    lean /= max(c, SMALLEST)
-    for k in range(3):
-        normal[k] -= lean * (first[k] + second[k])
-        first[k] = second[k]
+    lean = dot(normal, second) / max(1.0 + dot(first, second), SMALLEST)
+    accumulate(normal, -lean, add(first, second))
+    store(first, second)
 
 
 @kernel
@@ -76,17 +70,13 @@ def begin_twist(frame, lines):
 def _add_direction(segment, unit, length, gradient, line):
     """line += gradient (3,) by the direction of a segment; the gradient is overwritten."""
     if segment == 0:
-        x, y, z = cross(unit[0], unit[1], unit[2], gradient[0], gradient[1], gradient[2])
-        line[3] += x
-        line[4] += y
-        line[5] += z
+        accumulate(line[3:], 1.0, cross(unit, gradient))
         return
     pull_back(unit, length, gradient)
     far = 3 * (segment + 1)
     near = far - 3 if segment > 1 else 0
-    for k in range(3):
-        line[far + k] += gradient[k]
-        line[near + k] -= gradient[k]
+    accumulate(line[far:], 1.0, gradient)
+    accumulate(line[near:], -1.0, gradient)
 
 
 @kernel
@@ -100,24 +90,19 @@ def carried_gradient(joint, before, start, end, frame, gradient, lines):
     length = unit_between(start, end, frame[1])
     first, second, normal, twist = frame[0], frame[1], frame[2], lines[TWIST]
     turns_gradient(first, second, normal, gradient)
-    ux, uy, uz = cross(first[0], first[1], first[2], normal[0], normal[1], normal[2])
+    side = cross(first, normal)
     for d in range(2):
         by_first, by_second, by_normal = gradient[d, 0], gradient[d, 1], gradient[d, 2]
-        along, about = 0.0, by_normal[0] * ux + by_normal[1] * uy + by_normal[2] * uz
-        for k in range(3):
-            along += by_normal[k] * first[k]
-        for k in range(3):
-            by_first[k] -= along * normal[k]
+        about = dot(by_normal, side)
+        accumulate(by_first, -dot(by_normal, first), normal)
         for a in range(3 * (joint + 3)):
             lines[d, a] = about * twist[a]
         _add_direction(joint, first, before, by_first, lines[d])
         _add_direction(joint + 1, second, length, by_second, lines[d])
-    c = 1.0 + first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
-    scale = -1.0 / max(c, SMALLEST)
-    x, y, z = cross(first[0], first[1], first[2], second[0], second[1], second[2])
+    by_direction = scale(-1.0 / max(1.0 + dot(first, second), SMALLEST), cross(first, second))
     for half in range(2):
         slope = gradient[0, half]
-        slope[0], slope[1], slope[2] = scale * x, scale * y, scale * z
+        store(slope, by_direction)
         _add_direction(joint + half, frame[half], before if half == 0 else length, slope, twist)
     _carry(frame)
     return length

@@ -10,22 +10,20 @@ A stretched segment resists turning: its second variation is k e / s^2 |dx_1 - d
 square of de.
 """
 
+from featherfx.algebra.vec3_kernels import dot, scale, store, sub
 from featherfx.jit.compiled import kernel
 
 
 @kernel
 def stretch_strain(start, end, inverse):
     """e of one segment from start to end, each (3,); inverse: 1/s."""
-    square = 0.0
-    for k in range(3):
-        d = (end[k] - start[k]) * inverse
-        square += d * d
-    return 0.5 * (square - 1.0)
+    a = scale(inverse, sub(end, start))
+    return 0.5 * (dot(a, a) - 1.0)
 
 
 @kernel
 def stretch_gradient(start, end, inverse, line):
     """Gradient of e, written to line (6,): start, end."""
-    for k in range(3):
-        by_end = (end[k] - start[k]) * inverse * inverse
-        line[k], line[3 + k] = -by_end, by_end
+    by_end = scale(inverse, scale(inverse, sub(end, start)))
+    store(line, scale(-1.0, by_end))
+    store(line[3:], by_end)

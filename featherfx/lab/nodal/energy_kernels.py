@@ -11,11 +11,11 @@ from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.barb_stretch_kernels import stretch_strain
 from featherfx.lab.nodal.plate_kernels import hinge_of
 from featherfx.lab.nodal.turns_kernels import barb_turns, hinge_turns
-from featherfx.mechanics.node_kernels import dead_energy, node_energy
+from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.rachis_kernels import rachis_strain
 from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
-from featherfx.solver.step.energy_kernels import grip_energy, node_index, wrapped
+from featherfx.solver.step.energy_kernels import node_index, wrapped
 
 
 @kernel
@@ -179,27 +179,7 @@ def nodal_step_energy(model, nodal, loads, f, share, factors, pose, work):
         nodal_elastic_energy(
             model, nodal, f, pose.strains, around.reference, work.multiplier, factors[2]
         )
-        + grip_energy(
-            loads.grip_node[f],
-            loads.grip_start[f],
-            loads.grip_end[f],
-            loads.grip_stiffness[f],
-            share,
-            pose.points,
-        )
-        + dead_energy(pose.points, loads.force[f], loads.force_change[f], share)
-        + node_energy(
-            pose.points,
-            around.target,
-            factors[0],
-            around.past,
-            factors[1],
-            model.mass[f],
-            loads.gravity,
-            loads.air,
-            around.wind,
-            around.area,
-            around.speed,
-            model.shaft_area[f],
-        )
+        + grip_energy(loads, f, share, pose.points)
+        + dead_energy(loads, f, share, pose.points)
+        + node_energy(model, loads, f, factors, pose.points, around)
     )

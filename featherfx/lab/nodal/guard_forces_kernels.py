@@ -6,7 +6,7 @@ the geometric stiffness along the normal of the guard's own stresses, as the mem
 
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
-from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_lift
+from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_normal_stiffness
 from featherfx.solver.step.energy_kernels import node_index
 from featherfx.solver.vane.pairs_kernels import cell_nodes
 
@@ -62,9 +62,8 @@ def guard_lines(start, end, tip, rest, stiffness, across, shear, signed, weight,
             gradient[0, node, k] = (
                 by_across * gradient[0, node, k] + by_shear * gradient[1, node, k]
             )
-    membrane_lift(
-        start, end, tip, rest, slope * by_across, slope * by_shear, weight[1:], gradient[1:]
-    )
+    stresses = slope * by_across, slope * by_shear
+    membrane_normal_stiffness(start, end, tip, rest, stresses, weight[1:], gradient[1:])
     weight[0] = curvature
     if not signed:
         weight[2] = 0.0

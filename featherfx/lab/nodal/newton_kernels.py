@@ -18,7 +18,7 @@ that is eliminated instead would couple all nodes of a barb: that is the barb-cu
 from math import isfinite, sqrt
 
 from featherfx.algebra.copy_kernels import copy_values
-from featherfx.algebra.rotation_kernels import rotate
+from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
 from featherfx.lab.nodal.energy_kernels import nodal_step_energy, nodal_strains, sections
@@ -32,7 +32,7 @@ from featherfx.solver.step.newton_kernels import (
     NOT_FINITE,
     largest_move,
 )
-from featherfx.solver.step.pose_kernels import chain, turn_by
+from featherfx.solver.step.pose_kernels import chain, store_directors, turn_by
 
 # largest strain of an inextensible segment
 INEXTENSIBLE = 1e-10
@@ -44,9 +44,7 @@ SHIFT = 1e-8
 def set_directors(turn, points):
     """Material points 1 and 2 of all rows from their frames (n, 4)."""
     for i in range(turn.shape[0]):
-        w, x, y, z = turn[i, 0], turn[i, 1], turn[i, 2], turn[i, 3]
-        points[i, 1, 0], points[i, 1, 1], points[i, 1, 2] = rotate(w, x, y, z, 0.0, 1.0, 0.0)
-        points[i, 2, 0], points[i, 2, 1], points[i, 2, 2] = rotate(w, x, y, z, 0.0, 0.0, 1.0)
+        store_directors(turn[i], points[i])
 
 
 @kernel
@@ -62,7 +60,7 @@ def gather(present, points):
 
 
 @kernel
-def _shaft(length, slot, now, step, scale, trial, beam, stretch):
+def _shaft(length, slot, now, step, factor, trial, beam, stretch):
     """Rachis points rebuilt from the first one, so that stretch and shear change linearly.
 
     Scratch: beam (6, 12), stretch (6,).
@@ -78,7 +76,7 @@ def _shaft(length, slot, now, step, scale, trial, beam, stretch):
                 at = slot[i + node // 2, node % 2]
                 for x in range(3 if at >= 0 else 0):
                     change += beam[k, 3 * node + x] * step[at + x]
-            stretch[k] = now.rachis[i, k] + scale * change
+            stretch[k] = now.rachis[i, k] + factor * change
         chain(
             trial.turn[i],
             trial.turn[i + 1],
@@ -90,39 +88,34 @@ def _shaft(length, slot, now, step, scale, trial, beam, stretch):
 
 
 @kernel
-def _barb(first, slot, now, step, scale, trial):
+def _barb(first, slot, now, step, factor, trial):
     """Nodes of one barb rebuilt from the rachis, so that every stretch e changes linearly.
 
     first: material point of its first node. slot: (P,), now, trial: (P, 3) of the row.
     """
     columns = (slot.shape[0] - 3) // 2
     # what the straight move of the node before and its rebuilt place are
-    mx, my, mz = 0.0, 0.0, 0.0
+    before, q = (0.0, 0.0, 0.0), 0
     if slot[0] >= 0:
-        at = slot[0]
-        mx, my, mz = scale * step[at], scale * step[at + 1], scale * step[at + 2]
-    q = 0
+        before = scale(factor, step[slot[0] :])
     for p in range(first, first + columns):
         at = slot[p]
         if at < 0:
             return
-        nx, ny, nz = scale * step[at], scale * step[at + 1], scale * step[at + 2]
-        dx, dy, dz = now[p, 0] - now[q, 0], now[p, 1] - now[q, 1], now[p, 2] - now[q, 2]
-        ux, uy, uz = nx - mx, ny - my, nz - mz
-        wanted = dx * dx + dy * dy + dz * dz + 2.0 * (dx * ux + dy * uy + dz * uz)
-        dx, dy, dz = dx + ux, dy + uy, dz + uz
-        square = dx * dx + dy * dy + dz * dz
+        move, span = scale(factor, step[at:]), sub(now[p], now[q])
+        change = sub(move, before)
+        wanted = dot(span, span) + 2.0 * dot(span, change)
+        span = add(span, change)
+        square = dot(span, span)
         # a segment that would vanish keeps the straight move
-        factor = sqrt(wanted / square) if wanted > 0.0625 * square else 1.0
-        trial[p, 0] = trial[q, 0] + factor * dx
-        trial[p, 1] = trial[q, 1] + factor * dy
-        trial[p, 2] = trial[q, 2] + factor * dz
-        mx, my, mz, q = nx, ny, nz, p
+        stretch = sqrt(wanted / square) if wanted > 0.0625 * square else 1.0
+        store(trial[p], add(trial[q], scale(stretch, span)))
+        before, q = move, p
 
 
 @shared_kernel
-def move_by(model, nodal, f, now, step, scale, straight, element, trial):
-    """Pose now plus scale times the increment step (N,), to trial.
+def move_by(model, nodal, f, now, step, factor, straight, element, trial):
+    """Pose now plus factor times the increment step (N,), to trial.
 
     straight: points move along straight lines. Otherwise, where there is a shaft, shaft and barbs
     are rebuilt so that their stretch changes by exactly its linear increment.
@@ -131,7 +124,7 @@ def move_by(model, nodal, f, now, step, scale, straight, element, trial):
     for i in range(slot.shape[0]):
         at = slot[i, 1]
         if at >= 0:
-            turn_by(now.turn[i], step[at : at + 3], scale, trial.turn[i])
+            turn_by(now.turn[i], step[at : at + 3], factor, trial.turn[i])
         else:
             for k in range(4):
                 trial.turn[i, k] = now.turn[i, k]
@@ -139,16 +132,16 @@ def move_by(model, nodal, f, now, step, scale, straight, element, trial):
             if p != 1 and p != 2:
                 at = slot[i, p]
                 for k in range(3):
-                    move = scale * step[at + k] if at >= 0 else 0.0
+                    move = factor * step[at + k] if at >= 0 else 0.0
                     trial.points[i, p, k] = now.points[i, p, k] + move
     if nodal.shaft and not straight:
-        _shaft(model.length[f], slot, now, step, scale, trial, element.beam, element.stress)
+        _shaft(model.length[f], slot, now, step, factor, trial, element.beam, element.stress)
         columns = model.joints.shape[3]
         for i in range(slot.shape[0]):
             for side in range(2):
                 if nodal.present[f, side, i]:
                     start = 3 + side * columns
-                    _barb(start, slot[i], now.points[i], step, scale, trial.points[i])
+                    _barb(start, slot[i], now.points[i], step, factor, trial.points[i])
     gather(nodal.present[f], trial.points)
     set_directors(trial.turn, trial.points)
 

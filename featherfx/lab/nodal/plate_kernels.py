@@ -13,6 +13,7 @@ Hinges: kind 0 at barb edge (i,j)-(i,j+1), 1 at diagonal (i,j+1)-(i+1,j), 2 at r
 (i,j)-(i+1,j); at j = 0 the two vanes meet, and the hinge is the leading side's.
 """
 
+from featherfx.algebra.vec3_kernels import cross, dot, length, over, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
 
@@ -150,24 +151,18 @@ def _respond(points, nodes, line, response):
     """Change of an angle with gradient line for unit curvatures, to response (3,)."""
     o = points[nodes[0, 0], nodes[0, 1]]
     e, t = points[nodes[1, 0], nodes[1, 1]], points[nodes[2, 0], nodes[2, 1]]
-    ux, uy, uz = e[0] - o[0], e[1] - o[1], e[2] - o[2]
-    scale = 1.0 / (ux * ux + uy * uy + uz * uz) ** 0.5
-    ux, uy, uz = scale * ux, scale * uy, scale * uz
-    vx, vy, vz = t[0] - o[0], t[1] - o[1], t[2] - o[2]
-    along = ux * vx + uy * vy + uz * vz
-    vx, vy, vz = vx - along * ux, vy - along * uy, vz - along * uz
-    scale = 1.0 / (vx * vx + vy * vy + vz * vz) ** 0.5
-    vx, vy, vz = scale * vx, scale * vy, scale * vz
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    response[0], response[1], response[2] = 0.0, 0.0, 0.0
+    along, across = sub(e, o), sub(t, o)
+    along = over(along, length(along))
+    across = sub(across, scale(dot(along, across), along))
+    across = over(across, length(across))
+    normal = cross(along, across)
+    response[:] = 0.0
     for a in range(6):
-        lift = line[3 * a] * nx + line[3 * a + 1] * ny + line[3 * a + 2] * nz
-        if lift == 0.0:
+        slope = dot(line[3 * a :], normal)
+        if slope == 0.0:
             continue
-        p = points[nodes[a, 0], nodes[a, 1]]
-        dx, dy, dz = p[0] - o[0], p[1] - o[1], p[2] - o[2]
-        v = dx * ux + dy * uy + dz * uz
-        w = dx * vx + dy * vy + dz * vz
-        response[0] += 0.5 * lift * v * v
-        response[1] += 0.5 * lift * w * w
-        response[2] += lift * v * w
+        offset = sub(points[nodes[a, 0], nodes[a, 1]], o)
+        v, w = dot(offset, along), dot(offset, across)
+        response[0] += 0.5 * slope * v * v
+        response[1] += 0.5 * slope * w * w
+        response[2] += slope * v * w

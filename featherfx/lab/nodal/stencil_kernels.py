@@ -9,7 +9,7 @@ iterate alone may be thousands of times the true one, because a move may stretch
 Newton then stalls; left out, it converges slowly or not at all where tension carries load.
 """
 
-from featherfx.algebra.rotation_kernels import cross
+from featherfx.algebra.vec3_kernels import accumulate, cross
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.barb_bending_kernels import bend_gradient
 from featherfx.lab.nodal.barb_carried_kernels import begin_barb, begin_twist, carried_gradient
@@ -17,8 +17,11 @@ from featherfx.lab.nodal.barb_clamp_kernels import clamp_gradient
 from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient
 from featherfx.lab.nodal.energy_kernels import sections
 from featherfx.lab.nodal.turns_kernels import bend_nodes
-from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
-from featherfx.mechanics.rachis_variation_kernels import rachis_variation
+from featherfx.mechanics.rachis_kernels import (
+    rachis_geometric_stiffness,
+    rachis_gradient,
+    rachis_stabilising_stiffness,
+)
 from featherfx.solver.step.energy_kernels import node_index
 
 
@@ -113,11 +116,8 @@ def add_points(slot, points, force, stiff, system):
         at = slot[i, 1]
         for p in range(1, 3 if at >= 0 else 1):
             x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
-            mx, my, mz = cross(x, y, z, force[i, p, 0], force[i, p, 1], force[i, p, 2])
             inertia = stiff[i, p, 0]
-            right[at] -= mx
-            right[at + 1] -= my
-            right[at + 2] -= mz
+            accumulate(right[at:], -1.0, cross(points[i, p], force[i, p]))
             band[at, 0] += inertia * (y * y + z * z)
             band[at + 1, 0] += inertia * (x * x + z * z)
             band[at + 2, 0] += inertia * (x * x + y * y)
@@ -151,9 +151,9 @@ def add_rachis(model, f, slot, pose, before, reference, damping, signed, element
                 matrix[a, b] = 0.0
         halfway, stress = pose.halfway[i], element.stress
         if signed:
-            rachis_variation(start, end, length, halfway, pose.rachis[i], stress, matrix)
+            rachis_geometric_stiffness(start, end, length, halfway, pose.rachis[i], stress, matrix)
         else:
-            rachis_tension(start, end, length, halfway, stress, matrix)
+            rachis_stabilising_stiffness(start, end, length, halfway, stress, matrix)
         for a in range(12):
             for b in range(a + 1):
                 row, column = slots[a // 3], slots[b // 3]

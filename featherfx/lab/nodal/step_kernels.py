@@ -1,7 +1,16 @@
 """One feather of the nodal kinematics through one frame."""
 
 from featherfx.algebra.copy_kernels import copy_values
-from featherfx.algebra.rotation_kernels import logarithm, multiply, normalised, rotate, same_sign
+from featherfx.algebra.rotation_kernels import (
+    conjugate,
+    logarithm,
+    multiply,
+    normalised,
+    rotate,
+    same_sign,
+    store_rotation,
+)
+from featherfx.algebra.vec3_kernels import add, over, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.newton_kernels import gather, nodal_minimise, set_directors
 from featherfx.mechanics.node_kernels import blow
@@ -39,21 +48,15 @@ def _pin(nodal, f, pose, turn, centre):
 
     The frame and point of row 0 may be turn and centre themselves.
     """
-    w, x, y, z = turn[0], turn[1], turn[2], turn[3]
-    cx, cy, cz = centre[0], centre[1], centre[2]
+    root = turn[0], turn[1], turn[2], turn[3]
+    place = centre[0], centre[1], centre[2]
     slot = nodal.slot[f]
     for i in range(slot.shape[0]):
         if slot[i, 1] < 0:
-            t = nodal.rest_turn[f, i]
-            a, b, c, d = multiply(w, x, y, z, t[0], t[1], t[2], t[3])
-            out = pose.turn[i]
-            out[0], out[1], out[2], out[3] = normalised(a, b, c, d)
+            store_rotation(pose.turn[i], normalised(multiply(root, nodal.rest_turn[f, i])))
         for p in range(slot.shape[1]):
             if slot[i, p] < 0 and p != 1 and p != 2:
-                r = nodal.rest_points[f, i, p]
-                px, py, pz = rotate(w, x, y, z, r[0], r[1], r[2])
-                q = pose.points[i, p]
-                q[0], q[1], q[2] = cx + px, cy + py, cz + pz
+                store(pose.points[i, p], add(place, rotate(root, nodal.rest_points[f, i, p])))
 
 
 @kernel
@@ -83,19 +86,13 @@ def _follow_root(before, start, turn, centre, pose):
 
     before (4,), start (3,): root at the step's start; turn, centre: at its end.
     """
-    w, x, y, z = multiply(
-        turn[0], turn[1], turn[2], turn[3], before[0], -before[1], -before[2], -before[3]
-    )
-    sx, sy, sz = start[0], start[1], start[2]
+    move = multiply(turn, conjugate(before))
     for i in range(pose.turn.shape[0]):
-        t = pose.turn[i]
-        a, b, c, d = multiply(w, x, y, z, t[0], t[1], t[2], t[3])
-        t[0], t[1], t[2], t[3] = normalised(a, b, c, d)
+        store_rotation(pose.turn[i], normalised(multiply(move, pose.turn[i])))
         for p in range(pose.points.shape[1]):
             if p != 1 and p != 2:
-                q = pose.points[i, p]
-                px, py, pz = rotate(w, x, y, z, q[0] - sx, q[1] - sy, q[2] - sz)
-                q[0], q[1], q[2] = centre[0] + px, centre[1] + py, centre[2] + pz
+                point = pose.points[i, p]
+                store(point, add(centre, rotate(move, sub(point, start))))
 
 
 @kernel
@@ -158,11 +155,8 @@ def _accept(f, h, radius, state, work):
         around.past,
     )
     for i in range(now.turn.shape[0]):
-        a, b = now.turn[i], state.turn[f, i]
-        w, x, y, z = multiply(a[0], a[1], a[2], a[3], b[0], -b[1], -b[2], -b[3])
-        x, y, z = logarithm(w, x, y, z)
-        spin = state.spin[f, i]
-        spin[0], spin[1], spin[2] = x / h, y / h, z / h
+        change = multiply(now.turn[i], conjugate(state.turn[f, i]))
+        store(state.spin[f, i], over(logarithm(change), h))
     copy_values(state.strains[f, 0], state.strains[f, 1])
     keep_state(f, state, work)
     state.step[f] = h

@@ -1,7 +1,7 @@
 """Which contacts there are: points of vanes near the vanes of others (list_kernels)."""
 
 from featherfx.algebra.copy_kernels import copy_values
-from featherfx.algebra.rotation_kernels import cross
+from featherfx.algebra.vec3_kernels import cross
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.list_kernels import (
     COLUMN,
@@ -51,7 +51,7 @@ def _along(points, x, corner, weight, mirror):
         y = points[corner[q, 0], corner[q, 1]]
         dx, dy, dz = dx - weight[q] * y[0], dy - weight[q] * y[1], dz - weight[q] * y[2]
     along = nx * dx + ny * dy + nz * dz
-    sx, sy, sz = cross(nx, ny, nz, dx, dy, dz)
+    sx, sy, sz = cross((nx, ny, nz), (dx, dy, dz))
     return along, (sx * sx + sy * sy + sz * sz) ** 0.5
 
 

@@ -1,11 +1,14 @@
 """Gradient and Hessian of step_energy in generalised coordinates, as a band."""
 
-from featherfx.algebra.rotation_kernels import cross
+from featherfx.algebra.vec3_kernels import accumulate, cross
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.contact_kernels import add_contact_forces
-from featherfx.mechanics.node_kernels import add_dead_forces, node_forces
-from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_tension
-from featherfx.mechanics.rachis_variation_kernels import rachis_variation
+from featherfx.mechanics.node_kernels import add_dead_forces, add_grip_forces, node_forces
+from featherfx.mechanics.rachis_kernels import (
+    rachis_geometric_stiffness,
+    rachis_gradient,
+    rachis_stabilising_stiffness,
+)
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
 from featherfx.solver.vane.assembly_kernels import add_rows, subtract_barb_forces
 from featherfx.solver.vane.force_kernels import add_vane_forces
@@ -15,14 +18,9 @@ from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE, damped_stres
 @kernel
 def _subtract_node_forces(i, points, force, right):
     """Forces on row i's rachis point and directors, projected, to the row's right-hand side."""
-    for k in range(3):
-        right[k] -= force[i, 0, k]
+    accumulate(right, -1.0, force[i, 0])
     for p in range(1, 3):
-        x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
-        mx, my, mz = cross(x, y, z, force[i, p, 0], force[i, p, 1], force[i, p, 2])
-        right[3] -= mx
-        right[4] -= my
-        right[5] -= mz
+        accumulate(right[3:], -1.0, cross(points[i, p], force[i, p]))
 
 
 @kernel
@@ -70,9 +68,9 @@ def _add_rachis_element(i, pose, length, stiffness, reference, damping, wanted, 
             for b in range(a + 1):
                 matrix[a, b] += scaled * gradient[k, b]
     if wanted == WHOLE:
-        rachis_variation(start, end, length, halfway, pose.rachis[i], stress, matrix)
+        rachis_geometric_stiffness(start, end, length, halfway, pose.rachis[i], stress, matrix)
     else:
-        rachis_tension(start, end, length, halfway, stress, matrix)
+        rachis_stabilising_stiffness(start, end, length, halfway, stress, matrix)
     for a in range(12):
         to = at + a if a < 6 else at + row_size + a - 6
         for b in range(a + 1):
@@ -87,19 +85,6 @@ def _add_inertia(inertia, mass, stiff):
         for p in range(mass.shape[1]):
             for k in range(3):
                 stiff[i, p, k] += inertia * mass[i, p]
-
-
-@kernel
-def add_grips(node, start, end, stiffness, share, points, force, stiff):
-    """A feather's grips, added to the node forces and stiffnesses."""
-    for g in range(stiffness.shape[0]):
-        row, p = node[g, 0], node[g, 1]
-        if row < 0:
-            continue
-        for k in range(3):
-            gap = points[row, p, k] - start[g, k] - share * (end[g, k] - start[g, k])
-            force[row, p, k] += stiffness[g] * gap
-            stiff[row, p, k] += stiffness[g]
 
 
 @kernel
@@ -119,35 +104,11 @@ def _hold_root(wanted, system):
 def _add_nodes(model, loads, f, share, factors, shift, work):
     """Forces and stiffnesses of single nodes to work.force and work.stiff."""
     points, around = work.now.points, work.around
-    node_forces(
-        points,
-        around.target,
-        factors[0],
-        around.past,
-        factors[1],
-        model.mass[f],
-        loads.gravity,
-        loads.air,
-        around.wind,
-        around.area,
-        around.speed,
-        model.shaft_area[f],
-        work.force,
-        work.stiff,
-    )
+    node_forces(model, loads, f, factors, points, around, work.force, work.stiff)
     if shift > 0.0:
         _add_inertia(shift * factors[0], model.mass[f], work.stiff)
-    add_grips(
-        loads.grip_node[f],
-        loads.grip_start[f],
-        loads.grip_end[f],
-        loads.grip_stiffness[f],
-        share,
-        points,
-        work.force,
-        work.stiff,
-    )
-    add_dead_forces(loads.force[f], loads.force_change[f], share, work.force)
+    add_grip_forces(loads, f, share, points, work.force, work.stiff)
+    add_dead_forces(loads, f, share, work.force)
     add_contact_forces(loads.contacts, f, share, points, work.force, work.stiff)
 
 

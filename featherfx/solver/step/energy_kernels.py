@@ -13,8 +13,8 @@ from math import ceil
 
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.contact_kernels import contact_energy
-from featherfx.mechanics.node_kernels import dead_energy, node_energy
-from featherfx.mechanics.vane_bending_kernels import angle_and_share, opening
+from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
+from featherfx.mechanics.vane_bending_kernels import angle_and_openness, opening
 from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 
@@ -74,7 +74,7 @@ def feather_strains(model, f, coefficient, points, rachis, reference, strains):
                 angle, share = 0.0, 1.0
                 if model.hinge_stiffness[f, side, i, j] != 0.0:
                     near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-                    angle, share = angle_and_share(
+                    angle, share = angle_and_openness(
                         points[i, near],
                         points[i, far],
                         points[i + 1, near],
@@ -137,20 +137,6 @@ def elastic_energy(model, f, strains, reference, strain_rate):
 
 
 @kernel
-def grip_energy(node, start, end, stiffness, share, points):
-    """Energy of a feather's grips (G of them) at a share (0..1) of the frame (J)."""
-    total = 0.0
-    for g in range(stiffness.shape[0]):
-        row, p = node[g, 0], node[g, 1]
-        if row < 0:
-            continue
-        for k in range(3):
-            gap = points[row, p, k] - start[g, k] - share * (end[g, k] - start[g, k])
-            total += 0.5 * stiffness[g] * gap * gap
-    return total
-
-
-@kernel
 def step_energy(model, loads, f, share, factors, pose, around):
     """Energy that an implicit step minimises, of a pose whose strains are known (J).
 
@@ -158,28 +144,8 @@ def step_energy(model, loads, f, share, factors, pose, around):
     """
     return (
         elastic_energy(model, f, pose.strains, around.reference, factors[2])
-        + grip_energy(
-            loads.grip_node[f],
-            loads.grip_start[f],
-            loads.grip_end[f],
-            loads.grip_stiffness[f],
-            share,
-            pose.points,
-        )
-        + dead_energy(pose.points, loads.force[f], loads.force_change[f], share)
+        + grip_energy(loads, f, share, pose.points)
+        + dead_energy(loads, f, share, pose.points)
         + contact_energy(loads.contacts, f, share, pose.points)
-        + node_energy(
-            pose.points,
-            around.target,
-            factors[0],
-            around.past,
-            factors[1],
-            model.mass[f],
-            loads.gravity,
-            loads.air,
-            around.wind,
-            around.area,
-            around.speed,
-            model.shaft_area[f],
-        )
+        + node_energy(model, loads, f, factors, pose.points, around)
     )

@@ -22,8 +22,8 @@ nonlinear systems ripple as much for small s, too.
 from math import sqrt
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.node_kernels import dead_energy
-from featherfx.solver.step.energy_kernels import elastic_energy, grip_energy
+from featherfx.mechanics.node_kernels import dead_energy, grip_energy
+from featherfx.solver.step.energy_kernels import elastic_energy
 
 # Newton's status of a step whose energy would grow
 GREW = 6
@@ -94,15 +94,7 @@ def _potential(model, loads, f, points, strains):
                 part -= loads.gravity[k] * (points[i, p, k] - points[0, 0, k])
             fall += model.mass[f, i, p] * part
             size += model.mass[f, i, p] * abs(part)
-    grips = grip_energy(
-        loads.grip_node[f],
-        loads.grip_start[f],
-        loads.grip_end[f],
-        loads.grip_stiffness[f],
-        0.0,
-        points,
-    )
-    dead = dead_energy(points, loads.force[f], loads.force_change[f], 0.0)
+    grips, dead = grip_energy(loads, f, 0.0, points), dead_energy(loads, f, 0.0, points)
     return elastic + fall + grips + dead, elastic + size + grips + abs(dead)
 
 

@@ -1,7 +1,15 @@
 """One feather through one frame: error-controlled implicit steps, entirely compiled."""
 
 from featherfx.algebra.copy_kernels import copy_values
-from featherfx.algebra.rotation_kernels import logarithm, multiply, normalised, same_sign
+from featherfx.algebra.rotation_kernels import (
+    conjugate,
+    logarithm,
+    multiply,
+    normalised,
+    same_sign,
+    store_rotation,
+)
+from featherfx.algebra.vec3_kernels import over, store
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.step.check_kernels import check_promise, energy_promise, nearly_solved
@@ -71,14 +79,9 @@ def _follow_root(before, length, pose):
 
     before: (4,) root quaternion at the step's start.
     """
-    now = pose.turn[0]
-    w, x, y, z = multiply(
-        now[0], now[1], now[2], now[3], before[0], -before[1], -before[2], -before[3]
-    )
+    move = multiply(pose.turn[0], conjugate(before))
     for i in range(1, pose.turn.shape[0]):
-        t = pose.turn[i]
-        a, b, c, d = multiply(w, x, y, z, t[0], t[1], t[2], t[3])
-        t[0], t[1], t[2], t[3] = normalised(a, b, c, d)
+        store_rotation(pose.turn[i], normalised(multiply(move, pose.turn[i])))
     _rebuild_centres(length, pose)
 
 
@@ -105,10 +108,7 @@ def _keep_rates(h, pose, before, spin, coefficient, coefficient_rate):
     before: (n, 4) quaternions and coefficient: (2, n, 2 C), at the step's start.
     """
     for i in range(before.shape[0]):
-        a, b = pose.turn[i], before[i]
-        w, x, y, z = multiply(a[0], a[1], a[2], a[3], b[0], -b[1], -b[2], -b[3])
-        x, y, z = logarithm(w, x, y, z)
-        spin[i, 0], spin[i, 1], spin[i, 2] = x / h, y / h, z / h
+        store(spin[i], over(logarithm(multiply(pose.turn[i], conjugate(before[i]))), h))
     for side in range(2):
         for i in range(before.shape[0]):
             for c in range(coefficient.shape[2]):

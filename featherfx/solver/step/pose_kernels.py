@@ -6,10 +6,25 @@ coefficients.
 """
 
 from featherfx.algebra.copy_kernels import copy_values
-from featherfx.algebra.rotation_kernels import exponential, multiply, normalised, rotate
+from featherfx.algebra.rotation_kernels import (
+    exponential,
+    halfway_between,
+    multiply,
+    normalised,
+    rotate,
+    store_rotation,
+)
+from featherfx.algebra.vec3_kernels import add, scale, store
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.barb_kernels import barb_axes, barb_jacobian, barb_points, root_jacobian
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
+
+
+@kernel
+def store_directors(turn, points):
+    """Material points 1 and 2 of a row (P, 3) from its frame (4,)."""
+    store(points[1], rotate(turn, (0.0, 1.0, 0.0)))
+    store(points[2], rotate(turn, (0.0, 0.0, 1.0)))
 
 
 @kernel
@@ -17,11 +32,8 @@ def material_points(model, f, turn, centre, coefficient, frames, points):
     """Material points (n, P, 3) of feather f's pose, and the frames (2, n, m, 4) of its barbs."""
     columns = model.joints.shape[3]
     for i in range(turn.shape[0]):
-        w, x, y, z = turn[i, 0], turn[i, 1], turn[i, 2], turn[i, 3]
-        for k in range(3):
-            points[i, 0, k] = centre[i, k]
-        points[i, 1, 0], points[i, 1, 1], points[i, 1, 2] = rotate(w, x, y, z, 0.0, 1.0, 0.0)
-        points[i, 2, 0], points[i, 2, 1], points[i, 2, 2] = rotate(w, x, y, z, 0.0, 0.0, 1.0)
+        store(points[i, 0], centre[i])
+        store_directors(turn[i], points[i])
         for side in range(2):
             start = 3 + side * columns
             barb_points(
@@ -85,8 +97,8 @@ def load_pose(turn, centre, coefficient, length, pose):
 
 
 @kernel
-def add_increment(length, now, step, scale, trial, beam, stretch):
-    """Coordinates of pose now plus scale times the increment step (N,), to those of pose trial.
+def add_increment(length, now, step, factor, trial, beam, stretch):
+    """Coordinates of pose now plus factor times the increment step (N,), to those of pose trial.
 
     Row frames are turned by their rotation vectors and coefficients are added; the rachis points
     are then rebuilt from the root so that every stretch and shear changes by exactly its linear
@@ -100,14 +112,14 @@ def add_increment(length, now, step, scale, trial, beam, stretch):
     wide = 6 + 2 * count
     for i in range(rows):
         at = i * wide
-        turn_by(now.turn[i], step[at + 3 : at + 6], scale, trial.turn[i])
+        turn_by(now.turn[i], step[at + 3 : at + 6], factor, trial.turn[i])
         for side in range(2):
             for c in range(count):
                 trial.coefficient[side, i, c] = (
-                    now.coefficient[side, i, c] + scale * step[at + 6 + side * count + c]
+                    now.coefficient[side, i, c] + factor * step[at + 6 + side * count + c]
                 )
     for k in range(3):
-        trial.centre[0, k] = now.centre[0, k] + scale * step[k]
+        trial.centre[0, k] = now.centre[0, k] + factor * step[k]
     for i in range(rows - 1):
         rachis_gradient(
             now.centre[i], now.centre[i + 1], length[i], now.halfway[i], now.rachis[i], beam
@@ -117,7 +129,7 @@ def add_increment(length, now, step, scale, trial, beam, stretch):
             change = 0.0
             for a in range(6):
                 change += beam[k, a] * step[at + a] + beam[k, 6 + a] * step[to + a]
-            stretch[k] = now.rachis[i, k] + scale * change
+            stretch[k] = now.rachis[i, k] + factor * change
         chain(
             trial.turn[i],
             trial.turn[i + 1],
@@ -129,20 +141,13 @@ def add_increment(length, now, step, scale, trial, beam, stretch):
 
 
 @kernel
-def turn_by(turn, vector, scale, out):
-    """Quaternion turn (4,) followed by the world rotation vector (3,) times scale, to out."""
-    w, x, y, z = exponential(scale * vector[0], scale * vector[1], scale * vector[2])
-    w, x, y, z = multiply(w, x, y, z, turn[0], turn[1], turn[2], turn[3])
-    out[0], out[1], out[2], out[3] = normalised(w, x, y, z)
+def turn_by(turn, vector, factor, out):
+    """Quaternion turn (4,) followed by the world rotation vector (3,) times factor, to out."""
+    store_rotation(out, normalised(multiply(exponential(scale(factor, vector)), turn)))
 
 
 @kernel
 def chain(turn_a, turn_b, stretch, length, point_a, point_b):
     """Next rachis point from the last one, both frames and the stretch between them."""
-    aw, ax, ay, az = turn_a[0], turn_a[1], turn_a[2], turn_a[3]
-    bw, bx, by, bz = turn_b[0], turn_b[1], turn_b[2], turn_b[3]
-    w, x, y, z = normalised(aw + bw, ax + bx, ay + by, az + bz)
-    x, y, z = rotate(w, x, y, z, stretch[0], stretch[1], stretch[2])
-    point_b[0] = point_a[0] + length * x
-    point_b[1] = point_a[1] + length * y
-    point_b[2] = point_a[2] + length * z
+    along = rotate(halfway_between(turn_a, turn_b), stretch)
+    store(point_b, add(point_a, scale(length, along)))

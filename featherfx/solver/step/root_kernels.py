@@ -6,7 +6,8 @@ several turns in a frame. The polynomial through all samples is smooth, so sub-s
 see no kinks.
 """
 
-from featherfx.algebra.rotation_kernels import exponential, multiply, normalised
+from featherfx.algebra.rotation_kernels import exponential, multiply, normalised, store_rotation
+from featherfx.algebra.vec3_kernels import store
 from featherfx.jit.compiled import kernel
 
 
@@ -30,8 +31,5 @@ def root_at(path, base, share, turn, centre):
         rx += weight * path[i, 3]
         ry += weight * path[i, 4]
         rz += weight * path[i, 5]
-    centre[0], centre[1], centre[2] = x, y, z
-    w, x, y, z = exponential(rx, ry, rz)
-    w, x, y, z = multiply(w, x, y, z, base[0], base[1], base[2], base[3])
-    w, x, y, z = normalised(w, x, y, z)
-    turn[0], turn[1], turn[2], turn[3] = w, x, y, z
+    store(centre, (x, y, z))
+    store_rotation(turn, normalised(multiply(exponential((rx, ry, rz)), base)))

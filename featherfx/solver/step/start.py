@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import turns_to_frames
-from featherfx.algebra.rotation_kernels import multiply
+from featherfx.algebra.rotation_kernels import conjugate, multiply
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.state import State
@@ -74,6 +74,6 @@ def _carried(path: Array, base: Array, turn: Array, centre: Array) -> tuple[Arra
     """Rows (n, 4) and (n, 3), carried rigidly to where their root's path (K, 6) ends."""
     end, place = np.zeros(4), np.zeros(3)
     root_at(path, base, 1.0, end, place)
-    w, x, y, z = multiply(*end, turn[0, 0], *-turn[0, 1:])
-    turns = np.array([multiply(w, x, y, z, *row) for row in turn])
-    return turns, place + (centre - centre[0]) @ turns_to_frames(np.array([w, x, y, z])).T
+    move = multiply(end, conjugate(turn[0]))
+    turns = np.array([multiply(move, row) for row in turn])
+    return turns, place + (centre - centre[0]) @ turns_to_frames(np.array(move)).T

@@ -1,19 +1,16 @@
-"""Forces and stiffness of a vane's triangles: strains e_ww and 2 e_vw, guard and turning.
+"""Forces and stiffness of a vane's triangles: strains e_ww and 2 e_vw, and the guard.
 
-What is left of a triangle's second variation (vane_membrane_kernels) beside k g_p g_q^T of its
-strains is, with f and g their stresses,
-
-    f |dc|^2 + 2 g da.dc,      a = e / s,   c = d / h - t e,   t = p / (s h)
-
-e = x_1 - x_0 lies along the barb, d = x_2 - x_0. Compression and shear make it indefinite. Its
-stabilising part, used where the whole matrix is indefinite, is the lift of membrane_lift that has
-a positive stiffness. A compression guard (vane_guard_kernels) adds to the stresses, and J as one
-more strain.
+Beside k g_p g_q^T of its strains, a triangle has a geometric stiffness (vane_membrane_kernels): the
+whole of it, or, where the whole matrix is indefinite, its stabilising part along the normal. A
+compression guard (vane_guard_kernels) adds to the stresses, and J as one more strain.
 """
 
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
-from featherfx.mechanics.vane_membrane_kernels import membrane_lift
+from featherfx.mechanics.vane_membrane_kernels import (
+    membrane_geometric_stiffness,
+    membrane_normal_stiffness,
+)
 from featherfx.solver.vane.line_kernels import (
     add_diagonal,
     add_forces,
@@ -32,8 +29,8 @@ from featherfx.solver.vane.pairs_kernels import (
     damped_stress,
 )
 
-# strains of a triangle: e_ww, 2 e_vw, the guard's J and the stabilising lift
-GUARD, LIFT = 2, 3
+# strains of a triangle: e_ww, 2 e_vw, the guard's J and the one along the normal
+GUARD, NORMAL = 2, 3
 
 
 @kernel
@@ -75,24 +72,23 @@ def _add_guard(half, guard, strains, cells):
 
 
 @kernel
-def _find_lift(columns, own, other, shift, cells):
-    """The stabilising geometric stiffness of a row of triangles, as the strain LIFT."""
+def _find_normal_stiffness(columns, own, other, shift, cells):
+    """The stabilising geometric stiffness of a row of triangles, as the strain NORMAL."""
     for j in range(columns):
-        membrane_lift(
+        membrane_normal_stiffness(
             own[:, j],
             own[:, j + 1],
             other[:, j + shift],
             cells.rest[:, j],
-            cells.stress[0, j],
-            cells.stress[1, j],
+            (cells.stress[0, j], cells.stress[1, j]),
             cells.single[2, 0],
             cells.single,
         )
         value = cells.single[2, 0, 0]
-        cells.weight[LIFT, 0, j], cells.weight[LIFT, 1, j] = value, 0.5 * value
+        cells.weight[NORMAL, 0, j], cells.weight[NORMAL, 1, j] = value, 0.5 * value
         for node in range(3):
             for k in range(3):
-                cells.gradient[LIFT, node, k, j] = cells.single[0, node, k]
+                cells.gradient[NORMAL, node, k, j] = cells.single[0, node, k]
 
 
 @kernel
@@ -119,40 +115,34 @@ def _add_pairs(count, half, weight, gradient, low, high):
 
 
 @kernel
-def _find_turning(columns, cells):
-    """The whole geometric stiffness: times the unit matrix, of each pair of a triangle's nodes.
-
-    Written: turning (6, .), of x_0, x_1, x_2 with themselves, halved, and of (x_0, x_1),
-    (x_0, x_2), (x_1, x_2).
-    """
-    rest, stress, turning = cells.rest, cells.stress, cells.turning
+def _find_geometric_stiffness(columns, cells):
+    """The whole geometric stiffness of a row of triangles, to geometric (6, .)."""
+    rest, stress, factors = cells.rest, cells.stress, cells.geometric
     for j in range(columns):
-        edge, reach = rest[0, j], rest[2, j]
-        turn, across, shear = reach * rest[1, j] * edge, stress[0, j], stress[1, j]
-        dd = across * reach * reach
-        de = reach * (shear * edge - across * turn)
-        ee = turn * (across * turn - 2.0 * shear * edge)
-        turning[0, j], turning[1, j], turning[2, j] = 0.5 * (dd + ee) + de, 0.5 * ee, 0.5 * dd
-        turning[3, j], turning[4, j], turning[5, j] = -de - ee, -dd - de, de
+        of_cell = membrane_geometric_stiffness(
+            (rest[0, j], rest[1, j], rest[2, j]), stress[0, j], stress[1, j]
+        )
+        for pair in range(6):
+            factors[pair, j] = of_cell[pair]
 
 
 @kernel
-def _add_turning(count, half, turning, low, high):
-    """As _add_pairs, of _find_turning."""
+def _add_geometric_stiffness(count, half, factors, low, high):
+    """As _add_pairs, of the whole geometric stiffness."""
     if half == 0:
-        add_diagonal(count, turning[0], 0, low[OWN])
-        add_diagonal(count, turning[1], 1, low[OWN])
-        add_diagonal(count, turning[2], 0, high[OWN])
-        add_diagonal(count, turning[3], 0, low[ALONG])
-        add_diagonal(count, turning[4], 0, low[UP])
-        add_diagonal(count, turning[5], 0, low[SLANT])
+        add_diagonal(count, factors[0], 0, low[OWN])
+        add_diagonal(count, factors[1], 1, low[OWN])
+        add_diagonal(count, factors[2], 0, high[OWN])
+        add_diagonal(count, factors[3], 0, low[ALONG])
+        add_diagonal(count, factors[4], 0, low[UP])
+        add_diagonal(count, factors[5], 0, low[SLANT])
     else:
-        add_diagonal(count, turning[0], 0, high[OWN])
-        add_diagonal(count, turning[1], 1, high[OWN])
-        add_diagonal(count, turning[2], 1, low[OWN])
-        add_diagonal(count, turning[3], 0, high[ALONG])
-        add_diagonal(count, turning[5], 1, low[UP])
-        add_diagonal(count, turning[4], 0, low[SLANT])
+        add_diagonal(count, factors[0], 0, high[OWN])
+        add_diagonal(count, factors[1], 1, high[OWN])
+        add_diagonal(count, factors[2], 1, low[OWN])
+        add_diagonal(count, factors[3], 0, high[ALONG])
+        add_diagonal(count, factors[5], 1, low[UP])
+        add_diagonal(count, factors[4], 0, low[SLANT])
 
 
 @kernel
@@ -176,12 +166,12 @@ def add_strip(i, side, half, rest, stiffness, guard, strains, reference, damping
     if wanted == FORCES_ONLY:
         return
     if wanted == STABILISING:
-        _find_lift(columns, own, other, half, cells)
+        _find_normal_stiffness(columns, own, other, half, cells)
     low, high = vane.blocks[i, side], vane.blocks[i + 1, side]
     for strain in range(4):
-        if (strain == GUARD and guard.shape[0] == 0) or (strain == LIFT and wanted == WHOLE):
+        if (strain == GUARD and guard.shape[0] == 0) or (strain == NORMAL and wanted == WHOLE):
             continue
         _add_pairs(count, half, cells.weight[strain], gradient[strain], low, high)
     if wanted == WHOLE:
-        _find_turning(columns, cells)
-        _add_turning(count, half, cells.turning, low, high)
+        _find_geometric_stiffness(columns, cells)
+        _add_geometric_stiffness(count, half, cells.geometric, low, high)

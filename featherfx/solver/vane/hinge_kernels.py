@@ -1,7 +1,7 @@
 """Forces and stiffness of a vane's hinges (vane_bending_kernels), barb by barb."""
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.vane_bending_kernels import crush_gradient, opening
+from featherfx.mechanics.vane_bending_kernels import opening, openness_gradient
 from featherfx.solver.vane.line_kernels import add_forces, add_outer, hinge_gradients, lanes
 from featherfx.solver.vane.pairs_kernels import (
     ALONG,
@@ -59,7 +59,7 @@ def _crush_hinges(i, side, above, below, stiffness, strains, shares, reference, 
             continue
         shrink, lag = cells.single[0], strains[j] - reference[j]
         opens = opening(above[j, 0]), opening(below[j, 1])
-        crush_gradient(
+        openness_gradient(
             own[:, j], own[:, j + 1], up[:, j], down[:, j + 1], opens[0], opens[1], shrink
         )
         _crush(

@@ -6,6 +6,7 @@ stays so. A loop that is shifted by a node may end on the first number of the li
 memory, to which it adds zero.
 """
 
+from featherfx.algebra.vec3_kernels import sub
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_bending_kernels import hinge_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_slopes
@@ -51,8 +52,8 @@ def add_lines_to_nodes(lines, force):
 def _membrane_axis(count, start, end, opposite, edge, slant, reach, a, b, c, d, e, f):
     """membrane_slopes of every cell; a to f: what it returns."""
     for j in range(count):
-        a[j], b[j], c[j], d[j], e[j], f[j] = membrane_slopes(
-            start[j], end[j], opposite[j], edge[j], slant[j], reach[j]
+        (a[j], b[j], c[j]), (d[j], e[j], f[j]) = membrane_slopes(
+            start[j], end[j], opposite[j], (edge[j], slant[j], reach[j])
         )
 
 
@@ -83,9 +84,11 @@ def membrane_gradients(count, own, other, shift, rest, gradient):
 
 
 @kernel
-def _kept(weight, value):
-    """The value of a hinge that is there; what has no nodes may not be a number."""
-    return value if weight != 0.0 else 0.0
+def _kept(weight, v):
+    """The vector of a hinge that is there; what has no nodes may not be a number."""
+    if weight == 0.0:
+        return 0.0, 0.0, 0.0
+    return v
 
 
 @loop_kernel
@@ -95,21 +98,16 @@ def _hinges(
     """hinge_slopes of every hinge with a weight w; (x, y, z), e, u, v: nodes x_0, x_1, x_2, x_3; a
     to n: what it returns."""
     for j in range(count):
-        s = hinge_slopes(
-            ex[j] - x[j],
-            ey[j] - y[j],
-            ez[j] - z[j],
-            ux[j] - x[j],
-            uy[j] - y[j],
-            uz[j] - z[j],
-            vx[j] - x[j],
-            vy[j] - y[j],
-            vz[j] - z[j],
+        start = x[j], y[j], z[j]
+        by_start, by_end, by_above, by_below = hinge_slopes(
+            sub((ex[j], ey[j], ez[j]), start),
+            sub((ux[j], uy[j], uz[j]), start),
+            sub((vx[j], vy[j], vz[j]), start),
         )
-        a[j], b[j], c[j] = _kept(w[j], s[0]), _kept(w[j], s[1]), _kept(w[j], s[2])
-        d[j], e[j], f[j] = _kept(w[j], s[3]), _kept(w[j], s[4]), _kept(w[j], s[5])
-        g[j], h[j], i[j] = _kept(w[j], s[6]), _kept(w[j], s[7]), _kept(w[j], s[8])
-        k[j], m[j], n[j] = _kept(w[j], s[9]), _kept(w[j], s[10]), _kept(w[j], s[11])
+        a[j], b[j], c[j] = _kept(w[j], by_start)
+        d[j], e[j], f[j] = _kept(w[j], by_end)
+        g[j], h[j], i[j] = _kept(w[j], by_above)
+        k[j], m[j], n[j] = _kept(w[j], by_below)
 
 
 @kernel

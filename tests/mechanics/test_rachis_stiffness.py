@@ -1,4 +1,4 @@
-"""Second variation of a rachis element, by second differences, and its stable part."""
+"""Geometric stiffness of a rachis element, by second differences, and its stable part."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from trial_batches import random_turn, turned
 
-from featherfx.mechanics.rachis_kernels import rachis_strain, rachis_tension
-from featherfx.mechanics.rachis_variation_kernels import rachis_variation
+from featherfx.mechanics.rachis_kernels import (
+    rachis_geometric_stiffness,
+    rachis_stabilising_stiffness,
+    rachis_strain,
+)
 
 LENGTH = 0.7
 KINDS = {"force": slice(0, 3), "moment": slice(3, 6), "both": slice(0, 6)}
@@ -26,7 +29,7 @@ def test_it_is_the_second_derivative_of_the_strains_under_stress(kind, angle):
     halfway, lower = np.zeros((3, 3)), np.zeros((12, 12))
     rachis_strain(first, second, *points, LENGTH, halfway, strain)
     assert np.linalg.norm(strain[3:]) == pytest.approx(angle, abs=1e-6)
-    rachis_variation(*points, LENGTH, halfway, strain, stress, lower)
+    rachis_geometric_stiffness(*points, LENGTH, halfway, strain, stress, lower)
     matrix = np.tril(lower) + np.tril(lower, -1).T
 
     def work(y):
@@ -50,7 +53,7 @@ def test_tension_stiffens_and_compression_adds_nothing(pull):
     halfway, strain, lower = np.zeros((3, 3)), np.zeros(6), np.zeros((12, 12))
     rachis_strain(turn, turn, *points, LENGTH, halfway, strain)
     stress = np.concatenate([pull * halfway.T @ (points[1] - points[0]), np.zeros(3)])
-    rachis_tension(*points, LENGTH, halfway, stress, lower)
+    rachis_stabilising_stiffness(*points, LENGTH, halfway, stress, lower)
     values = np.linalg.eigvalsh(np.tril(lower) + np.tril(lower, -1).T)
     assert values.min() > -1e-12
     assert values.max() > 0.1 if pull > 0.0 else not lower.any()
