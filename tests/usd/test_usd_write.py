@@ -342,3 +342,28 @@ def test_frames_come_in_turn(tmp_path):
         with pytest.raises(ValueError, match="frame 3 is out of turn"):
             writer.write(feathers.frame(3))
     assert Cache(tmp_path / "a.usd").frames == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_instances_of_a_cache_move(caches, kind):
+    """As set dressing does it: a prim that references the cache, made an instance."""
+    stage = Usd.Stage.CreateInMemory()
+    for name in ("first", "second"):
+        prim = stage.DefinePrim(f"/set/{name}")
+        prim.GetReferences().AddReference(str(caches[kind]))
+        prim.SetInstanceable(True)
+    plain = Usd.Stage.Open(str(caches[kind]))
+    assert stage.GetPrimAtPath("/set/first").IsInstance()
+    compared = 0
+    for prim in plain.Traverse():
+        if not prim.IsA(UsdGeom.PointBased):
+            continue
+        below = str(prim.GetPath()).removeprefix(f"/{kind}/")
+        same = stage.GetPrimAtPath(f"/set/second/{below}")
+        assert same.IsInstanceProxy()
+        for name in ("points", "extent", "velocities"):
+            for code in (1.0, 2.25, 3.0, 5.0):
+                wanted = prim.GetAttribute(name).Get(code)
+                assert same.GetAttribute(name).Get(code) == wanted
+                compared += wanted is not None
+    assert compared > 50

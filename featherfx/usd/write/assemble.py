@@ -104,6 +104,8 @@ def _clips(
         for key in prims.paths[index]:
             prims.create(manifest, int(index), key)
     publish([(manifest, path)])
+    moved = (each for index in np.flatnonzero(moving) for each in prims.paths[index].values())
+    scopes = sorted({each.GetPrefixes()[1] for each in moved})
     codes = [record.codes for record in parts.records]
     return Clips(
         name=prim_name(name),
@@ -111,6 +113,7 @@ def _clips(
         files=[parts.chunk(number) for number in range(len(codes))],
         starts=[each[0] for each in codes],
         end=codes[-1][-1],
+        scopes=scopes,
     )
 
 

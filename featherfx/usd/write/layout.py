@@ -4,6 +4,9 @@
     payload  root -> payload (topology), with the animation as its sublayer
     clips    root, which holds the clips' metadata -> payload (topology); chunks as value clips
 
+The metadata stands on the scopes below the default prim, not on that itself: where others make an
+instance of the default prim, clips on it would not reach what is in its prototype.
+
 A stronger default hides samples of weaker layers and of clips. So what moves has its default in
 the animation layer of the payload layout, and in the clips layout in the payload, which is weaker
 than the root that names the clips.
@@ -43,7 +46,8 @@ class CacheLayers:
 class Clips:
     """Chunks as value clips. manifest, files: in any folder at or below the root file's.
 
-    starts: first time code of each. end: last code of all.
+    starts: first time code of each. end: last code of all. scopes: prims below the root prim that
+    hold all that moves.
     """
 
     name: str
@@ -51,6 +55,7 @@ class Clips:
     files: Sequence[Path]
     starts: Sequence[float]
     end: float
+    scopes: Sequence[Any]
 
 
 def new_layers(info: StageInfo, layout: str) -> CacheLayers:
@@ -81,14 +86,14 @@ def finish_layers(
     if layers.layout == "payload":
         layers.topology.subLayerPaths.append(f"./{files[0].name}")
     if clips is not None:
-        _author_clips(layers.root.GetPrimAtPath(info.root_path), path.parent, clips)
+        _author_clips(layers.root, path.parent, clips)
     _author_extents_hint(layers.root, info, extent)
     author_metadata(layers.root, info.metadata)
     ordered = [layers.animation, layers.topology, layers.root][-len(files) :]
     return list(zip(ordered, files, strict=True))
 
 
-def _author_clips(spec: Any, folder: Path, clips: Clips) -> None:
+def _author_clips(layer: Any, folder: Path, clips: Clips) -> None:
     def asset(file: Path) -> Any:
         return Sdf.AssetPath(f"./{file.relative_to(folder).as_posix()}")
 
@@ -96,11 +101,12 @@ def _author_clips(spec: Any, folder: Path, clips: Clips) -> None:
     values = {
         "assetPaths": Sdf.AssetPathArray([asset(file) for file in clips.files]),
         "manifestAssetPath": asset(clips.manifest),
-        "primPath": str(spec.path),
         "active": arrays.vec2d([(start, k) for k, start in enumerate(clips.starts)]),
         "times": arrays.vec2d([(first, first), (clips.end, clips.end)]),
     }
-    spec.SetInfo("clips", {clips.name: values})
+    for scope in clips.scopes:
+        spec = Sdf.CreatePrimInLayer(layer, scope)
+        spec.SetInfo("clips", {clips.name: values | {"primPath": str(scope)}})
 
 
 def _author_extents_hint(layer: Any, info: StageInfo, extent: Any) -> None:
