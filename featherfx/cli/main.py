@@ -13,6 +13,7 @@ from featherfx.cli.lab.group import lab
 from featherfx.cli.presets import presets
 from featherfx.cli.preview import preview
 from featherfx.cli.program import Program
+from featherfx.cli.schema import schema
 from featherfx.cli.stats import stats
 
 
@@ -25,5 +26,5 @@ def main() -> None:
     """
 
 
-for command in (bake, join, export, groom, check, stats, presets, preview, lab, bench):
+for command in (bake, join, export, groom, check, schema, stats, presets, preview, lab, bench):
     main.add_command(command)

@@ -44,7 +44,10 @@ class Quality:
         "Curvature coefficients per barb and direction; 0: rigid barbs, -1: the solver chooses.",
     ]
     tolerance: Annotated[
-        float, Number(1e-9, 0.1, "m"), "Error per frame that the sub-stepping aims at."
+        float,
+        Number(1e-9, 0.1, "m"),
+        "Local error that a sub-step may have: a step with more is taken again in shorter ones, "
+        "as long as there are no more than `max_substeps`. Errors of steps add up.",
     ]
     max_substeps: Annotated[int, Number(1, 4096, whole=True), "Most sub-steps per frame."]
     radius: Annotated[

@@ -443,8 +443,17 @@ class Preset:
 
     def schema(self, partial: bool) -> JsonSchema:
         named = {"type": "string", "minLength": 1}
-        table: JsonSchema = {"$ref": "#/$defs/" + self.family.replace("/", "_")}
+        table = self.reference()
         return {"anyOf": [named, table if partial else {"allOf": [table, self.complete()]}]}
+
+    @property
+    def name(self) -> str:
+        """The family's name without slashes."""
+        return self.family.replace("/", "_")
+
+    def reference(self) -> JsonSchema:
+        """JSON Schema that refers to the definition."""
+        return {"$ref": f"#/$defs/{self.name}"}
 
     def definition(self) -> JsonSchema:
         """JSON Schema of a preset file that may lack any key, to refer to by the family's name."""

@@ -8,6 +8,7 @@ outline, at constant curvature.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -68,15 +69,17 @@ def _barb(guide: BarbGuide, edge: Array, vane_length: float) -> Array | None:
     return _arc(guide, origin, short)
 
 
-def barbs_cross(vane: VaneShape, vane_length: float) -> list[int]:
+@lru_cache(maxsize=1000)
+def barbs_cross(vane: VaneShape, vane_length: float) -> tuple[int, ...]:
     """Numbers i of guides whose barb meets that of guide i + 1 within the vane.
 
-    vane_length: share of the feather's length that carries barbs.
+    vane_length: share of the feather's length that carries barbs. Kept: kinds that differ in other
+    things, and files that are read again, ask for the same.
     """
     edge = np.asarray(vane.outline, dtype=float) * (vane_length, 1.0)
     barbs = [_barb(guide, edge, vane_length) for guide in vane.guides]
-    crossing = []
-    for index, (first, second) in enumerate(pairwise(barbs)):
-        if first is not None and second is not None and _intersections(first, second).any():
-            crossing.append(index)
-    return crossing
+    return tuple(
+        index
+        for index, (first, second) in enumerate(pairwise(barbs))
+        if first is not None and second is not None and _intersections(first, second).any()
+    )

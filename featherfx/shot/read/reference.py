@@ -26,6 +26,11 @@ is *required* must be given. `featherfx check FILE` prints all problems of a fil
 A key that takes a preset takes its name (`wind = "breeze"`) or a table that starts from it and
 changes some values (`wind = { base = "breeze", gust = 0.4 }`).
 
+`featherfx schema groom|shot|preset` prints the same declarations as a JSON Schema, by which editors
+complete, explain and check the files. Even Better TOML (VS Code) and other editors that use Taplo
+take the schema that a file's first line names: `featherfx schema shot > shot.schema.json`, then
+`#:schema ./shot.schema.json` at the top of the shot. Most presets need a `--family`.
+
 A feather's own frame: x leaves the follicle along the rachis, y points to the leading vane, z is
 dorsal. With x forward and z up this is a feather of the right wing; feathers with
 `side = "left"` are its mirror image, with the leading vane at -y.

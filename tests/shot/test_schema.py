@@ -1,0 +1,290 @@
+"""The JSON Schemas judge files as the reader does."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
+
+from featherfx.cli.main import main
+from featherfx.groom.keys.groom import GROOM_FILE
+from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.values import (
+    INVALID,
+    ArrayOf,
+    Either,
+    Named,
+    Number,
+    Partial,
+    Place,
+    Preset,
+    Problems,
+    Table,
+    Text,
+    ValueType,
+)
+from featherfx.shot.read.keys import SHOT_FILE
+from featherfx.shot.read.read import check_file
+from featherfx.shot.read.schema import schema
+
+ROOT = Path(__file__).parents[2]
+FILES = [*sorted((ROOT / "samples").glob("*/*.toml")), *sorted((ROOT / "presets").rglob("*.toml"))]
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def family_of(path: Path) -> str:
+    """Family of a preset; empty for a sample."""
+    folder = path.relative_to(ROOT).parent
+    return folder.relative_to("presets").as_posix() if folder.parts[0] == "presets" else ""
+
+
+def validator_of(path: Path) -> Draft202012Validator:
+    family = family_of(path)
+    kind = "preset" if family else "groom" if path.stem == "groom" else "shot"
+    return Draft202012Validator(schema(kind, family))
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_samples_and_presets_are_valid(path: Path) -> None:
+    raw = tomllib.loads(path.read_text())
+    assert [error.message for error in validator_of(path).iter_errors(raw)] == []
+    if family_of(path):
+        assert Draft202012Validator(schema("preset")).is_valid(raw)
+
+
+@pytest.mark.parametrize("kind", ["groom", "shot", "preset"])
+def test_command_prints_a_schema_with_meanings_units_and_ranges(kind: str) -> None:
+    result = CliRunner().invoke(main, ["schema", kind])
+    assert result.exit_code == 0
+    printed = json.loads(result.stdout)
+    Draft202012Validator.check_schema(printed)
+    assert printed["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    length = schema("preset", "feather")["$defs"]["feather"]["properties"]["length"]
+    assert length == {
+        "type": "number",
+        "minimum": 1e-3,
+        "maximum": 5,
+        "description": "Arc length of the rachis with the calamus. Unit: m.",
+    }
+
+
+def test_command_takes_a_family_of_presets_alone() -> None:
+    run = CliRunner().invoke
+    printed = json.loads(run(main, ["schema", "preset", "--family", "wind"]).stdout)
+    assert Draft202012Validator(printed).is_valid({"speed": 3.0})
+    assert not Draft202012Validator(printed).is_valid({"gust": 0.1})
+    wrong = run(main, ["schema", "preset", "--family", "wnd"])
+    assert wrong.exit_code == 2
+    assert "did you mean 'wind'?" in wrong.stderr
+    assert run(main, ["schema", "shot", "--family", "wind"]).exit_code == 2
+
+
+def changed(raw: Any, path: tuple[Any, ...]) -> Iterator[tuple[str, Any]]:
+    """(what was done, file) with one unknown key, lost key, wrong type or value out of range."""
+    value = raw
+    for step in path:
+        value = value[step]
+    if isinstance(value, dict):
+        yield "unknown", with_value(raw, (*path, "colour"), 1)
+        for key in value:
+            yield "lost", without(raw, (*path, key))
+    else:
+        wrong = "text" if isinstance(value, int | float) and value is not True else 3.5
+        yield "type", with_value(raw, path, wrong)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            beyond = 10**16 if isinstance(value, int) else 1e16
+            yield "range", with_value(raw, path, beyond)
+    if isinstance(value, dict | list):
+        for item in value if isinstance(value, dict) else range(min(len(value), 2)):
+            yield from changed(raw, (*path, item))
+
+
+def with_value(raw: Any, path: tuple[Any, ...], value: Any) -> Any:
+    result = deepcopy(raw)
+    holder = result
+    for step in path[:-1]:
+        holder = holder[step]
+    holder[path[-1]] = value
+    return result
+
+
+def without(raw: Any, path: tuple[Any, ...]) -> Any:
+    result = with_value(raw, path, None)
+    holder = result
+    for step in path[:-1]:
+        holder = holder[step]
+    del holder[path[-1]]
+    return result
+
+
+def toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(k)} = {toml(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(value)
+
+
+GROOM = """
+name = "groom"
+[[joint]]
+name = "left_hip"
+position = [0, 0, 0]
+mirror = "y"
+[[feather]]
+id = "tail"
+kind = "tail_feather"
+position = [0, 0, 0]
+rotation = [0, 10, 0]
+overrides = { rachis.camber = 5, vane_material = { base = "swan_vane", thickness = 1e-4 } }
+[[row]]
+id = "primary"
+kind = ["swan_primary", "swan_secondary"]
+count = 2
+scale = [1, 0.5]
+first = { position = [0, -1, 0], direction = [-1, 0, 0], up = [0, 0, 1] }
+last = { position = [0, -2, 0], direction = [-1, 0, 0], up = [0, 0, 1] }
+[overrides]
+"primary_*" = { calamus = 0.2, roll = 3, vane_material = "plume_vane" }
+[variation]
+seed = 3
+length = 0.1
+"""
+SHOT = """
+name = "shot"
+groom = "groom.toml"
+frames = [1, 5]
+gravity = [0, 0, -1]
+sleep = false
+quality = "draft"
+[motion]
+kind = "keys"
+keyframes = [{ time = 0, position = [0, 0, 0] }, { time = 1.5, rotation = [0, 1, 0] }]
+[wind]
+base = "breeze"
+direction = [0, 1, 0]
+[contact]
+friction = 0.2
+[[grip]]
+feather = "tail"
+row = 1
+displacement = [0, 0, 1]
+end = 1
+stiffness = 100
+[[force]]
+feather = "tail"
+force = [0, 0, 1]
+keys = [[0, 1], [1, 0]]
+[[detail]]
+level = "full"
+[[shelter]]
+share = 0.5
+"""
+PRESETS = [each for each in FILES if family_of(each)]
+
+
+def judged_alike(file: Path, raw: dict[str, Any], validator: Draft202012Validator) -> None:
+    """Whether reader and schema agree on a file and all changes of it. file: where to write."""
+    assert validator.is_valid(raw)
+    for what, mutated in changed(raw, ()):
+        file.write_text("".join(f"{json.dumps(k)} = {toml(v)}\n" for k, v in mutated.items()))
+        problems = check_file(file)
+        if what == "lost":
+            problems = [each for each in problems if each.message.startswith("missing, expects")]
+        assert validator.is_valid(mutated) == (not problems), (what, mutated, problems)
+
+
+@pytest.mark.parametrize("path", PRESETS, ids=name_of)
+def test_schema_and_reader_judge_changed_presets_alike(path: Path, tmp_path: Path) -> None:
+    folder = tmp_path / family_of(path)
+    folder.mkdir(parents=True)
+    judged_alike(folder / path.name, tomllib.loads(path.read_text()), validator_of(path))
+
+
+@pytest.mark.parametrize(("name", "text"), [("groom", GROOM), ("shot", SHOT)])
+def test_schema_and_reader_judge_changed_files_alike(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / "groom.toml").write_text(GROOM[: GROOM.index("overrides")])
+    file = tmp_path / f"{name}.toml"
+    file.write_text(text)
+    assert check_file(file) == []
+    judged_alike(file, tomllib.loads(text), Draft202012Validator(schema(name)))
+
+
+def value_types() -> list[ValueType]:
+    """Every type of value that a file may hold, each once."""
+    found: dict[str, ValueType] = {}
+    left: list[ValueType] = [SHOT_FILE, GROOM_FILE, *FAMILIES.values()]
+    while left:
+        each = left.pop()
+        if repr(each) in found:
+            continue
+        found[repr(each)] = each
+        if isinstance(each, Table | Preset):
+            left += [key.type for key in each.keys.values()]
+        elif isinstance(each, ArrayOf | Named):
+            left.append(each.item)
+        elif isinstance(each, Either):
+            left += each.options.values()
+        elif isinstance(each, Partial):
+            left.append(each.table)
+    return list(found.values())
+
+
+# a float without a fraction is an integer to JSON Schema, and none to TOML
+NUMBERS = st.integers() | st.floats(allow_nan=False).filter(lambda x: not x.is_integer())
+VALUES = st.recursive(
+    NUMBERS | st.booleans() | st.text(max_size=3),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner),
+    max_leaves=6,
+)
+
+
+def near(kind: ValueType) -> st.SearchStrategy[Any]:
+    """Values of about the kind, good ones and bad."""
+    if isinstance(kind, Number):
+        step = 1 if kind.whole else 1e-3 * (kind.high - kind.low)
+        bounds = [kind.low, kind.high, kind.low - step, kind.high + step]
+        within = st.floats(kind.low, kind.high)
+        return st.sampled_from(bounds) | (within.map(round) if kind.whole else within)
+    if isinstance(kind, Text):
+        return st.sampled_from(["", "a", *kind.choices])
+    if isinstance(kind, ArrayOf):
+        return st.lists(near(kind.item), min_size=max(kind.least - 1, 0), max_size=kind.least + 1)
+    if isinstance(kind, Either):
+        return st.one_of([near(each) for each in kind.options.values()])
+    if isinstance(kind, Partial):
+        return near(kind.table)
+    if isinstance(kind, Preset):
+        return st.just("a") | near(kind.extended)
+    if isinstance(kind, Table):
+        names = st.lists(st.sampled_from(sorted(kind.keys)), max_size=3, unique=True)
+        return names.flatmap(
+            lambda some: st.fixed_dictionaries({name: near(kind.keys[name].type) for name in some})
+        )
+    return VALUES
+
+
+KINDS = value_types()
+
+
+@given(st.data())
+def test_schema_of_every_type_accepts_what_its_check_accepts(data: st.DataObject) -> None:
+    kind = data.draw(st.sampled_from(KINDS))
+    value = data.draw(near(kind) | VALUES)
+    # what a preset must hold besides is judged where files are read
+    accepted = kind.check(value, Place("", "", Problems()), True) is not INVALID
+    defined = {"$defs": {each.name: each.definition() for each in FAMILIES.values()}}
+    validator = Draft202012Validator(defined | kind.schema(True))
+    assert validator.is_valid(value) == accepted
