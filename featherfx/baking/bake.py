@@ -16,8 +16,7 @@ from featherfx.api import Folders
 from featherfx.baking.task import BakeOptions, Drawn, Task, all_of, prepare, sample_count
 
 if TYPE_CHECKING:
-    from featherfx.feather.density import PointMap
-    from featherfx.feather.types import Feather
+    from featherfx.feather.types import Feather, PointMap
     from featherfx.groom.types import FeatherKind, Groom, Placement
     from featherfx.shot.motion.skin import BoundSkin
     from featherfx.shot.types import Quality

@@ -19,10 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.curve import turn
-from featherfx.feather.monotone import monotone
-from featherfx.feather.outline import distance_outside, outline_curve, ray_lengths
-from featherfx.feather.rachis import Rachis
+from featherfx.feather.outline import distance_outside, monotone, outline_curve, ray_lengths
+from featherfx.feather.rachis import Rachis, turn
 from featherfx.feather.types import LEADING
 from featherfx.groom.types import BarbGuide, FeatherKind
 
@@ -51,7 +49,7 @@ class Barbs:
 
 
 def interpolate_guides(guides: tuple[BarbGuide, ...], position: Array) -> Array:
-    """(3, n) rad: barb angle, curl and camber at positions (n,), shares of the vane's length.
+    """(3, n) rad: barb angle, curl and camber at positions (n,), 0 to 1 along the vane.
 
     Monotone cubic between guides, constant before the first and after the last.
     """
@@ -107,25 +105,20 @@ def _place(angles: Array, arc_length: Array, x: Array, turning: Array, columns: 
     angle, curl, camber = angles
     none = np.zeros_like(angle)
     root_frame, _ = turn(np.stack((none, none, angle), axis=-1))
-    share = np.linspace(0.0, 1.0, columns + 1)
-    along = arc_length[:, None, None] * share[:, None]
-    _, tangent = turn(_outer(np.stack((none, none, -curl), axis=-1), share))
-    flat = np.einsum("nab,njb->nja", root_frame, along * tangent)
+    along = np.linspace(0.0, 1.0, columns + 1)[:, None]
+    arc = arc_length[:, None, None] * along
+    _, tangent = turn(np.stack((none, none, -curl), axis=-1)[:, None] * along)
+    flat = np.einsum("nab,njb->nja", root_frame, arc * tangent)
     forward = flat[:, -1, 0]
     followed = np.einsum("nba,nb->na", root_frame, forward[:, None] * turning)
-    bent, tangent = turn(_outer(np.stack((none, camber, -curl), axis=-1) + followed, share))
+    bent, tangent = turn((np.stack((none, camber, -curl), axis=-1) + followed)[:, None] * along)
     flat[..., 0] += x[:, None]
     return Barbs(
         arc_length=arc_length,
-        local=np.einsum("nab,njb->nja", root_frame, along * tangent),
+        local=np.einsum("nab,njb->nja", root_frame, arc * tangent),
         dorsal=np.einsum("nab,njb->nja", root_frame, bent[..., 2]),
         flat=flat,
     )
-
-
-def _outer(vector: Array, share: Array) -> Array:
-    """(n, 3), (m,) to (n, m, 3)."""
-    return vector[:, None] * share[:, None]
 
 
 def _bulges(barbs: Barbs, curve: Array, position: Array, length: float) -> list[str]:

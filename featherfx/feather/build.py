@@ -14,7 +14,7 @@ from featherfx.feather.outline import outline_fault
 from featherfx.feather.rachis import build_rachis
 from featherfx.feather.surface import build_surface
 from featherfx.feather.types import LEADING, TRAILING, Array, Feather, Surface
-from featherfx.feather.vane import barb_share, build_vane
+from featherfx.feather.vane import barb_span, build_vane
 from featherfx.groom.types import FeatherKind, VaneShape
 
 _SIDES = ((LEADING, "leading"), (TRAILING, "trailing"))
@@ -50,13 +50,13 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
     points[:, 0] = rachis.position
     points[:, 1], points[:, 2] = rachis.frame[..., 1], rachis.frame[..., 2]
     cell = np.zeros((2, rows - 1, columns, 2), dtype=np.bool_)
-    barb_length, share = np.zeros((2, rows)), np.zeros((2, rows))
+    barb_length, spans = np.zeros((2, rows)), np.zeros((2, rows))
     problems: list[Problem] = []
     for side, name in _SIDES:
         vane = build_vane(kind, side, rachis, columns)
         points[:, 3 + side * columns : 3 + (side + 1) * columns] = vane.nodes[:, 1:]
         cell[side], barb_length[side] = vane.cell, vane.barb_length
-        share[side] = barb_share(rachis.station, vane.barb_length, rachis.first_vane_row)
+        spans[side] = barb_span(rachis.station, vane.barb_length, rachis.first_vane_row)
         problems += [_problem(kind, f"{name}.guides", message) for message in vane.problems]
     _raise_if_any(problems)
     surface = build_surface(points, rachis, barb_length, cell, tube_sides)
@@ -66,7 +66,7 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
         width=rachis.width,
         height=rachis.height,
         barb_length=barb_length,
-        barb_share=share,
+        barb_span=spans,
         cell=cell,
         surface=surface,
     )

@@ -6,7 +6,7 @@ the interpolated frame of its row:
     rachis, d2, d3   q(s) = sum_i w_i(s) q_i                + frame(s) c
     barb node        x = r(s) + sum_ij w_i(s) v_j(u) L / L_i (x_ij - r_i) + frame(s) c
 
-s is the arc length of the rachis, u the share of the barb, L how far barbs reach at rest. w and v
+s is the arc length of the rachis, u the place on the barb, L how far barbs reach at rest. w and v
 are cubic Hermite weights with slopes of parabolas through three neighbours: once continuously
 differentiable, local, and fixed, unlike monotone ones. frame(s) has the columns r'(s), d2(s) and
 d3(s), all linear in the coarse points, and c is chosen so that the rest shape comes out. So the
@@ -16,34 +16,12 @@ so is every barb of a coarse row that is a fine row, too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import sparse
 
-from featherfx.feather.types import LEADING, TRAILING, Feather
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class PointMap:
-    """A linear map of material points. matrix: (K, n P) sparse. shape: of the result, (..., 3).
-
-    Values as they come are (n, P, 3) material points or their rates; K points result.
-    """
-
-    matrix: Any
-    shape: tuple[int, ...]
-
-    def __call__(self, values: Array) -> Array:
-        return np.asarray(self.matrix @ np.reshape(values, (-1, 3))).reshape(self.shape)
-
-    def picked(self, points: Indices) -> PointMap:
-        """The map to some of the points alone. points: (k,) or (k, l), into the K points."""
-        return PointMap(self.matrix[points.ravel()], (*points.shape, 3))
+from featherfx.feather.types import LEADING, TRAILING, Array, Feather, PointMap
 
 
 def density_map(coarse: Feather, fine: Feather) -> PointMap:
@@ -52,8 +30,6 @@ def density_map(coarse: Feather, fine: Feather) -> PointMap:
     Neither has to have more rows or columns than the other. The result is (N, 3 + 2 M, 3) for N
     rows and M columns of `fine`.
     """
-    from scipy import sparse
-
     along = _Along(coarse, fine)
     nodes = [_barb_nodes(coarse, fine, side, along.rachis[0]) for side in (LEADING, TRAILING)]
     matrix = along.completed(sparse.vstack([*along.rachis, *nodes]), fine.points.swapaxes(0, 1))
@@ -88,8 +64,6 @@ class _Along:
     """Interpolation along the rachis. rachis: (N, n P) sparse, for rachis points, d2 and d3."""
 
     def __init__(self, coarse: Feather, fine: Feather) -> None:
-        from scipy import sparse
-
         weights, slopes = hermite_weights(coarse.station, fine.station)
         picks = [_pick(coarse, point) for point in range(3)]
         self.rachis = [sparse.csr_array(weights) @ pick for pick in picks]
@@ -103,14 +77,20 @@ class _Along:
 
         interpolation: (B N, n P), B points of all N rows, point by point. rest: (B, N, 3).
         """
-        from scipy import sparse
-
         missing = rest - (interpolation @ self._rest).reshape(rest.shape)
-        shares = np.linalg.solve(self._rest_frame, missing[..., None])[..., 0].reshape(-1, 3)
-        for axis, share in zip(self._frame, shares.T, strict=True):
+        parts = np.linalg.solve(self._rest_frame, missing[..., None])[..., 0].reshape(-1, 3)
+        for axis, part in zip(self._frame, parts.T, strict=True):
             repeated = sparse.vstack([axis] * len(rest))
-            interpolation = interpolation + sparse.diags_array(share) @ repeated
+            interpolation = interpolation + sparse.diags_array(part) @ repeated
         return interpolation.tocsr()
+
+
+def linear_weights(knots: Array, places: Array) -> Array:
+    """(K, n) weights of values at knots (n,), ascending, for values at places (K,): linear hats.
+
+    Places beyond the knots take the value of the nearest.
+    """
+    return np.stack([np.interp(places, knots, unit) for unit in np.eye(len(knots))], axis=1)
 
 
 def hermite_weights(knots: Array, places: Array) -> tuple[Array, Array]:
@@ -149,26 +129,23 @@ def _slope_weights(step: Array) -> Array:
     chord[every, every], chord[every, every + 1] = -1.0 / step, 1.0 / step
     if count == 2:
         return np.repeat(chord, 2, axis=0)
-    share = (step[:-1] / (step[:-1] + step[1:]))[:, None]
-    inner = (1.0 - share) * chord[:-1] + share * chord[1:]
+    weight = (step[:-1] / (step[:-1] + step[1:]))[:, None]
+    inner = (1.0 - weight) * chord[:-1] + weight * chord[1:]
     return np.concatenate((2.0 * chord[:1] - inner[:1], inner, 2.0 * chord[-1:] - inner[-1:]))
 
 
 def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any) -> Any:
     """(M N, n P) sparse, the interpolated nodes of one side, node by node from the root on."""
-    from scipy import sparse
-
     roots = sparse.vstack([rachis] * fine.columns).tocsr()
     grown = np.flatnonzero(coarse.barb_length[side] > 0.0)
     if len(grown) == 0:
         return roots
     weights, _ = hermite_weights(coarse.station[grown], fine.station)
     weights = _reach(fine, side)[:, None] * weights / _reach(coarse, side)[grown]
-    share = np.linspace(0.0, 1.0, coarse.columns + 1), np.linspace(0.0, 1.0, fine.columns + 1)
-    across, _ = hermite_weights(*share)
+    along, _ = hermite_weights(*(np.linspace(0.0, 1.0, f.columns + 1) for f in (coarse, fine)))
     root, first = _pick(coarse, 0)[grown], 3 + side * coarse.columns
     offsets = [_pick(coarse, first + j)[grown] - root for j in range(coarse.columns)]
-    spread = sparse.kron(across[1:, 1:], sparse.csr_array(weights), format="csr")
+    spread = sparse.kron(along[1:, 1:], sparse.csr_array(weights), format="csr")
     return (roots + spread @ sparse.vstack(offsets)).tocsr()
 
 
@@ -180,8 +157,6 @@ def _reach(feather: Feather, side: int) -> Array:
 
 def _pick(feather: Feather, point: int) -> Any:
     """(n, n P) sparse: one material point of every row."""
-    from scipy import sparse
-
     rows, count = feather.rows, feather.points.shape[1]
     every = np.arange(rows)
     places = (every, every * count + point)

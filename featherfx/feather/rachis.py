@@ -1,4 +1,10 @@
-"""The shaft at rest: stations of the rows, positions, frames and sections."""
+"""The shaft at rest: stations of the rows, positions, frames and sections.
+
+Rachis and barbs at rest are curves whose frame turns at a constant rate. A frame R(s) with
+dR/ds = R [k] for a constant k turns to R(s) = exp(s [k]), and its first axis sweeps out the
+position s V(s k) e1, both in closed form (Rodrigues), so that a curve is exact at any number of
+points.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.curve import turn
 from featherfx.groom.types import FeatherKind
 
 Array = NDArray[np.float64]
+
+# Below this angle the closed form of (angle - sin(angle)) / angle^3 loses digits to cancellation;
+# five terms of its series are exact to rounding there.
+_SERIES_BELOW = 0.25
 
 
 @dataclass(frozen=True)
@@ -35,8 +44,8 @@ class Rachis:
 def row_stations(length: float, calamus: float, rows: int) -> tuple[Array, int]:
     """(rows,) m, near-equal arc lengths of the rows, and the row where the vane begins.
 
-    A row falls exactly on the end of the calamus; calamus and vane are each divided equally, into
-    shares of rows as near as possible to their shares of the length (each at least one segment).
+    A row falls exactly on the end of the calamus; calamus and vane are each divided equally, with
+    rows in proportion to their lengths as nearly as possible (each at least one segment).
     """
     bare = min(max(round(calamus * (rows - 1)), 1), rows - 2) if calamus > 0.0 else 0
     end = calamus * length
@@ -49,13 +58,13 @@ def build_rachis(kind: FeatherKind, rows: int) -> Rachis:
     """Sample the shaft of a kind at near-equal arc lengths; rows >= 3."""
     shape = kind.rachis
     station, first_vane_row = row_stations(kind.length, kind.calamus, rows)
-    share = station / kind.length
+    along = station / kind.length
     # Positive rotation about d2 lowers the tangent (ventral), about d3 turns it to the leading
     # side: hence the sign of the sweep.
     total = np.radians([shape.twist, shape.camber, -shape.sweep])
-    frame, mean_tangent = turn(share[:, None] * total)
+    frame, mean_tangent = turn(along[:, None] * total)
     difference = shape.diameter_base - shape.diameter_tip
-    width = shape.diameter_tip + difference * (1.0 - share) ** shape.taper
+    width = shape.diameter_tip + difference * (1.0 - along) ** shape.taper
     return Rachis(
         station=station,
         position=station[:, None] * mean_tangent,
@@ -65,3 +74,33 @@ def build_rachis(kind: FeatherKind, rows: int) -> Rachis:
         turning=total / kind.length,
         first_vane_row=first_vane_row,
     )
+
+
+def turn(rotation_vector: Array) -> tuple[Array, Array]:
+    """Frames and mean tangents after turning steadily by the given rotation vectors.
+
+    rotation_vector: (..., 3) rad, in the frame of the curve's start.
+    Returns (..., 3, 3) frames, columns d1, d2, d3, and (..., 3) the mean of d1 on the way: arc
+    length times mean tangent is the position.
+    """
+    x, y, z = np.moveaxis(np.asarray(rotation_vector, dtype=np.float64), -1, 0)
+    skew = np.zeros((*x.shape, 3, 3))
+    skew[..., 0, 1], skew[..., 0, 2], skew[..., 1, 2] = -z, y, -x
+    skew[..., 1, 0], skew[..., 2, 0], skew[..., 2, 1] = z, -y, x
+    squared = skew @ skew
+    angle = np.sqrt(x * x + y * y + z * z)
+    first = np.sinc(angle / np.pi)[..., None, None]
+    second = 0.5 * np.sinc(angle / (2.0 * np.pi))[..., None, None] ** 2
+    third = _third_coefficient(angle)[..., None]
+    frame = np.eye(3) + first * skew + second * squared
+    mean_tangent = second[..., 0] * skew[..., 0] + third * squared[..., 0]
+    mean_tangent[..., 0] += 1.0
+    return frame, mean_tangent
+
+
+def _third_coefficient(angle: Array) -> Array:
+    """(angle - sin(angle)) / angle^3, accurate down to zero."""
+    q = angle * angle
+    series = (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0)))) / 6.0
+    safe = np.maximum(angle, _SERIES_BELOW)
+    return np.where(angle < _SERIES_BELOW, series, (safe - np.sin(safe)) / safe**3)

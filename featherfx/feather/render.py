@@ -2,40 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import PointMap, density_map
-from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.feather.density import density_map
+from featherfx.feather.types import LEADING, TRAILING, BarbCurves, Feather, PointMap
 from featherfx.groom.types import FeatherKind
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Straight pieces that a barb is drawn with.
 BARB_SEGMENTS = 8
 # A barb's stiffness is floored at 5 % of its root's, and goes with its diameter to the fourth.
 _THINNEST = 0.05**0.25
-
-
-@dataclass(frozen=True)
-class BarbCurves:
-    """Barbs of a feather as B curves of K points, from base to tip, leading vane first.
-
-    points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
-    TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface. points_map: from the
-    simulated feather's material points (or rates) to points.
-    """
-
-    points: Array
-    widths: Array
-    side: Indices
-    st: Array
-    points_map: PointMap
 
 
 @lru_cache(maxsize=1024)
@@ -68,15 +47,15 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     term = [np.concatenate(([0], 2 + side * BARB_SEGMENTS + nodes)) for side in (0, 1)]
     size = dense.points.shape[1]
     picked = np.concatenate([row[:, None] * size + term[side] for side, row in enumerate(grown)])
-    share = np.linspace(0.0, 1.0, BARB_SEGMENTS + 1)
-    thinning = np.maximum((1.0 - share) ** (0.25 * kind.vane_material.barb_taper), _THINNEST)
-    along = (dense.station / dense.station[-1])[np.concatenate(grown)]
+    along = np.linspace(0.0, 1.0, BARB_SEGMENTS + 1)
+    thinning = np.maximum((1.0 - along) ** (0.25 * kind.vane_material.barb_taper), _THINNEST)
+    station = (dense.station / dense.station[-1])[np.concatenate(grown)]
     sign = np.repeat([1.0, -1.0], [len(row) for row in grown])
-    across = 0.5 + 0.5 * sign[:, None] * share
+    u = 0.5 + 0.5 * sign[:, None] * along
     return BarbCurves(
         points=dense.points.reshape(-1, 3)[picked],
         widths=np.tile(kind.vane_material.thickness * thinning, (len(picked), 1)),
         side=np.repeat(np.array([LEADING, TRAILING]), [len(row) for row in grown]),
-        st=np.stack([across, np.broadcast_to(along[:, None], across.shape)], axis=-1),
+        st=np.stack([u, np.broadcast_to(station[:, None], u.shape)], axis=-1),
         points_map=density_map(build_feather(kind, *grid, mirrored), dense).picked(picked),
     )

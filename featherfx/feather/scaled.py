@@ -51,10 +51,10 @@ def scaled(feather: Feather, size: float) -> Feather:
         width=size * feather.width,
         height=size * feather.height,
         barb_length=size * feather.barb_length,
-        barb_share=size * feather.barb_share,
+        barb_span=size * feather.barb_span,
         surface=replace(feather.surface, weights=weights),
     )
     for array in (points, result.station, result.width, result.height, weights):
         array.flags.writeable = False
-    result.barb_length.flags.writeable = result.barb_share.flags.writeable = False
+    result.barb_length.flags.writeable = result.barb_span.flags.writeable = False
     return result

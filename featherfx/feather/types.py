@@ -19,6 +19,7 @@ map serves positions, velocities and accelerations.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ class Feather:
     station: (n,) m, arc length of the rachis at the rows.
     width, height: (n,) m, outer section of the shaft along d2 and d3.
     barb_length: (2, n) m, leading and trailing, along the nodes: m segments of barb_length / m.
-    barb_share: (2, n) m, length of rachis whose barbs the row's barb stands for (0 where there
+    barb_span: (2, n) m, length of rachis whose barbs the row's barb stands for (0 where there
         is no barb).
     cell: (2, n - 1, m, 2) bool, whether triangle A (i,j)(i,j+1)(i+1,j) [index 0], its edge on row
         i, and triangle B (i,j+1)(i+1,j+1)(i+1,j) [index 1], its edge on row i+1, exist (j = 0 is
@@ -88,7 +89,7 @@ class Feather:
     width: Array
     height: Array
     barb_length: Array
-    barb_share: Array
+    barb_span: Array
     cell: NDArray[np.bool_]
     surface: Surface
 
@@ -99,3 +100,37 @@ class Feather:
     @property
     def columns(self) -> int:
         return (self.points.shape[1] - 3) // 2
+
+
+@dataclass(frozen=True)
+class PointMap:
+    """A linear map of material points. matrix: (K, n P) sparse. shape: of the result, (..., 3).
+
+    Values as they come are (n, P, 3) material points or their rates; K points result.
+    """
+
+    matrix: Any
+    shape: tuple[int, ...]
+
+    def __call__(self, values: Array) -> Array:
+        return np.asarray(self.matrix @ np.reshape(values, (-1, 3))).reshape(self.shape)
+
+    def picked(self, points: Indices) -> PointMap:
+        """The map to some of the points alone. points: (k,) or (k, l), into the K points."""
+        return PointMap(self.matrix[points.ravel()], (*points.shape, 3))
+
+
+@dataclass(frozen=True)
+class BarbCurves:
+    """Barbs of a feather as B curves of K points, from base to tip, leading vane first.
+
+    points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
+    TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface. points_map: from the
+    simulated feather's material points (or rates) to points.
+    """
+
+    points: Array
+    widths: Array
+    side: Indices
+    st: Array
+    points_map: PointMap

@@ -153,7 +153,7 @@ def folded_rows(exists: NDArray[np.bool_], signed_area: Array) -> NDArray[np.boo
     return np.any(exists & (signed_area <= 0.0), axis=(1, 2))
 
 
-def barb_share(station: Array, barb_length: Array, first_vane_row: int) -> Array:
+def barb_span(station: Array, barb_length: Array, first_vane_row: int) -> Array:
     """(n,) m, rachis length nearest to each row within the vane; zero where there is no barb."""
     reach = np.zeros(len(station))
     half = 0.5 * np.diff(station[first_vane_row:])

@@ -212,7 +212,7 @@ def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int, elas
     """
     vane = kind.vane_material
     length = feather.barb_length
-    scale = np.divide(feather.barb_share, length, out=np.zeros_like(length), where=length > 0)
+    scale = np.divide(feather.barb_span, length, out=np.zeros_like(length), where=length > 0)
     parts = []
     for bending, clamp in (
         (vane.barb_bending_normal, vane.barb_clamp_normal),
@@ -222,7 +222,7 @@ def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int, elas
         if elastic:
             least = LEAST_CLAMP * length / bending
             compliance = np.where(length > 0.0, np.maximum(clamp, least), 1.0)
-            parts.append((feather.barb_share / compliance)[:, :, None])
+            parts.append((feather.barb_span / compliance)[:, :, None])
     stiffness = np.concatenate(parts, axis=2)
     return np.where(stiffness > 0.0, stiffness, 1.0)
 

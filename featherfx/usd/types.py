@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError
-from featherfx.feather.density import PointMap
-from featherfx.feather.render import BarbCurves
-from featherfx.feather.types import Feather
+from featherfx.feather.types import BarbCurves, Feather, PointMap
 from featherfx.shot.motion.skin import SkinRoot
 
 Array = NDArray[np.float64]

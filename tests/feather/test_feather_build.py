@@ -114,7 +114,7 @@ def test_barbs_are_equally_divided_and_directors_orthonormal(kind, rows, columns
         bare = feather.barb_length[side] == 0.0
         assert np.all(barb_nodes(feather, side)[bare] == feather.points[bare, :1])
         assert np.all(feather.barb_length[side][~bare] > 0.9e-3 * kind.length)
-        assert np.all((feather.barb_share[side] > 0.0) == ~bare)
+        assert np.all((feather.barb_span[side] > 0.0) == ~bare)
     d2, d3 = feather.points[:, 1], feather.points[:, 2]
     for first, second, value in ((d2, d2, 1.0), (d3, d3, 1.0), (d2, d3, 0.0)):
         np.testing.assert_allclose(np.sum(first * second, axis=1), value, atol=2e-15)
@@ -227,9 +227,9 @@ def test_barbs_stand_for_the_stretch_of_rachis_nearest_to_them():
     blunt = VaneShape(((0.0, 0.1), (1.0, 0.1)), (BarbGuide(0.0, 90.0, 0.0, 0.0),))
     feather = build_feather(feather_kind(blunt, NO_VANE), 21, 4)
     assert feather.barb_length[LEADING, 3:] == pytest.approx(0.035)
-    assert feather.barb_share[LEADING].sum() == pytest.approx(0.85 * 0.35)
+    assert feather.barb_span[LEADING].sum() == pytest.approx(0.85 * 0.35)
     few = build_feather(SWAN_PRIMARY, 3, 2)
-    assert np.all(few.barb_share[few.barb_length > 0.0] > 0.0)
+    assert np.all(few.barb_span[few.barb_length > 0.0] > 0.0)
 
 
 def test_barbs_keep_their_length_and_angle_on_a_strongly_swept_shaft():

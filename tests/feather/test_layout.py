@@ -229,7 +229,7 @@ def test_distance_of_segments():
 def test_a_scaled_feather_is_the_feather_of_the_scaled_kind(kind, mirrored):
     wanted = build_feather(adjusted(kind, 1.7, 1.0, 0.0), 11, 4, mirrored)
     found = scaled(build_feather(kind, 11, 4, mirrored), 1.7)
-    for name in ("points", "station", "width", "height", "barb_length", "barb_share"):
+    for name in ("points", "station", "width", "height", "barb_length", "barb_span"):
         assert np.allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12, atol=1e-15)
     for mine, theirs in zip((found,), (wanted,), strict=True):
         assert np.allclose(mine.surface.points(mine.points), theirs.surface.points(theirs.points))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from featherfx.feather.monotone import monotone
+from featherfx.feather.outline import monotone
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 9])

@@ -91,7 +91,7 @@ def feather() -> Feather:
         width=np.full(ROWS, 2 * RADIUS),
         height=np.full(ROWS, 2 * RADIUS),
         barb_length=barbs,
-        barb_share=np.full((2, ROWS), LENGTH / ROWS),
+        barb_span=np.full((2, ROWS), LENGTH / ROWS),
         cell=np.ones((2, ROWS - 1, COLUMNS, 2), dtype=bool),
         surface=surface(),
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.curve import turn
+from featherfx.feather.rachis import turn
 from featherfx.groom.types import Placement
 
 Array = NDArray[np.float64]

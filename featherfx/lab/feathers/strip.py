@@ -320,7 +320,7 @@ def strip_feather(length: float, width: float, rows: int, columns: int) -> Feath
         width=np.full(rows, NO_SHAFT),
         height=np.full(rows, NO_SHAFT),
         barb_length=barb_length,
-        barb_share=np.stack([share, share]),
+        barb_span=np.stack([share, share]),
         cell=cell,
         surface=vane_surface(points, station, barb_length, cell),
     )

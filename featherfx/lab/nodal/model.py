@@ -232,7 +232,7 @@ def _bend_stiffness(feather: Feather, kind: FeatherKind, bending: Bending, shaft
     """(2, n, m, 2) N m, out of the vane and within it; joint 0 is the clamp."""
     vane, columns = kind.vane_material, feather.columns
     segment = feather.barb_length / columns
-    share = np.divide(feather.barb_share, segment, out=np.zeros_like(segment), where=segment > 0)
+    share = np.divide(feather.barb_span, segment, out=np.zeros_like(segment), where=segment > 0)
     joints = _taper(np.arange(columns) / columns, kind)
     joints[0] = 2.0 * _taper(np.array(0.25 / columns), kind) if shaft else 0.0
     moduli = np.array([vane.barb_bending_normal, vane.barb_bending_in_plane])
@@ -240,8 +240,8 @@ def _bend_stiffness(feather: Feather, kind: FeatherKind, bending: Bending, shaft
     # the elastic clamp is in series with the half segment next to the rachis
     clamp = np.array([vane.barb_clamp_normal, vane.barb_clamp_in_plane])
     joint = stiffness[:, :, 0]
-    compliant = feather.barb_share[:, :, None] + joint * clamp
-    softer = feather.barb_share[:, :, None] * joint
+    compliant = feather.barb_span[:, :, None] + joint * clamp
+    softer = feather.barb_span[:, :, None] * joint
     stiffness[:, :, 0] = np.divide(softer, compliant, out=np.zeros_like(joint), where=compliant > 0)
     if bending != "barbs":
         stiffness[:, :, 1:, 0] = 0.0

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather
 from featherfx.mechanics.batch import has_elastic_clamp
 from featherfx.shot.detail.carried import FeatherPose
@@ -170,20 +171,15 @@ def _resampled(values: Array, given: Feather, wanted: Feather) -> Array:
     """
     if given.points.shape == wanted.points.shape:
         return values
-    rows = _linear(*(each.station / each.station[-1] for each in (wanted, given)))
-    across = _linear(*(np.linspace(0.0, 1.0, each.columns + 1) for each in (wanted, given)))
+    rows = linear_weights(*(each.station / each.station[-1] for each in (given, wanted)))
+    nodes = linear_weights(*(np.linspace(0.0, 1.0, each.columns + 1) for each in (given, wanted)))
     along = np.einsum("ni,ipc->npc", rows, values)
     parts = [along[:, :3]]
     for side in (LEADING, TRAILING):
         first = 3 + side * given.columns
         barb = np.concatenate([along[:, :1], along[:, first : first + given.columns]], axis=1)
-        parts.append(np.einsum("mj,njc->nmc", across[1:], barb))
+        parts.append(np.einsum("mj,njc->nmc", nodes[1:], barb))
     return np.concatenate(parts, axis=1)
-
-
-def _linear(places: Array, knots: Array) -> Array:
-    """(K, n) weights of values at knots (n,) at places (K,)."""
-    return np.stack([np.interp(places, knots, unit) for unit in np.eye(len(knots))], axis=1)
 
 
 def _coefficients(group: Group, k: int, source: tuple[Group, int], clamp: bool) -> Array:
@@ -193,13 +189,12 @@ def _coefficients(group: Group, k: int, source: tuple[Group, int], clamp: bool) 
     given, wanted = before.state.coefficient[f], group.state.coefficient[k]
     count, most = given.shape[2] // 2, wanted.shape[2] // 2
     found = np.zeros_like(wanted)
-    stations = [each.station / each.station[-1] for each in (before.feathers[f], group.feathers[k])]
+    both = before.feathers[f], group.feathers[k]
+    rows = linear_weights(*(each.station / each.station[-1] for each in both))
     pairs = [(c, c) for c in range(min(count, most) - clamp)]
     pairs += [(count - 1, most - 1)] if clamp and count and most else []
     for start, to in ((0, 0), (count, most)):
         for old, new in pairs:
-            for side in (0, 1):
-                values = given[side, :, start + old]
-                found[side, :, to + new] = np.interp(stations[1], stations[0], values)
+            found[:, :, to + new] = given[:, :, start + old] @ rows.T
     found[group.feathers[k].barb_length == 0.0] = 0.0
     return found

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from featherfx.algebra.rotation import rotation_vectors
+from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather
 from featherfx.shot.detail.guided_kernels import chains
 
@@ -173,8 +174,7 @@ def _interpolation(own: Array, other: Array, grown: NDArray[np.bool_]) -> Array:
     found = np.zeros((len(own), len(other)))
     places = np.flatnonzero(grown)
     if len(places):
-        for column, unit in zip(places, np.eye(len(places)), strict=True):
-            found[:, column] = np.interp(own, other[places], unit)
+        found[:, places] = linear_weights(other[places], own)
     return found
 
 

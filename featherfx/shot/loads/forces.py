@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import smooth_step
 from featherfx.errors import InputError, Problem
+from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather
 from featherfx.shot.types import Force, Grip
 
@@ -30,7 +31,7 @@ def force_weights(force: Force, feather: Feather) -> Array:
     if force.line == "rachis":
         weights[:, 0] = feather.station[-1] * hat_integrals(stations, *force.span)
         return weights
-    rows = hat_values(stations, force.row)
+    rows = linear_weights(stations, np.array([force.row]))[0]
     if force.line == "point" and force.column == 0.0:
         weights[:, 0] = rows
         return weights
@@ -42,7 +43,7 @@ def force_weights(force: Force, feather: Feather) -> Array:
     if force.line == "barb":
         rows, along = rows * reach, hat_integrals(columns, *force.span)
     else:
-        along = hat_values(columns, force.column)
+        along = linear_weights(columns, np.array([force.column]))[0]
     weights[:, 0] = rows * along[0]
     first = 3 + side * feather.columns
     weights[:, first : first + feather.columns] = rows[:, None] * along[1:]
@@ -55,16 +56,11 @@ def _no_barb(force: Force, stations: Array, reach: Array) -> str:
     return f"{where}; allowed: {grown[0]:.3g} to {grown[-1]:.3g}" if len(grown) else where
 
 
-def hat_values(knots: Array, place: float) -> Array:
-    """(n,) linear hats of ascending knots at one place between the first and the last."""
-    return np.array([np.interp(place, knots, row) for row in np.eye(len(knots))])
-
-
 def hat_integrals(knots: Array, start: float, end: float) -> Array:
     """(n,) integrals of the linear hats of ascending knots from start to end."""
     inside = knots[(knots > start) & (knots < end)]
     places = np.concatenate([[start], inside, [end]])
-    values = np.stack([hat_values(knots, place) for place in places])
+    values = linear_weights(knots, places)
     # linear between all of these places, so the trapezoidal rule is exact
     return np.asarray(0.5 * np.diff(places) @ (values[:-1] + values[1:]))
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.density import PointMap
 from featherfx.feather.types import RACHIS as SHAFT
-from featherfx.feather.types import Feather, Surface
+from featherfx.feather.types import Feather, PointMap, Surface
 from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
