@@ -19,13 +19,13 @@ def test_waves_of_an_edge_are_found(wavelength):
 
 def test_pulled_tip_goes_where_it_is_pulled_and_barbs_do_not_stretch():
     pull = FullPull("tip", 0.1, parts=2, rows=13, columns=3)
-    found = pull_feather(pull, "barbs")
+    found = pull_feather(pull)
     assert found.rachis_deflection == pytest.approx(0.1, abs=0.005)
     assert found.points[-1, 0, 1] == pytest.approx(-0.1 * LENGTH, abs=1e-3)
     assert found.barb_strain < 1e-10
     assert found.points.shape == found.rest.shape == (13, 7, 3)
     # linear spring of the grip: shaft and pull agree
-    twice = pull_feather(FullPull("tip", 0.2, parts=4, rows=13, columns=3), "barbs")
+    twice = pull_feather(FullPull("tip", 0.2, parts=4, rows=13, columns=3))
     assert 1.5 < twice.force / found.force < 3.0
 
 
@@ -35,4 +35,4 @@ def test_wrong_values_are_all_told():
     keys = [problem.key for problem in caught.value.problems]
     assert keys == ["scene", "distance", "parts", "rows", "columns"]
     with pytest.raises(InputError, match="steel"):
-        pull_feather(FullPull("tip"), "steel")
+        FullPull("tip", material="steel")

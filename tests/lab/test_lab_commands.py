@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from featherfx.cli.lab.experiments import COMMANDS, EXPERIMENTS
 from featherfx.cli.lab.group import lab
 from featherfx.cli.main import main
 from featherfx.lab.studies.registry import STUDIES
@@ -121,6 +122,46 @@ def test_tables_without_json():
     ]
 
 
+OPTIONS = {
+    "rod": "length ei ei2 gj ea ga taper rest-curvature segments line-weight tip-force",
+    "modes": "length ei ei2 gj ea ga taper rest-curvature segments line-mass count",
+    "release": "length ei ei2 gj ea ga taper rest-curvature segments line-weight line-mass duration"
+    " tolerance loss-factor samples radius",
+    "feather": "preset kinematics rows columns coefficients shake-amplitude shake-frequency pull"
+    " duration tolerance fixed-step presets",
+    "strip": "scene dt kinematics columns refinement coefficients method stretch radius newton",
+    "ribbon": "length width tip-width rigidity density rest-curvature poisson elements grading"
+    " sadowsky clamp planar",
+    "fullfeather": "scene material distance parts rows columns nodal",
+    "unitcell": "preset angle spacing diameter young hooks save presets",
+    "traction": "angle width height thickness along across shear strain steps elements mesh model"
+    " output",
+    "locking": "ratio elements output",
+    "mesoscale": "barb-fraction barb-spacing barb barbule angle width height strain steps"
+    " size-effect output",
+    "calibrate": "elements save name",
+    "angles": "barb-fraction barb-spacing barb barbule angle aspect pictures output",
+}
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_options_keep_their_names(name):
+    """Other programs call them."""
+    options = {each for option in COMMANDS[name].params for each in option.opts}
+    long = {each[2:] for each in options if each.startswith("--")}
+    assert long == {*OPTIONS[name].split(), "json", "verbose"}
+
+
+def test_a_declaration_is_option_range_and_default():
+    """Units, ranges and defaults of an experiment stand in one place."""
+    text = run("strip", "--help").stdout
+    assert "s, longest step.  [required]" in " ".join(text.split()).replace(". [", ".  [")
+    assert "[default: 1e-05]" in text
+    assert run("strip", "--scene", "iso", "--dt", "1").stderr == (
+        "featherfx: strip: dt: 1; allowed: above 0 to 0.1 s\n"
+    )
+
+
 def test_list_names_every_experiment():
     result = run("--list")
     assert result.exit_code == 0
@@ -164,6 +205,7 @@ def test_wrong_values_are_all_told_and_exit_with_one(arguments, keys):
     [
         ("rod", *ROD, "--tip-force", "1,2"),
         ("rod", "--ei", "1"),
+        ("fullfeather",),
         ("feather", "--preset", "swan_primary", "--shake-amplitude", "1"),
         (*TRIAL, "--pull", "0,0,1", "--shake-amplitude", "1", "--shake-frequency", "1"),
         ("no_such_experiment",),

@@ -10,12 +10,12 @@ from featherfx.lab.vane.locking import run_locking
 from featherfx.lab.vane.mesh import aligned_mesh
 from featherfx.lab.vane.mesoscale import (
     Bands,
+    SwanBands,
     band_mesh,
     bands_problems,
     fitted_bands,
     longitudinal_stress,
     pull_bands,
-    swan_bands,
     transverse_stress,
     whole_periods,
 )
@@ -24,7 +24,7 @@ from featherfx.lab.vane.size_effect import run_size_effect
 from featherfx.lab.vane.statics import Statics
 from featherfx.lab.vane.traction import Traction, pull_test
 
-BANDS = swan_bands(0.14, 5e-4)
+BANDS = SwanBands(0.14, 5e-4).bands()
 
 
 @pytest.mark.verification
@@ -92,7 +92,7 @@ def test_bands_have_their_share_of_the_surface():
 
 def test_shear_of_the_membrane_is_that_of_the_bands():
     """The fit gives the bands' slope; at small spacing bands shear as in series (within 5 %)."""
-    found = fit_shear(swan_bands(0.14, 1e-3))
+    found = fit_shear(SwanBands(0.14, 1e-3).bands())
     assert found.slope == pytest.approx(found.bands_slope, rel=1e-4)
     assert 0.8 < found.moduli.shear / found.series < 1.1
 

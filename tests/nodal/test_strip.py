@@ -30,7 +30,7 @@ def test_isotropic_strip_falls_as_a_chain_of_rigid_links():
     held = LENGTH / 100
     bending = STIFF * THICKNESS**2 / 12.0
     chain = link_chain(24, LENGTH - held, bending, DENSITY, -DENSITY * GRAVITY[2], [0.0, 0.1, 0.2])
-    ours = run_strip(replace(ISO, step=1.0 / 640.0), end=0.2).tip
+    ours = run_strip(replace(ISO, dt=1.0 / 640.0), end=0.2).tip
     gap = np.linalg.norm(ours[:, [0, 2]] - chain[1:] - [held, 0.0], axis=1)
     assert gap[0] < 5e-4
     assert gap[1] < 2.5e-3
@@ -38,7 +38,7 @@ def test_isotropic_strip_falls_as_a_chain_of_rigid_links():
 
 
 def test_steps_of_an_eightieth_keep_to_the_tip_within_six_millimetres():
-    fine = run_strip(replace(ISO, step=1.0 / 640.0), end=0.2).tip
+    fine = run_strip(replace(ISO, dt=1.0 / 640.0), end=0.2).tip
     coarse = run_strip(ISO, end=0.2)
     assert coarse.steps == 16
     assert np.linalg.norm(coarse.tip - fine, axis=1).max() < 6e-3

@@ -1,30 +1,61 @@
-"""`featherfx lab`: virtual experiments, each family in a file of its own."""
+"""`featherfx lab`: virtual experiments, imported when one of them is asked for."""
 
 from __future__ import annotations
 
 import click
 
-from featherfx.cli.lab.feathers import feather
-from featherfx.cli.lab.full_feather import fullfeather
-from featherfx.cli.lab.report import listing, report
-from featherfx.cli.lab.ribbons import ribbon
-from featherfx.cli.lab.rods import modes, release, rod
-from featherfx.cli.lab.strips import strip
-from featherfx.cli.lab.unit_cell import unitcell
-from featherfx.cli.lab.vane import angles, calibrate, locking, mesoscale, traction
-from featherfx.cli.program import Group
+from featherfx.cli.lab.report import report
+from featherfx.cli.program import Command, Group
+
+EXPERIMENTS = {
+    "rod": "Bend a rod by its weight and a force at its tip.",
+    "modes": "Natural frequencies of a rod.",
+    "release": "Let go a rod that was held straight.",
+    "feather": "Shake a feather or pull at its tip.",
+    "strip": "Let a clamped strip fall, as other simulators do.",
+    "ribbon": "Hang a ribbon of natural curvature by one end.",
+    "fullfeather": "Pull a whole feather in its plane, with one of three vane materials.",
+    "unitcell": "Moduli of a vane from its barbs and barbules.",
+    "traction": "Pull a rectangular sample of a vane.",
+    "locking": "Error of a tilted test against elements, for ratios of the moduli.",
+    "mesoscale": "Barbs as stiff bands, barbules as soft ones.",
+    "calibrate": "Moduli of a vane from stress-strain curves.",
+    "angles": "Membrane beside bands at all angles, and the shear band.",
+}
+
+
+class Lab(Group):
+    """Lists its commands without their options, which are made when a command is called."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name, command, rest = super().resolve_command(ctx, args)
+        if name in EXPERIMENTS:
+            from featherfx.cli.lab.experiments import COMMANDS
+
+            command = COMMANDS[name]
+        return name, command, rest
 
 
 def _list(context: click.Context, _: click.Parameter, value: bool) -> None:
+    """Print the experiments, then the studies and what each reproduces."""
     if not value or context.resilient_parsing:
         return
-    for line in listing(lab.commands):
-        click.echo(line)
+    from featherfx.lab.studies.registry import STUDIES
+
+    width = max(len(name) for name in (*lab.commands, *(study.name for study in STUDIES)))
+    click.echo("experiments")
+    for name, command in sorted(lab.commands.items()):
+        click.echo(f"  {name.ljust(width)}  {command.short_help}")
+    click.echo("studies (featherfx lab report --only NAME)")
+    for study in STUDIES:
+        click.echo(f"  {study.name.ljust(width)}  {study.title} ({study.reproduces})")
     context.exit()
 
 
 @click.group(
-    cls=Group,
+    cls=Lab,
     short_help="Virtual experiments on rods and feathers.",
     epilog="""
     featherfx lab --list
@@ -46,7 +77,6 @@ def lab() -> None:
     """
 
 
-for experiment in (rod, modes, release, feather, strip, ribbon, fullfeather, unitcell, report):
-    lab.add_command(experiment)
-for experiment in (traction, locking, mesoscale, calibrate, angles):
-    lab.add_command(experiment)
+lab.add_command(report)
+for experiment, meaning in EXPERIMENTS.items():
+    lab.add_command(Command(experiment, short_help=meaning))

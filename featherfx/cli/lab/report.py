@@ -1,28 +1,14 @@
-"""`featherfx lab report`, and what `featherfx lab --list` prints."""
+"""`featherfx lab report`."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import click
 
 from featherfx._version import __version__
 from featherfx.cli.program import Command
-
-
-def listing(commands: Mapping[str, click.Command]) -> Iterator[str]:
-    """Lines of `lab --list`: the experiments, then the studies and what each reproduces."""
-    from featherfx.lab.studies.registry import STUDIES
-
-    width = max(len(name) for name in (*commands, *(study.name for study in STUDIES)))
-    yield "experiments"
-    for name, command in sorted(commands.items()):
-        yield f"  {name.ljust(width)}  {command.short_help}"
-    yield "studies (featherfx lab report --only NAME)"
-    for study in STUDIES:
-        yield f"  {study.name.ljust(width)}  {study.title} ({study.reproduces})"
 
 
 @click.command(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from featherfx.algebra.rotation import along_rows, frames_to_turns, turns_to_frames
 from featherfx.lab.bench.random_feathers import Drawn, draw_feather, log_uniform
@@ -14,7 +15,9 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.solver import RootPath, Settings, hold_roots
 from featherfx.solver.state import State, rest_state
+from featherfx.solver.step.energy_kernels import feather_strains
 from featherfx.solver.step.modes import with_damping
+from featherfx.solver.step.pose_kernels import chain, material_points, rachis_strains
 
 Array = NDArray[np.float64]
 
@@ -119,8 +122,6 @@ def _loads(random: np.random.Generator, windy: bool) -> Loads:
 
 def _turn(random: np.random.Generator, angle: float) -> Array:
     """(3, 3) rotation by up to an angle about any axis."""
-    from scipy.spatial.transform import Rotation
-
     matrix: Array = Rotation.from_rotvec(random.uniform(0, angle) * _direction(random)).as_matrix()
     return matrix
 
@@ -139,8 +140,6 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
 
     Points and strains follow, so that the state is one that the solver could have reached.
     """
-    from featherfx.solver.step.pose_kernels import chain, material_points
-
     frames = turns_to_frames(state.turn[0])
     shared = np.eye(3)
     for row in range(1, model.rows):
@@ -160,9 +159,6 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
 
 def pose_strains(model: Model, state: State) -> Array:
     """(S,) strains of feather 0 in the state's pose."""
-    from featherfx.solver.step.energy_kernels import feather_strains
-    from featherfx.solver.step.pose_kernels import rachis_strains
-
     rachis, strains = np.zeros((model.rows - 1, 6)), np.zeros(state.strains.shape[2])
     halfway = np.zeros((model.rows - 1, 3, 3))
     rachis_strains(model.length[0], state.turn[0], state.centre[0], halfway, rachis)
@@ -196,8 +192,6 @@ def _paths(
 
 
 def _rotation(vector: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
     matrix: Array = Rotation.from_rotvec(vector).as_matrix()
     return matrix
 

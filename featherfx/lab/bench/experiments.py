@@ -8,6 +8,8 @@ from itertools import product
 
 from featherfx.errors import SimulationError
 from featherfx.feather.build import build_feather
+from featherfx.groom.presets.library import plain
+from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.bench.extent import HERO, PRODUCTION, Extent
 from featherfx.lab.bench.factorisation import factorisation_seconds
@@ -181,9 +183,6 @@ def front_shakes(extent: Extent) -> Iterator[Shake]:
 
 def preset_shake(kind: FeatherKind, name: str) -> Shake:
     """The shake with the settings of a quality preset, as a bake uses them."""
-    from featherfx.groom.presets.library import plain
-    from featherfx.groom.presets.presets import load_preset
-
     values = plain(load_preset(f"quality/{name}")[1])
     coefficients = values["coefficients"]
     if coefficients == CHOSEN_BY_SOLVER:

@@ -5,6 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from statistics import median
+from time import thread_time
+
+import numpy as np
+from scipy.linalg.lapack import dpbtrf
 
 UNKNOWNS, HALF_BANDWIDTH = 2583, 131
 REPEATS = 15
@@ -27,12 +32,6 @@ def factorisation_seconds() -> float:
 
 
 def _measured() -> float:
-    from statistics import median
-    from time import thread_time
-
-    import numpy as np
-    from scipy.linalg.lapack import dpbtrf
-
     random = np.random.default_rng(1)
     band = np.asfortranarray(random.uniform(-1.0, 1.0, (HALF_BANDWIDTH + 1, UNKNOWNS)))
     band[0] = 4.0 * HALF_BANDWIDTH  # diagonally dominant, so that it is positive definite

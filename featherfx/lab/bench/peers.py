@@ -177,7 +177,7 @@ def iso_table(extent: Extent) -> Table:
         "The isotropic strip of 100 x 12 cells, 0.2 s from its release. Error: distance in m of"
         " the middle of its end from the reference, the larger of those at 0.1 and 0.2 s."
         f" Reference: featherfx with {fine.refinement} times the cells along the strip and"
-        f" {round(1.0 / fine.step)} steps a second; a chain of rigid links agrees with it (see the"
+        f" {round(1.0 / fine.dt)} steps a second; a chain of rigid links agrees with it (see the"
         " page of the lab). MuJoCo: flex with elastic2d = both, integrator discrete."
     )
     return Table("peers_iso", "Isotropic strip", note, rows)
@@ -198,13 +198,13 @@ def feather_table(extent: Extent) -> Table:
     rows: list[Row] = []
     for name, test in methods.items():
         for rate in extent.feather_rates:
-            run = run_strip(replace(test, step=1.0 / rate), END)
+            run = run_strip(replace(test, dt=1.0 / rate), END)
             done = PeerRun(run.tip, run.cpu_seconds, run.steps)
             rows.append({**_row(name, rate, done, reference), "barb strain": run.strain_max})
     fine = FEATHER_REFERENCE
     note = (
         "The strip with barbs and a rachis, measured as above. Reference: barb-curvature with"
-        f" {fine.coefficients} coefficients and {round(1.0 / fine.step)} steps a second. Barb"
+        f" {fine.coefficients} coefficients and {round(1.0 / fine.dt)} steps a second. Barb"
         " strain: largest relative change of a barb segment's length after any step."
     )
     return Table("peers_feather", "Feather strip", note, rows)

@@ -17,6 +17,10 @@ from featherfx.algebra.rotation import smooth_step
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
+from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.nodal.model import nodal_model
+from featherfx.lab.nodal.solver import NodalSolver
+from featherfx.lab.nodal.state import nodal_rest_state
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.solver import RootPath, Settings, Solver, raise_if_failed
@@ -93,8 +97,6 @@ Method = Callable[[FeatherKind, Shake], Run]
 @lru_cache
 def swan_primary() -> FeatherKind:
     """The feather of all measurements: swan moduli, 0.35 m."""
-    from featherfx.lab.feathers.feather import feather_kind
-
     return replace(feather_kind("swan_primary"), length=0.35)
 
 
@@ -140,10 +142,6 @@ def nodal(method: Literal["improved", "textbook"]) -> Method:
     """The nodal solver, of one feather, by the improved or the textbook Newton method."""
 
     def run(kind: FeatherKind, shake: Shake) -> Run:
-        from featherfx.lab.nodal.model import nodal_model
-        from featherfx.lab.nodal.solver import NodalSolver
-        from featherfx.lab.nodal.state import nodal_rest_state
-
         feather = build_feather(kind, shake.rows, shake.columns)
         model = _model(kind, shake.rows, shake.columns, 0)
         constants = nodal_model(model, [feather], [kind], section="carried")

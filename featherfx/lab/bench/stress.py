@@ -18,6 +18,7 @@ from featherfx.solver.state import State
 from featherfx.solver.step.energy_kernels import elastic_energy
 from featherfx.solver.step.energy_promise_kernels import held_energy
 from featherfx.solver.step.newton_kernels import CONVERGED
+from featherfx.solver.step.pose_kernels import material_points
 
 Array = NDArray[np.float64]
 
@@ -133,8 +134,6 @@ def _broken_promises(
 
 def _pose_gap(model: Model, state: State) -> float:
     """Largest distance (m) of the points of feather 0 from those that its coordinates give."""
-    from featherfx.solver.step.pose_kernels import material_points
-
     points, frames = np.zeros_like(state.points[0]), np.zeros((2, model.rows, model.columns, 4))
     turn, centre, coefficient = state.turn[0], state.centre[0], state.coefficient[0]
     material_points(model, 0, turn, centre, coefficient, frames, points)

@@ -11,22 +11,37 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
+from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
+from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.presets.kinds import kind_of
+from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind, Groom, Placement
+from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, require, value
+from featherfx.lab.feathers.timing import (
+    Repeat,
+    curvature_repeat,
+    iteration_seconds,
+    nodal_repeat,
+)
+from featherfx.lab.nodal.model import nodal_model
+from featherfx.lab.nodal.solver import NodalSolver
+from featherfx.lab.nodal.state import nodal_rest_state
 from featherfx.lab.rods.rod import Vector
 from featherfx.mechanics.batch import barb_nodes, make_model
-from featherfx.mechanics.model import Loads, Model
+from featherfx.mechanics.model import Loads
+from featherfx.shot.loads.loads import frame_loads
+from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
-
-if TYPE_CHECKING:
-    from featherfx.lab.feathers.timing import Repeat
+from featherfx.solver.state import rest_state
+from featherfx.solver.step.modes import with_damping
 
 Array = NDArray[np.float64]
 Kinematics = Literal["nodal", "barb-curvature"]
@@ -42,26 +57,25 @@ UNLIMITED = 1e30
 
 @dataclass(frozen=True)
 class FeatherTest:
-    """What to do with a feather.
+    """Settle a feather under gravity in vacuum, then shake its root or pull at its tip.
 
-    preset: name of a feather preset. rows, columns: of the grid. coefficients: curvature
-    coefficients per barb and direction. shake: (amplitude in m, frequency in Hz) of the root along
-    z, started smoothly within a quarter period, or None. pull: m, displacement of the tip, reached
-    smoothly at the end, or None. duration: s. tolerance: m, local error of a step. fixed_step: s,
-    length of all steps, or None for steps chosen by their error. kinematics: "barb-curvature" or
-    "nodal", the same feather on the same grid with free nodes (coefficients then play no part).
+    The shake along z starts smoothly within a quarter period; the pull, smooth too, is reached at
+    the end. Without a fixed step the steps are chosen by their error.
     """
 
-    preset: str
-    duration: float
-    tolerance: float = 1e-4
-    rows: int = 21
-    columns: int = 6
-    coefficients: int = 2
-    shake: tuple[float, float] | None = None
-    pull: Vector | None = None
-    fixed_step: float | None = None
-    kinematics: Kinematics = "barb-curvature"
+    preset: str = value("Feather preset.")
+    duration: float = value("s.", 0.5, POSITIVE)
+    tolerance: float = value("m, local error that a step may have.", 1e-4, POSITIVE)
+    rows: int = value("Rachis rows.", 21, Range(3, 1000))
+    columns: int = value("Barb columns a side.", 6, Range(1, 200))
+    coefficients: int = value(
+        "Curvature coefficients per barb and direction; 0: rigid barbs.", 2, Range(0, 8)
+    )
+    shake_amplitude: float | None = value("m, of the root along z.", None, FINITE)
+    shake_frequency: float | None = value("Hz.", None, POSITIVE)
+    pull: Vector | None = value("m, displacement of the tip, reached at the end.", None)
+    fixed_step: float | None = value("s, instead of the error control.", None, POSITIVE)
+    kinematics: Kinematics = value("nodal: every node is free, the reference.", "barb-curvature")
 
 
 @dataclass(frozen=True)
@@ -103,26 +117,14 @@ def run_feather(test: FeatherTest, preset_folders: tuple[str | Path, ...] = ()) 
 
     Raises InputError with every wrong value, SimulationError where a step cannot be solved.
     """
-    from featherfx.feather.build import build_feather
-
     kind = _checked(test, preset_folders)
     feather = build_feather(kind, test.rows, test.columns)
-    body = (
-        _nodal_body(test, feather, kind)
-        if test.kinematics == "nodal"
-        else _body(test, feather, kind)
-    )
+    body = _body(test, feather, kind)
     shot = _shot(test, kind)
-    loads = _loads(shot, (), feather, body.state, 0.0, 0.0)
+    loads = frame_loads(shot, (), [feather], [body.state.points[0]], 0.0, 0.0)
     state, status, _ = body.solver.equilibrium(body.state, loads)
     raise_if_failed(status, state.time, [test.preset])
     return _stepped(test, shot, feather, replace(body, state=state))
-
-
-def _model(test: FeatherTest, feather: Feather, kind: FeatherKind) -> Model:
-    from featherfx.solver.step.modes import with_damping
-
-    return with_damping(make_model([feather], [kind], test.coefficients), [kind])
 
 
 def _settings(test: FeatherTest) -> Settings:
@@ -131,33 +133,21 @@ def _settings(test: FeatherTest) -> Settings:
 
 
 def _body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _Body:
-    from featherfx.lab.feathers.timing import curvature_repeat
-    from featherfx.solver.state import rest_state
-
-    model = _model(test, feather, kind)
-    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+    model = with_damping(make_model([feather], [kind], test.coefficients), [kind])
+    root, settings = (np.zeros((1, 3)), np.eye(3)[None]), _settings(test)
+    if test.kinematics == "barb-curvature":
+        repeat = partial(curvature_repeat, model)
+        return _Body(Solver(model, settings), rest_state(model, *root), model.unknowns, repeat)
+    nodal = nodal_model(model, [feather], [kind], section="carried")
     return _Body(
-        Solver(model, _settings(test)), state, model.unknowns, partial(curvature_repeat, model)
+        NodalSolver(model, nodal, settings),
+        nodal_rest_state(model, nodal, *root),
+        int(nodal.size[0]),
+        partial(nodal_repeat, model, nodal),
     )
 
 
-def _nodal_body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _Body:
-    from featherfx.lab.feathers.timing import nodal_repeat
-    from featherfx.lab.nodal.model import nodal_model
-    from featherfx.lab.nodal.solver import NodalSolver
-    from featherfx.lab.nodal.state import nodal_rest_state
-
-    model = _model(test, feather, kind)
-    nodal = nodal_model(model, [feather], [kind], section="carried")
-    state = nodal_rest_state(model, nodal, np.zeros((1, 3)), np.eye(3)[None])
-    solver = NodalSolver(model, nodal, _settings(test))
-    return _Body(solver, state, int(nodal.size[0]), partial(nodal_repeat, model, nodal))
-
-
 def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _Body) -> FeatherRun:
-    from featherfx.lab.feathers.timing import iteration_seconds
-    from featherfx.shot.motion.motion import root_motion, root_path
-
     motion, grips = root_motion(shot), _grips(test)
     members = np.zeros(1, dtype=np.int64)
     interval = test.fixed_step or 1.0 / FRAMES_PER_SECOND
@@ -166,7 +156,7 @@ def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _Body) -> Fe
     state, steps, iterations, seconds = body.state, 0.0, 0.0, 0.0
     for k in range(count):
         now, then = k * interval, (k + 1) * interval
-        loads = _loads(shot, grips, feather, body.state, now, then)
+        loads = frame_loads(shot, grips, [feather], [body.state.points[0]], now, then)
         path = root_path(motion, members, now, then)
         if k == 0:
             body.solver.step(state, loads, path, interval)  # compiles before anything is timed
@@ -182,44 +172,27 @@ def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _Body) -> Fe
         iterations_per_step=float(iterations / steps),
         steps=int(steps),
         unknowns=body.unknowns,
-        barb_strain_max=_barb_strain(feather, state.points[0]),
+        barb_strain_max=barb_strain(feather, state.points[0]),
         seconds=seconds,
         seconds_assembly=float(iterations * assembly),
         seconds_solve=float(iterations * solve),
     )
 
 
-def _loads(
-    shot: Shot,
-    grips: tuple[tuple[int, Grip], ...],
-    feather: Feather,
-    start: Any,
-    now: float,
-    then: float,
-) -> Loads:
-    from featherfx.shot.loads.loads import frame_loads
-
-    return frame_loads(shot, grips, [feather], [start.points[0]], now, then)
-
-
-def _barb_strain(feather: Feather, points: Array) -> float:
-    m = feather.columns
-    sides = [points[:, 3 + s * m : 3 + (s + 1) * m] for s in range(2)]
-    root = points[:, :1]
-    nodes = np.stack([np.concatenate([root, side], axis=1) for side in sides])
+def barb_strain(feather: Feather, points: Array) -> float:
+    """Largest relative change of length of a barb's segments; points: (n, P, 3) m."""
     rest = np.linalg.norm(np.diff(barb_nodes(feather), axis=2), axis=-1)
-    length = np.linalg.norm(np.diff(nodes, axis=2), axis=-1)
+    now = np.linalg.norm(np.diff(barb_nodes(replace(feather, points=points)), axis=2), axis=-1)
     present = rest > 0.0
-    return float(np.max(np.abs(length[present] / rest[present] - 1.0), initial=0.0))
+    return float(np.max(np.abs(now[present] / rest[present] - 1.0), initial=0.0))
 
 
 def _shot(test: FeatherTest, kind: FeatherKind) -> Shot:
     placement = Placement(test.preset, kind, "", np.zeros(3), np.eye(3))
     motion = Motion("hold", {})
-    if test.shake:
-        amplitude, frequency = test.shake
-        values = {"amplitude": amplitude, "frequency": frequency, "direction": (0.0, 0.0, 1.0)}
-        motion = Motion("shake", values)
+    if test.shake_amplitude is not None:
+        values = {"amplitude": test.shake_amplitude, "frequency": test.shake_frequency}
+        motion = Motion("shake", values | {"direction": (0.0, 0.0, 1.0)})
     source = Path(test.preset)
     vacuum = Wind(np.array([1.0, 0.0, 0.0]), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1)
     quality = Quality("lab", test.rows, test.columns, test.coefficients, test.tolerance, SUBSTEPS)
@@ -255,51 +228,24 @@ def _grips(test: FeatherTest) -> tuple[tuple[int, Grip], ...]:
 
 def _checked(test: FeatherTest, preset_folders: tuple[str | Path, ...]) -> FeatherKind:
     """The preset's kind; raises InputError with every wrong value of the test."""
-    problems = [
-        Problem("feather", name, f"{value:g}; allowed: above 0")
-        for name, value in (
-            ("duration", test.duration),
-            ("tolerance", test.tolerance),
-            ("fixed_step", test.fixed_step),
-            ("shake frequency", test.shake[1] if test.shake else None),
-        )
-        if value is not None and not 0.0 < value < np.inf
-    ]
-    problems += [
-        Problem("feather", name, f"{value}; allowed: {low} to {high}")
-        for name, value, low, high in (
-            ("rows", test.rows, 3, 1000),
-            ("columns", test.columns, 1, 200),
-            ("coefficients", test.coefficients, 0, 8),
-        )
-        if not low <= value <= high
-    ]
+    problems = out_of_range(test, "feather")
     if test.kinematics not in get_args(Kinematics):
         allowed = ", ".join(get_args(Kinematics))
         problems.append(
             Problem("feather", "kinematics", f"'{test.kinematics}'; allowed: {allowed}")
         )
-    vectors = {"shake amplitude": test.shake[:1] if test.shake else None, "pull": test.pull}
-    problems += [
-        Problem("feather", name, f"{value}; allowed: finite numbers")
-        for name, value in vectors.items()
-        if value is not None and not np.isfinite(value).all()
-    ]
+    if test.pull is not None and not np.isfinite(test.pull).all():
+        problems.append(Problem("feather", "pull", f"{test.pull}; allowed: finite numbers"))
     try:
         kind = feather_kind(test.preset, preset_folders)
     except InputError as error:
         problems += error.problems
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
     return kind
 
 
 def feather_kind(preset: str, preset_folders: tuple[str | Path, ...] = ()) -> FeatherKind:
     """The kind that a feather preset describes. Raises InputError."""
-    from featherfx.groom.keys.values import Place, Problems
-    from featherfx.groom.presets.kinds import kind_of
-    from featherfx.groom.presets.presets import load_preset
-
     family, tree = load_preset(preset, preset_folders)
     if family != "feather":
         raise InputError(Problem("presets", preset, f"is of family {family}, not feather"))

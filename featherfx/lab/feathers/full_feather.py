@@ -21,22 +21,31 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem
+from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial, VaneShape
-from featherfx.mechanics.batch import barb_nodes, make_model
+from featherfx.lab.declare import Range, out_of_range, require, value
+from featherfx.lab.feathers.feather import barb_strain, feather_kind
+from featherfx.lab.nodal.model import nodal_model
+from featherfx.lab.nodal.solver import NodalSolver
+from featherfx.lab.nodal.state import nodal_rest_state
+from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, no_loads
+from featherfx.solver.solver import Settings, Solver, raise_if_failed
+from featherfx.solver.state import rest_state
 
 Array = NDArray[np.float64]
 Scene = Literal["tip", "side"]
+Material = Literal["barbs", "cloth", "isotropic"]
 
-SCENES = ("tip", "side")
-MATERIALS = ("barbs", "cloth", "isotropic")
+MATERIALS: tuple[Material, ...] = get_args(Material)
 # table 6.1, SI units
 LENGTH = 0.2
 RACHIS = RachisMaterial(
@@ -82,45 +91,46 @@ PADDING = 8
 
 @dataclass(frozen=True)
 class FullPull:
-    """What to do. scene: "tip" or "side". distance: share of the length by which the grip moves.
-    parts: steps of equal length, each brought to rest. rows, columns: of the grid."""
+    """Pull a flat feather of 0.2 m, held at its base, along the plane of its vane.
 
-    scene: Scene
-    distance: float = 0.2
-    parts: int = 10
-    rows: int = 41
-    columns: int = 8
+    Keys: rachis_deflection (over the length), barb_strain, force, wavelength (null: no wrinkles)
+    and amplitude of the wrinkles along the edges, iterations, seconds, points.
+    """
+
+    scene: Scene = value("Pull the rachis' tip, or the edge of the trailing vane.")
+    distance: float = value(
+        "Share of the length.", 0.1, Range(0.0, 0.6, above=True, unit="of the feather's length")
+    )
+    parts: int = value("Equal steps of the pull.", 10, Range(1, 200))
+    rows: int = value("Rachis rows.", 41, Range(9, 200))
+    columns: int = value("Barb columns a side.", 8, Range(2, 50))
+    material: Material = value("Of the vane.", "barbs")
+    nodal: bool = value("Barbs in the nodal kinematics, as a check.", False)
 
     def __post_init__(self) -> None:
-        problems = []
-        if self.scene not in SCENES:
-            message = f"'{self.scene}' is not one of {', '.join(SCENES)}"
-            problems.append(Problem("pull", "scene", message))
-        if not 0.0 < self.distance <= 0.6:
-            text = f"{self.distance:g}; allowed: above 0 to 0.6 of the feather's length"
-            problems.append(Problem("pull", "distance", text))
-        for name, low, high in (("parts", 1, 200), ("rows", 9, 200), ("columns", 2, 50)):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                problems.append(Problem("pull", name, f"{value}; allowed: {low} to {high}"))
-        if problems:
-            raise InputError(*problems)
+        problems = [
+            Problem("pull", name, f"'{chosen}' is not one of {', '.join(allowed)}")
+            for name, chosen, allowed in (
+                ("scene", self.scene, get_args(Scene)),
+                ("material", self.material, MATERIALS),
+            )
+            if chosen not in allowed
+        ]
+        require(*problems, *out_of_range(self, "pull"))
 
 
 @dataclass(frozen=True)
 class Pulled:
-    """Outcome for one material.
+    """Outcome of a pull.
 
-    points: (n, 1 + 2 m, 3) m, rachis point, leading and trailing barb nodes at the end. rest: the
-    same at rest. rachis_deflection: distance that the rachis tip moved, over the length.
-    barb_strain: largest relative change of a barb segment's length. force: N, on the grip.
-    wavelength: m, of the wrinkles along the edges (NaN where there are none), and amplitude: m,
-    their root mean square, on the edge where it is larger. iterations: of Newton. seconds: of the
-    solve, without building and compilation.
+    rachis_deflection: distance that the rachis tip moved, over the length. barb_strain: largest
+    relative change of a barb segment's length. force: N, on the grip. wavelength: m, of the
+    wrinkles along the edges (NaN where there are none), and amplitude: m, their root mean square,
+    on the edge where it is larger. iterations: of Newton. seconds: of the solve, without building
+    and compilation. points: (n, 1 + 2 m, 3) m, rachis point, leading and trailing barb nodes at
+    the end. rest: the same at rest.
     """
 
-    points: Array
-    rest: Array
     rachis_deflection: float
     barb_strain: float
     force: float
@@ -128,19 +138,18 @@ class Pulled:
     amplitude: float
     iterations: int
     seconds: float
+    points: Array
+    rest: Array
 
 
-def flat_kind(material: str, preset_folders: tuple[str, ...] = ()) -> FeatherKind:
+def flat_kind(material: Material) -> FeatherKind:
     """The swan primary as a flat feather of 0.2 m, its vane of one of the three materials."""
-    from featherfx.lab.feathers.feather import feather_kind
-
-    kind = feather_kind("swan_primary", preset_folders)
-    shape = kind.rachis
+    kind = feather_kind("swan_primary")
     return replace(
         kind,
         length=LENGTH,
         rachis=replace(
-            shape,
+            kind.rachis,
             diameter_base=WIDTH_BASE,
             diameter_tip=WIDTH_TIP,
             taper=1.0,
@@ -159,36 +168,25 @@ def _flat(vane: VaneShape) -> VaneShape:
     return replace(vane, guides=tuple(replace(guide, camber=0.0) for guide in vane.guides))
 
 
-def pull_feather(pull: FullPull, material: str, *, nodal: bool = False) -> Pulled:
-    """Pull a feather of one material; nodal: the barbs in the nodal kinematics, as a check.
-
-    Raises InputError for an unknown material, SimulationError where no equilibrium is found.
-    """
-    from featherfx.feather.build import build_feather
-    from featherfx.solver.solver import raise_if_failed
-
-    if material not in MATERIALS:
-        message = f"'{material}' is not one of {', '.join(MATERIALS)}"
-        raise InputError(Problem("pull", "material", message))
-    kind = flat_kind(material)
+def pull_feather(pull: FullPull) -> Pulled:
+    """Pull a feather. Raises SimulationError where no equilibrium is found."""
+    kind = flat_kind(pull.material)
     feather = build_feather(kind, pull.rows, pull.columns)
-    solver, state = _solver(feather, kind, nodal or material != "barbs")
+    solver, state = _solver(feather, kind, pull.nodal or pull.material != "barbs")
     node = _gripped(pull, feather)
     # kernels are loaded first, so that the measured time is that of the work
     solver.equilibrium(state, _loads(pull, feather, node, 0.0))
     begin = time.perf_counter()
-    state, iterations = _pulled(pull, feather, node, solver, state, material)
+    state, iterations = _pulled(pull, feather, node, solver, state)
     loads = _loads(pull, feather, node, 1.0, pushed=False)
     state, status, count = solver.equilibrium(state, loads)
-    raise_if_failed(status, state.time, [material])
+    raise_if_failed(status, state.time, [pull.material])
     iterations += int(count[0])
     seconds = time.perf_counter() - begin
     points = np.array(state.points[0])
     apart = loads.grip_end[0, 0] - points[node]
     wavelength, amplitude = wrinkles(feather, points)
     return Pulled(
-        points=np.delete(points, (1, 2), axis=1),
-        rest=np.delete(feather.points, (1, 2), axis=1),
         rachis_deflection=float(np.linalg.norm(points[-1, 0] - feather.points[-1, 0])) / LENGTH,
         barb_strain=barb_strain(feather, points),
         force=GRIP_STIFFNESS * float(np.linalg.norm(apart)),
@@ -196,43 +194,36 @@ def pull_feather(pull: FullPull, material: str, *, nodal: bool = False) -> Pulle
         amplitude=amplitude,
         iterations=iterations,
         seconds=seconds,
+        points=np.delete(points, (1, 2), axis=1),
+        rest=np.delete(feather.points, (1, 2), axis=1),
     )
 
 
 def _pulled(
-    pull: FullPull, feather: Feather, node: tuple[int, int], solver: Any, state: Any, name: str
+    pull: FullPull, feather: Feather, node: tuple[int, int], solver: Any, state: Any
 ) -> tuple[Any, int]:
     """State at the end of the pull, and Newton iterations; parts that find no rest are halved."""
-    from featherfx.solver.solver import raise_if_failed
-
     iterations, done = 0, 0.0
     part = 1.0 / pull.parts
     while done < 1.0 - 1e-9:
-        share = min(1.0, done + part)
-        new, status, count = solver.equilibrium(state, _loads(pull, feather, node, share))
+        next_done = min(1.0, done + part)
+        new, status, count = solver.equilibrium(state, _loads(pull, feather, node, next_done))
         iterations += int(count[0])
         if status[0] == 0:
-            state, done = new, share
+            state, done = new, next_done
             continue
         part *= 0.5
         if part < 0.5**HALVINGS / pull.parts:
-            raise_if_failed(status, state.time, [name])
+            raise_if_failed(status, state.time, [pull.material])
     return state, iterations
 
 
 def _solver(feather: Feather, kind: FeatherKind, nodal: bool) -> tuple[Any, Any]:
-    from featherfx.solver.solver import Settings, Solver
-    from featherfx.solver.state import rest_state
-
     model = make_model([feather], [kind], 2)
     settings = Settings(newton=SETTLED * LENGTH)
     root = np.zeros((1, 3)), np.eye(3)[None]
     if not nodal:
         return Solver(model, settings), rest_state(model, *root)
-    from featherfx.lab.nodal.model import nodal_model
-    from featherfx.lab.nodal.solver import NodalSolver
-    from featherfx.lab.nodal.state import nodal_rest_state
-
     bending: Literal["barbs", "hinges"] = "barbs" if kind.vane_material.along > 1e8 else "hinges"
     nodes = nodal_model(model, [feather], [kind], bending=bending)
     return NodalSolver(model, nodes, settings), nodal_rest_state(model, nodes, *root)
@@ -246,9 +237,9 @@ def _gripped(pull: FullPull, feather: Feather) -> tuple[int, int]:
 
 
 def _loads(
-    pull: FullPull, feather: Feather, node: tuple[int, int], share: float, pushed: bool = True
+    pull: FullPull, feather: Feather, node: tuple[int, int], done: float, pushed: bool = True
 ) -> Loads:
-    start, aside = feather.points[node], share * pull.distance * LENGTH
+    start, aside = feather.points[node], done * pull.distance * LENGTH
     # what a cantilever that is bent by aside at its end falls short by: the shaft is not stretched
     target = start - np.array([0.6 * aside**2 / start[0], aside, 0.0])
     force = np.zeros((1, *feather.points.shape))
@@ -263,14 +254,6 @@ def _loads(
         grip_stiffness=np.full((1, 1), GRIP_STIFFNESS),
         force=force,
     )
-
-
-def barb_strain(feather: Feather, points: Array) -> float:
-    """Largest relative change of length of a barb's segments; points: (n, P, 3) m."""
-    rest = np.linalg.norm(np.diff(barb_nodes(feather), axis=2), axis=-1)
-    now = np.linalg.norm(np.diff(barb_nodes(replace(feather, points=points)), axis=2), axis=-1)
-    present = rest > 0.0
-    return float(np.abs(now[present] / rest[present] - 1.0).max())
 
 
 def wrinkles(feather: Feather, points: Array) -> tuple[float, float]:
@@ -297,8 +280,6 @@ def edge_waves(arc: Array, height: Array) -> tuple[float, float]:
     waves along the edge and at least four nodes a wave. The wavelength is that of its highest peak,
     the amplitude the root mean square of the heights in that band. (NaN, 0) where there is none.
     """
-    from scipy.interpolate import CubicSpline
-
     count = 8 * len(arc)
     even = np.linspace(arc[0], arc[-1], count)
     values = CubicSpline(arc, height)(even)

@@ -24,13 +24,18 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem
 from featherfx.feather.surface import vane_surface
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind, RachisMaterial, RachisShape, VaneMaterial, VaneShape
+from featherfx.lab.declare import Range, out_of_range, require, value
+from featherfx.lab.nodal.model import nodal_model
+from featherfx.lab.nodal.solver import NodalSolver
+from featherfx.lab.nodal.state import nodal_rest_state
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
+from featherfx.solver.state import rest_state
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
@@ -53,25 +58,25 @@ HELD_BARB = 1.0
 
 @dataclass(frozen=True)
 class StripTest:
-    """How to simulate a strip.
+    """Let a strip of 0.25 x 0.05 m, held at its first two node columns, fall from rest.
 
-    scene: which one. step: s; steps between two output times are equal and not longer. kinematics:
-    "barb-curvature" for the feather only. columns: cells to each side of the middle. refinement:
-    cells along the strip, in hundreds. coefficients: curvature coefficients per barb and direction.
-    method: of the nodal solver. stretch: whether nodal barbs are inextensible. radius: spectral
-    radius of the time integration. newton: m, last move of a Newton iteration.
+    Steps between two output times are equal and not longer than `dt`.
     """
 
-    scene: Scene
-    step: float
-    kinematics: Kinematics = "nodal"
-    columns: int = 6
-    refinement: int = 1
-    coefficients: int = 2
-    method: Method = "improved"
-    stretch: Stretch = "stiff"
-    radius: float = 0.8
-    newton: float = 1e-5
+    scene: Scene = value("iso: an isotropic plate. feather: stiff barbs, a soft vane, a rachis.")
+    dt: float = value("s, longest step.", allowed=Range(0.0, OUTPUT_TIMES[0], above=True, unit="s"))
+    kinematics: Kinematics = value("barb-curvature: for the feather.", "nodal")
+    columns: int = value("Cells to each side of the middle.", 6, Range(1, 100))
+    refinement: int = value("Cells along the strip, in hundreds.", 1, Range(1, 10))
+    coefficients: int = value("Curvature coefficients per barb and direction.", 2, Range(0, 8))
+    method: Method = value("Of the nodal Newton iterations.", "improved")
+    stretch: Stretch = value("Of nodal barbs.", "stiff")
+    radius: float = value(
+        "1 conserves energy, 0 damps most of what a step does not resolve.", 0.8, Range(0.0, 1.0)
+    )
+    newton: float = value(
+        "m, last move of a step's iterations.", 1e-5, Range(0.0, LENGTH, above=True, unit="m")
+    )
 
 
 @dataclass(frozen=True)
@@ -116,8 +121,8 @@ def _fall(test: StripTest, body: _Body, times: list[float]) -> StripRun:
     state, loads, path = body.state, no_loads(1, GRAVITY), _held_root(body.state)
     rest = _edges(test, state.points[0])
     tips, strain, seconds, steps, iterations = [], 0.0, 0.0, 0, 0
-    body.solver.step(state, loads, path, test.step)  # compiles before anything is timed
-    for step, is_output in _steps(times, test.step):
+    body.solver.step(state, loads, path, test.dt)  # compiles before anything is timed
+    for step, is_output in _steps(times, test.dt):
         begin = time.process_time()
         state, report = body.solver.step(state, loads, path, step)
         seconds += time.process_time() - begin
@@ -192,10 +197,6 @@ def _with_rachis(model: Model) -> Model:
 
 
 def _nodal_body(test: StripTest) -> _Body:
-    from featherfx.lab.nodal.model import nodal_model
-    from featherfx.lab.nodal.solver import NodalSolver
-    from featherfx.lab.nodal.state import nodal_rest_state
-
     rows = CELLS * test.refinement + 1
     kind = strip_kind(LENGTH, _material(test.scene))
     feather = strip_feather(LENGTH, WIDTH, rows, test.columns)
@@ -222,8 +223,6 @@ def _nodal_body(test: StripTest) -> _Body:
 
 def _curvature_body(test: StripTest) -> _Body:
     """The held columns are the root: the feather begins at the second, whose barbs are rigid."""
-    from featherfx.solver.state import rest_state
-
     held = LENGTH / CELLS
     rows = (CELLS - 1) * test.refinement + 1
     kind = strip_kind(LENGTH - held, _material(test.scene))
@@ -243,40 +242,22 @@ def _settings(test: StripTest) -> Settings:
 def _check(test: StripTest) -> None:
     """InputError with every wrong value of the test."""
     problems = [
-        Problem("strip", key, f"'{value}' is not one of {', '.join(get_args(allowed))}")
-        for key, value, allowed in (
+        Problem("strip", key, f"'{chosen}' is not one of {', '.join(get_args(allowed))}")
+        for key, chosen, allowed in (
             ("scene", test.scene, Scene),
             ("kinematics", test.kinematics, Kinematics),
             ("method", test.method, Method),
             ("stretch", test.stretch, Stretch),
         )
-        if value not in get_args(allowed)
+        if chosen not in get_args(allowed)
     ]
-    problems += [
-        Problem("strip", key, f"{value:g}; allowed: above 0 to {most:g} {unit}")
-        for key, value, most, unit in (
-            ("dt", test.step, OUTPUT_TIMES[0], "s"),
-            ("newton", test.newton, LENGTH, "m"),
-        )
-        if not 0.0 < value <= most
-    ]
-    problems += [
-        Problem("strip", key, f"{value:g}; allowed: {low} to {high}")
-        for key, value, low, high in (
-            ("columns", test.columns, 1, 100),
-            ("refinement", test.refinement, 1, 10),
-            ("coefficients", test.coefficients, 0, 8),
-            ("radius", test.radius, 0, 1),
-        )
-        if not low <= value <= high
-    ]
+    problems += out_of_range(test, "strip")
     if test.scene == "iso" and test.kinematics == "barb-curvature":
         problems.append(Problem("strip", "kinematics", "iso has no barbs; allowed: nodal"))
     if test.stretch == "inextensible" and (test.scene, test.kinematics) != ("feather", "nodal"):
         message = "inextensible is for the nodal feather; allowed here: stiff"
         problems.append(Problem("strip", "stretch", message))
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
 
 
 # m; a shaft of nearly no stiffness and mass, because a section of no size has no torsion constant
@@ -310,8 +291,8 @@ def strip_feather(length: float, width: float, rows: int, columns: int) -> Feath
     points[:, [0, *range(3, 3 + 2 * columns)], 0] = station[:, None]
     points[:, 3 : 3 + columns, 1] = reach
     points[:, 3 + columns :, 1] = -reach
-    share = np.full(rows, station[1])
-    share[[0, -1]] *= 0.5
+    tributary = np.full(rows, station[1])
+    tributary[[0, -1]] *= 0.5
     barb_length = np.full((2, rows), 0.5 * width)
     cell = np.ones((2, rows - 1, columns, 2), dtype=np.bool_)
     return Feather(
@@ -320,7 +301,7 @@ def strip_feather(length: float, width: float, rows: int, columns: int) -> Feath
         width=np.full(rows, NO_SHAFT),
         height=np.full(rows, NO_SHAFT),
         barb_length=barb_length,
-        barb_span=np.stack([share, share]),
+        barb_span=np.stack([tributary, tributary]),
         cell=cell,
         surface=vane_surface(points, station, barb_length, cell),
     )

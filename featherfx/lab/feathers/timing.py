@@ -10,7 +10,9 @@ import numpy as np
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
 from featherfx.lab.nodal.model import NodalModel
-from featherfx.lab.nodal.state import NodalState
+from featherfx.lab.nodal.settle import nodal_system
+from featherfx.lab.nodal.state import NodalState, make_nodal_work
+from featherfx.lab.rods.experiments import posed
 from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.state import State
 from featherfx.solver.step.assembly_kernels import assemble
@@ -25,8 +27,6 @@ Repeat = Callable[[Factors, bool, int], object]
 
 def curvature_repeat(model: Model, loads: Loads, state: State) -> Repeat:
     """Iterations of the barb-curvature kinematics at a pose."""
-    from featherfx.lab.pose import posed
-
     work = posed(model, loads, state)
     return lambda factors, solve, count: repeat_iteration(
         model, loads, 0, factors, solve, count, work
@@ -35,9 +35,6 @@ def curvature_repeat(model: Model, loads: Loads, state: State) -> Repeat:
 
 def nodal_repeat(model: Model, nodal: NodalModel, loads: Loads, state: NodalState) -> Repeat:
     """Iterations of the nodal kinematics at a pose."""
-    from featherfx.lab.nodal.settle import nodal_system
-    from featherfx.lab.nodal.state import make_nodal_work
-
     work = make_nodal_work(model, nodal)
     nodal_system(model, nodal, loads, 0, 0.0, state, work)
     return lambda factors, solve, count: repeat_nodal_iteration(

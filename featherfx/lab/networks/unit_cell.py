@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem
 from featherfx.groom.types import FeatherKind, VaneMaterial
+from featherfx.lab.declare import require, value
 from featherfx.lab.networks.network import FibreNetwork, homogenised
 
 Array = NDArray[np.float64]
@@ -45,9 +46,9 @@ class UnitCell:
             *("barbule_spacing", "barbule_diameter", "young"),
         )
         problems = [
-            Problem("unit cell", name, f"{value:g}; allowed: above 0")
+            Problem("unit cell", name, f"{found:g}; allowed: above 0")
             for name in positive
-            if not 0.0 < (value := getattr(self, name)) < np.inf
+            if not 0.0 < (found := getattr(self, name)) < np.inf
         ]
         if not 5.0 <= self.angle <= 85.0:
             problems.append(Problem("unit cell", "angle", f"{self.angle:g}; allowed: 5 to 85 deg"))
@@ -62,8 +63,7 @@ class UnitCell:
             problems.append(Problem("unit cell", "barbule_spacing", text))
         if self.hooks < 1 and not any(each.key == "hooks" for each in problems):
             problems.append(Problem("unit cell", "hooks", f"{self.hooks}; allowed: 1 or more"))
-        if problems:
-            raise InputError(*problems)
+        require(*problems)
 
     @property
     def crossings(self) -> int:
@@ -92,6 +92,33 @@ class CellModuli:
     poisson: float
     relaxed: Array
     affine: Array
+
+
+@dataclass(frozen=True)
+class CellTest:
+    """A periodic lattice of barbs and hooked barbules, and the vane that it amounts to.
+
+    Barbs are those of the preset: spacing, stretch and bending stiffness. `poisson` is the
+    contraction along the barbs over the strain across them. `barbule_spacing` is that of the
+    cell, for which a barbule spans a whole number of rows.
+    """
+
+    preset: str = value("Feather preset.")
+    angle: float = value("deg, barbule to barb.", UnitCell.angle)
+    barbule_spacing: float = value(
+        "m, of barbules along the barb.", UnitCell.barbule_spacing, option="spacing"
+    )
+    barbule_diameter: float = value(
+        "m, of a barbule.", UnitCell.barbule_diameter, option="diameter"
+    )
+    young: float | None = value("Pa, of the barbules.  [default: the rachis']", None)
+    hooks: int = value("Hooked crossings a barbule.", UnitCell.hooks)
+
+    def cell(self, kind: FeatherKind) -> UnitCell:
+        """The cell with the barbs of a feather kind."""
+        names = ("angle", "barbule_spacing", "barbule_diameter", "young", "hooks")
+        values = {name: getattr(self, name) for name in names}
+        return cell_of(kind, **{name: each for name, each in values.items() if each is not None})
 
 
 def cell_of(kind: FeatherKind, **changes: Any) -> UnitCell:

@@ -24,7 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem
+from featherfx.lab.declare import NOT_NEGATIVE, POSITIVE, Range, out_of_range, require, value
 
 Array = NDArray[np.float64]
 
@@ -38,40 +39,27 @@ SERIES, TERMS = 0.1, 9
 class Ribbon:
     """A strip of constant thickness, clamped at one end; its width may taper linearly.
 
-    length, width: m. rigidity: N m, Young's modulus times thickness^3 / (12 (1 - poisson^2)).
-    surface_density: kg/m^2. rest_curvature: 1/m, constant, or (elements + 1,) at the stations.
-    poisson: 0 to 0.5. tip_width: m; default: width. elements: pieces with linear curvature and
-    ruling. grading: 1 to 5, the stations are at length (i / elements)^grading; above 1 they crowd
-    at the clamp, where a strip bends that hangs under a large weight. finite_width: False for the
-    limit of Sadowsky.
+    rest_curvature: constant, or (elements + 1,) at the stations. elements: pieces with linear
+    curvature and ruling. grading: the stations are at length (i / elements)^grading; above 1 they
+    crowd at the clamp, where a strip bends that hangs under a large weight. finite_width: False
+    for the limit of Sadowsky.
     """
 
-    length: float
-    width: float
-    rigidity: float
-    surface_density: float
-    rest_curvature: float | Array = 0.0
-    poisson: float = 0.5
-    tip_width: float | None = None
-    elements: int = 20
-    grading: float = 1.0
+    length: float = value("m.", allowed=POSITIVE)
+    width: float = value("m.", allowed=POSITIVE)
+    rigidity: float = value("N m, of the plate: Y h^3 / (12 (1 - nu^2)).", allowed=POSITIVE)
+    surface_density: float = value("kg/m^2.", allowed=NOT_NEGATIVE, option="density")
+    rest_curvature: float | Array = value("1/m.", 0.0)
+    poisson: float = value("Poisson's ratio.", 0.5, Range(0.0, 0.5))
+    tip_width: float | None = value(
+        "m, the width tapers linearly.  [default: width]", None, POSITIVE
+    )
+    elements: int = value("Of the ribbon.", 20, Range(1, 1000))
+    grading: float = value("Above 1: finer at the clamp.", 1.0, Range(1.0, 5.0))
     finite_width: bool = True
 
     def __post_init__(self) -> None:
-        problems = [
-            Problem("ribbon", name, f"{value:g}; allowed: above 0")
-            for name in ("length", "width", "rigidity", "tip_width")
-            if (value := getattr(self, name)) is not None and not 0.0 < value < np.inf
-        ]
-        if not 0.0 <= self.surface_density < np.inf:
-            text = f"{self.surface_density:g}; allowed: 0 or more"
-            problems.append(Problem("ribbon", "surface_density", text))
-        if not 0.0 <= self.poisson <= 0.5:
-            problems.append(Problem("ribbon", "poisson", f"{self.poisson:g}; allowed: 0 to 0.5"))
-        if not 1 <= self.elements <= 1000:
-            problems.append(Problem("ribbon", "elements", f"{self.elements}; allowed: 1 to 1000"))
-        if not 1.0 <= self.grading <= 5.0:
-            problems.append(Problem("ribbon", "grading", f"{self.grading:g}; allowed: 1 to 5"))
+        problems = out_of_range(self, "ribbon")
         shape = np.shape(self.rest_curvature)
         if not np.isfinite(self.rest_curvature).all():
             text = "not a finite number; allowed: any finite number"
@@ -79,8 +67,7 @@ class Ribbon:
         if shape not in ((), (self.elements + 1,)):
             text = f"shape {shape}; allowed: one number or {self.elements + 1}"
             problems.append(Problem("ribbon", "rest_curvature", text))
-        if problems:
-            raise InputError(*problems)
+        require(*problems)
 
     @property
     def stations(self) -> Array:

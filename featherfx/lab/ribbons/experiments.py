@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
+from featherfx.lab.declare import part, value
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon
 from featherfx.lab.rods.rod import Rod, rod_loads, rod_model, row_share
+from featherfx.solver.solver import Settings, Solver, raise_if_failed
+from featherfx.solver.state import rest_state
 
 Array = NDArray[np.float64]
 Clamp = Literal["level", "down", "up"]
@@ -33,6 +36,22 @@ CLAMPS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 ROD_SEGMENTS, TILT = 200, 1e-3
 # width over length of the ribbons of the cantilever curve, and how their stations crowd
 NARROW, GRADING = 0.05, 2.5
+
+
+@dataclass(frozen=True)
+class HangTest:
+    """Rest shape of a developable strip under its weight.
+
+    Unknowns are its normal curvature and the slope of its rulings; gravity is along -y, the width
+    along z. `stability` is the lowest eigenvalue of the energy's Hessian, in units of rigidity
+    times width over length with curvatures times the length: negative where the shape is not
+    stable, which only --planar shows.
+    """
+
+    ribbon: Ribbon = part("finite_width")
+    sadowsky: bool = value("The limit of a narrow ribbon.", False)
+    clamp: Clamp = value("Direction at the clamp.", "level")
+    planar: bool = value("Stay in the plane of the clamp, stable or not.", False)
 
 
 @dataclass(frozen=True)
@@ -137,9 +156,6 @@ def hang_rod(rod: Rod, line_density: float, clamp: Clamp = "level") -> Array:
     line_density: kg/m. Gravity is tilted by a thousandth out of the plane, so that a rod which is
     unstable in it leaves it. Raises InputError, SimulationError.
     """
-    from featherfx.solver.solver import Settings, Solver, raise_if_failed
-    from featherfx.solver.state import rest_state
-
     frame = clamp_frame(clamp)
     model, loads = rod_model(rod), rod_loads(rod)
     pull = GRAVITY + np.array([0.0, 0.0, TILT * np.linalg.norm(GRAVITY)])

@@ -5,19 +5,35 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.lab.rods.rod import Rod, Vector, clamped, rod_loads, rod_model, straight
+from featherfx.errors import InputWarning, Problem
+from featherfx.lab.declare import POSITIVE, Range, out_of_range, part, require, value
+from featherfx.lab.rods.rod import (
+    Rod,
+    Vector,
+    clamped,
+    load_problems,
+    rod_loads,
+    rod_model,
+    rod_problems,
+    straight,
+)
 from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State
+from featherfx.solver.step.assembly_kernels import assemble
+from featherfx.solver.step.energy_kernels import elastic_energy
+from featherfx.solver.step.modes import first_frequency, frequencies
+from featherfx.solver.step.newton_kernels import evaluate
+from featherfx.solver.step.pose_kernels import load_pose
+from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
+from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]
 
@@ -30,7 +46,45 @@ SUBSTEPS = 1_000_000
 # share of the first output interval that is stepped first: a state's first step is implicit
 # Euler's, which would take energy from the rod
 START = 1e-3
+# factors of velocity and acceleration in the forces: none
+STATIC = (0.0, 0.0, 0.0)
 NAME = "rod"
+
+
+@dataclass(frozen=True)
+class BendTest:
+    """Equilibrium of a clamped rod."""
+
+    rod: Rod = part("line_mass")
+    tip_force: Vector = value("N, keeps its direction.", (0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class ModesTest:
+    """Lowest natural frequencies of a clamped rod about its rest shape.
+
+    A frequency of two modes is listed twice; with --ei2 equal to --ei all of a straight rod's
+    bending frequencies are.
+    """
+
+    rod: Rod = part("line_weight", line_mass=1.0)
+    count: int = value("Frequencies wanted.", 4)
+
+
+@dataclass(frozen=True)
+class ReleaseTest:
+    """Release a rod at rest from the straight pose under its weight."""
+
+    rod: Rod = part(line_mass=1.0)
+    duration: float = value("s.", allowed=POSITIVE)
+    tolerance: float = value("m, local error that a step may have.", 1e-4, POSITIVE)
+    loss_factor: float = value(
+        "Of the material, at the first natural frequency.", 0.0, Range(0.0, 10.0)
+    )
+    samples: int = value("Output times after the first.", 100, Range(1, 1_000_000))
+    radius: float = value(
+        "1 conserves energy, 0 damps most of what a step does not resolve.", 0.8, Range(0.0, 1.0)
+    )
 
 
 @dataclass(frozen=True)
@@ -74,7 +128,8 @@ def bend(
     forces = [tip_force, *(force for _, force in points)]
     load = sum(float(np.linalg.norm(force)) for force in forces)
     load = load if np.isfinite(load) else 0.0
-    model, loads = _all(lambda: rod_model(rod, load), lambda: rod_loads(rod, tip_force, points))
+    require(*load_problems(rod, tip_force, points))
+    model, loads = rod_model(rod, load), rod_loads(rod, tip_force, points)
     _warn_of_coarse(rod, load + abs(rod.line_weight) * rod.length)
     _compile()
     begin = time.perf_counter()
@@ -111,44 +166,32 @@ def natural_frequencies(rod: Rod, count: int) -> Array:
     A frequency that two modes share (bending in both planes of a rod with ei2 = ei) is listed
     twice. Raises InputError for wrong values; count is 1 to 3 times the segments.
     """
-    from featherfx.solver.step.modes import frequencies
+    most = Range(1, 3 * rod.segments)
+    problem = Problem(NAME, "count", f"{count}; allowed: {most}")
+    require(*rod_problems(rod), *([] if most.holds(count) else [problem]))
+    return frequencies(rod_model(rod), 0, count)
 
-    model, _ = _all(lambda: rod_model(rod), lambda: _check_count(count, 3 * rod.segments))
-    return frequencies(model, 0, count)
 
-
-def release(
-    rod: Rod,
-    duration: float,
-    tolerance: float,
-    *,
-    loss_factor: float = 0.0,
-    samples: int = 100,
-    radius: float = 0.8,
-) -> Swing:
+def release(test: ReleaseTest) -> Swing:
     """Let go a rod that was held straight along +x, at rest, under its weight.
 
-    duration: s. tolerance: m, local error of a step. loss_factor: of the material, at the first
-    natural frequency. samples: output times after the first one; a step is never longer than their
-    distance. radius: Settings.radius, 1 conserves energy. Raises InputError for wrong values,
-    SimulationError where a step cannot be solved.
+    A step is never longer than the distance of two output times. Raises InputError for wrong
+    values, SimulationError where a step cannot be solved.
     """
-    model, loads, _ = _all(
-        lambda: rod_model(rod),
-        lambda: rod_loads(rod),
-        lambda: _check_release(duration, tolerance, loss_factor, samples, radius),
-    )
-    if loss_factor > 0.0:
-        model = damped(model, loss_factor)
+    rod, tolerance = test.rod, test.tolerance
+    require(*rod_problems(rod), *out_of_range(test, NAME))
+    model, loads = rod_model(rod), rod_loads(rod)
+    if test.loss_factor > 0.0:
+        model = damped(model, test.loss_factor)
     _compile()
     begin = time.perf_counter()
-    settings = Settings(tolerance, NEWTON_SHARE * tolerance, SUBSTEPS, radius)
+    settings = Settings(tolerance, NEWTON_SHARE * tolerance, SUBSTEPS, test.radius)
     solver = Solver(model, settings)
     state = straight(model)
     states, steps = [state], 0.0
     path = hold_roots(state)
-    interval = duration / samples
-    for pieces in ((START, 1.0 - START), *(((1.0,),) * (samples - 1))):
+    interval = test.duration / test.samples
+    for pieces in ((START, 1.0 - START), *(((1.0,),) * (test.samples - 1))):
         for piece in pieces:
             state, report = solver.step(state, loads, path, piece * interval)
             raise_if_failed(report.status, state.time, [NAME])
@@ -156,7 +199,7 @@ def release(
         states.append(state)
     seconds = time.perf_counter() - begin
     return Swing(
-        time=np.linspace(0.0, duration, samples + 1),
+        time=np.linspace(0.0, test.duration, test.samples + 1),
         tip=np.array([each.centre[0, -1] for each in states]),
         energy=np.array([total_energy(model, loads, each) for each in states]),
         steps=int(steps),
@@ -166,18 +209,21 @@ def release(
 
 def damped(model: Model, loss_factor: float) -> Model:
     """The rod with Kelvin-Voigt damping: loss factor over its first angular frequency."""
-    from featherfx.solver.step.modes import first_frequency
-
     retardation = np.zeros_like(model.retardation)
     retardation[:, 0] = loss_factor / first_frequency(model, 0)
     return model._replace(retardation=retardation)
 
 
+def posed(model: Model, loads: Loads, state: State) -> Work:
+    """Scratch that holds points and strains of the first feather of a batch."""
+    work = make_work(model)
+    load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], work.now)
+    evaluate(model, loads, 0, 0.0, STATIC, work.now, work.around)
+    return work
+
+
 def total_energy(model: Model, loads: Loads, state: State) -> float:
     """Kinetic, elastic and potential energy (J) of a batch of one under dead loads and gravity."""
-    from featherfx.lab.pose import posed
-    from featherfx.solver.step.energy_kernels import elastic_energy
-
     strains = posed(model, loads, state).now.strains
     elastic = elastic_energy(model, 0, strains, strains, 0.0)
     kinetic = 0.5 * np.einsum("np,npk,npk", model.mass[0], state.velocity[0], state.velocity[0])
@@ -191,10 +237,6 @@ def total_energy(model: Model, loads: Loads, state: State) -> float:
 
 
 def _residual(model: Model, loads: Loads, state: State, length: float) -> float:
-    from featherfx.lab.pose import STATIC, posed
-    from featherfx.solver.step.assembly_kernels import assemble
-    from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
-
     work = posed(model, loads, state)
     assemble(model, loads, 0, 0.0, STATIC, FORCES_ONLY, 0.0, work)
     unbalanced = np.abs(work.system.right.reshape(model.rows, -1))
@@ -209,41 +251,3 @@ def _compile() -> None:
     solver = Solver(model, Settings())
     state, _, _ = solver.equilibrium(clamped(model), rod_loads(rod))
     solver.step(state, rod_loads(rod), hold_roots(state), 0.01)
-
-
-def _check_release(
-    duration: float, tolerance: float, loss_factor: float, samples: int, radius: float
-) -> None:
-    positive = {"duration": duration, "tolerance": tolerance}
-    problems = [
-        Problem(NAME, name, f"{value:g}; allowed: above 0")
-        for name, value in positive.items()
-        if not 0.0 < value < np.inf
-    ]
-    if not 0.0 <= loss_factor <= 10.0:
-        problems.append(Problem(NAME, "loss_factor", f"{loss_factor:g}; allowed: 0 to 10"))
-    if not 1 <= samples <= 1_000_000:
-        problems.append(Problem(NAME, "samples", f"{samples}; allowed: 1 to 1000000"))
-    if not 0.0 <= radius <= 1.0:
-        problems.append(Problem(NAME, "radius", f"{radius:g}; allowed: 0 to 1"))
-    if problems:
-        raise InputError(*problems)
-
-
-def _check_count(count: int, most: int) -> None:
-    if not 1 <= count <= most:
-        raise InputError(Problem(NAME, "count", f"{count}; allowed: 1 to {most}"))
-
-
-def _all(*tasks: Callable[[], Any]) -> list[Any]:
-    """Results of all tasks; raises one InputError with the problems of all of them."""
-    results: list[Any] = []
-    problems: list[Problem] = []
-    for task in tasks:
-        try:
-            results.append(task())
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(*dict.fromkeys(problems))
-    return results

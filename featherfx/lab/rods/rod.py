@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem
+from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, require, value
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.state import State, rest_state
 
@@ -32,66 +33,44 @@ STIFFER = 1e5
 GYRATION = 1e-4
 # mass that gives statics a time scale to settle in: length^4 line mass / EI, s^2
 SETTLING = 1e-2
-# roots of cosh x cos x = -1: the clamped-free beam's first wave number times length
-FIRST_WAVE_NUMBER = 1.8751040687119611
 
 
 @dataclass(frozen=True)
 class Rod:
     """A rod of circular or other doubly symmetric section, clamped at the origin, leaving along +x.
 
-    length: m. ei: N m^2, bending in the xy plane. ei2: N m^2, bending out of it (in the xz plane
-    of a straight rod); default ei. gj: N m^2, torsion; default ei. ea, ga: N, stretch and shear;
-    default: practically rigid (1e6 ei / length^2, or 1e5 times the load if that is more). taper:
-    share of its width that the rod loses from clamp to tip, 0 to below 1. rest_curvature: 1/m,
-    constant, in the xy plane, towards +y.
-    line_mass: kg/m at the clamp; default: what gives length^4 line mass / ei = 0.01 s^2.
-    line_weight: N/m at the clamp, along -z, tapering as the mass does. segments: elements.
+    Where ea or ga is not given, stretch or shear is practically rigid: 1e6 ei / length^2, or 1e5
+    times the load if that is more. line_mass: where not given, length^4 line mass / ei = 0.01 s^2.
     """
 
-    length: float
-    ei: float
-    ei2: float | None = None
-    gj: float | None = None
-    ea: float | None = None
-    ga: float | None = None
-    taper: float = 0.0
-    rest_curvature: float = 0.0
-    line_mass: float | None = None
-    line_weight: float = 0.0
-    segments: int = 40
+    length: float = value("m.", allowed=POSITIVE)
+    ei: float = value("Bending in the xy plane, N m^2.", allowed=POSITIVE)
+    ei2: float | None = value(
+        "Bending out of the xy plane, N m^2.  [default: that of --ei]", None, POSITIVE
+    )
+    gj: float | None = value("Torsion, N m^2.  [default: that of --ei]", None, POSITIVE)
+    ea: float | None = value("Stretch, N.  [default: inextensible]", None, POSITIVE)
+    ga: float | None = value("Shear, N.  [default: unshearable]", None, POSITIVE)
+    taper: float = value(
+        "Share C of the width lost at the tip: stiffness (1 - C s/L)^4, mass (1 - C s/L)^2.",
+        0.0,
+        Range(0.0, 1.0, below=True),
+    )
+    rest_curvature: float = value("1/m, in the xy plane, towards +y.", 0.0, FINITE)
+    line_mass: float | None = value("kg/m at the clamp.", None, POSITIVE)
+    line_weight: float = value("N/m at the clamp, along -z; tapers as the mass does.", 0.0, FINITE)
+    segments: int = value("Elements of the rod.", 40, Range(2, 10_000))
 
 
 def rod_problems(rod: Rod) -> list[Problem]:
     """Every value of the rod that is out of its range."""
-    problems = [
-        _problem(name, value, "above 0")
-        for name in ("length", "ei", "ei2", "gj", "ea", "ga", "line_mass")
-        if (value := getattr(rod, name)) is not None and not 0.0 < value < np.inf
-    ]
-    if not 0.0 <= rod.taper < 1.0:
-        problems.append(_problem("taper", rod.taper, "0 to below 1"))
-    if not np.isfinite(rod.line_weight):
-        problems.append(_problem("line_weight", rod.line_weight, "any finite number"))
-    if not 2 <= rod.segments <= 10_000:
-        problems.append(_problem("segments", rod.segments, "2 to 10000"))
-    elif not problems:
-        largest = np.pi * rod.segments / rod.length
-        if not abs(rod.rest_curvature) < largest:
-            allowed = f"below {largest:g} 1/m in size (half a turn per segment)"
-            problems.append(_problem("rest_curvature", rod.rest_curvature, allowed))
-    if not np.isfinite(rod.rest_curvature) and not any(p.key == "rest_curvature" for p in problems):
-        problems.append(_problem("rest_curvature", rod.rest_curvature, "any finite number"))
+    problems = out_of_range(rod, "rod")
+    largest = np.pi * rod.segments / (rod.length or 1.0)
+    if not problems and not abs(rod.rest_curvature) < largest:
+        allowed = f"below {largest:g} 1/m in size (half a turn per segment)"
+        message = f"{rod.rest_curvature:g}; allowed: {allowed}"
+        problems.append(Problem("rod", "rest_curvature", message))
     return problems
-
-
-def _problem(name: str, value: float, allowed: str) -> Problem:
-    return Problem("rod", name, f"{value:g}; allowed: {allowed}")
-
-
-def _raise_if_any(problems: list[Problem]) -> None:
-    if problems:
-        raise InputError(*problems)
 
 
 def rod_model(rod: Rod, load: float = 0.0) -> Model:
@@ -101,7 +80,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
     tells how stiff an inextensible rod must be. Raises InputError with every value that is out of
     its range.
     """
-    _raise_if_any(rod_problems(rod))
+    require(*rod_problems(rod))
     rows = rod.segments + 1
     station = np.linspace(0.0, rod.length, rows)
     length = np.diff(station)
@@ -137,11 +116,6 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
 def line_mass(rod: Rod) -> float:
     """Mass per length at the clamp, kg/m."""
     return SETTLING * rod.ei / rod.length**4 if rod.line_mass is None else rod.line_mass
-
-
-def first_frequency(rod: Rod) -> float:
-    """Angular frequency (rad/s) of a uniform rod's first bending mode in its xy plane."""
-    return FIRST_WAVE_NUMBER**2 * float(np.sqrt(rod.ei / line_mass(rod))) / rod.length**2
 
 
 def _stiffness(rod: Rod, station: Array, load: float) -> Array:
@@ -192,7 +166,7 @@ def rod_loads(
     tip_force: N. points: (arc length from the clamp in m, force in N) pairs; a force between rows
     is shared linearly. Raises InputError for places off the rod and forces that are not finite.
     """
-    _raise_if_any(rod_problems(rod) + _load_problems(rod, tip_force, points))
+    require(*load_problems(rod, tip_force, points))
     force = np.zeros((rod.segments + 1, 3))
     force[:, 2] = -rod.line_weight * row_share(rod)
     for place, vector in ((rod.length, tip_force), *points):
@@ -205,10 +179,11 @@ def rod_loads(
     return no_loads(1)._replace(force=nodes)
 
 
-def _load_problems(
+def load_problems(
     rod: Rod, tip_force: Vector, points: Sequence[tuple[float, Vector]]
 ) -> list[Problem]:
-    problems = [
+    """Every value of a rod and of the loads on it that is out of its range."""
+    problems = rod_problems(rod) + [
         Problem("rod", name, f"{vector}; allowed: finite numbers")
         for name, vector in (
             ("tip_force", tip_force),
@@ -217,7 +192,7 @@ def _load_problems(
         if not np.isfinite(vector).all()
     ]
     problems += [
-        _problem(f"points[{k}]", place, f"0 to {rod.length:g} m")
+        Problem("rod", f"points[{k}]", f"{place:g}; allowed: 0 to {rod.length:g} m")
         for k, (place, _) in enumerate(points)
         if rod.length > 0.0 and not 0.0 <= place <= rod.length
     ]

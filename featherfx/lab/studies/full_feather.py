@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from featherfx.lab.feathers.full_feather import (
     LENGTH,
     MATERIALS,
     FullPull,
+    Material,
     Pulled,
     pull_feather,
 )
@@ -28,7 +30,7 @@ SHAPE = (
 
 def side_pull(folder: Path) -> StudyResult:
     """The edge of the vane is pulled: barbs that do not stretch bend the rachis and wrinkle."""
-    found = {name: pull_feather(FullPull("side", 0.1), name) for name in MATERIALS}
+    found = {name: pull_feather(FullPull("side", 0.1, material=name)) for name in MATERIALS}
     rows = _numbers(found)
     ours, others = found["barbs"], [found["cloth"], found["isotropic"]]
     softest = max(each.rachis_deflection for each in others)
@@ -57,7 +59,7 @@ def side_pull(folder: Path) -> StudyResult:
             note=SHAPE,
         ),
     ]
-    nodal = pull_feather(FullPull("side", 0.1), "barbs", nodal=True)
+    nodal = pull_feather(FullPull("side", 0.1, nodal=True))
     rows += [
         reported(
             "rachis deflection / length, barbs in the nodal kinematics", nodal.rachis_deflection
@@ -74,7 +76,7 @@ def side_pull(folder: Path) -> StudyResult:
 
 def tip_pull(folder: Path) -> StudyResult:
     """The rachis' tip is pulled: all three bend; does the vane wrinkle on the inner side?"""
-    found = {name: pull_feather(FullPull("tip", 0.2), name) for name in MATERIALS}
+    found = {name: pull_feather(FullPull("tip", 0.2, material=name)) for name in MATERIALS}
     rows = _numbers(found)
     others = [found["cloth"], found["isotropic"]]
     rows += [
@@ -94,7 +96,7 @@ def tip_pull(folder: Path) -> StudyResult:
         ),
         reported(
             "wrinkle wavelength, barbs on 61 rows",
-            pull_feather(FullPull("tip", 0.2, rows=61), "barbs").wavelength,
+            pull_feather(FullPull("tip", 0.2, rows=61)).wavelength,
             unit="m",
             note="on 41 rows the wave is near four rows, the shortest that is looked for: its"
             " length is not converged there, that it wrinkles does not hang on it",
@@ -107,7 +109,7 @@ def tip_pull(folder: Path) -> StudyResult:
     return StudyResult(rows, _picture(folder / "full_feather_tip.png", caption, found))
 
 
-def _numbers(found: dict[str, Pulled]) -> list[Row]:
+def _numbers(found: Mapping[Material, Pulled]) -> list[Row]:
     rows = []
     for name, each in found.items():
         rows += [
@@ -135,7 +137,7 @@ def _numbers(found: dict[str, Pulled]) -> list[Row]:
     return rows
 
 
-def _picture(file: Path, caption: str, found: dict[str, Pulled]) -> tuple[Figure, ...]:
+def _picture(file: Path, caption: str, found: Mapping[Material, Pulled]) -> tuple[Figure, ...]:
     def paint(canvas: Any) -> None:
         for k, (name, each) in enumerate(found.items()):
             axes = canvas.add_subplot(len(found), 1, k + 1)

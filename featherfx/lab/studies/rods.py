@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.lab.rods.experiments import bend, natural_frequencies, release
+from featherfx.lab.rods.experiments import ReleaseTest, bend, natural_frequencies, release
 from featherfx.lab.rods.oracles import (
     WAVE_NUMBERS,
     elastica_tip,
@@ -105,7 +105,7 @@ def released(folder: Path) -> StudyResult:
     coarse, fine = (link_chain(count, 1.0, 1.0, 1.0, 10.0, times) for count in LINKS)
     expected = fine + (fine - coarse) / 3.0
     rod = Rod(1.0, 1.0, line_mass=1.0, line_weight=10.0, segments=SEGMENTS)
-    swing = release(rod, SWING, 1e-4, samples=30)
+    swing = release(ReleaseTest(rod, SWING, samples=30))
     error = np.linalg.norm(swing.tip[:, [0, 2]] - expected, axis=1)
     note = "the chain is extrapolated from 8 and 16 links, and its error dominates"
     return StudyResult(

@@ -6,10 +6,13 @@ import multiprocessing
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from featherfx.errors import SimulationError
+from featherfx.lab.feathers.full_feather import FullPull, pull_feather
+from featherfx.lab.rods.experiments import ReleaseTest, natural_frequencies, release
+from featherfx.lab.rods.rod import Rod
 from featherfx.lab.studies.study import Study, StudyResult, bounded, run_study
 
 # libraries of linear algebra that would start a thread for each core in each process
@@ -85,21 +88,16 @@ def _in_processes(
 
 def compile_rods() -> None:
     """Compile the barb-curvature solver, which rods share."""
-    from featherfx.lab.rods.experiments import natural_frequencies, release
-    from featherfx.lab.rods.rod import Rod
-
     rod = Rod(1.0, 1.0, segments=8)
     natural_frequencies(rod, 1)
-    release(rod, 0.01, 1e-3, samples=1)
+    release(ReleaseTest(rod, 0.01, 1e-3, samples=1))
 
 
 def compile_nodal() -> None:
     """Compile the nodal solver, with bending of barbs and with hinges."""
-    from featherfx.lab.feathers.full_feather import FullPull, pull_feather
-
-    pull = FullPull("tip", 1e-3, parts=1, rows=9, columns=2)
-    pull_feather(pull, "isotropic")
-    pull_feather(pull, "barbs", nodal=True)
+    pull = FullPull("tip", 1e-3, parts=1, rows=9, columns=2, nodal=True)
+    pull_feather(pull)
+    pull_feather(replace(pull, material="isotropic"))
 
 
 FAMILIES: tuple[Callable[[], None], ...] = (compile_rods, compile_nodal)

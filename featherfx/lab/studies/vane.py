@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from featherfx.feather.build import build_feather
+from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.studies.study import Row, StudyResult, bounded, compared, reported
 from featherfx.lab.vane import angles as tilted
 from featherfx.lab.vane import pictures
@@ -16,16 +18,20 @@ from featherfx.lab.vane.curves import Curve
 from featherfx.lab.vane.locking import RATIOS, run_locking
 from featherfx.lab.vane.mesoscale import (
     Bands,
+    SwanBands,
     fitted_bands,
     longitudinal_stress,
     pull_bands,
-    swan_bands,
     transverse_stress,
     whole_periods,
 )
 from featherfx.lab.vane.sample import Moduli, Sample, strains
 from featherfx.lab.vane.size_effect import run_size_effect
 from featherfx.lab.vane.traction import Traction, pull_test
+from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.model import no_loads
+from featherfx.solver.solver import Settings, Solver, raise_if_failed
+from featherfx.solver.state import rest_state
 
 SPACING = 5e-4
 # Jouve 2024, tables 5.1 and 5.2: barb fraction, barbules and barbs, shear modulus of the membrane
@@ -94,7 +100,7 @@ def locking(folder: Path) -> StudyResult:
 def mesoscale(folder: Path) -> StudyResult:
     """Closed forms of the bands, and table 5.1."""
     rows: list[Row] = []
-    bands = swan_bands(0.14, SPACING)
+    bands = SwanBands(0.14, SPACING).bands()
     for angle, largest, form, allowed, name in (
         (90.0, 0.01, longitudinal_stress, 1e-8, "eq. 5.2"),
         (0.0, 0.4, transverse_stress, 1e-4, "eq. 5.4"),
@@ -132,7 +138,7 @@ def size_effect(folder: Path) -> StudyResult:
     ]
     rows += [
         reported(f"stress over the barbs' modulus, N = {count}", float(stresses[-1]))
-        for count, stresses in zip(found.counts, found.stress, strict=True)
+        for count, stresses in zip(found.counts, found.stress_over_barb_modulus, strict=True)
     ]
     return StudyResult(rows, pictures.size_picture(folder / "vane_size.png", found))
 
@@ -141,7 +147,7 @@ def shear_modulus(folder: Path) -> StudyResult:
     """Table 5.2: shear modulus of the membrane from tilted tests of bands."""
     rows: list[Row] = []
     for fraction, _, _, published in TABLES:
-        bands = swan_bands(fraction, SPACING)
+        bands = SwanBands(fraction, SPACING).bands()
         ours = tilted.fit_shear(bands)
         note = (
             f"table 5.2; differs because converged bands shear as in series"
@@ -198,7 +204,7 @@ def calibration(folder: Path) -> StudyResult:
 
 def angles(folder: Path) -> StudyResult:
     """Figures 5.11 and 5.12: slopes at all angles, and the shear band."""
-    bands = swan_bands(0.14, SPACING)
+    bands = SwanBands(0.14, SPACING).bands()
     slopes = tilted.angle_slopes(bands)
     note = "slope of the membrane over the bands'; at 5 % strain"
     rows: list[Row] = [
@@ -227,13 +233,6 @@ def angles(folder: Path) -> StudyResult:
 
 def _change_with_ratio(factor: float) -> float:
     """m, largest change of a hanging feather when the modulus along its barbs grows."""
-    from featherfx.feather.build import build_feather
-    from featherfx.lab.feathers.feather import feather_kind
-    from featherfx.mechanics.batch import make_model
-    from featherfx.mechanics.model import no_loads
-    from featherfx.solver.solver import Settings, Solver, raise_if_failed
-    from featherfx.solver.state import rest_state
-
     kind = feather_kind("swan_primary")
     feather = build_feather(kind, 11, 4)
     poses = []

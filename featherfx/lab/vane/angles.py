@@ -7,24 +7,25 @@ tilted test has the slope of the bands'.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import Problem
+from featherfx.lab.declare import out_of_range, part, require, value
 from featherfx.lab.vane.elements import Order
 from featherfx.lab.vane.mesoscale import (
     Bands,
-    bands_problems,
+    SwanBands,
     effective_moduli,
     mean_band_slope,
     pull_bands,
     series_shear,
     transverse_stress,
 )
-from featherfx.lab.vane.sample import Moduli, Sample, require, sample_problems, slope, strains
+from featherfx.lab.vane.sample import FORM, Moduli, Sample, sample_problems, slope, strains
 from featherfx.lab.vane.traction import Pulled, Traction, pull_test
 
 Array = NDArray[np.float64]
@@ -61,16 +62,22 @@ class AngleSlopes:
 
     def as_json(self) -> dict[str, Any]:
         """Plain values by key, SI units."""
-        fitted = self.fitted
         return {
-            "angles": list(self.angles),
-            "slope_mesoscale": self.bands.tolist(),
-            "slope_macroscale": self.membrane.tolist(),
-            "along": fitted.moduli.along,
-            "across": fitted.moduli.across,
-            "shear": fitted.moduli.shear,
-            "shear_series_bound": fitted.series,
+            "angles": self.angles,
+            "slope_mesoscale": self.bands,
+            "slope_macroscale": self.membrane,
+            **asdict(self.fitted.moduli),
+            "shear_series_bound": self.fitted.series,
         }
+
+
+@dataclass(frozen=True)
+class AnglesTest:
+    """Fit the membrane's shear modulus to bands at 45 degrees; compare at other angles."""
+
+    bands: SwanBands = part()
+    angle: tuple[float, ...] = value("Repeatable.", ANGLES)
+    aspect: tuple[float, ...] = value("Repeatable.", ASPECTS)
 
 
 @dataclass(frozen=True)
@@ -115,7 +122,7 @@ def fit_shear(
     bending; barbs_times, the factor by which the barbs of the bands, not of the membrane, are
     stiffened: a large one keeps them from bending. Raises InputError.
     """
-    require(*bands_problems(bands))
+    require(*out_of_range(bands, form=FORM))
     sample, strain = tilted_sample(angle), strains(largest, max(STEPS, round(largest / STRAIN)))
     stiffened = replace(bands, barb=barbs_times * bands.barb)
     target = mean_band_slope(sample, stiffened, strain, order)

@@ -13,23 +13,29 @@ share of the whole.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from featherfx.errors import InputError, Problem
+from featherfx.files.whole import write_text
+from featherfx.lab.declare import out_of_range, require, value
 from featherfx.lab.vane.curves import Curve
 from featherfx.lab.vane.elements import membrane
-from featherfx.lab.vane.sample import Moduli, isotropic, require, slope
+from featherfx.lab.vane.sample import FORM, Moduli, isotropic, slope
 from featherfx.lab.vane.statics import Statics
-from featherfx.lab.vane.traction import Traction, clamped, elements_problems, mesh_of, pull
+from featherfx.lab.vane.traction import ELEMENTS, Traction, clamped, mesh_of, pull
 
 Array = NDArray[np.float64]
 
+BASE = "swan_vane"
 NAMES = ("along", "across", "shear")
 # strains at which a tilted sample is solved; between them the secant modulus is interpolated
 KNOTS = 4
@@ -48,6 +54,17 @@ MISSING = {
     "shear": "a tilted test: barbs at 30 to 45 degrees that do not join both clamps"
     " (tan angle < height / width)",
 }
+
+
+@dataclass(frozen=True)
+class CalibrateTest:
+    """Fit the three moduli to FILE, a CSV with the columns strain, stress (Pa), angle (degrees),
+    width, height and thickness (m), one point a line.
+
+    Curves that cannot determine a modulus are refused, with the test that is missing.
+    """
+
+    elements: int = value("Of tilted samples.", FINE, ELEMENTS)
 
 
 @dataclass(frozen=True)
@@ -92,7 +109,7 @@ def calibrate(curves: Sequence[Curve], elements: int = FINE, source: str = "") -
     curves that cannot determine the moduli, naming the tests that are missing.
     """
     begin = time.perf_counter()
-    require(*elements_problems(elements))
+    require(*out_of_range(CalibrateTest(elements), form=FORM))
     _require_tests(curves, source)
     scale = [float(np.sqrt(np.mean(curve.stress**2))) for curve in curves]
     data = np.concatenate([c.stress / s for c, s in zip(curves, scale, strict=True)])
@@ -191,8 +208,7 @@ def _require_tests(curves: Sequence[Curve], source: str) -> None:
     elif len(set(free)) == 1 and len(free) == 1:
         missing.append("across" if max(free) >= TILTED else "shear")
     problems += [_missing(name, source) for name in missing]
-    if problems:
-        raise InputError(*problems)
+    require(*problems)
 
 
 def _missing(name: str, source: str) -> Problem:
@@ -243,8 +259,6 @@ def _identified(jacobian: Array) -> tuple[float, float, float]:
 def _intervals(
     guess: Array, inverse: Array, residual: Array
 ) -> tuple[Moduli | None, Moduli | None]:
-    from scipy.stats import t as student
-
     freedom = len(residual) - 3
     if freedom < 1:
         return None, None
@@ -255,3 +269,40 @@ def _intervals(
 
 def _moduli(logarithms: Array) -> Moduli:
     return Moduli(*(float(each) for each in np.exp(logarithms)))
+
+
+def check_name(folder: Path, name: str) -> Path:
+    """The file of a preset. Raises InputError for a name that is none or is taken."""
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        message = f"'{name}' is not allowed, must be small letters, digits and _"
+        raise InputError(Problem("", "name", message))
+    file = folder / "material" / "vane" / f"{name}.toml"
+    if file.exists():
+        raise InputError(Problem(str(file), "", "exists already; remove it or choose another name"))
+    return file
+
+
+def save_preset(folder: Path, name: str, found: Calibration, thickness: float) -> Path:
+    """Write the preset and return its file; thickness: m.
+
+    What traction does not tell (mass, bending, damping) is the swan's. Raises InputError as
+    check_name.
+    """
+    file = check_name(folder, name)
+    lines = [
+        f"# Vane calibrated from {found.curves} traction tests with {found.points} points.",
+        "# 95 % intervals behind the values. Mass, bending and damping are those of the base.",
+        f'base = "{BASE}"',
+        "",
+    ]
+    for key in NAMES:
+        modulus = getattr(found.moduli, key)
+        known = found.low is not None and found.high is not None
+        told = (
+            f"  # {getattr(found.low, key):.4g} to {getattr(found.high, key):.4g}" if known else ""
+        )
+        lines.append(f"{key} = {modulus:.6g}{told}")
+    lines.append(f"thickness = {thickness:.6g}  # mean of the samples")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_text(file, "\n".join(lines) + "\n")
+    return file

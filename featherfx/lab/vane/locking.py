@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 from featherfx.errors import InputError, Problem
-from featherfx.lab.vane.sample import Moduli, Sample, require
+from featherfx.lab.declare import require, value
+from featherfx.lab.vane.sample import Moduli, Sample
 from featherfx.lab.vane.traction import Meshing, Model, Traction, pull_test, traction_problems
 
 SAMPLE = Sample(45.0, 13e-3, 18e-3, 1.2e-4)
@@ -27,49 +28,42 @@ ACCURACY = 1e-3
 STIFF, LARGEST_STIFF = 1e3, 2048
 
 
-@dataclass(frozen=True)
-class LockingPoint:
+class LockingPoint(NamedTuple):
     """ratio: of the moduli along and across. elements: of the mesh. stress: Pa at the strain; nan
     where no equilibrium was found. error: relative to the reference of the ratio. turned: elements
     that are turned over. model: "shell" or "inextensible", whose ratio is infinite."""
 
     mesh: Meshing
     model: Model
-    ratio: float
     elements: int
+    turned: int
+    ratio: float
     stress: float
     error: float
-    turned: int
+
+
+class Reference(NamedTuple):
+    """Stress, Pa, of a ratio on the finest mesh, and its elements."""
+
+    ratio: float
+    stress: float
+    elements: int
+
+
+@dataclass(frozen=True)
+class LockingTest:
+    """Aligned and unaligned meshes at 45 degrees and 5 % strain, 13 by 18 mm."""
+
+    ratio: tuple[float, ...] = value("Repeatable.", RATIOS)
+    elements: tuple[int, ...] = value("Repeatable.", ELEMENTS)
 
 
 @dataclass(frozen=True)
 class Locking:
-    """points of all meshes; references: (ratio, stress in Pa, elements)."""
+    """points of all meshes; references of all ratios."""
 
     points: tuple[LockingPoint, ...]
-    references: tuple[tuple[float, float, int], ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain values by key."""
-        names = ("mesh", "model", "elements", "turned")
-        rows = [
-            {
-                **{name: getattr(point, name) for name in names},
-                "ratio": point.ratio if math.isfinite(point.ratio) else None,
-                "stress": point.stress if math.isfinite(point.stress) else None,
-                "error": point.error if math.isfinite(point.error) else None,
-            }
-            for point in self.points
-        ]
-        keys = ("ratio", "stress", "elements")
-        references = [
-            {
-                key: value if value != math.inf else None
-                for key, value in zip(keys, each, strict=True)
-            }
-            for each in self.references
-        ]
-        return {"points": rows, "references": references}
+    references: tuple[Reference, ...]
 
     def error(self, mesh: Meshing, ratio: float) -> list[tuple[int, float]]:
         """(elements, error) of the shell on such meshes at a ratio; infinite: the limit."""
@@ -94,13 +88,13 @@ def run_locking(
     references = []
     for ratio in ratios:
         exact, found = _stress(ratio, reference, "aligned", "shell")[:2]
-        references.append((ratio, exact, found))
+        references.append(Reference(ratio, exact, found))
         for count in elements:
             points.append(_point(ratio, count, "aligned", "shell", exact))
             if ratio < STIFF or count <= LARGEST_STIFF:
                 points.append(_point(ratio, count, "unaligned", "shell", exact))
     exact, found = _stress(math.inf, reference // 2, "aligned", "inextensible")[:2]
-    references.append((math.inf, exact, found))
+    references.append(Reference(math.inf, exact, found))
     points += [_point(math.inf, count, "aligned", "inextensible", exact) for count in elements]
     return Locking(tuple(points), tuple(references))
 
@@ -121,7 +115,7 @@ def _stress(ratio: float, elements: int, mesh: Meshing, model: Model) -> tuple[f
 
 def _point(ratio: float, elements: int, mesh: Meshing, model: Model, exact: float) -> LockingPoint:
     try:
-        value, count, turned = _stress(ratio, elements, mesh, model)
+        stress, count, turned = _stress(ratio, elements, mesh, model)
     except InputError:
-        value, count, turned = math.nan, elements, 0
-    return LockingPoint(mesh, model, ratio, count, value, abs(value / exact - 1.0), turned)
+        stress, count, turned = math.nan, elements, 0
+    return LockingPoint(mesh, model, count, turned, ratio, stress, abs(stress / exact - 1.0))

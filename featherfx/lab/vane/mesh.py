@@ -16,6 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import Delaunay
 
 from featherfx.lab.vane.sample import Sample
 
@@ -94,11 +95,6 @@ def graded_rows(sample: Sample, count: int, layer: float) -> Array:
     return np.concatenate([*rows, inner[-1:]])
 
 
-def even_rows(sample: Sample, count: int) -> Array:
-    """Rows of about `count` even strips, with one through each corner; (R,) m."""
-    return graded_rows(sample, count, 1e4)
-
-
 def aligned_mesh(sample: Sample, rows: Array, spacing: float) -> Mesh:
     """Mesh with the given rows, (R,) m across the barbs, ascending, first and last through corners.
 
@@ -152,8 +148,6 @@ def aligned_of_size(sample: Sample, elements: int, layer: float) -> Mesh:
 
 def unaligned_of_size(sample: Sample, elements: int) -> Mesh:
     """Delaunay mesh of a grid whose nodes moved at random, always by the same numbers."""
-    from scipy.spatial import Delaunay
-
     size = np.sqrt(2.0 * sample.width * sample.height / elements)
     nx, ny = max(1, round(sample.width / size)), max(2, round(sample.height / size))
     grid = np.stack(np.meshgrid(np.arange(nx + 1.0), np.arange(ny + 1.0), indexing="ij"), axis=-1)

@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import Problem
+from featherfx.lab.declare import Range, out_of_range, part, require, value
 from featherfx.lab.vane.elements import Order, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_mesh, corner_rows
 from featherfx.lab.vane.sample import (
+    FORM,
     Moduli,
     Sample,
     isotropic,
-    require,
     sample_problems,
     slope,
     strain_problems,
@@ -55,27 +56,32 @@ class Bands:
     Young's moduli, Pa. shift: of all bands across the barbs, as a share of the spacing, from the
     place where the bands are symmetric about the middle of a sample."""
 
-    barb_fraction: float
-    barb_spacing: float
-    barb: float
-    barbule: float
+    barb_fraction: float = value("Share of the surface.", allowed=Range(0.01, 0.9))
+    barb_spacing: float = value("m.", allowed=Range(1e-5, 0.02))
+    barb: float = value("Pa.", allowed=Range(1.0, 1e13))
+    barbule: float = value("Pa.", allowed=Range(1.0, 1e13))
     shift: float = 0.0
 
 
-def bands_problems(bands: Bands) -> list[Problem]:
-    """Every value that is out of its range."""
-    problems = []
-    for key, low, high in (
-        ("barb_fraction", 0.01, 0.9),
-        ("barb_spacing", 1e-5, 0.02),
-        ("barb", 1.0, 1e13),
-        ("barbule", 1.0, 1e13),
-    ):
-        value = getattr(bands, key)
-        if not low <= value <= high:
-            message = f"{value:g} is not allowed, must be {low:g} to {high:g}"
-            problems.append(Problem("", key, message))
-    return problems
+@dataclass(frozen=True)
+class SwanBands:
+    """Bands whose moduli, where they are not given, are those that have a swan's slopes."""
+
+    barb_fraction: float = value("Share of the surface.", 0.14)
+    barb_spacing: float = value("m.", 5e-4)
+    barb: float | None = value("Pa.  [default: fitted to 3.6e8 Pa along the barbs]", None)
+    barbule: float | None = value("Pa.  [default: fitted to 4.8e4 Pa across them]", None)
+
+    def bands(self) -> Bands:
+        """Raises InputError."""
+        wanted = Bands(self.barb_fraction, self.barb_spacing, self.barb or 1.0, self.barbule or 1.0)
+        require(*out_of_range(wanted, form=FORM))
+        fitted = fitted_bands(*SWAN, self.barb_fraction, self.barb_spacing)
+        return replace(
+            fitted,
+            barb=fitted.barb if self.barb is None else self.barb,
+            barbule=fitted.barbule if self.barbule is None else self.barbule,
+        )
 
 
 def longitudinal_stress(bands: Bands, strain: Array) -> Array:
@@ -104,20 +110,6 @@ def fitted_bands(longitudinal: float, transverse: float, fraction: float, spacin
     barbule = transverse / slope(strain, transverse_stress(unit, strain))
     barb = (longitudinal - (1.0 - fraction) * barbule) / fraction
     return Bands(fraction, spacing, barb, barbule)
-
-
-def swan_bands(
-    fraction: float, spacing: float, barb: float | None = None, barbule: float | None = None
-) -> Bands:
-    """Bands with the given moduli, Pa, or those that have a swan's slopes. Raises InputError."""
-    require(*bands_problems(Bands(fraction, spacing, barb or 1.0, barbule or 1.0)))
-    fitted = fitted_bands(*SWAN, fraction, spacing)
-    return Bands(
-        fraction,
-        spacing,
-        fitted.barb if barb is None else barb,
-        fitted.barbule if barbule is None else barbule,
-    )
 
 
 def series_shear(bands: Bands) -> float:
@@ -171,35 +163,38 @@ def pull_bands(
 
 @dataclass(frozen=True)
 class BandTest:
-    """A traction test of bands up to a largest strain, in equal steps."""
+    """Pull a sample of bands; at 0 and 90 degrees beside the closed forms.
 
-    sample: Sample
-    bands: Bands
-    strain: float
-    steps: int
+    At 0 and 90 degrees the sample is rounded to whole barb spacings.
+    """
+
+    sample: Sample = part("thickness", angle=0.0, width=13e-3, height=16.9e-3)
+    bands: SwanBands = part()
+    strain: float = value("Largest, along y.", 0.05)
+    steps: int = value("Equal steps of strain.", 4)
 
 
 def run_bands(test: BandTest) -> dict[str, Any]:
     """Plain values by key, SI units: strain, stress, slope, closed_form (stress, at 0 and 90
     degrees), and size of the problem. Raises InputError."""
-    problems = [*sample_problems(test.sample), *strain_problems(test.strain, test.steps)]
-    require(*problems, *bands_problems(test.bands))
+    bands = test.bands.bands()
+    require(*sample_problems(test.sample), *strain_problems(test.strain, test.steps))
     begin, sample, closed = time.perf_counter(), test.sample, None
     strain = strains(test.strain, test.steps)
     if sample.regime == "diagonal":
         require(Problem("", "angle", f"{sample.angle:g}: one barb joins both clamps; singular"))
     if abs(sample.angle) in (0.0, 90.0):
-        sample = whole_periods(sample, test.bands)
+        sample = whole_periods(sample, bands)
         form = transverse_stress if sample.angle == 0.0 else longitudinal_stress
-        closed = form(test.bands, strain).tolist()
-    pulled = pull_bands(sample, test.bands, strain)
+        closed = form(bands, strain).tolist()
+    pulled = pull_bands(sample, bands, strain)
     return {
         "strain": strain.tolist(),
         "stress": pulled.stress.tolist(),
         "slope": pulled.slope,
         "closed_form": closed,
-        "barb": test.bands.barb,
-        "barbule": test.bands.barbule,
+        "barb": bands.barb,
+        "barbule": bands.barbule,
         "regime": sample.regime,
         "elements": len(pulled.statics.membrane.nodes),
         "unknowns": pulled.statics.unknowns,

@@ -64,13 +64,14 @@ def size_picture(file: Path, study: SizeEffect) -> tuple[Figure, ...]:
 
     def paint(canvas: Any) -> None:
         left, right = canvas.subplots(1, 2)
-        for count, stresses in zip(study.counts, study.stress, strict=True):
+        for count, stresses in zip(study.counts, study.stress_over_barb_modulus, strict=True):
             left.plot([0, *study.strain], [0, *stresses], "o-", label=f"N = {count}")
         left.set(xlabel="strain", ylabel="stress / modulus of the barbs")
         left.legend()
         width = np.linspace(0.0, 1.0 / min(study.counts), 50)
         right.plot(width, study.constant + study.quadratic * width**2, "--", label="quadratic fit")
-        right.plot(1.0 / np.array(study.counts), study.stress[:, -1], "o", label="tests")
+        last = study.stress_over_barb_modulus[:, -1]
+        right.plot(1.0 / np.array(study.counts), last, "o", label="tests")
         right.set(xlabel="width of the barbs, 1 / N", ylabel="stress at the largest strain")
         right.legend()
 

@@ -9,34 +9,36 @@ that deforms uniformly without change of width. Source: Jouve et al. 2024, eq. 1
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import cos, hypot, isclose, isfinite, radians, sin
+from dataclasses import dataclass, replace
+from math import cos, hypot, inf, isclose, isfinite, radians, sin
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import Problem
+from featherfx.lab.declare import Range, out_of_range, value
 
 Array = NDArray[np.float64]
 Regime = Literal["free", "diagonal", "bridged"]
 
 # how near a corner's barb must pass by the opposite corner to count as joining both
 SAME = 1e-9
-SIZES = {"width": (1e-5, 1.0), "height": (1e-5, 1.0), "thickness": (1e-7, 0.01)}
+SIZE, THICKNESS = Range(1e-5, 1.0, unit="m"), Range(1e-7, 0.01, unit="m")
+MODULUS = Range(0.0, above=True, unit="Pa")
+FORM = "{value:g} is not allowed, must be {allowed}"
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A sample that is held along y = 0 and pulled at y = height; its sides are free.
+    """A sample that is held along y = 0 and pulled at y = height; its sides are free."""
 
-    angle: degrees, from the x axis to the barbs, -90 to 90. width, height, thickness: m.
-    """
-
-    angle: float
-    width: float
-    height: float
-    thickness: float = 1.2e-4
+    angle: float = value(
+        "Degrees from the x axis to the barbs.", allowed=Range(-90.0, 90.0, unit="degrees")
+    )
+    width: float = value("m.", allowed=SIZE)
+    height: float = value("m, between the clamps.", allowed=SIZE)
+    thickness: float = value("m.", 1.2e-4, THICKNESS)
 
     @property
     def barb(self) -> Array:
@@ -66,9 +68,9 @@ class Moduli:
     """Moduli of the vane membrane, Pa: along the barbs, across them, and in shear (stress over
     engineering shear)."""
 
-    along: float
-    across: float
-    shear: float
+    along: float = value("Pa.", allowed=MODULUS)
+    across: float = value("Pa.", allowed=MODULUS)
+    shear: float = value("Pa.", allowed=MODULUS)
 
     def as_array(self) -> Array:
         """(3,) along, across, shear."""
@@ -103,50 +105,29 @@ def strains(largest: float, steps: int) -> Array:
 
 def sample_problems(sample: Sample, source: str = "") -> list[Problem]:
     """Every value of the sample that is out of its range."""
-    problems = [
-        _problem(source, name, value, f"{low:g} to {high:g} m{_hint(name, value, high)}")
-        for name, (low, high) in SIZES.items()
-        if not low <= (value := getattr(sample, name)) <= high
-    ]
-    if not -90.0 <= sample.angle <= 90.0:
-        problems.append(_problem(source, "angle", sample.angle, "-90 to 90 degrees"))
-    return problems
-
-
-def moduli_problems(moduli: Moduli, source: str = "") -> list[Problem]:
-    """Every modulus that is not above zero."""
+    found = out_of_range(sample, source, FORM)
     return [
-        _problem(source, name, value, "above 0 Pa")
-        for name in ("along", "across", "shear")
-        if not (isfinite(value := getattr(moduli, name)) and value > 0.0)
+        replace(each, message=each.message + _hint(each.key, getattr(sample, each.key)))
+        for each in found
     ]
 
 
-def strain_problems(strain: float, steps: int, source: str = "") -> list[Problem]:
+def strain_problems(strain: float, steps: int) -> list[Problem]:
     """A largest strain or a number of steps that no sample can take."""
     problems = []
     if not (-0.5 < strain <= 2.0) or strain == 0.0:
         allowed = "above -0.5 (height zero: every element inverts) to 2, not 0"
-        problems.append(_problem(source, "strain", strain, allowed))
+        problems.append(Problem("", "strain", FORM.format(value=strain, allowed=allowed)))
     if not 1 <= steps <= 1000:
-        problems.append(_problem(source, "steps", steps, "1 to 1000"))
+        problems.append(Problem("", "steps", FORM.format(value=steps, allowed="1 to 1000")))
     return problems
 
 
-def require(*problems: Problem) -> None:
-    """Raises InputError if there are problems."""
-    if problems:
-        raise InputError(*problems)
-
-
-def _problem(source: str, key: str, value: float, allowed: str) -> Problem:
-    return Problem(source, key, f"{value:g} is not allowed, must be {allowed}")
-
-
-def _hint(name: str, value: float, high: float) -> str:
-    if not (isfinite(value) and value > high):
+def _hint(name: str, found: float) -> str:
+    high = {"thickness": THICKNESS.high, "angle": inf}.get(name, SIZE.high)
+    if not (isfinite(found) and found > high):
         return ""
-    unit = "micrometres" if name == "thickness" and value >= 5.0 else "millimetres"
+    unit = "micrometres" if name == "thickness" and found >= 5.0 else "millimetres"
     return f"; is this in {unit}?"
 
 

@@ -10,16 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
+from featherfx.lab.declare import require
 from featherfx.lab.vane.descent import NoEquilibrium
 from featherfx.lab.vane.elements import membrane
 from featherfx.lab.vane.mesoscale import Bands, band_mesh
-from featherfx.lab.vane.sample import Sample, displacement, require, stress
+from featherfx.lab.vane.sample import Sample, displacement, stress
 from featherfx.lab.vane.statics import Pose, Statics
 from featherfx.lab.vane.traction import clamped
 
@@ -35,27 +35,16 @@ PUSH = 0.02
 
 @dataclass(frozen=True)
 class SizeEffect:
-    """counts: (k,) N, width over barb spacing. strain: (n,). stress: (k, n), over the barbs'
-    modulus. constant, quadratic: of the fit constant + quadratic / N^2 to the last stresses; the
+    """counts: (k,) N, width over barb spacing. strain: (n,). stress_over_barb_modulus:
+    (k, n). constant, quadratic: of the fit constant + quadratic / N^2 to the last stresses; the
     constant is what the barbules hold. unexplained: 1 - R^2 of that fit."""
 
     counts: tuple[int, ...]
     strain: Array
-    stress: Array
+    stress_over_barb_modulus: Array
     constant: float
     quadratic: float
     unexplained: float
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain values by key."""
-        return {
-            "counts": list(self.counts),
-            "strain": self.strain.tolist(),
-            "stress_over_barb_modulus": self.stress.tolist(),
-            "constant": self.constant,
-            "quadratic": self.quadratic,
-            "unexplained": self.unexplained,
-        }
 
 
 def run_size_effect(counts: Sequence[int] = COUNTS, fraction: float = FRACTION) -> SizeEffect:

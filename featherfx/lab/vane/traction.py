@@ -10,23 +10,23 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
+from featherfx.lab.declare import Range, out_of_range, part, require, value
 from featherfx.lab.vane.descent import NoEquilibrium
 from featherfx.lab.vane.elements import Membrane, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_of_size, unaligned_of_size
 from featherfx.lab.vane.sample import (
+    FORM,
     Moduli,
     Regime,
     Sample,
     displacement,
     isotropic,
-    moduli_problems,
-    require,
     sample_problems,
     slope,
     strain_problems,
@@ -42,7 +42,7 @@ Model = Literal["shell", "inextensible", "isotropic"]
 # a slope that changes by more than this share when the elements are four times as many is not
 # printed: it tells of the mesh
 MESH_CHANGE = 0.1
-FEWEST, MOST = 32, 200_000
+ELEMENTS = Range(32, 200_000)
 SINGULAR = (
     "singular: one barb joins both clamps from corner to corner; the stress grows without bound"
     " with the modulus along the barbs and depends on the mesh, so none is given"
@@ -56,22 +56,24 @@ TAUT = "barbs of constant length join both clamps: the sample cannot be pulled, 
 
 @dataclass(frozen=True)
 class Traction:
-    """One traction test.
+    """Clamp a sample below and above and pull it along y.
 
-    sample, moduli: what is pulled. strain: the largest, in equal steps. elements: wished triangles.
-    mesh: "aligned" with the barbs or not. model: "shell", all three moduli; "inextensible", the
-    limit of barbs of constant length, aligned meshes only; "isotropic", the modulus across taken
-    for all directions, without Poisson effect. The limit and the finite modulus are different
-    models and give different numbers.
+    0 degrees is the transverse test, 90 the longitudinal, 45 the tilted one. Where barbs join both
+    clamps `regime` and `note` say so; a number that depends on the mesh is not given. Barbs of
+    constant length, the limit, need a mesh aligned with them; the limit and the finite modulus are
+    different models and give different numbers.
     """
 
-    sample: Sample
-    moduli: Moduli
-    strain: float
-    steps: int = 10
-    elements: int = 8000
-    mesh: Meshing = "aligned"
-    model: Model = "shell"
+    sample: Sample = part()
+    moduli: Moduli = part(along=3.6e8, across=4.8e4, shear=2.8e4)
+    strain: float = value("Largest, along y.", 0.05)
+    steps: int = value("Equal steps of strain.", 10)
+    elements: int = value("Triangles, about.", 8000, ELEMENTS)
+    mesh: Meshing = value("With the barbs or not.", "aligned")
+    model: Model = value(
+        "All three moduli; barbs of constant length; the modulus across for all directions.",
+        "shell",
+    )
 
 
 @dataclass(frozen=True)
@@ -92,21 +94,6 @@ class TractionResult:
     regime: Regime
     mesh_change: float | None
     note: str
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain values by key, SI units."""
-        return {
-            "strain": self.strain.tolist(),
-            "stress": None if self.stress is None else self.stress.tolist(),
-            "slope": self.slope,
-            "elements": self.elements,
-            "unknowns": self.unknowns,
-            "iterations": self.iterations,
-            "seconds": self.seconds,
-            "regime": self.regime,
-            "mesh_change": self.mesh_change,
-            "note": self.note,
-        }
 
 
 @dataclass(frozen=True)
@@ -145,7 +132,7 @@ def run_traction(test: Traction, *, check_mesh: bool = True) -> TractionResult:
     pulled = pull_test(test)
     change = None
     if check_mesh:
-        coarse = pull_test(replace(test, elements=max(FEWEST // 2, test.elements // 4)))
+        coarse = pull_test(replace(test, elements=max(int(ELEMENTS.low) // 2, test.elements // 4)))
         change = pulled.slope / coarse.slope - 1.0
     known = change is None or abs(change) <= MESH_CHANGE
     if not known:
@@ -198,34 +185,26 @@ def pull(sample: Sample, statics: Statics, strain: Array, pose: Pose | None = No
     rest = statics.membrane.points
     top = rest[:, 1] >= sample.height
     stresses = []
-    for value in strain:
-        moved = displacement(float(value), sample.height)
+    for each in strain:
+        moved = displacement(float(each), sample.height)
         try:
             pose = statics.move(pose, rest + np.outer(top, [0.0, moved]))
         except NoEquilibrium as error:
-            message = f"no equilibrium at {value:g}: {error}"
+            message = f"no equilibrium at {each:g}: {error}"
             raise InputError(Problem("", "strain", message)) from error
         force = float(statics.forces(pose)[top, 1].sum())
         stresses.append(stress(force, moved, sample))
     return Pulled(strain, np.array(stresses), pose, statics)
 
 
-def elements_problems(elements: int) -> list[Problem]:
-    """A number of elements that is out of its range."""
-    if FEWEST <= elements <= MOST:
-        return []
-    message = f"{elements} is not allowed, must be {FEWEST} to {MOST}"
-    return [Problem("", "elements", message)]
-
-
 def traction_problems(test: Traction) -> list[Problem]:
     """Every value of the test that is out of its range."""
     problems = [
         *sample_problems(test.sample),
-        *moduli_problems(test.moduli),
+        *out_of_range(test.moduli, form=FORM),
         *strain_problems(test.strain, test.steps),
     ]
-    problems += elements_problems(test.elements)
+    problems += out_of_range(test, form="{value} is not allowed, must be {allowed}")
     if test.model == "inextensible" and test.mesh == "unaligned":
         message = "'unaligned' has no edges along barbs to keep inextensible, must be aligned"
         problems.append(Problem("", "mesh", message))

@@ -1,0 +1,254 @@
+"""The experiments of `featherfx lab`: what each runs, and what it writes besides its result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from featherfx.cli.lab.options_from import Experiment, command_from
+from featherfx.cli.options import presets_option, readable_path
+from featherfx.files.whole import write_text
+from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
+from featherfx.lab.feathers.full_feather import FullPull, pull_feather
+from featherfx.lab.feathers.strip import StripTest, run_strip
+from featherfx.lab.networks.unit_cell import CellTest, cell_moduli, vane_of, vane_text
+from featherfx.lab.ribbons.experiments import HangTest, hang
+from featherfx.lab.rods.experiments import (
+    BendTest,
+    ModesTest,
+    ReleaseTest,
+    bend,
+    natural_frequencies,
+    release,
+)
+from featherfx.lab.studies.study import Figure
+from featherfx.lab.vane import pictures
+from featherfx.lab.vane.angles import AnglesTest, angle_slopes, shear_bands
+from featherfx.lab.vane.calibrate import CalibrateTest, calibrate, check_name, save_preset
+from featherfx.lab.vane.curves import read_curves
+from featherfx.lab.vane.locking import LockingTest, run_locking
+from featherfx.lab.vane.mesoscale import BandTest, run_bands
+from featherfx.lab.vane.size_effect import run_size_effect
+from featherfx.lab.vane.traction import Traction, run_traction
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+PRESETS = presets_option(click.Command("")).params[0]
+PICTURE = click.Option(
+    ["-o", "--output"], type=FILE, help="Picture (PNG); needs matplotlib, the extra `plots`."
+)
+
+
+def _drawn(figures: Iterable[Figure]) -> Iterator[Path]:
+    """Files of the figures, or word that there are none."""
+    files = [figure.file for figure in figures]
+    if not files:
+        click.echo("featherfx: no picture, matplotlib is not installed", err=True)
+    yield from files
+
+
+def _feather(test: FeatherTest, preset_folders: tuple[Path, ...]) -> Iterator[Any]:
+    if (test.shake_amplitude is None) != (test.shake_frequency is None):
+        raise click.UsageError("--shake-amplitude and --shake-frequency belong together")
+    if test.shake_amplitude is not None and test.pull is not None:
+        raise click.UsageError("--pull and --shake-amplitude exclude each other")
+    yield run_feather(test, preset_folders)
+
+
+def _ribbon(test: HangTest) -> Iterator[Any]:
+    ribbon = replace(test.ribbon, finite_width=not test.sadowsky)
+    hung = hang(ribbon, test.clamp, planar=test.planar)
+    rest, size = hung.rest, ribbon.elements + 1
+    yield {
+        "tip": rest.curve.points[-1],
+        "points": rest.curve.points,
+        "curvature": rest.unknowns[:size],
+        "ruling": rest.unknowns[size:],
+        "out_of_plane": hung.out_of_plane,
+        "energy": rest.energy,
+        "stability": rest.stability,
+        "iterations": rest.iterations,
+        "residual": rest.residual,
+        "seconds": hung.seconds,
+    }
+
+
+def _full_feather(test: FullPull) -> Iterator[Any]:
+    found = pull_feather(test)
+    yield {each.name: getattr(found, each.name) for each in fields(found) if each.name != "rest"}
+
+
+def _unit_cell(
+    test: CellTest, save: Path | None, preset_folders: tuple[Path, ...]
+) -> Iterator[Any]:
+    kind = feather_kind(test.preset, preset_folders)
+    cell = test.cell(kind)
+    found = cell_moduli(cell)
+    if save is not None:
+        save.parent.mkdir(parents=True, exist_ok=True)
+        write_text(save, vane_text(vane_of(cell, kind.vane_material), test.preset))
+    keys = ("along", "across", "shear", "bending_along", "bending_across", "poisson")
+    own = {"crossings": 2 * cell.crossings - 1, "barbule_spacing": cell.height}
+    yield {key: getattr(found, key) for key in keys} | own
+
+
+def _traction(test: Traction, output: Path | None) -> Iterator[Any]:
+    found = run_traction(test)
+    yield found
+    if output is not None:
+        yield from _drawn(pictures.traction_picture(output, found))
+
+
+def _locking(test: LockingTest, output: Path | None) -> Iterator[Any]:
+    found = run_locking(test.ratio, test.elements)
+    yield found
+    if output is not None:
+        yield from _drawn(pictures.locking_picture(output, found))
+
+
+def _mesoscale(test: BandTest, size_effect: bool, output: Path | None) -> Iterator[Any]:
+    if not size_effect:
+        if output is not None:
+            raise click.UsageError("-o belongs to --size-effect")
+        yield run_bands(test)
+        return
+    found = run_size_effect(fraction=test.bands.bands().barb_fraction)
+    yield found
+    if output is not None:
+        yield from _drawn(pictures.size_picture(output, found))
+
+
+def _calibrate(
+    test: CalibrateTest, file: Path, save: Path | None, name: str | None
+) -> Iterator[Any]:
+    if (save is None) != (name is None):
+        raise click.UsageError("--save and --name belong together")
+    if save is not None and name is not None:
+        check_name(save, name)
+    curves = read_curves(file)
+    found = calibrate(curves, test.elements, str(file))
+    yield found
+    if save is not None and name is not None:
+        thickness = sum(curve.sample.thickness for curve in curves) / len(curves)
+        yield save_preset(save, name, found, thickness)
+
+
+def _angles(test: AnglesTest, side_by_side: Path | None, output: Path | None) -> Iterator[Any]:
+    bands = test.bands.bands()
+    slopes = angle_slopes(bands, test.angle)
+    found = shear_bands(bands, slopes.fitted.moduli, test.aspect)
+    yield {**slopes.as_json(), "shear_bands": found}
+    if side_by_side is not None:
+        yield from _drawn(pictures.band_picture(side_by_side, found))
+    if output is not None:
+        yield from _drawn(pictures.angles_picture(output, slopes, bands.barbule))
+
+
+SAVE_CELL = click.Option(
+    ["--save"],
+    type=FILE,
+    metavar="FILE",
+    help="A material preset with these moduli; what the cell does not tell is the preset's.",
+)
+SIZE_EFFECT = click.Option(
+    ["--size-effect"], is_flag=True, help="Press along the barbs instead, for four widths."
+)
+CALIBRATION = (
+    click.Argument(["file"], type=readable_path()),
+    click.Option(
+        ["--save"],
+        type=click.Path(path_type=Path, file_okay=False),
+        metavar="FOLDER",
+        help="Save as a material preset in this folder of presets.",
+    ),
+    click.Option(["--name"], help="Of the preset."),
+)
+BAND_PICTURE = click.Option(
+    ["--pictures", "side_by_side"],
+    type=FILE,
+    help="Picture of the shear bands, both models side by side.",
+)
+
+EXPERIMENTS = {
+    "rod": Experiment(
+        BendTest,
+        lambda test: [bend(test.rod, test.tip_force)],
+        "--length 1 --ei 1 --tip-force 0,0,-2",
+        "--length 78.54 --ei 833333 --rest-curvature 0.01 --tip-force 0,0,300 --json",
+    ),
+    "modes": Experiment(
+        ModesTest,
+        lambda test: [{"frequencies_hz": natural_frequencies(test.rod, test.count)}],
+        "--length 1 --ei 1 --line-mass 1 --count 4",
+    ),
+    "release": Experiment(
+        ReleaseTest,
+        lambda test: [release(test)],
+        "--length 1 --ei 1 --line-weight 1 --duration 4 --tolerance 1e-5",
+    ),
+    "feather": Experiment(
+        FeatherTest,
+        _feather,
+        "--preset swan_primary --shake-amplitude 0.05 --shake-frequency 3",
+        "--preset tail_feather --pull 0,0,0.05 --duration 1 --json",
+        more=(PRESETS,),
+    ),
+    "strip": Experiment(
+        StripTest,
+        lambda test: [run_strip(test)],
+        "--scene iso --dt 0.0125",
+        "--scene feather --dt 0.01 --kinematics barb-curvature --json",
+    ),
+    "ribbon": Experiment(
+        HangTest,
+        _ribbon,
+        "--length 0.5 --width 0.01 --rigidity 2e-4 --density 0.1 --rest-curvature 60",
+        "--length 0.2 --width 0.01 --rigidity 2e-4 --density 0.1 --sadowsky --json",
+    ),
+    "fullfeather": Experiment(
+        FullPull,
+        _full_feather,
+        "--scene side",
+        "--scene tip --material isotropic --distance 0.2 --json",
+    ),
+    "unitcell": Experiment(
+        CellTest,
+        _unit_cell,
+        "--preset swan_primary",
+        "--preset swan_primary --angle 40 --diameter 12e-6 --hooks 4 --json",
+        "--preset swan_primary --diameter 13e-6 --save my_vane.toml",
+        more=(SAVE_CELL, PRESETS),
+    ),
+    "traction": Experiment(
+        Traction,
+        _traction,
+        "--angle 45 --width 0.013 --height 0.018",
+        "--angle 30 --width 0.013 --height 0.018 --model inextensible --json",
+        more=(PICTURE,),
+    ),
+    "locking": Experiment(
+        LockingTest, _locking, "-o locking.png", "--ratio 1e4 --json", more=(PICTURE,)
+    ),
+    "mesoscale": Experiment(
+        BandTest,
+        _mesoscale,
+        "--barb-fraction 0.14",
+        "--angle 45 --strain 0.1 --json",
+        "--size-effect -o size.png",
+        more=(SIZE_EFFECT, PICTURE),
+    ),
+    "calibrate": Experiment(
+        CalibrateTest,
+        _calibrate,
+        "tests.csv --json",
+        "tests.csv --save mine --name my_vane",
+        more=CALIBRATION,
+    ),
+    "angles": Experiment(
+        AnglesTest, _angles, "-o angles.png --pictures bands.png", more=(BAND_PICTURE, PICTURE)
+    ),
+}
+COMMANDS = {name: command_from(name, each) for name, each in EXPERIMENTS.items()}

@@ -1,0 +1,116 @@
+"""Commands made of dataclasses whose fields are declared once (lab/declare.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, Field, fields
+from types import UnionType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import click
+
+from featherfx.cli.lab.show import show
+from featherfx.cli.program import Command
+from featherfx.lab.declare import DEFAULTS, MEANING, OPTION, WITHOUT
+
+
+class Experiment:
+    """A command of the lab."""
+
+    def __init__(
+        self,
+        test: type,
+        run: Callable[..., Iterable[Any]],
+        *examples: str,
+        more: tuple[click.Parameter, ...] = (),
+    ) -> None:
+        """test: dataclass whose fields are the options and whose docstring is the help. run: called
+        with one of them and the values of more parameters; gives the result first, then the files
+        that it wrote. examples: arguments, of a command line each."""
+        self.test, self.run, self.examples, self.more = test, run, examples, more
+
+
+class Vector(click.ParamType):
+    """X,Y,Z."""
+
+    name = "X,Y,Z"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float, float]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            x, y, z = (float(each) for each in value.split(","))
+        except ValueError:
+            self.fail(f"'{value}' is not three numbers such as 0,0,-1.5", param, ctx)
+        return x, y, z
+
+
+def command_from(name: str, experiment: Experiment) -> Command:
+    """The click command of an experiment."""
+
+    def run(as_json: bool, **values: Any) -> None:
+        found = iter(experiment.run(_made(experiment.test, values), **values))
+        show(next(found), as_json)
+        for file in found:
+            click.echo(file, err=as_json)
+
+    as_json = click.Option(
+        ["--json", "as_json"], is_flag=True, help="One JSON object on the output, SI units."
+    )
+    options = _options(experiment.test)
+    return Command(
+        name,
+        callback=run,
+        params=[*options, *experiment.more, as_json],
+        help=experiment.test.__doc__,
+        epilog="\n".join(f"featherfx lab {name} {each}" for each in experiment.examples),
+    )
+
+
+def _options(
+    kind: type, without: tuple[str, ...] = (), defaults: Mapping[str, Any] | None = None
+) -> list[click.Option]:
+    hints, found = get_type_hints(kind), []
+    for each in fields(kind):
+        if WITHOUT in each.metadata:
+            found += _options(hints[each.name], each.metadata[WITHOUT], each.metadata[DEFAULTS])
+        elif MEANING in each.metadata and each.name not in without:
+            default = (defaults or {}).get(each.name, each.default)
+            found.append(_option(each, hints[each.name], default))
+    return found
+
+
+def _option(each: Field[Any], hint: Any, default: Any) -> click.Option:
+    if get_origin(hint) is UnionType:
+        hint = get_args(hint)[0]
+    several = get_origin(hint) is tuple and get_args(hint)[-1] is Ellipsis
+    kind: Any = hint
+    if several:
+        kind = get_args(hint)[0]
+    elif get_origin(hint) is tuple:
+        kind = Vector()
+    elif get_origin(hint) is Literal:
+        kind = click.Choice(get_args(hint))
+    name = each.metadata[OPTION] or each.name
+    return click.Option(
+        [f"--{name.replace('_', '-')}", each.name],
+        type=kind,
+        is_flag=hint is bool or None,
+        multiple=several,
+        show_default=hint is not bool,
+        help=each.metadata[MEANING],
+        **({"required": True} if default is MISSING else {"default": default}),
+    )
+
+
+def _made(kind: type, values: dict[str, Any]) -> Any:
+    """An instance of a dataclass from the values of its options, which are taken out."""
+    hints, given = get_type_hints(kind), {}
+    for each in fields(kind):
+        if WITHOUT in each.metadata:
+            given[each.name] = _made(hints[each.name], values)
+        elif each.name in values:
+            given[each.name] = values.pop(each.name)
+    return kind(**given)

@@ -1,0 +1,79 @@
+"""Values of experiments, each declared once with its meaning, unit, range and default.
+
+The options of `featherfx lab` are made of the declarations; out_of_range checks values by them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, field, fields
+from math import inf, isfinite
+from typing import Any, NamedTuple
+
+from featherfx.errors import InputError, Problem
+
+MEANING, ALLOWED, OPTION = "meaning", "allowed", "option"
+WITHOUT, DEFAULTS = "without", "defaults"
+
+
+class Range(NamedTuple):
+    """Finite numbers from low to high. above, below: whether that bound itself is left out."""
+
+    low: float = -inf
+    high: float = inf
+    above: bool = False
+    below: bool = False
+    unit: str = ""
+
+    def holds(self, number: float) -> bool:
+        """Whether a number is in the range."""
+        over = number > self.low if self.above else number >= self.low
+        under = number < self.high if self.below else number <= self.high
+        return isfinite(number) and over and under
+
+    def __str__(self) -> str:
+        if self.low == -inf and self.high == inf:
+            return "any finite number"
+        words = f"{'above ' * self.above}{self.low:.12g}"
+        if self.high < inf:
+            words += f" to {'below ' * self.below}{self.high:.12g}"
+        elif not self.above:
+            words += " or more"
+        return f"{words} {self.unit}".rstrip()
+
+
+FINITE, POSITIVE, NOT_NEGATIVE = Range(), Range(0.0, above=True), Range(0.0)
+
+
+def value(
+    meaning: str, default: Any = MISSING, allowed: Range | None = None, *, option: str = ""
+) -> Any:
+    """A field of an experiment. meaning: with its unit. option: on the command line, where it has
+    another name than the field."""
+    return field(default=default, metadata={MEANING: meaning, ALLOWED: allowed, OPTION: option})
+
+
+def part(*without: str, **defaults: Any) -> Any:
+    """A field that is made of values itself, which become options of the whole.
+
+    without: values that are left as they are. defaults: other ones than its own.
+    """
+    return field(metadata={WITHOUT: without, DEFAULTS: defaults})
+
+
+def out_of_range(
+    item: Any, source: str = "", form: str = "{value:g}; allowed: {allowed}"
+) -> list[Problem]:
+    """Every value of a dataclass that is out of its declared range; None is in every one."""
+    return [
+        Problem(source, each.name, form.format(value=found, allowed=allowed))
+        for each in fields(item)
+        if (allowed := each.metadata.get(ALLOWED)) is not None
+        and (found := getattr(item, each.name)) is not None
+        and not allowed.holds(found)
+    ]
+
+
+def require(*problems: Problem) -> None:
+    """Raises InputError if there are problems."""
+    if problems:
+        raise InputError(*problems)
