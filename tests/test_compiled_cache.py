@@ -39,9 +39,14 @@ def folder_after_change(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "changed", ["solver/step/frame_kernels.py", "mechanics/vane_membrane_kernels.py"]
+    "changed",
+    [
+        "solver/step/frame_kernels.py",
+        "mechanics/vane_membrane_kernels.py",
+        "solver/status.py",
+    ],
 )
-def test_a_kernel_that_is_called_counts(folder_after_change, changed):
+def test_what_a_kernel_is_made_of_counts(folder_after_change, changed):
     before, after = folder_after_change("solver/step/frame_kernels.py", changed)
     assert before != after
 

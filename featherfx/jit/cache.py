@@ -1,11 +1,11 @@
 """Where the machine code of kernels is kept between runs.
 
-Kernels are cached in a folder whose name holds a hash of their file and of all kernel files that it
-imports, because numba on its own only watches the file of the function that it was asked for, not
-those of the functions that it calls. Nothing else about a file counts: installed anew elsewhere, it
-finds its machine code. These folders are in $FEATHERFX_CACHE, else in the system's own folder for
-caches of a user (on Linux $XDG_CACHE_HOME/featherfx, else ~/.cache/featherfx), else in one of its
-temporary ones.
+Kernels are cached in a folder whose name holds a hash of their file and of all files of this
+program that it imports, because numba on its own only watches the file of the function that it was
+asked for, not those of the functions that it calls. Nothing else about a file counts: installed
+anew elsewhere, it finds its machine code. These folders are in $FEATHERFX_CACHE, else in the
+system's own folder for caches of a user (on Linux $XDG_CACHE_HOME/featherfx, else
+~/.cache/featherfx), else in one of its temporary ones.
 """
 
 from __future__ import annotations
@@ -33,11 +33,12 @@ COMPILER = tuple(ROOT / "jit" / name for name in ("cache.py", "compiled.py", "pa
 
 @cache
 def _imported(source: Path) -> frozenset[Path]:
-    """Kernel files that a kernel file imports, itself included."""
+    """Files of this program that a kernel file imports, itself included: constants and the fields
+    of named tuples are in its code, too."""
     found = {source}
     for node in ast.parse(source.read_bytes()).body:
         module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
-        if module.startswith("featherfx.") and module.endswith("_kernels"):
+        if module.startswith("featherfx."):
             name = module.removeprefix("featherfx.").replace(".", "/")
             found |= _imported(ROOT / f"{name}.py")
     return frozenset(found)

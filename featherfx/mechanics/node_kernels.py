@@ -130,7 +130,7 @@ def node_energy(model, loads, f, factors, points, around):
     x_t, x_v, and wind, areas and speeds of `blow`.
     """
     total = 0.0
-    inertia, rate = factors[0], factors[1]
+    inertia, rate = factors.inertia, factors.rate
     blowing = loads.air[0] > 0.0 and rate > 0.0
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
@@ -148,7 +148,7 @@ def node_energy(model, loads, f, factors, points, around):
 @kernel
 def node_forces(model, loads, f, factors, points, around, force, stiff):
     """Gradient and Hessian of node_energy: force (n, P, 3); stiff (n, P, 6) xx yy zz xy xz yz."""
-    inertia, rate = factors[0], factors[1]
+    inertia, rate = factors.inertia, factors.rate
     blowing = loads.air[0] > 0.0 and rate > 0.0
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):

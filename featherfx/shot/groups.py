@@ -108,7 +108,7 @@ def _group(
         tolerance=quality.tolerance,
         newton=newton * quality.tolerance,
         max_substeps=quality.max_substeps,
-        radius=quality.radius,
+        spectral_radius=quality.radius,
     )
     return Group(
         level=resolution.level,

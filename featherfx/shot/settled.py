@@ -13,7 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from featherfx.mechanics.model import Loads
-from featherfx.solver.solver import NO_REST, Solver, State, raise_if_failed
+from featherfx.solver.solver import Solver, State, raise_if_failed
+from featherfx.solver.status import NO_REST
 from featherfx.solver.step.root_path import hold_roots
 
 # s of motion before the first frame, and of one of its intervals

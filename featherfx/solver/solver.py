@@ -14,12 +14,12 @@ from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.settle.settle import settle
 from featherfx.solver.settle.take_up import carry_to
-from featherfx.solver.settle.wind import NO_REST as NO_REST
 from featherfx.solver.state import State as State
-from featherfx.solver.step.energy_promise_kernels import GREW
+from featherfx.solver.state import StepReport as StepReport
+from featherfx.solver.state import no_steps
+from featherfx.solver.status import CONVERGED, MOST_ITERATIONS, reason_of
 from featherfx.solver.step.frame_kernels import advance
-from featherfx.solver.step.newton_kernels import CONVERGED, NOT_DEFINITE, NOT_FINITE, TOO_MUCH_WORK
-from featherfx.solver.step.retry_kernels import COUNTERS, STATUS, STEPS
+from featherfx.solver.step.retry_kernels import StepSettings
 from featherfx.solver.step.root_path import RootPath as RootPath
 from featherfx.solver.step.root_path import hold_roots as hold_roots
 from featherfx.solver.step.start import start_acceleration
@@ -27,17 +27,13 @@ from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]
 
-REASONS = {
-    NOT_FINITE: "a value is not finite",
-    NOT_DEFINITE: "the linear system is not positive definite",
-    NO_REST: "it finds no rest in this wind",
-    GREW: "its energy would grow without work being done",
-}
 NEWTON_ITERATIONS = 32
+# Newton iterations beyond which the next step is not made longer
+HARD = 12
+# of the feather's length, error that a step may not exceed where it can be shorter
+COARSE = 0.01
 # length of the last step of a feather that has none, but its first acceleration
 BEGUN = -1.0
-# of one feather in one frame; bakes of the samples need 3 to 100
-MOST_ITERATIONS = 2000
 
 
 @dataclass(frozen=True)
@@ -47,41 +43,40 @@ class Settings:
     tolerance: m, local error of a step that the sub-stepping keeps to. newton: m, distance from a
     step's solution that counts as converged. max_substeps: regular sub-steps of a frame at most (a
     step that Newton cannot solve is cut further). max_iterations: Newton iterations of one feather
-    in one frame; one that needs more stops with a status. radius: spectral radius at infinite
-    frequency, 0 (most damping of what a step does not resolve) to 0.9 (energy is nearly conserved).
-    At 1 nothing damps the constraint of inextensible barbs and shafts, and the steps become
-    unstable.
+    in one frame; one that needs more stops with a status. spectral_radius: at infinite frequency,
+    0 (most damping of what a step does not resolve) to 0.9 (energy is nearly conserved). At 1
+    nothing damps the constraint of inextensible barbs and shafts, and the steps become unstable.
     """
 
     tolerance: float = 1e-4
     newton: float = 1e-6
     max_substeps: int = 64
-    radius: float = 0.0
+    spectral_radius: float = 0.0
     max_iterations: int = MOST_ITERATIONS
 
 
-@dataclass(frozen=True)
-class StepReport:
-    """What one call did, per feather: (F,) arrays.
+def step_settings(
+    settings: Settings,
+    duration: float,
+    length: Array,
+    iterations: int = NEWTON_ITERATIONS,
+    hard: int = HARD,
+) -> StepSettings:
+    """Settings as the kernels take them, of a frame of duration (s).
 
-    steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
-    iterations (linear solves), new matrices among them, steps repeated for their error, attempts
-    that Newton gave up, implicit Euler steps. forced: steps accepted above the tolerance because
-    none shorter is allowed. error: m, largest accepted local error. move: m, largest distance of a
-    step from its solution, as Newton's last moves tell. status: 0, or why the feather stopped
-    (featherfx/solver/step/newton_kernels.py).
+    length: (n-1,) m, of the feather's rachis elements. iterations, hard: of StepSettings.
     """
-
-    steps: Array
-    iterations: Array
-    matrices: Array
-    rejected: Array
-    failed: Array
-    fallbacks: Array
-    forced: Array
-    error: Array
-    move: Array
-    status: Array
+    return StepSettings(
+        duration=float(duration),
+        shortest=float(duration / settings.max_substeps),
+        spectral_radius=float(settings.spectral_radius),
+        tolerance=float(settings.tolerance),
+        coarse=COARSE * float(length.sum()),
+        newton=float(settings.newton),
+        iterations=iterations,
+        hard=hard,
+        most_iterations=int(settings.max_iterations),
+    )
 
 
 class Solver:
@@ -122,12 +117,11 @@ class Solver:
         """
         new = state.copy()
         carry_to(self.model, new, path)
-        counters = self.advance(new, loads, path, duration, feathers)
-        for f in np.flatnonzero((counters[:, STATUS] != CONVERGED) & (counters[:, STEPS] == 0)):
+        report = self.advance(new, loads, path, duration, feathers)
+        for f in np.flatnonzero((report.status != CONVERGED) & (report.steps == 0)):
             # not even where its path begins
-            for array, given in zip(new, state, strict=True):
-                array[f] = given[f]
-        return new, report_of(counters)
+            new.take(state, int(f))
+        return new, report
 
     def advance(
         self,
@@ -138,48 +132,25 @@ class Solver:
         feathers: Sequence[int] | None = None,
         start: State | None = None,
         settings: Settings | None = None,
-    ) -> Array:
-        """Advance feathers by a duration in s in place; (F, COUNTERS) of step_kernels.
+    ) -> StepReport:
+        """Advance feathers by a duration in s in place.
 
         start: where they begin, if that is not where the state has them. settings: other than the
         solver's. A feather that cannot be solved stays at its last good sub-step.
         """
         loads = wind_of_each(loads, self.model.feathers)
-        counters = np.zeros((self.model.feathers, COUNTERS))
-        settings = settings or self.settings
-        shortest = duration / settings.max_substeps
-        values = np.array(
-            [
-                settings.radius,
-                settings.newton,
-                NEWTON_ITERATIONS,
-                settings.tolerance,
-                shortest,
-                settings.max_iterations,
-            ]
-        )
+        report = no_steps(self.model.feathers)
 
         def one(f: int) -> None:
             if start is not None:
-                for array, given in zip(state, start, strict=True):
-                    array[f] = given[f]
+                state.take(start, f)
             if state.step[f] == 0.0:
                 start_acceleration(self.model, loads, f, duration, state, self._work(), path)
-            advance(
-                self.model,
-                loads,
-                f,
-                duration,
-                path.samples[f],
-                path.base[f],
-                state,
-                values,
-                self._work(),
-                counters[f],
-            )
+            of_frame = step_settings(settings or self.settings, duration, self.model.length[f])
+            advance(self.model, loads, f, path, state, of_frame, self._work(), report)
 
         self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
-        return counters
+        return report
 
     def begin(
         self,
@@ -203,12 +174,12 @@ class Solver:
         self,
         state: State,
         loads: Loads,
-        share: float = 0.0,
+        fraction: float = 0.0,
         feathers: Sequence[int] | None = None,
     ) -> tuple[State, Array, Array]:
         """Bring feathers to rest under their loads; the given state is not changed.
 
-        share: 0..1, place within the loads' frame (grips). feathers: indices, all by default.
+        fraction: 0..1, place within the loads' frame (grips). feathers: indices, all by default.
         Returns the state, and per feather the status (0: at rest within settings.newton; NO_REST:
         it flutters in the wind, and the pose is one on its way) and the Newton iterations.
         """
@@ -221,7 +192,7 @@ class Solver:
                 self.model,
                 loads,
                 f,
-                share,
+                fraction,
                 new,
                 self.settings.newton,
                 self._work(),
@@ -251,18 +222,6 @@ class Solver:
 
         for done in [self._pool.submit(work) for _ in range(self._jobs)]:
             done.result()
-
-
-def report_of(counters: Array) -> StepReport:
-    """The report of (F, COUNTERS) as `Solver.advance` gives them."""
-    return StepReport(*counters.T)
-
-
-def reason_of(status: int, most: int = MOST_ITERATIONS) -> str:
-    """Why a feather stopped, in words. most: Settings.max_iterations."""
-    if status == TOO_MUCH_WORK:
-        return f"more than {most} Newton iterations in one frame"
-    return REASONS.get(status, "Newton did not converge at the shortest step")
 
 
 def raise_if_failed(

@@ -43,6 +43,39 @@ class State(NamedTuple):
     def copy(self) -> State:
         return State(*(array.copy() for array in self))
 
+    def take(self, other: State, f: int) -> None:
+        """Set feather f, in place, to what it is in another state."""
+        for array, given in zip(self, other, strict=True):
+            array[f] = given[f]
+
+
+class StepReport(NamedTuple):
+    """What one call did, per feather: (F,) arrays.
+
+    steps, iterations, matrices, rejected, failed, fallbacks: counts of accepted sub-steps, Newton
+    iterations (linear solves), new matrices among them, steps repeated for their error, attempts
+    that Newton gave up, implicit Euler steps. forced: steps accepted above the tolerance because
+    none shorter is allowed. error: m, largest accepted local error. move: m, largest distance of a
+    step from its solution, as Newton's last moves tell. status: 0, or why the feather stopped
+    (featherfx/solver/status.py).
+    """
+
+    steps: Array
+    iterations: Array
+    matrices: Array
+    rejected: Array
+    failed: Array
+    fallbacks: Array
+    forced: Array
+    error: Array
+    move: Array
+    status: Array
+
+
+def no_steps(feathers: int) -> StepReport:
+    """The report of a call that has done nothing yet."""
+    return StepReport(*(np.zeros(feathers) for _ in StepReport._fields))
+
 
 def rest_state(model: Model, positions: Array, rotations: Array) -> State:
     """Feathers at rest in their rest shape, roots at positions (F, 3), rotations (F, 3, 3)."""

@@ -16,7 +16,7 @@ from contact_cases import (
 )
 
 from featherfx.solver.contact.list_kernels import GAP, GUEST_FORCE, HOST_FORCE
-from featherfx.solver.step.integrator_kernels import integrator_coefficients
+from featherfx.solver.step.integrator_kernels import integrator_of
 
 GRID = {"rows": 11, "columns": 4}
 PAIR = [(0, 1), (1, 0)]
@@ -120,4 +120,4 @@ def test_a_feather_that_slipped_through_comes_back_at_the_recovery_speed():
 
 def test_the_steps_estimate_of_inertia_is_the_integrators():
     """The rounds' stiffness relies on inertia = 2 / h^2 at radius 0."""
-    assert integrator_coefficients(0.0, 0.1)[0] == pytest.approx(2.0 / 0.1**2)
+    assert integrator_of(0.0, 0.1).inertia == pytest.approx(2.0 / 0.1**2)

@@ -30,7 +30,7 @@ def run(solver, state, loads, step, count):
 
 def fixed(model, radius):
     newton = 1e-9 * model.length.sum()
-    return Solver(model, Settings(UNLIMITED, newton=newton, radius=radius))
+    return Solver(model, Settings(UNLIMITED, newton=newton, spectral_radius=radius))
 
 
 def plucked(rod, direction, height):

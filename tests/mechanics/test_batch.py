@@ -14,6 +14,7 @@ from featherfx.groom.types import BarbGuide, VaneShape
 from featherfx.mechanics.batch import make_model, row_frames
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.work import make_work
@@ -23,7 +24,7 @@ def strains_of(model, state):
     """Strains of the first feather; the shares of its hinges, behind them, are whole."""
     work = make_work(model)
     load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], work.now)
-    evaluate(model, no_loads(model.feathers), 0, 0.0, (0.0, 0.0, 0.0), work.now, work.around)
+    evaluate(model, no_loads(model.feathers), 0, 0.0, Factors(0.0, 0.0, 0.0), work.now, work.around)
     hinges = 2 * model.rows * model.columns
     strains, shares = np.split(work.now.strains, [len(work.now.strains) - hinges])
     np.testing.assert_array_equal(shares, 1.0)

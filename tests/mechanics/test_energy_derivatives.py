@@ -20,6 +20,7 @@ from featherfx.mechanics.node_kernels import node_energy, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.work import make_work
 
 SEEDS = range(5)
@@ -142,7 +143,7 @@ class Nodes:
         self.around = make_work(self.model).around._replace(
             target=target, past=past, wind=wind, area=area, speed=speed
         )
-        self.factors = (3.0, 2.0, 0.0)
+        self.factors = Factors(3.0, 2.0, 0.0)
         self.force, self.stiff = np.zeros((*shape, 3)), np.zeros((*shape, 6))
         self.size = self.points.size
 

@@ -19,12 +19,13 @@ from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.vane_guard_kernels import ROUNDING, area_ratio, guard_energy, guard_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, load_pose
 from featherfx.solver.work import make_work
 
 REST = np.array([1.3, 0.4, 0.8])
-STILL = (0.0, 0.0, 0.0)
+STILL = Factors(0.0, 0.0, 0.0)
 
 
 def flat_triangle(across: float, along: float) -> np.ndarray:

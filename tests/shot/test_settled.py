@@ -11,7 +11,8 @@ from trial_batches import at_origin, preset_batch
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, no_loads
 from featherfx.shot.settled import settled
-from featherfx.solver.solver import NO_REST, Settings, Solver, hold_roots
+from featherfx.solver.solver import Settings, Solver, hold_roots
+from featherfx.solver.status import NO_REST
 
 AIR = np.array([1.2, 1.2, 0.02, 1.1])
 # across the vane; a swan primary finds no rest in the second
@@ -25,7 +26,7 @@ def in_wind(*speed: float) -> Loads:
 @pytest.fixture
 def solver():
     _, model = preset_batch("swan_primary", count=2)
-    with Solver(model, Settings(tolerance=1e-3, radius=0.5)) as solver:
+    with Solver(model, Settings(tolerance=1e-3, spectral_radius=0.5)) as solver:
         yield solver
 
 
@@ -71,6 +72,6 @@ def test_only_chosen_feathers_are_touched(solver):
 
 def test_one_that_cannot_be_solved_is_named(solver):
     loads, start = in_wind(*STORM), at_origin(solver.model)
-    hurried = Solver(solver.model, Settings(tolerance=1e-3, radius=0.5, max_iterations=2))
+    hurried = Solver(solver.model, Settings(tolerance=1e-3, spectral_radius=0.5, max_iterations=2))
     with pytest.raises(SimulationError, match=r"'?a'?.*Newton iterations"):
         settled(hurried, start, loads, ["a", "b"])

@@ -18,12 +18,13 @@ from trial_batches import (
 
 from featherfx.algebra.rotation import rotation_vectors, turns_to_frames
 from featherfx.mechanics.model import no_loads
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, load_pose
 from featherfx.solver.work import make_work
 
-FACTORS = (500.0, 30.0, 40.0)
-STILL = (0.0, 0.0, 0.0)
+FACTORS = Factors(500.0, 30.0, 40.0)
+STILL = Factors(0.0, 0.0, 0.0)
 SHARE = 0.5
 
 

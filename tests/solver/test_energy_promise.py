@@ -13,6 +13,7 @@ from featherfx.mechanics.model import no_loads, wind_of_each
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.energy_promise_kernels import (
+    Promise,
     held_energy,
     left_alone,
     slow_down,
@@ -39,13 +40,13 @@ def test_energy_with_the_held_part_never_grows_and_bounds_the_plain_one(radius, 
     mass = np.ones((1, 1))
 
     def whole():
-        a, w = trial.smoothed[0, 0, 0], trial.acceleration[0, 0, 0]
+        a, w = trial.motion.smoothed[0, 0, 0], trial.motion.acceleration[0, 0, 0]
         return trial.energy + 0.5 * (s * h * a) ** 2 + 0.25 * ((a - w) / frequency) ** 2
 
     first = whole()
     for _ in range(60):
         before, plain = whole(), trial.energy
-        held = held_energy(mass, h, STILL, trial.v, trial.acceleration, trial.smoothed)
+        held = held_energy(mass, h, STILL, trial.motion)
         trial.step(h)
         assert whole() <= before + 1e-12 * first
         assert trial.energy <= plain + held + 1e-12 * first
@@ -99,12 +100,13 @@ def test_velocities_are_cut_to_the_energy_there_was_or_the_step_fails():
     past[1:, 0, 2] -= 0.1
     kinetic = 0.5 * 100.0 * 0.01 * model.mass[0, 1:, 0].sum()
 
-    def share(energy):
-        return solved_energy(model, loads, 0, STILL, energy, 0.0, 10.0, work.now, past)
+    def kept(energy):
+        promise = Promise(True, STILL, 0.0, energy)
+        return solved_energy(model, loads, 0, promise, 0.0, 10.0, work.now, past)
 
-    assert share(kinetic) == pytest.approx((1.0, kinetic))
-    assert share(0.25 * kinetic) == pytest.approx((0.5, 0.25 * kinetic), rel=1e-6)
-    assert share(-1e-3 * kinetic)[0] == -1.0
+    assert kept(kinetic) == pytest.approx((1.0, kinetic))
+    assert kept(0.25 * kinetic) == pytest.approx((0.5, 0.25 * kinetic), rel=1e-6)
+    assert kept(-1e-3 * kinetic)[0] == -1.0
 
 
 def test_velocities_are_slowed_in_the_frame_of_the_root():
@@ -163,7 +165,7 @@ def test_a_feather_taken_up_in_even_flight_with_its_root_stays_as_it_is(speed):
     state, rest = at_origin(model), at_origin(model).points[0]
     places = [0, *range(3, rest.shape[1])]
     state.velocity[0][:, places, 0] = speed
-    with Solver(model, Settings(radius=0.5)) as solver:
+    with Solver(model, Settings(spectral_radius=0.5)) as solver:
         for _ in range(3):
             path = hold_roots(state)
             path.samples[0, -1, 0] += speed / 24.0

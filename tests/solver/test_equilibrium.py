@@ -11,13 +11,15 @@ from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, r
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.node_kernels import area_vectors
 from featherfx.solver.settle.wind import mixed
-from featherfx.solver.solver import NO_REST, Settings, Solver
+from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.status import NO_REST
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.work import make_work
 
 EARTH = (0.0, 0.0, -9.81)
-STILL = (0.0, 0.0, 0.0)
+STILL = Factors(0.0, 0.0, 0.0)
 SETTINGS = Settings(newton=1e-9)
 
 

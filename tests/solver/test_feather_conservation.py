@@ -60,7 +60,7 @@ def energies(radius: float, periods: int, each: int = 40, start: State | None = 
     state = plucked(model) if start is None else start
     step = 2.0 * np.pi / first_frequency(model, 0) / each
     found = []
-    with Solver(model, Settings(UNLIMITED, newton=1e-9, radius=radius)) as solver:
+    with Solver(model, Settings(UNLIMITED, newton=1e-9, spectral_radius=radius)) as solver:
         # the very first step is implicit Euler's where accelerations are not known: a short one
         state, _ = solver.step(state, no_loads(1), hold_roots(state), 1e-3 * step)
         for k in range(periods * each):
@@ -115,7 +115,7 @@ def test_free_flight_keeps_linear_and_angular_momentum() -> None:
             velocity=velocity, spin=np.broadcast_to(spin, start.spin.shape).copy()
         )
         before = momenta(model, state)
-        with Solver(model, Settings(UNLIMITED, newton=1e-11, radius=0.8)) as solver:
+        with Solver(model, Settings(UNLIMITED, newton=1e-11, spectral_radius=0.8)) as solver:
             for _ in range(steps):
                 state, report = solver.step(state, no_loads(1), hold_roots(state), 0.1 / steps)
                 assert (report.status[0], report.steps[0]) == (0, 1)

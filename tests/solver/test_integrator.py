@@ -11,9 +11,10 @@ from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.integrator_kernels import (
     EULER,
+    Motion,
     begin_step,
     end_step,
-    integrator_coefficients,
+    integrator_of,
     step_error,
 )
 from featherfx.solver.step.modes import frequencies
@@ -27,24 +28,31 @@ class Oscillator:
     def __init__(self, frequency, radius):
         self.square, self.radius = frequency**2, radius
         shape = (1, 1, 3)
-        self.x, self.v = np.zeros(shape), np.zeros(shape)
+        self.motion = Motion(*(np.zeros(shape) for _ in Motion._fields))
         self.target, self.past = np.zeros(shape), np.zeros(shape)
-        self.x[0, 0, 0] = 1.0
-        self.acceleration = -self.square * self.x
-        self.smoothed = self.acceleration.copy()
+        self.motion.points[0, 0, 0] = 1.0
+        for acceleration in (self.motion.acceleration, self.motion.smoothed):
+            acceleration[:] = -self.square * self.motion.points
 
     def step(self, h):
-        begin_step(
-            self.radius, h, self.x, self.v, self.acceleration, self.smoothed, self.target, self.past
-        )
-        inertia = integrator_coefficients(self.radius, h)[0]
-        self.x = inertia * self.target / (inertia + self.square)
-        error = step_error(self.radius, h, self.x, self.acceleration, self.smoothed, self.target)
-        end_step(
-            *(self.radius, h, self.x, self.v, self.acceleration, self.smoothed),
-            *(self.target, self.past),
-        )
+        begin_step(self.radius, h, self.motion, self.target, self.past)
+        inertia = integrator_of(self.radius, h).inertia
+        new = inertia * self.target / (inertia + self.square)
+        return self.end(h, new)
+
+    def end(self, h, new):
+        error = step_error(self.radius, h, self.motion, new, self.target)
+        end_step(self.radius, h, self.motion, new, self.target, self.past)
+        self.motion.points[:] = new
         return error
+
+    @property
+    def x(self):
+        return self.motion.points
+
+    @property
+    def v(self):
+        return self.motion.velocity
 
     @property
     def energy(self):
@@ -117,18 +125,10 @@ def test_constant_acceleration_is_exact():
     trial = Oscillator(0.0, 0.0)
     gravity = np.zeros((1, 1, 3))
     gravity[0, 0, 2] = -9.81
-    trial.acceleration, trial.smoothed = gravity.copy(), gravity.copy()
+    trial.motion.acceleration[:] = trial.motion.smoothed[:] = gravity
     for _ in range(10):
-        begin_step(
-            *(0.0, 0.1, trial.x, trial.v, trial.acceleration, trial.smoothed),
-            *(trial.target, trial.past),
-        )
-        inertia = integrator_coefficients(0.0, 0.1)[0]
-        trial.x = trial.target + gravity / inertia
-        end_step(
-            *(0.0, 0.1, trial.x, trial.v, trial.acceleration, trial.smoothed),
-            *(trial.target, trial.past),
-        )
+        begin_step(0.0, 0.1, trial.motion, trial.target, trial.past)
+        trial.end(0.1, trial.target + gravity / integrator_of(0.0, 0.1).inertia)
     assert trial.x[0, 0, 2] == pytest.approx(-0.5 * 9.81, rel=1e-12)
     assert trial.v[0, 0, 2] == pytest.approx(-9.81, rel=1e-12)
 
@@ -153,7 +153,7 @@ def swinging_rod(steps, settings):
 
 @pytest.mark.parametrize("radius", [0.0, 0.8])
 def test_a_rod_under_growing_gravity_converges_with_the_second_order(radius):
-    settings = Settings(tolerance=1e9, newton=1e-10, max_substeps=1, radius=radius)
+    settings = Settings(tolerance=1e9, newton=1e-10, max_substeps=1, spectral_radius=radius)
     tips = np.array([swinging_rod(steps, settings) for steps in (160, 320, 640, 1280)])
     moves = np.linalg.norm(np.diff(tips, axis=0), axis=1)
     assert tips[-1][2] < -0.3

@@ -8,6 +8,7 @@ from trial_batches import random_turn, rotation_of
 
 from featherfx.algebra.rotation import turns_to_frames
 from featherfx.solver.step.root_kernels import root_at
+from featherfx.solver.step.root_path import RootPath
 
 SHARES = np.linspace(0.0, 1.0, 23)
 
@@ -17,7 +18,7 @@ def followed(path, base):
     centres, frames = [], []
     for share in SHARES:
         turn, centre = np.zeros(4), np.zeros(3)
-        root_at(path, base, share, turn, centre)
+        root_at(RootPath(path[None], base[None]), 0, share, turn, centre)
         centres.append(centre)
         frames.append(turns_to_frames(turn))
     return np.array(centres), np.array(frames)
@@ -71,7 +72,7 @@ def test_samples_are_met():
     path[0, 3:] = 0.0
     for k in range(4):
         turn, centre = np.zeros(4), np.zeros(3)
-        root_at(path, base, k / 3.0, turn, centre)
+        root_at(RootPath(path[None], base[None]), 0, k / 3.0, turn, centre)
         assert centre == pytest.approx(path[k, :3], abs=1e-12)
         exact = rotation_of(path[k, 3:]) @ turns_to_frames(base)
         assert turns_to_frames(turn) == pytest.approx(exact, abs=1e-12)

@@ -11,8 +11,7 @@ from typing import Any
 
 from featherfx.errors import InputError, Problem
 from featherfx.lab.bench.stress import ENERGY_SLACK, WORST
-from featherfx.solver.solver import reason_of
-from featherfx.solver.step.newton_kernels import CONVERGED, TOO_MUCH_WORK
+from featherfx.solver.status import CONVERGED, TOO_MUCH_WORK, reason_of
 
 FILE = "stress_cases.jsonl"
 Record = dict[str, Any]

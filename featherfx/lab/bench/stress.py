@@ -15,9 +15,10 @@ from featherfx.lab.bench.cases import Case, draw_case, pose_strains
 from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
+from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.energy_kernels import elastic_energy
 from featherfx.solver.step.energy_promise_kernels import held_energy
-from featherfx.solver.step.newton_kernels import CONVERGED
+from featherfx.solver.step.integrator_kernels import motion_of
 from featherfx.solver.step.pose_kernels import material_points
 
 Array = NDArray[np.float64]
@@ -150,8 +151,7 @@ def _energy_gain(case: Case, before: State, after: State) -> float:
 def _held(case: Case, before: State, steps: int) -> float:
     """Energy in the accelerations at the begin of a frame of so many steps, as the same share."""
     h, still = case.duration / max(steps, 1), (0.0, 0.0, 0.0)
-    rates = before.velocity[0], before.acceleration[0], before.smoothed[0]
-    held = float(held_energy(case.model.mass[0], h, still, *rates))
+    held = float(held_energy(case.model.mass[0], h, still, motion_of(before, 0)))
     return held / _all_energy(case, energies(case.model, before, case.loads))
 
 

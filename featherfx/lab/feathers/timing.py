@@ -17,10 +17,10 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.state import State
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.vane.pairs_kernels import WHOLE
 
 TIMED_ITERATIONS, TIMED_RUNS = 10, 8
-Factors = tuple[float, float, float]
 # repeat(factors, solve, count): that many iterations, with the factorisation if solve
 Repeat = Callable[[Factors, bool, int], object]
 
@@ -44,7 +44,7 @@ def nodal_repeat(model: Model, nodal: NodalModel, loads: Loads, state: NodalStat
 
 def iteration_seconds(repeat: Repeat, step: float) -> tuple[float, float]:
     """Seconds of one assembly, and of one factorisation with solution; step: s, of the inertia."""
-    factors = (1.0 / step**2, 1.0 / step, 1.0 / step)
+    factors = Factors(1.0 / step**2, 1.0 / step, 1.0 / step)
     seconds = []
     for solve in (False, True):
         repeat(factors, solve, 1)

@@ -133,10 +133,10 @@ def _add_triangle(
 
 
 @shared_kernel
-def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work):
+def nodal_assemble(model, nodal, loads, f, fraction, factors, signed, before, work):
     """Hessian of nodal_step_energy at work.now to work.system.band, minus gradient to right.
 
-    factors: (inertia, rate, strain rate) of the integrator. signed: whether geometric stiffness of
+    factors: of the integrator. signed: whether geometric stiffness of
     compression is included, too. before: (S,) strains of the iterate before, for what both agree
     on; pose.strains itself for the exact geometric stiffness.
     """
@@ -145,8 +145,8 @@ def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work)
     system.band[:] = 0.0
     system.right[:] = 0.0
     node_forces(model, loads, f, factors, pose.points, around, work.force, work.stiff)
-    add_grip_forces(loads, f, share, pose.points, work.force, work.stiff)
-    add_dead_forces(loads, f, share, work.force)
+    add_grip_forces(loads, f, fraction, pose.points, work.force, work.stiff)
+    add_dead_forces(loads, f, fraction, work.force)
     _, _, cells_at, _ = sections(pose.points.shape[0], model.joints.shape[3])
     add_guard_forces(
         model.cell_guard[f],
@@ -158,11 +158,11 @@ def nodal_assemble(model, nodal, loads, f, share, factors, signed, before, work)
     )
     add_points(nodal.slot[f], pose.points, work.force, work.stiff, system)
     if nodal.shaft:
-        damping = model.retardation[f, 0] * factors[2]
+        damping = model.retardation[f, 0] * factors.strain_rate
         add_rachis(
             model, f, nodal.slot[f], pose, before, reference, damping, signed, element, system
         )
-    damping = model.retardation[f, 1] * factors[2]
+    damping = model.retardation[f, 1] * factors.strain_rate
     add_stretch(
         nodal, f, pose, before, reference, work.multiplier, damping, signed, element, system
     )

@@ -169,17 +169,17 @@ def nodal_elastic_energy(model, nodal, f, strains, reference, multiplier, strain
 
 
 @kernel
-def nodal_step_energy(model, nodal, loads, f, share, factors, pose, work):
+def nodal_step_energy(model, nodal, loads, f, fraction, factors, pose, work):
     """Energy that an implicit step minimises, of a pose whose strains are known (J).
 
-    factors: (inertia, rate, strain rate) of the integrator. share: of the frame, for the grips.
+    factors: of the integrator. fraction: of the frame, for the grips.
     """
     around = work.around
     return (
         nodal_elastic_energy(
-            model, nodal, f, pose.strains, around.reference, work.multiplier, factors[2]
+            model, nodal, f, pose.strains, around.reference, work.multiplier, factors.strain_rate
         )
-        + grip_energy(loads, f, share, pose.points)
-        + dead_energy(loads, f, share, pose.points)
+        + grip_energy(loads, f, fraction, pose.points)
+        + dead_energy(loads, f, fraction, pose.points)
         + node_energy(model, loads, f, factors, pose.points, around)
     )

@@ -23,15 +23,9 @@ from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
 from featherfx.lab.nodal.energy_kernels import nodal_step_energy, nodal_strains, sections
 from featherfx.mechanics.rachis_kernels import rachis_gradient
+from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.newton_kernels import (
-    CONVERGED,
-    HALVINGS,
-    NOT_CONVERGED,
-    NOT_DEFINITE,
-    NOT_FINITE,
-    largest_move,
-)
+from featherfx.solver.step.newton_kernels import HALVINGS, Solved, largest_move
 from featherfx.solver.step.pose_kernels import chain, store_directors, turn_by
 
 # largest strain of an inextensible segment
@@ -147,10 +141,10 @@ def move_by(model, nodal, f, now, step, factor, straight, element, trial):
 
 
 @shared_kernel
-def evaluate(model, nodal, loads, f, share, factors, pose, work):
+def evaluate(model, nodal, loads, f, fraction, factors, pose, work):
     """Strains of a pose from its points and frames, and its energy (J)."""
     nodal_strains(model, nodal, f, pose, work.element.frame)
-    return nodal_step_energy(model, nodal, loads, f, share, factors, pose, work)
+    return nodal_step_energy(model, nodal, loads, f, fraction, factors, pose, work)
 
 
 @kernel
@@ -176,11 +170,11 @@ def _raise_multipliers(nodal, f, strains, multiplier):
 
 
 @kernel
-def _solve(model, nodal, loads, f, share, factors, textbook, work):
+def _solve(model, nodal, loads, f, fraction, factors, textbook, work):
     """Increment of the unknowns to work.system.right; returns whether it could be had."""
     system, before = work.system, work.now.strains if textbook else work.before
     for attempt in range(1 if textbook else 0, 3):
-        nodal_assemble(model, nodal, loads, f, share, factors, attempt == 0, before, work)
+        nodal_assemble(model, nodal, loads, f, fraction, factors, attempt == 0, before, work)
         if attempt == 2:
             # what nothing holds, such as a strip turning about its pinned end, is rounding error
             for a in range(system.right.shape[0]):
@@ -192,21 +186,21 @@ def _solve(model, nodal, loads, f, share, factors, textbook, work):
 
 
 @shared_kernel
-def nodal_minimise(model, nodal, loads, f, share, factors, tolerance, limit, textbook, work):
+def nodal_minimise(model, nodal, loads, f, fraction, factors, tolerance, limit, textbook, work):
     """Bring the pose work.now to the minimum of nodal_step_energy.
 
-    work.before: strains of the last converged pose. factors: (inertia, rate, strain rate) of the
-    integrator. tolerance: m, the move of a Newton step that counts as converged. limit: most
-    iterations. textbook: which method. Returns (status, iterations, last move).
+    work.before: strains of the last converged pose. fraction: of the frame. tolerance: m, the move
+    of a Newton step that counts as converged. limit: most iterations. textbook: which method.
+    Returns Solved; each iteration has a matrix of its own.
     """
     now, trial = work.now, work.trial
-    energy = evaluate(model, nodal, loads, f, share, factors, now, work)
+    energy = evaluate(model, nodal, loads, f, fraction, factors, now, work)
     move = 0.0
     for iteration in range(1, limit + 1):
         if not isfinite(energy):
-            return NOT_FINITE, iteration, move
-        if not _solve(model, nodal, loads, f, share, factors, textbook, work):
-            return NOT_DEFINITE, iteration, move
+            return Solved(NOT_FINITE, iteration, iteration, move)
+        if not _solve(model, nodal, loads, f, fraction, factors, textbook, work):
+            return Solved(NOT_DEFINITE, iteration, iteration, move)
         scale = 1.0
         for _ in range(HALVINGS if textbook else 1):
             move_by(
@@ -220,7 +214,7 @@ def nodal_minimise(model, nodal, loads, f, share, factors, tolerance, limit, tex
                 work.element,
                 trial,
             )
-            new = evaluate(model, nodal, loads, f, share, factors, trial, work)
+            new = evaluate(model, nodal, loads, f, fraction, factors, trial, work)
             move = largest_move(now.points, trial.points, model.length[f, 0]) / scale
             slack = 1e-9 * (abs(energy) + abs(new))
             if isfinite(new) and (new <= energy + slack or move < tolerance):
@@ -231,7 +225,7 @@ def nodal_minimise(model, nodal, loads, f, share, factors, tolerance, limit, tex
         energy = new
         if move < tolerance:
             if not nodal.inextensible:
-                return CONVERGED, iteration, move
+                return Solved(CONVERGED, iteration, iteration, move)
             if _raise_multipliers(nodal, f, now.strains, work.multiplier) < INEXTENSIBLE:
-                return CONVERGED, iteration, move
-    return NOT_CONVERGED, limit, move
+                return Solved(CONVERGED, iteration, iteration, move)
+    return Solved(NOT_CONVERGED, limit, limit, move)

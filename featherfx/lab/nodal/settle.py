@@ -10,8 +10,9 @@ from featherfx.lab.nodal.step_kernels import keep_state, load_state
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.settle.settle import FIRST, GROWTH, LAST, SHORTEST, STEPS
+from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.newton_kernels import CONVERGED
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.start import INSTANT
 
 
@@ -20,7 +21,7 @@ def nodal_settle(
     nodal: NodalModel,
     loads: Loads,
     f: int,
-    share: float,
+    fraction: float,
     state: NodalState,
     tolerance: float,
     limit: int,
@@ -44,11 +45,11 @@ def nodal_settle(
         if loads.air[0] > 0.0:
             time, still = state.time[f], state.velocity[f]
             blow(now.points, time, loads, f, still, model.cell_stiffness[f], around)
-        factors = (1.0 / (h * h), 1.0 / h, 0.0)
-        status, count, _ = nodal_minimise(
-            model, nodal, loads, f, share, factors, tolerance, limit, textbook, work
+        factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
+        solved = nodal_minimise(
+            model, nodal, loads, f, fraction, factors, tolerance, limit, textbook, work
         )
-        iterations += count
+        status, iterations = solved.status, iterations + solved.iterations
         if status != CONVERGED:
             h *= 0.25
             if h < SHORTEST:
@@ -81,7 +82,7 @@ def nodal_system(
     around.target[:] = now.points
     around.past[:] = now.points
     around.reference[:] = 0.0
-    factors = (inertia, 0.0, 0.0)
+    factors = Factors(inertia, 0.0, 0.0)
     energy = evaluate(model, nodal, loads, f, 0.0, factors, now, work)
     nodal_assemble(model, nodal, loads, f, 0.0, factors, True, now.strains, work)
     return float(energy)

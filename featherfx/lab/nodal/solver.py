@@ -14,8 +14,8 @@ from featherfx.lab.nodal.settle import nodal_settle, nodal_start, nodal_system
 from featherfx.lab.nodal.state import NodalState, NodalWork, make_nodal_work
 from featherfx.lab.nodal.step_kernels import nodal_advance
 from featherfx.mechanics.model import Loads, Model, wind_of_each
-from featherfx.solver.solver import RootPath, Settings, StepReport
-from featherfx.solver.step.retry_kernels import COUNTERS
+from featherfx.solver.solver import HARD, RootPath, Settings, StepReport, step_settings
+from featherfx.solver.state import no_steps
 
 Array = NDArray[np.float64]
 Method = Literal["improved", "textbook"]
@@ -63,14 +63,9 @@ class NodalSolver:
         A feather that cannot be solved stays at its last good sub-step and has a status in the
         report: see raise_if_failed of featherfx/solver/solver.py.
         """
-        settings = self.settings
-        shortest = duration / settings.max_substeps
-        limit = LIMITS[self.method]
-        values = np.array(
-            [settings.radius, settings.newton, limit, settings.tolerance, shortest], dtype=float
-        )
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
-        counters = np.zeros((self.model.feathers, COUNTERS))
+        report, limit = no_steps(self.model.feathers), LIMITS[self.method]
+        hard = limit if self._textbook else HARD
         for f in range(self.model.feathers):
             if new.step[f] == 0.0:
                 nodal_start(self.model, self.nodal, loads, f, duration, new, self._work)
@@ -79,24 +74,22 @@ class NodalSolver:
                 self.nodal,
                 loads,
                 f,
-                duration,
-                path.samples[f],
-                path.base[f],
+                path,
                 new,
-                values,
+                step_settings(self.settings, duration, self.model.length[f], limit, hard),
                 self._textbook,
                 self._work,
-                counters[f],
+                report,
             )
-        return new, StepReport(*counters.T)
+        return new, report
 
     def equilibrium(
-        self, state: NodalState, loads: Loads, share: float = 0.0
+        self, state: NodalState, loads: Loads, fraction: float = 0.0
     ) -> tuple[NodalState, Array, Array]:
         """Bring all feathers to rest under their loads; the given state is not changed.
 
-        share: 0..1, place within the loads' frame (grips). Returns the state, and per feather the
-        status (0: at rest within settings.newton) and the Newton iterations.
+        fraction: 0..1, place within the loads' frame (grips). Returns the state, and per feather
+        the status (0: at rest within settings.newton) and the Newton iterations.
         """
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         status = np.zeros(self.model.feathers)
@@ -107,7 +100,7 @@ class NodalSolver:
                 self.nodal,
                 loads,
                 f,
-                share,
+                fraction,
                 new,
                 self.settings.newton,
                 SETTLE_LIMITS[self.method],

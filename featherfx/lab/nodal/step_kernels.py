@@ -14,22 +14,26 @@ from featherfx.algebra.vec3_kernels import add, over, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.newton_kernels import gather, nodal_minimise, set_directors
 from featherfx.mechanics.node_kernels import blow
-from featherfx.solver.step.frame_kernels import coarse_error, strain_rate_of
+from featherfx.solver.status import CONVERGED
+from featherfx.solver.step.energy_promise_kernels import Promise
+from featherfx.solver.step.frame_kernels import strain_rate_of
 from featherfx.solver.step.integrator_kernels import (
     EULER,
+    Factors,
     begin_step,
     end_step,
-    integrator_coefficients,
+    integrator_of,
+    motion_of,
     step_error,
 )
-from featherfx.solver.step.newton_kernels import CONVERGED
 from featherfx.solver.step.pose_kernels import turn_by
 from featherfx.solver.step.retry_kernels import (
     BACKWARD,
     FOLLOW,
     GO_ON,
-    HARD,
-    STEPS,
+    TAKEN,
+    Attempt,
+    Outcome,
     after_step,
     count_try,
     judge,
@@ -38,7 +42,7 @@ from featherfx.solver.step.retry_kernels import (
 )
 from featherfx.solver.step.root_kernels import root_at
 
-# beside the options of step_kernels: start at the last pose
+# beside the ways of solver/step/retry_kernels.py: start at the last pose
 STAY = -1
 
 
@@ -96,32 +100,23 @@ def _follow_root(before, start, turn, centre, pose):
 
 
 @kernel
-def _predict(model, nodal, loads, f, share, h, radius, option, path, base, state, work):
+def _predict(model, nodal, loads, f, path, attempt, state, work):
     """Set up a step: pose work.now, surroundings; returns the factors of the integrator.
 
-    option: GO_ON: the rates go on, STAY: the last pose, else rigidly with the root.
+    attempt.way: GO_ON: the rates go on, STAY: the last pose, else rigidly with the root.
     """
-    now, around = work.now, work.around
+    now, around, h, way = work.now, work.around, attempt.h, attempt.way
     load_state(state, f, work)
-    begin_step(
-        radius,
-        h,
-        state.points[f],
-        state.velocity[f],
-        state.acceleration[f],
-        state.smoothed[f],
-        around.target,
-        around.past,
-    )
+    begin_step(attempt.spectral_radius, h, motion_of(state, f), around.target, around.past)
     strain_rate = strain_rate_of(h, state.step[f], state.strains[f], around.reference)
-    if option == GO_ON:
+    if way == GO_ON:
         _go_on(h, nodal.slot[f], state.spin[f], state.velocity[f], now)
     if model.held[f]:
         # scratch of the elements, which are not in use yet
         turn, centre = work.element.matrix[0], work.element.matrix[1]
-        root_at(path, base, share, turn, centre)
+        root_at(path, f, attempt.fraction, turn, centre)
         same_sign(state.turn[f, 0], turn)
-        if option >= FOLLOW:
+        if way >= FOLLOW:
             _follow_root(state.turn[f, 0], state.points[f, 0, 0], turn, centre, now)
         _pin(nodal, f, now, turn, centre)
     gather(nodal.present[f], now.points)
@@ -136,23 +131,16 @@ def _predict(model, nodal, loads, f, share, h, radius, option, path, base, state
             model.cell_stiffness[f],
             around,
         )
-    factors = integrator_coefficients(radius, h)
-    return factors[0], factors[1], strain_rate
+    method = integrator_of(attempt.spectral_radius, h)
+    return Factors(method.inertia, method.rate, strain_rate)
 
 
 @kernel
-def _accept(f, h, radius, state, work):
+def _accept(f, attempt, state, work):
     """The solved step becomes the state."""
-    now, around = work.now, work.around
+    now, around, h = work.now, work.around, attempt.h
     end_step(
-        radius,
-        h,
-        now.points,
-        state.velocity[f],
-        state.acceleration[f],
-        state.smoothed[f],
-        around.target,
-        around.past,
+        attempt.spectral_radius, h, motion_of(state, f), now.points, around.target, around.past
     )
     for i in range(now.turn.shape[0]):
         change = multiply(now.turn[i], conjugate(state.turn[f, i]))
@@ -173,44 +161,52 @@ def keep_state(f, state, work):
 
 
 @kernel
-def nodal_advance(
-    model, nodal, loads, f, duration, path, base, state, settings, textbook, work, counters
-):
-    """Bring feather f of the state through one frame of the given duration (s), in place.
+def nodal_advance(model, nodal, loads, f, path, state, settings, textbook, work, report):
+    """Bring feather f of the state through one frame, in place.
 
-    As advance of solver/step/frame_kernels.py, which explains path, base, settings, counters
-    and the status that is returned.
+    As advance of solver/step/frame_kernels.py, which explains path, settings, report and the status
+    that is returned.
     """
-    hard = int(settings[2]) if textbook else HARD
-    limits = (min(settings[4], duration), settings[3], coarse_error(model.length[f]), hard)
+    duration = settings.duration
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
     # the textbook method begins every step at the last pose, so there is nothing else to try
     first = FOLLOW if textbook else GO_ON
-    done, option, limit = 0.0, first, int(settings[2])
+    done, way = 0.0, first
+    promise = Promise(False, (0.0, 0.0, 0.0), 0.0, 0.0)
     while done < duration * (1.0 - 1e-9):
-        step, share = next_step(h, done, duration)
+        step, fraction = next_step(h, done, duration)
         if state.step[f] <= 0.0:
             # there are no rates to go on with
-            option = max(option, FOLLOW)
-        radius = EULER if option == BACKWARD else settings[0]
-        place = STAY if textbook else option
+            way = max(way, FOLLOW)
+        radius = EULER if way == BACKWARD else settings.spectral_radius
+        attempt = Attempt(step, fraction, way, radius, settings.iterations, promise)
+        place = Attempt(step, fraction, STAY, radius, settings.iterations, promise)
         factors = _predict(
-            model, nodal, loads, f, share, step, radius, place, path, base, state, work
+            model, nodal, loads, f, path, place if textbook else attempt, state, work
         )
-        status, iterations, move = nodal_minimise(
-            model, nodal, loads, f, share, factors, settings[1], limit, textbook, work
+        solved = nodal_minimise(
+            model,
+            nodal,
+            loads,
+            f,
+            fraction,
+            factors,
+            settings.newton,
+            settings.iterations,
+            textbook,
+            work,
         )
-        # each iteration has its matrix
-        work_done = (iterations, iterations)
-        now, target = work.now.points, work.around.target
-        error = step_error(radius, step, now, state.acceleration[f], state.smoothed[f], target)
-        verdict, h, option = judge(h, step, option, first, status, error, limits)
-        count_try(counters, verdict, option, work_done, error, limits, move)
-        if verdict == STEPS:
-            _accept(f, step, radius, state, work)
+        error = step_error(radius, step, motion_of(state, f), work.now.points, work.around.target)
+        outcome = Outcome(
+            solved.status, solved.iterations, solved.matrices, solved.move, error, 1.0, 0.0
+        )
+        verdict, h, way = judge(h, first, attempt, outcome, settings)
+        count_try(report, f, verdict, attempt, outcome, settings)
+        if verdict == TAKEN:
+            _accept(f, attempt, state, work)
             done += step
-            h, option = after_step(step, option, first, error, limits, work_done)
+            h, way = after_step(first, attempt, outcome, settings)
         elif h == 0.0:
-            return stop(counters, status)
+            return stop(report, f, outcome.status)
     state.proposal[f] = h
     return CONVERGED

@@ -29,6 +29,7 @@ from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_faile
 from featherfx.solver.state import State
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.energy_kernels import elastic_energy
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.modes import first_frequency, frequencies
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
@@ -47,7 +48,7 @@ SUBSTEPS = 1_000_000
 # Euler's, which would take energy from the rod
 START = 1e-3
 # factors of velocity and acceleration in the forces: none
-STATIC = (0.0, 0.0, 0.0)
+STATIC = Factors(0.0, 0.0, 0.0)
 NAME = "rod"
 
 

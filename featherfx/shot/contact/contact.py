@@ -255,7 +255,7 @@ def _slept(
 def _summed(parts: Sequence[StepReport]) -> StepReport:
     """Reports of one batch's steps within a frame as one: counts add, the rest is the largest."""
     columns = {}
-    for name in StepReport.__dataclass_fields__:
+    for name in StepReport._fields:
         values = np.stack([getattr(part, name) for part in parts])
         largest = name in ("error", "move", "status")
         columns[name] = values.max(axis=0) if largest else values.sum(axis=0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from featherfx.solver.contact.interval import ContactReport
 from featherfx.solver.solver import StepReport, raise_if_failed
-from featherfx.solver.step.newton_kernels import TOO_MUCH_WORK
+from featherfx.solver.status import TOO_MUCH_WORK
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -50,7 +50,7 @@ from featherfx.solver.contact.surfaces import (
 from featherfx.solver.contact.wall import Wall
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
-from featherfx.solver.step.integrator_kernels import integrator_coefficients
+from featherfx.solver.step.integrator_kernels import integrator_of
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
@@ -239,7 +239,7 @@ class ContactSolver:
     ) -> int:
         """Search for contacts, again only for stale bodies; the room for them grows."""
         settings = self.settings
-        inertia = integrator_coefficients(self.solvers[0].settings.radius, duration)[0]
+        inertia = integrator_of(self.solvers[0].settings.spectral_radius, duration).inertia
         impedance = FIT * (inertia * self._mass + self._elastic)
         self._found_in = memory._replace(inside=memory.inside.copy())
         found = list_contacts(

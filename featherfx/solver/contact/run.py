@@ -12,17 +12,8 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import Contacts, Loads
 from featherfx.solver.contact.grids import Grids
 from featherfx.solver.settle.take_up import carry_to
-from featherfx.solver.solver import Solver, StepReport, report_of
-from featherfx.solver.state import State
-from featherfx.solver.step.retry_kernels import (
-    COUNTERS,
-    FAILED,
-    FALLBACKS,
-    ITERATIONS,
-    MATRICES,
-    REJECTED,
-    STATUS,
-)
+from featherfx.solver.solver import Solver
+from featherfx.solver.state import State, StepReport, no_steps
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
@@ -31,16 +22,16 @@ Flags = NDArray[np.bool_]
 
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
 MOST_ITERATIONS = 1000
-# columns of a feather's counters that add up over its solves; of the others the last one's holds
-SUMS = [ITERATIONS, MATRICES, REJECTED, FAILED, FALLBACKS]
+# counts of a report that add up over a feather's solves; of the others the last one's holds
+SUMS = ("iterations", "matrices", "rejected", "failed", "fallbacks")
 
 
 class Run:
     """Where the batches started, and where the last iterate stands.
 
     solvers: of the batches. grids: theirs. duration: s. substeps: most regular steps of a feather
-    within it. start, now: (B, n, P, 3) m, all bodies on the widest grid. counters:
-    (B, COUNTERS), of all solves.
+    within it. start, now: (B, n, P, 3) m, all bodies on the widest grid. report:
+    of all solves and bodies.
     """
 
     def __init__(
@@ -71,7 +62,7 @@ class Run:
         velocity = grids.together([state.velocity for state in self.old])
         self.now = self.start + duration * velocity
         self.solves = 0
-        self.counters = np.zeros((grids.bodies, COUNTERS))
+        self.report = no_steps(grids.bodies)
 
     def solve(self, mine: Flags, contacts: Contacts) -> None:
         """Solve the bodies mine anew from the interval's start. contacts: of all bodies.
@@ -88,7 +79,7 @@ class Run:
             loads = self.loads[g]._replace(contacts=own)
             old, new = self.old[g], self.new[g]
             solver.begin(old, loads, self.paths[g], self.duration, feathers.tolist())
-            counters = solver.advance(
+            report = solver.advance(
                 new,
                 loads,
                 self.paths[g],
@@ -102,18 +93,23 @@ class Run:
             # the next try starts from this pose: rates that lead there
             old.spin[feathers] = new.spin[feathers]
             old.coefficient_rate[feathers] = new.coefficient_rate[feathers]
-            self._count(low + feathers, counters[feathers])
+            self._count(low, feathers, report)
 
-    def _count(self, bodies: Indices, counters: Array) -> None:
-        before = self.counters[bodies]
-        total = counters.copy()
-        total[:, SUMS] += before[:, SUMS]
-        total[:, STATUS] = np.maximum(total[:, STATUS], before[:, STATUS])
-        self.counters[bodies] = total
+    def _count(self, low: int, feathers: Indices, report: StepReport) -> None:
+        for name, total, new in zip(report._fields, self.report, report, strict=True):
+            bodies, more = low + feathers, new[feathers]
+            if name in SUMS:
+                more = more + total[bodies]
+            elif name == "status":
+                more = np.maximum(more, total[bodies])
+            total[bodies] = more
 
     def failed(self) -> bool:
-        return bool(self.counters[:, STATUS].any())
+        return bool(self.report.status.any())
 
     def reports(self) -> list[StepReport]:
         """Per batch, all solves of the interval as one report: counts add, the last error holds."""
-        return [report_of(self.counters[low:high]) for low, high in pairwise(self.grids.first)]
+        return [
+            StepReport(*(each[low:high] for each in self.report))
+            for low, high in pairwise(self.grids.first)
+        ]

@@ -11,7 +11,7 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.settle.still_steps import Rest
 from featherfx.solver.settle.wind import settle_in_wind
 from featherfx.solver.state import State
-from featherfx.solver.step.newton_kernels import CONVERGED, NOT_CONVERGED
+from featherfx.solver.status import CONVERGED, NOT_CONVERGED
 from featherfx.solver.work import Work
 
 FIRST, LAST, SHORTEST, GROWTH = 1e-2, 1e4, 1e-7, 8.0  # step lengths, s
@@ -19,14 +19,14 @@ ITERATIONS, STEPS = 100, 80
 
 
 def settle(
-    model: Model, loads: Loads, f: int, share: float, state: State, tolerance: float, work: Work
+    model: Model, loads: Loads, f: int, fraction: float, state: State, tolerance: float, work: Work
 ) -> tuple[int, int]:
     """Bring feather f of the state to rest, in place; its velocities become zero.
 
-    share: 0..1, place within the loads' frame. tolerance: m, distance of a step from its solution.
-    Returns (Newton status or NO_REST, iterations).
+    fraction: 0..1, place within the loads' frame. tolerance: m, distance of a step from its
+    solution. Returns (Newton status or NO_REST, iterations).
     """
-    rest = Rest(model, loads, f, share, state, tolerance, work)
+    rest = Rest(model, loads, f, fraction, state, tolerance, work)
     blowing = bool(loads.wind_mean[f].any() or loads.wind_amplitude.any())
     in_wind = loads.air[0] > 0.0 and blowing
     status = settle_in_wind(rest) if in_wind else _settle_still(rest)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.state import State
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import minimise
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.work import Work
@@ -26,12 +27,12 @@ class Rest:
         model: Model,
         loads: Loads,
         f: int,
-        share: float,
+        fraction: float,
         state: State,
         tolerance: float,
         work: Work,
     ) -> None:
-        self.model, self.loads, self.f, self.share = model, loads, f, share
+        self.model, self.loads, self.f, self.fraction = model, loads, f, fraction
         self.state, self.tolerance, self.work = state, tolerance, work
         self.iterations = 0
         _stop(f, state)
@@ -62,19 +63,19 @@ class Rest:
         now, around = self.work.now, self.work.around
         around.target[:] = now.points
         around.past[:] = now.points
-        factors = (1.0 / (h * h), 1.0 / h, 0.0)
-        status, count, _, _ = minimise(
+        factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
+        solved = minimise(
             self.model,
             self.loads,
             self.f,
-            self.share,
+            self.fraction,
             factors,
             self.tolerance,
             limit,
             self.work,
         )
-        self.iterations += count
-        return int(status)
+        self.iterations += solved.iterations
+        return int(solved.status)
 
 
 def _stop(f: int, state: State) -> None:

@@ -22,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.solver.settle.still_steps import Rest
-from featherfx.solver.step.newton_kernels import CONVERGED
+from featherfx.solver.status import CONVERGED, NO_REST
 
 Array = NDArray[np.float64]
 
-NO_REST = 5  # a status, beside Newton's
 STATIC = 1e4  # s, a step after which hardly any inertia is left
 DEPTH, MIXED, RIDGE = 6, 0.3, 1e-10
 # share of all areas that counts as no change; mixing steps; as many as may pass without progress

@@ -101,15 +101,15 @@ def _hold_root(wanted, system):
 
 
 @kernel
-def _add_nodes(model, loads, f, share, factors, shift, work):
+def _add_nodes(model, loads, f, fraction, factors, shift, work):
     """Forces and stiffnesses of single nodes to work.force and work.stiff."""
     points, around = work.now.points, work.around
     node_forces(model, loads, f, factors, points, around, work.force, work.stiff)
     if shift > 0.0:
-        _add_inertia(shift * factors[0], model.mass[f], work.stiff)
-    add_grip_forces(loads, f, share, points, work.force, work.stiff)
-    add_dead_forces(loads, f, share, work.force)
-    add_contact_forces(loads.contacts, f, share, points, work.force, work.stiff)
+        _add_inertia(shift * factors.inertia, model.mass[f], work.stiff)
+    add_grip_forces(loads, f, fraction, points, work.force, work.stiff)
+    add_dead_forces(loads, f, fraction, work.force)
+    add_contact_forces(loads.contacts, f, fraction, points, work.force, work.stiff)
 
 
 @kernel
@@ -137,13 +137,13 @@ def _add_vane(model, f, damping, wanted, work):
 
 
 @shared_kernel
-def assemble(model, loads, f, share, factors, wanted, shift, work):
+def assemble(model, loads, f, fraction, factors, wanted, shift, work):
     """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
 
-    share: of the frame, for the grips. factors: (inertia, rate, strain rate) of the integrator.
+    fraction: of the frame, for the grips. factors: of the integrator.
     wanted: WHOLE, with the geometric stiffness of compression: then the Hessian may be indefinite,
     but Newton converges where a vane wrinkles; STABILISING, without; FORCES_ONLY: right alone, the
-    band stays as it is. shift: inertia that is added to the Hessian alone, as a share of the
+    band stays as it is. shift: inertia that is added to the Hessian alone, as a part of the
     integrator's.
     """
     pose, around, system = work.now, work.around, work.system
@@ -151,9 +151,9 @@ def assemble(model, loads, f, share, factors, wanted, shift, work):
     if wanted != FORCES_ONLY:
         system.band[:] = 0.0
     system.right[:] = 0.0
-    _add_nodes(model, loads, f, share, factors, shift, work)
+    _add_nodes(model, loads, f, fraction, factors, shift, work)
     if model.joints.shape[3] > 0:
-        _add_vane(model, f, model.retardation[f, 1] * factors[2], wanted, work)
+        _add_vane(model, f, model.retardation[f, 1] * factors.strain_rate, wanted, work)
     for i in range(rows):
         at = i * row_size
         _subtract_node_forces(i, pose.points, work.force, system.right[at : at + 6])
@@ -166,7 +166,7 @@ def assemble(model, loads, f, share, factors, wanted, shift, work):
             model.length[f, i],
             model.rachis_stiffness[f, i],
             around.reference[6 * i :],
-            model.retardation[f, 0] * factors[2],
+            model.retardation[f, 0] * factors.strain_rate,
             wanted,
             work.beam,
             system,

@@ -137,15 +137,15 @@ def elastic_energy(model, f, strains, reference, strain_rate):
 
 
 @kernel
-def step_energy(model, loads, f, share, factors, pose, around):
+def step_energy(model, loads, f, fraction, factors, pose, around):
     """Energy that an implicit step minimises, of a pose whose strains are known (J).
 
-    factors: (inertia, rate, strain rate) of the integrator. share: of the frame, for the grips.
+    factors: of the integrator. fraction: of the frame, for the grips.
     """
     return (
-        elastic_energy(model, f, pose.strains, around.reference, factors[2])
-        + grip_energy(loads, f, share, pose.points)
-        + dead_energy(loads, f, share, pose.points)
-        + contact_energy(loads.contacts, f, share, pose.points)
+        elastic_energy(model, f, pose.strains, around.reference, factors.strain_rate)
+        + grip_energy(loads, f, fraction, pose.points)
+        + dead_energy(loads, f, fraction, pose.points)
+        + contact_energy(loads.contacts, f, fraction, pose.points)
         + node_energy(model, loads, f, factors, pose.points, around)
     )

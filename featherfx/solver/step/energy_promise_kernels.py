@@ -20,18 +20,30 @@ nonlinear systems ripple as much for small s, too.
 """
 
 from math import sqrt
+from typing import NamedTuple
 
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy
 from featherfx.solver.step.energy_kernels import elastic_energy
 
-# Newton's status of a step whose energy would grow
-GREW = 6
 # growth that round-off and Newton's tolerance may cause, share of the energy that there is, and
 # rounding of a strain (1 or rad)
 ROUNDING, STRAIN = 1e-8, 1e-11
 # m over m, by which a path may leave the even motion that it is taken for
 EVEN = 1e-12
+
+
+class Promise(NamedTuple):
+    """What the steps of a frame may not gain.
+
+    alone: whether anything is promised. drift: (x, y, z) m/s, velocity of the root. rounding: J, by
+    which round-off may raise the energy. energy: T + U now, J.
+    """
+
+    alone: bool
+    drift: tuple[float, float, float]
+    rounding: float
+    energy: float
 
 
 @kernel
@@ -60,7 +72,7 @@ def _evenly(path):
 def left_alone(model, loads, f, path, duration):
     """Whether no work is done on feather f in a frame, and the velocity d of its root (m/s).
 
-    path: (K, 6) of the root (root_kernels); duration: s, of the frame. A free feather is never
+    path: (K, 6) of the root (root_path); duration: s, of the frame. A free feather is never
     taken as left alone: smaller velocities would change its momenta.
     """
     last = path.shape[0] - 1
@@ -107,7 +119,7 @@ def _sum(values):
 
 
 @kernel
-def rounding_energy(model, f):
+def _rounding_energy(model, f):
     """Energy (J) of strains that are nothing but round-off: that of a feather at perfect rest."""
     stiffness = _sum(model.rachis_stiffness[f]) + _sum(model.barb_stiffness[f])
     stiffness += _sum(model.cell_stiffness[f]) + _sum(model.hinge_stiffness[f])
@@ -115,7 +127,7 @@ def rounding_energy(model, f):
 
 
 @kernel
-def state_energy(model, loads, f, drift, state):
+def _state_energy(model, loads, f, drift, state):
     """T + U of feather f of a state, J. drift: (x, y, z) m/s, d."""
     kinetic = 0.0
     mass, velocity = model.mass[f], state.velocity[f]
@@ -129,31 +141,47 @@ def state_energy(model, loads, f, drift, state):
 
 
 @kernel
-def held_energy(mass, h, drift, velocity, acceleration, smoothed):
+def promise_of(model, loads, f, path, duration, state):
+    """The Promise of a frame of duration (s) at its start; path: RootPath."""
+    alone, drift = left_alone(model, loads, f, path.samples[f], duration)
+    if not alone:
+        return Promise(alone, drift, 0.0, 0.0)
+    energy = _state_energy(model, loads, f, drift, state)
+    return Promise(alone, drift, _rounding_energy(model, f), energy)
+
+
+@kernel
+def with_energy(promise, energy):
+    """The promise after a step that ends with so much energy (J)."""
+    return Promise(promise.alone, promise.drift, promise.rounding, energy)
+
+
+@kernel
+def held_energy(mass, h, drift, motion):
     """What the accelerations of one feather may give back in a step of h (s), J.
 
-    mass: (n, P). velocity, acceleration, smoothed: (n, P, 3) v, w, a.
+    mass: (n, P). motion: Motion, of v, w and a.
     """
     square, lag = 0.0, 0.0
     for i in range(mass.shape[0]):
         for p in range(mass.shape[1]):
             for k in range(3):
-                a, v = smoothed[i, p, k], velocity[i, p, k]
+                a, v = motion.smoothed[i, p, k], motion.velocity[i, p, k]
                 if p != 1 and p != 2:
                     v -= drift[k]
                 square += mass[i, p] * a * a
-                lag += mass[i, p] * v * (a - acceleration[i, p, k])
+                lag += mass[i, p] * v * (a - motion.acceleration[i, p, k])
     return 0.125 * h * h * square + 0.25 * h * abs(lag)
 
 
 @kernel
-def solved_energy(model, loads, f, drift, energy, growth, rate, pose, past):
-    """(share of the velocities v - d that a solved step may keep, T + U with them in J).
+def solved_energy(model, loads, f, promise, growth, rate, pose, past):
+    """(part of the velocities v - d that a solved step may keep, T + U with them in J).
 
-    energy: J, at the step's start. growth: J, by which it may grow. rate, past: of the integrator,
-    v = rate (x - past). The share is -1 where U alone is more than there was.
+    growth: J, what the integrator may give back. rate, past: of the integrator,
+    v = rate (x - past). The part is -1 where U alone is more than there was.
     """
-    points, mass = pose.points, model.mass[f]
+    points, mass, drift = pose.points, model.mass[f], promise.drift
     potential, size = _potential(model, loads, f, points, pose.strains)
     kinetic = 0.0
     for i in range(points.shape[0]):
@@ -165,21 +193,22 @@ def solved_energy(model, loads, f, drift, energy, growth, rate, pose, past):
                     v -= drift[k]
                 square += v * v
             kinetic += 0.5 * mass[i, p] * square
-    most = energy + growth + ROUNDING * (size + kinetic) - potential
+    growth += promise.rounding + ROUNDING * (size + kinetic)
+    most = promise.energy + growth - potential
     if kinetic <= most:
         return 1.0, potential + kinetic
     if most < 0.0:
-        return -1.0, energy
+        return -1.0, promise.energy
     return sqrt(most / kinetic), potential + most
 
 
 @kernel
-def slow_down(share, drift, velocity):
-    """Multiply velocities (n, P, 3), measured from the root's, by a share, in place."""
-    if share >= 1.0:
+def slow_down(keeps, drift, velocity):
+    """Multiply velocities (n, P, 3), measured from the root's, by what they keep, in place."""
+    if keeps >= 1.0:
         return
     for i in range(velocity.shape[0]):
         for p in range(velocity.shape[1]):
             for k in range(3):
                 base = 0.0 if p == 1 or p == 2 else drift[k]
-                velocity[i, p, k] = base + share * (velocity[i, p, k] - base)
+                velocity[i, p, k] = base + keeps * (velocity[i, p, k] - base)

@@ -12,23 +12,32 @@ from featherfx.algebra.rotation_kernels import (
 from featherfx.algebra.vec3_kernels import over, store
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.node_kernels import blow
-from featherfx.solver.step.check_kernels import check_promise, energy_promise, nearly_solved
-from featherfx.solver.step.energy_promise_kernels import slow_down
+from featherfx.solver.status import CONVERGED, GREW, TOO_MUCH_WORK
+from featherfx.solver.step.energy_promise_kernels import (
+    held_energy,
+    promise_of,
+    slow_down,
+    solved_energy,
+    with_energy,
+)
 from featherfx.solver.step.integrator_kernels import (
     EULER,
+    Factors,
     begin_step,
     end_step,
-    integrator_coefficients,
+    integrator_of,
+    motion_of,
     step_error,
 )
-from featherfx.solver.step.newton_kernels import CONVERGED, TOO_MUCH_WORK, minimise
+from featherfx.solver.step.newton_kernels import minimise, nearly_solved
 from featherfx.solver.step.pose_kernels import chain, load_pose, material_points, turn_by
 from featherfx.solver.step.retry_kernels import (
     BACKWARD,
     FOLLOW,
     GO_ON,
-    HARD,
-    STEPS,
+    TAKEN,
+    Attempt,
+    Outcome,
     after_step,
     count_try,
     judge,
@@ -36,9 +45,6 @@ from featherfx.solver.step.retry_kernels import (
     stop,
 )
 from featherfx.solver.step.root_kernels import root_at
-
-# share of the feather's length that the error of a step may not exceed where it can be shorter
-COARSE = 0.01
 
 
 @kernel
@@ -117,28 +123,15 @@ def _keep_rates(h, pose, before, spin, coefficient, coefficient_rate):
 
 
 @kernel
-def _predict(model, loads, f, share, h, radius, follow, path, base, state, work):
-    """Set up a step: pose work.now, surroundings; returns the factors of the integrator."""
-    now, around, length = work.now, work.around, model.length[f]
+def _place(model, loads, f, path, attempt, state, work):
+    """Coordinates of work.now where feather f is expected at the end of a step."""
+    now, length, h = work.now, model.length[f], attempt.h
     load_pose(state.turn[f], state.centre[f], state.coefficient[f], length, now)
-    begin_step(
-        radius,
-        h,
-        state.points[f],
-        state.velocity[f],
-        state.acceleration[f],
-        state.smoothed[f],
-        around.target,
-        around.past,
-    )
-    # the two-step difference may put energy into strains that relax within a step
-    before = 0.0 if radius == EULER else state.step[f]
-    strain_rate = strain_rate_of(h, before, state.strains[f], around.reference)
     if model.held[f]:
         turn_by(state.turn[f, 0], state.spin[f, 0], h, work.trial.turn[0])
-        root_at(path, base, share, now.turn[0], now.centre[0])
+        root_at(path, f, attempt.fraction, now.turn[0], now.centre[0])
         same_sign(work.trial.turn[0], now.turn[0])
-    if follow and model.held[f]:
+    if attempt.way != GO_ON and model.held[f]:
         same_sign(state.turn[f, 0], now.turn[0])
         _follow_root(state.turn[f, 0], length, now)
     else:
@@ -151,6 +144,17 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
             length,
             now,
         )
+
+
+@kernel
+def _predict(model, loads, f, path, attempt, state, work):
+    """Set up a step: pose work.now, surroundings; returns the factors of the integrator."""
+    now, around, h, radius = work.now, work.around, attempt.h, attempt.spectral_radius
+    begin_step(radius, h, motion_of(state, f), around.target, around.past)
+    # the two-step difference may put energy into strains that relax within a step
+    before = 0.0 if radius == EULER else state.step[f]
+    strain_rate = strain_rate_of(h, before, state.strains[f], around.reference)
+    _place(model, loads, f, path, attempt, state, work)
     if loads.air[0] > 0.0:
         material_points(model, f, now.turn, now.centre, now.coefficient, now.frames, now.points)
         blow(
@@ -162,22 +166,37 @@ def _predict(model, loads, f, share, h, radius, follow, path, base, state, work)
             model.cell_stiffness[f],
             around,
         )
-    factors = integrator_coefficients(radius, h)
-    return factors[0], factors[1], strain_rate
+    method = integrator_of(radius, h)
+    return Factors(method.inertia, method.rate, strain_rate)
 
 
 @kernel
-def _accept(f, h, radius, state, now, around):
+def _try(model, loads, f, path, attempt, state, settings, work):
+    """Solve a step to work.now and check it; returns its Outcome."""
+    h, radius, now, target = attempt.h, attempt.spectral_radius, work.now, work.around.target
+    factors = _predict(model, loads, f, path, attempt, state, work)
+    solved = minimise(
+        model, loads, f, attempt.fraction, factors, settings.newton, attempt.limit, work
+    )
+    error = step_error(radius, h, motion_of(state, f), now.points, target)
+    status, keeps, energy = nearly_solved(solved, attempt.limit, error), 1.0, attempt.promise.energy
+    if attempt.promise.alone and status == CONVERGED:
+        growth = 0.0
+        if radius != EULER and error <= min(settings.tolerance, settings.coarse):
+            growth = held_energy(model.mass[f], h, attempt.promise.drift, motion_of(state, f))
+        keeps, energy = solved_energy(
+            model, loads, f, attempt.promise, growth, factors.rate, now, work.around.past
+        )
+        status = GREW if keeps < 0.0 else status
+    return Outcome(status, solved.iterations, solved.matrices, solved.move, error, keeps, energy)
+
+
+@kernel
+def _accept(f, attempt, state, now, around):
     """The solved step becomes the state."""
+    h = attempt.h
     end_step(
-        radius,
-        h,
-        now.points,
-        state.velocity[f],
-        state.acceleration[f],
-        state.smoothed[f],
-        around.target,
-        around.past,
+        attempt.spectral_radius, h, motion_of(state, f), now.points, around.target, around.past
     )
     _keep_rates(
         h, now, state.turn[f], state.spin[f], state.coefficient[f], state.coefficient_rate[f]
@@ -193,72 +212,35 @@ def _accept(f, h, radius, state, now, around):
 
 
 @kernel
-def _attempt(model, loads, f, how, root, state, aims, energy, work):
-    """Solve a step to work.now and check it.
+def advance(model, loads, f, path, state, settings, work, report):
+    """Bring feather f of the state through one frame, in place.
 
-    how: (length s, share of the frame at its end, option, spectral radius, most iterations). root:
-    its path and base. aims: (Newton tolerance m, limits of judge, what energy_promise gave).
-    Returns (status, (iterations, of them with a new matrix), distance from the solution m, error m,
-    share of its velocities that the step may keep, energy after it J).
+    path: RootPath. settings: StepSettings. report: StepReport, added to. Returns the status; if it
+    is not CONVERGED the state is that of the last good step. How steps are repeated:
+    retry_kernels.
     """
-    h, share, option, radius, most = how
-    path, base = root
-    newton, limits, promise = aims
-    factors = _predict(model, loads, f, share, h, radius, option != GO_ON, path, base, state, work)
-    status, iterations, move, matrices = minimise(
-        model, loads, f, share, factors, newton, most, work
-    )
-    now, target = work.now.points, work.around.target
-    error = step_error(radius, h, now, state.acceleration[f], state.smoothed[f], target)
-    status = nearly_solved(status, iterations == most, move, error)
-    status, keeps, after = check_promise(
-        model, loads, f, h, radius, status, error, limits, promise, energy, factors[1], state, work
-    )
-    return status, (iterations, matrices), move, error, keeps, after
-
-
-@kernel
-def coarse_error(length):
-    """The error (m) that no step may have where it can be shorter; length: (n-1,) m, of rows."""
-    total = 0.0
-    for i in range(length.shape[0]):
-        total += COARSE * length[i]
-    return total
-
-
-@kernel
-def advance(model, loads, f, duration, path, base, state, settings, work, counters):
-    """Bring feather f of the state through one frame of the given duration (s), in place.
-
-    path (K, 6), base (4,): root_kernels. settings: (spectral radius, Newton tolerance m, most
-    iterations of an attempt, error tolerance per step m, shortest regular step s, most iterations
-    of the call). counters: (COUNTERS,), added to. Returns the Newton status or GREW; if it is not
-    CONVERGED the state is that of the last good step. How steps are repeated: retry_kernels.
-    """
-    limits = (min(settings[4], duration), settings[3], coarse_error(model.length[f]), HARD)
+    duration, left = settings.duration, settings.most_iterations
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
-    done, option, left = 0.0, GO_ON, int(settings[5])
-    promise, energy = energy_promise(model, loads, f, path, duration, state)
+    done, way = 0.0, GO_ON
+    promise = promise_of(model, loads, f, path, duration, state)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
-            return stop(counters, TOO_MUCH_WORK)
-        step, share = next_step(h, done, duration)
+            return stop(report, f, TOO_MUCH_WORK)
+        step, fraction = next_step(h, done, duration)
         if state.step[f] <= 0.0:
-            option = max(option, FOLLOW)  # there are no rates to go on with
-        radius, limit = EULER if option == BACKWARD else settings[0], min(int(settings[2]), left)
-        how, aims = (step, share, option, radius, limit), (settings[1], limits, promise)
-        status, effort, move, error, keeps, after = _attempt(
-            model, loads, f, how, (path, base), state, aims, energy, work
-        )
-        verdict, h, option = judge(h, step, option, GO_ON, status, error, limits)
-        count_try(counters, verdict, option, effort, error, limits, move)
-        left -= effort[0]
-        if verdict == STEPS:
-            _accept(f, step, radius, state, work.now, work.around)
-            slow_down(keeps, promise[1], state.velocity[f])
-            energy, done = after, done + step
-            h, option = after_step(step, option, GO_ON, error, limits, effort)
+            way = max(way, FOLLOW)  # there are no rates to go on with
+        radius = EULER if way == BACKWARD else settings.spectral_radius
+        attempt = Attempt(step, fraction, way, radius, min(settings.iterations, left), promise)
+        outcome = _try(model, loads, f, path, attempt, state, settings, work)
+        verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
+        count_try(report, f, verdict, attempt, outcome, settings)
+        left -= outcome.iterations
+        if verdict == TAKEN:
+            _accept(f, attempt, state, work.now, work.around)
+            slow_down(outcome.keeps, promise.drift, state.velocity[f])
+            promise, done = with_energy(promise, outcome.energy), done + step
+            h, way = after_step(GO_ON, attempt, outcome, settings)
         elif h == 0.0:
-            return stop(counters, status)
+            return stop(report, f, outcome.status)
     state.proposal[f] = h
     return CONVERGED

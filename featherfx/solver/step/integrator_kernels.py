@@ -14,34 +14,74 @@ Source: Chung and Hulbert 1993 in the form of Arnold and Brüls 2007. Solved for
 """
 
 from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
 
 EULER = -1.0
 
 
+class Integrator(NamedTuple):
+    """inertia (1/s^2), rate (1/s) and am, af, b, g of a step."""
+
+    inertia: float
+    rate: float
+    am: float
+    af: float
+    b: float
+    g: float
+
+
+class Factors(NamedTuple):
+    """What a step's energy takes from the integrator: inertia (1/s^2), rate of velocities and
+    strain_rate of strains (1/s)."""
+
+    inertia: float
+    rate: float
+    strain_rate: float
+
+
+class Motion(NamedTuple):
+    """Material points (n, P, 3) of one feather and their rates, as in State."""
+
+    points: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    smoothed: NDArray[np.float64]
+
+
 @kernel
-def integrator_coefficients(radius, h):
-    """(inertia, rate, am, af, b, g); radius EULER gives implicit Euler."""
-    if radius == EULER:
-        return 1.0 / (h * h), 1.0 / h, 0.0, 0.0, 1.0, 1.0
-    am = (2.0 * radius - 1.0) / (radius + 1.0)
-    af = radius / (radius + 1.0)
+def motion_of(state, f):
+    """The Motion of feather f of a state."""
+    return Motion(state.points[f], state.velocity[f], state.acceleration[f], state.smoothed[f])
+
+
+@kernel
+def integrator_of(spectral_radius, h):
+    """The Integrator of a step of h (s); spectral radius EULER gives implicit Euler."""
+    if spectral_radius == EULER:
+        return Integrator(1.0 / (h * h), 1.0 / h, 0.0, 0.0, 1.0, 1.0)
+    r = spectral_radius
+    am = (2.0 * r - 1.0) / (r + 1.0)
+    af = r / (r + 1.0)
     g = 0.5 + af - am
     b = 0.25 * (g + 0.5) ** 2
-    return (1.0 - am) / ((1.0 - af) * b * h * h), g / (b * h), am, af, b, g
+    return Integrator((1.0 - am) / ((1.0 - af) * b * h * h), g / (b * h), am, af, b, g)
 
 
 @kernel
-def begin_step(radius, h, points, velocity, acceleration, smoothed, target, past):
-    """Write target and past (n, P, 3) from the state at the step's start."""
-    _, _, am, af, b, g = integrator_coefficients(radius, h)
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
+def begin_step(spectral_radius, h, motion, target, past):
+    """Write target and past (n, P, 3) from the motion at the step's start."""
+    _, _, am, af, b, g = integrator_of(spectral_radius, h)
+    for i in range(target.shape[0]):
+        for p in range(target.shape[1]):
             for k in range(3):
-                x, v = points[i, p, k], velocity[i, p, k]
-                w, a = acceleration[i, p, k], smoothed[i, p, k]
-                if radius == EULER:
+                x, v = motion.points[i, p, k], motion.velocity[i, p, k]
+                w, a = motion.acceleration[i, p, k], motion.smoothed[i, p, k]
+                if spectral_radius == EULER:
                     target[i, p, k] = x + h * v
                     past[i, p, k] = x
                     continue
@@ -51,22 +91,24 @@ def begin_step(radius, h, points, velocity, acceleration, smoothed, target, past
 
 
 @kernel
-def _true_and_smoothed(radius, factors, new, target, acceleration, smoothed):
+def _true_and_smoothed(spectral_radius, method, new, target, acceleration, smoothed):
     """True and smoothed acceleration (one component) at the end of a step."""
-    inertia, _, am, af, _, _ = factors
-    true = inertia * (new - target)
-    if radius == EULER:
+    true = method.inertia * (new - target)
+    if spectral_radius == EULER:
         return true, true
-    return true, ((1.0 - af) * true + af * acceleration - am * smoothed) / (1.0 - am)
+    return true, ((1.0 - method.af) * true + method.af * acceleration - method.am * smoothed) / (
+        1.0 - method.am
+    )
 
 
 @kernel
-def step_error(radius, h, new, acceleration, smoothed, target):
+def step_error(spectral_radius, h, motion, new, target):
     """Local error of a step's displacement, m: |b - 1/6| h^2 |change of smoothed acceleration|.
 
-    new: (n, P, 3) positions at the end; the largest over the points (directors left out).
+    motion: at the start, new: (n, P, 3) positions at the end; the largest over the points
+    (directors left out).
     """
-    factors = integrator_coefficients(radius, h)
+    method = integrator_of(spectral_radius, h)
     worst = 0.0
     for i in range(new.shape[0]):
         for p in range(new.shape[1]):
@@ -74,35 +116,35 @@ def step_error(radius, h, new, acceleration, smoothed, target):
                 continue
             square = 0.0
             for k in range(3):
+                before = motion.smoothed[i, p, k]
                 _, a = _true_and_smoothed(
-                    radius,
-                    factors,
+                    spectral_radius,
+                    method,
                     new[i, p, k],
                     target[i, p, k],
-                    acceleration[i, p, k],
-                    smoothed[i, p, k],
+                    motion.acceleration[i, p, k],
+                    before,
                 )
-                square += (a - smoothed[i, p, k]) ** 2
+                square += (a - before) ** 2
             worst = max(worst, square)
-    return abs(factors[4] - 1.0 / 6.0) * h * h * sqrt(worst)
+    return abs(method.b - 1.0 / 6.0) * h * h * sqrt(worst)
 
 
 @kernel
-def end_step(radius, h, new, velocity, acceleration, smoothed, target, past):
-    """Rates at the end of a step to positions new (n, P, 3), in place."""
-    factors = integrator_coefficients(radius, h)
-    rate = factors[1]
+def end_step(spectral_radius, h, motion, new, target, past):
+    """Rates at the end of a step to positions new (n, P, 3), written to the motion."""
+    method = integrator_of(spectral_radius, h)
     for i in range(new.shape[0]):
         for p in range(new.shape[1]):
             for k in range(3):
                 w, a = _true_and_smoothed(
-                    radius,
-                    factors,
+                    spectral_radius,
+                    method,
                     new[i, p, k],
                     target[i, p, k],
-                    acceleration[i, p, k],
-                    smoothed[i, p, k],
+                    motion.acceleration[i, p, k],
+                    motion.smoothed[i, p, k],
                 )
-                velocity[i, p, k] = rate * (new[i, p, k] - past[i, p, k])
-                acceleration[i, p, k] = w
-                smoothed[i, p, k] = a
+                motion.velocity[i, p, k] = method.rate * (new[i, p, k] - past[i, p, k])
+                motion.acceleration[i, p, k] = w
+                motion.smoothed[i, p, k] = a

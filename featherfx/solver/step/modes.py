@@ -9,6 +9,7 @@ from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.vane.pairs_kernels import STABILISING
@@ -41,7 +42,7 @@ def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
 
 def _band(model: Model, inertia: float, state: State, work: Work) -> Array:
     """Stiffness plus inertia (1/s^2) times mass of the pose of a model's only feather."""
-    f, loads, factors, now = 0, no_loads(1), (inertia, 0.0, 0.0), work.now
+    f, loads, factors, now = 0, no_loads(1), Factors(inertia, 0.0, 0.0), work.now
     load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
     evaluate(model, loads, f, 0.0, factors, now, work.around)
     assemble(model, loads, f, 0.0, factors, STABILISING, 0.0, work)

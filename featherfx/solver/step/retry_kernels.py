@@ -7,49 +7,96 @@ where the shortest step misses the tolerance by far: the other method may gain e
 that it does not resolve.
 """
 
-from featherfx.jit.compiled import kernel
-from featherfx.solver.step.energy_promise_kernels import GREW
-from featherfx.solver.step.newton_kernels import CONVERGED
+from typing import NamedTuple
 
-# columns of a feather's counters
-STEPS, ITERATIONS, MATRICES, REJECTED, FAILED, FALLBACKS, FORCED, ERROR, MOVE, STATUS = range(10)
-COUNTERS = 10
+from featherfx.jit.compiled import kernel
+from featherfx.solver.status import CONVERGED, GREW
+from featherfx.solver.step.energy_promise_kernels import Promise
+
+# what becomes of a try
+TAKEN, REJECTED, FAILED = 0, 1, 2
 # how a step is tried, in this order
 GO_ON, FOLLOW, BACKWARD = 0, 1, 2
 # error over tolerance beyond which a step that may not be shorter is taken by implicit Euler
 LOST = 30.0
-# Newton iterations beyond which the next step is not made longer
-HARD = 12
-# a regular step may be cut this far when Newton fails, by this share each time
-SMALLEST_SHARE, CUT = 1e6, 0.25
+# a regular step may be cut this far when Newton fails, by this factor each time
+SMALLEST, CUT = 1e6, 0.25
 
 
-@kernel
-def count_try(counters, verdict, option, effort, error, limits, move):
-    """Add a try to the counters.
+class StepSettings(NamedTuple):
+    """How a feather goes through one frame.
 
-    effort: (iterations, of them with a new matrix). move: m, distance from the solution.
+    duration: s, of the frame. shortest: s, regular step. spectral_radius: of the integrator.
+    tolerance: m, error of a step. coarse: m, error that no step may have where it can be shorter.
+    newton: m, distance from a step's solution that counts as converged. iterations: Newton's of a
+    try at most. hard: those beyond which the next step is not made longer. most_iterations: of the
+    whole frame.
     """
-    counters[ITERATIONS] += effort[0]
-    counters[MATRICES] += effort[1]
-    counters[verdict] += 1
-    if verdict == STEPS:
-        counters[FALLBACKS] += 1 if option == BACKWARD else 0
-        counters[FORCED] += 1 if error > limits[1] else 0
-        counters[ERROR] = max(counters[ERROR], error)
-        counters[MOVE] = max(counters[MOVE], move)
+
+    duration: float
+    shortest: float
+    spectral_radius: float
+    tolerance: float
+    coarse: float
+    newton: float
+    iterations: int
+    hard: int
+    most_iterations: int
+
+
+class Attempt(NamedTuple):
+    """A try of a step: its length h (s), the fraction of the frame at its end, GO_ON, FOLLOW or
+    BACKWARD (way), the spectral radius, Newton iterations at most (limit), the Promise."""
+
+    h: float
+    fraction: float
+    way: int
+    spectral_radius: float
+    limit: int
+    promise: Promise
+
+
+class Outcome(NamedTuple):
+    """What came of it: status, Newton iterations and those of them with a new matrix, distance from
+    the solution (move, m), error (m), the part of its velocities that it keeps and its energy (J,
+    energy_promise_kernels)."""
+
+    status: int
+    iterations: int
+    matrices: int
+    move: float
+    error: float
+    keeps: float
+    energy: float
 
 
 @kernel
-def stop(counters, status):
+def count_try(report, f, verdict, attempt, outcome, settings):
+    """Add a try to the StepReport of feather f."""
+    report.iterations[f] += outcome.iterations
+    report.matrices[f] += outcome.matrices
+    if verdict == REJECTED:
+        report.rejected[f] += 1
+    elif verdict == FAILED:
+        report.failed[f] += 1
+    else:
+        report.steps[f] += 1
+        report.fallbacks[f] += 1 if attempt.way == BACKWARD else 0
+        report.forced[f] += 1 if outcome.error > settings.tolerance else 0
+        report.error[f] = max(report.error[f], outcome.error)
+        report.move[f] = max(report.move[f], outcome.move)
+
+
+@kernel
+def stop(report, f, status):
     """Note why the frame was not finished."""
-    counters[STATUS] = status
+    report.status[f] = status
     return status
 
 
 @kernel
 def next_step(h, done, duration):
-    """Length (s) of a step if h is wanted, and the share of the frame (duration, of which done
+    """Length (s) of a step if h is wanted, and the fraction of the frame (duration, of which done
     have passed, s) at its end: no step leaves a much shorter one behind."""
     left = duration - done
     if h > 0.999 * left:
@@ -66,41 +113,40 @@ def _length_for(error, tolerance, step, least, most):
 
 
 @kernel
-def judge(h, step, option, first, status, error, limits):
-    """What becomes of a step: (STEPS, REJECTED or FAILED, next wanted length h, next option).
+def judge(h, first, attempt, outcome, settings):
+    """What becomes of a try: (TAKEN, REJECTED or FAILED, next wanted length h, next way).
 
-    h: s, wanted length; step: s, the one tried. first: option of a fresh step. status: of
-    Newton, or GREW. error: m. limits: (shortest regular step s, tolerance m, error in m that no
-    step may have where it can be shorter, Newton iterations beyond which the next step is not made
-    longer). The next h is 0 where a step cannot be cut further.
+    h: s, wanted length, the one tried may be shorter. first: way of a fresh step. The next h is 0
+    where a step cannot be cut further.
     """
-    shortest, tolerance, coarse, _ = limits
-    smallest, shorter = shortest / SMALLEST_SHARE, CUT * step
-    if status == GREW:
+    shortest, tolerance = settings.shortest, settings.tolerance
+    step, way, error = attempt.h, attempt.way, outcome.error
+    smallest, shorter = shortest / SMALLEST, CUT * step
+    if outcome.status == GREW:
         # another start of Newton would find the same
-        option = max(option, FOLLOW)
-    if status != CONVERGED:
-        option = BACKWARD if step < 0.999 * shortest and option < BACKWARD else option + 1
-        if option <= BACKWARD:
-            return FAILED, h, option
+        way = max(way, FOLLOW)
+    if outcome.status != CONVERGED:
+        way = BACKWARD if step < 0.999 * shortest and way < BACKWARD else way + 1
+        if way <= BACKWARD:
+            return FAILED, h, way
         return FAILED, shorter if shorter >= smallest else 0.0, first
     if error > tolerance and step > 1.001 * shortest:
         return REJECTED, max(shortest, _length_for(error, tolerance, step, 0.2, 1.0)), first
     lost = error > LOST * tolerance
-    if lost and option != BACKWARD:
+    if lost and way != BACKWARD:
         return REJECTED, h, BACKWARD
-    if lost and error > coarse and shorter > smallest:
-        return REJECTED, shorter, option
-    return STEPS, h, option
+    if lost and error > settings.coarse and shorter > smallest:
+        return REJECTED, shorter, way
+    return TAKEN, h, way
 
 
 @kernel
-def after_step(step, option, first, error, limits, effort):
-    """The next (h, option) where a step was taken; arguments as in judge and count_try."""
-    shortest, tolerance, _, hard = limits
+def after_step(first, attempt, outcome, settings):
+    """The next (h, way) where a step was taken; arguments as in judge."""
+    shortest, tolerance, error = settings.shortest, settings.tolerance, outcome.error
     # an iteration with a matrix at hand costs a quarter of one with a new one
-    costly = (effort[0] + 3 * effort[1]) // 4
-    most = 1.0 if costly > hard or error > LOST * tolerance else 2.0
-    h = max(min(shortest, most * step), _length_for(error, tolerance, step, 0.5, most))
-    option = BACKWARD if option == BACKWARD and step < 0.999 * shortest else first
-    return h, option
+    costly = (outcome.iterations + 3 * outcome.matrices) // 4
+    most = 1.0 if costly > settings.hard or error > LOST * tolerance else 2.0
+    h = max(min(shortest, most * attempt.h), _length_for(error, tolerance, attempt.h, 0.5, most))
+    way = BACKWARD if attempt.way == BACKWARD and attempt.h < 0.999 * shortest else first
+    return h, way

@@ -16,7 +16,7 @@ class RootPath(NamedTuple):
     """Where the roots go during a frame.
 
     samples: (F, K, 6) position (m) and rotation vector (rad) relative to the first sample, at K
-    evenly spaced shares of the frame. base: (F, 4) quaternion of the first sample.
+    evenly spaced fractions of the frame. base: (F, 4) quaternion of the first sample.
     """
 
     samples: Array

@@ -10,6 +10,7 @@ from featherfx.algebra.rotation_kernels import conjugate, multiply
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.state import State
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate, minimise
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.step.root_kernels import root_at
@@ -18,7 +19,7 @@ from featherfx.solver.work import Work
 
 Array = NDArray[np.float64]
 
-# the instant over which the first acceleration is taken, as a share of the step, and the Newton
+# the instant over which the first acceleration is taken, as a part of the step, and the Newton
 # iterations that it gets: the second one only corrects for the curved paths of barbs and frames
 INSTANT, START_ITERATIONS = 1.0, 8
 
@@ -48,7 +49,7 @@ def start_acceleration(
     h = INSTANT * duration
     now, around = work.now, work.around
     turn, centre = state.turn[f], state.centre[f]
-    factors = (1.0 / (h * h), 1.0 / h, 1.0 / h)
+    factors = Factors(1.0 / (h * h), 1.0 / h, 1.0 / h)
     around.target[:] = around.past[:] = state.points[f]
     around.reference[:] = state.strains[f, 0]
     load_pose(turn, centre, state.coefficient[f], model.length[f], now)
@@ -56,7 +57,7 @@ def start_acceleration(
     state.strains[f, 0] = now.strains
     moving = state.velocity[f].any() and np.ptp(path.samples[f], axis=0).any()
     if model.held[f] and moving:
-        turn, centre = _carried(path.samples[f], path.base[f], turn, centre)
+        turn, centre = _carried(path, f, turn, centre)
     load_pose(turn, centre, state.coefficient[f], model.length[f], now)
     around.target[:] = state.points[f] + h * state.velocity[f]
     around.past[:] = state.points[f]
@@ -70,10 +71,10 @@ def start_acceleration(
     state.smoothed[f] = state.acceleration[f]
 
 
-def _carried(path: Array, base: Array, turn: Array, centre: Array) -> tuple[Array, Array]:
-    """Rows (n, 4) and (n, 3), carried rigidly to where their root's path (K, 6) ends."""
+def _carried(path: RootPath, f: int, turn: Array, centre: Array) -> tuple[Array, Array]:
+    """Rows (n, 4) and (n, 3), carried rigidly to where their root's path ends."""
     end, place = np.zeros(4), np.zeros(3)
-    root_at(path, base, 1.0, end, place)
+    root_at(path, f, 1.0, end, place)
     move = multiply(end, conjugate(turn[0]))
     turns = np.array([multiply(move, row) for row in turn])
     return turns, place + (centre - centre[0]) @ turns_to_frames(np.array(move)).T
