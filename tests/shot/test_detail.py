@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherfx.shot.detail.detail import barb_coefficients
+from featherfx.shot.detail.detail import barb_coefficients, load_estimate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
@@ -17,7 +17,8 @@ SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 def chosen(shot) -> list[int]:
-    return barb_coefficients(shot, simulate(shot).feathers, root_motion(shot))
+    loads = load_estimate(shot, root_motion(shot))
+    return barb_coefficients(shot, simulate(shot).feathers, loads)
 
 
 def with_coefficients(shot, count):

@@ -12,7 +12,7 @@ from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.detail.changes import JUMP, Fades
 from featherfx.shot.detail.levels import NUMBER, LevelPlan, level_plan
-from featherfx.shot.detail.view import TimedCamera, View, shares_of_height
+from featherfx.shot.detail.view import TimedCamera, View, relative_sizes
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.simulate import simulate
@@ -101,16 +101,16 @@ def test_sizes_in_the_picture() -> None:
     view = Rail((0.0, 0.0)).view(0.0)
     roots = np.array([(10, 0, 0), (10, 4.4, 0), (10, 9, 0), (-1, 0, 0), (-0.1, 0, 0)], dtype=float)
     lengths = np.array([0.5, 0.5, 0.5, 0.5, 0.5])
-    found = shares_of_height(view, roots, lengths, 0.0)
+    found = relative_sizes(view, roots, lengths, 0.0)
     assert found[:2] == pytest.approx(0.5 / (10.0 * 0.45))
     assert found[2:4].tolist() == [0.0, 0.0]
     assert found[4] == pytest.approx(1.0 / 0.45)
     # the rim at 10 m is at 4 m and the feather 0.5 m long; an eighth of the width is 1 m
     beside = np.array([(10.0, -5.4, 0.0)])
-    assert shares_of_height(view, beside, lengths[:1], 0.0)[0] == 0.0
-    assert shares_of_height(view, beside, lengths[:1], 0.125)[0] > 0.0
+    assert relative_sizes(view, beside, lengths[:1], 0.0)[0] == 0.0
+    assert relative_sizes(view, beside, lengths[:1], 0.125)[0] > 0.0
     flat = replace(view, orthographic=True, width=2.0, height=1.0)
-    assert shares_of_height(flat, roots[:3], lengths[:3], 0.0).tolist() == [0.5, 0.0, 0.0]
+    assert relative_sizes(flat, roots[:3], lengths[:3], 0.0).tolist() == [0.5, 0.0, 0.0]
 
 
 def test_levels_follow_the_camera_and_are_there_before_they_are_needed() -> None:

@@ -10,7 +10,7 @@ from usdin_scenes import new_stage, rigid
 
 from featherfx.api import read_shot
 from featherfx.errors import InputError
-from featherfx.shot.detail.view import shares_of_height
+from featherfx.shot.detail.view import relative_sizes
 from featherfx.shot.fingerprint import shot_settings
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "swan_wing" / "shot.toml"
@@ -52,8 +52,8 @@ def test_a_camera_is_read_in_metres_with_its_motion(tmp_path):
     assert (first.width, first.height) == pytest.approx((1.0, 0.5))
     assert (last.width, last.height) == pytest.approx((0.5, 0.25))
     there = np.zeros((1, 3)), np.array([0.3])
-    assert shares_of_height(first, *there, 0.0)[0] == pytest.approx(0.3 / 100.0 / 0.5)
-    assert shares_of_height(last, *there, 0.0)[0] == pytest.approx(0.3 / 10.0 / 0.25)
+    assert relative_sizes(first, *there, 0.0)[0] == pytest.approx(0.3 / 100.0 / 0.5)
+    assert relative_sizes(last, *there, 0.0)[0] == pytest.approx(0.3 / 10.0 / 0.25)
 
 
 def test_the_camera_is_part_of_what_a_bake_depends_on(tmp_path):

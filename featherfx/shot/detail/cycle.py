@@ -68,10 +68,10 @@ class Cycle:
         if len(changes) < 2 * self._period:
             before[:] = np.inf
         known = np.isfinite(now) & np.isfinite(before)
-        share = np.divide(now, before, out=np.ones_like(now), where=known & (before > 0.0))
-        share[known & (now == 0.0)] = 0.0
+        ratio = np.divide(now, before, out=np.ones_like(now), where=known & (before > 0.0))
+        ratio[known & (now == 0.0)] = 0.0
         # where they do not shrink, the limit is that of no change at all
-        left = now * share / np.maximum(1.0 - share, 1e-12)
+        left = now * ratio / np.maximum(1.0 - ratio, 1e-12)
         steady = known & (now <= self._tolerance) & (left <= self._tolerance)
         self._playing = self._same(_inputs(path, loads)) & (self._playing | steady)
         return self._playing
@@ -112,21 +112,21 @@ class Cycle:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """What is kept between frames, for checkpoints."""
-        found = {"playing": self._playing, "met": np.array(self.met)}
-        for k, change in enumerate(self._changes):
-            found[f"change.{k}"] = change
-        for k, sample in enumerate(self._kept):
-            found |= {f"{k}.state.{name}": v for name, v in sample.state._asdict().items()}
-            found |= {f"{k}.inputs": sample.inputs, f"{k}.place": sample.place}
+        found: dict[str, NDArray[Any]] = {"playing": self._playing, "met": np.array(self.met)}
+        if self._kept:
+            states, inputs, places = zip(*self._kept, strict=True)
+            found |= {"changes": np.stack(self._changes), "inputs": np.stack(inputs)}
+            found |= {name: np.stack([getattr(s, name) for s in states]) for name in State._fields}
+            found["places"] = np.stack(places)
         return found
 
     def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `memory` gave."""
         self._playing, self.met = memory["playing"], bool(memory["met"])
-        self._changes.extend(memory[f"change.{k}"] for k in range(_count(memory, "change.{}")))
-        for k in range(_count(memory, "{}.place")):
-            state = State(*(memory[f"{k}.state.{name}"] for name in State._fields))
-            self._kept.append(_Sample(state, memory[f"{k}.inputs"], memory[f"{k}.place"]))
+        if "inputs" in memory:
+            states = map(State, *(memory[name] for name in State._fields))
+            self._changes.extend(memory["changes"])
+            self._kept.extend(map(_Sample, states, memory["inputs"], memory["places"]))
 
 
 def memory_of(cycles: Sequence[Cycle | None]) -> dict[str, NDArray[Any]]:
@@ -153,14 +153,6 @@ def warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> Non
     if frames and done > 2 * frames and not any(cycle and cycle.met for cycle in cycles):
         message = f"cycle: root, wind and forces of no feather repeat after {frames} frames"
         warnings.warn(InputWarning(message), stacklevel=2)
-
-
-def _count(memory: Mapping[str, NDArray[Any]], name: str) -> int:
-    """How many entries there are of a numbered name."""
-    count = 0
-    while name.format(count) in memory:
-        count += 1
-    return count
 
 
 def _inputs(path: RootPath, loads: Loads) -> Array:

@@ -25,7 +25,7 @@ from featherfx.groom.types import Placement
 from featherfx.mechanics.resolution import GRID_SHARE, coefficients_for, rachis_deflection, rows_for
 from featherfx.shot.detail.guides import GuideRule
 from featherfx.shot.loads.wind import exposures
-from featherfx.shot.motion.roots import Roots
+from featherfx.shot.motion.roots import Roots, sampled_rates
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Shot
 
@@ -51,11 +51,19 @@ class Resolution:
     coefficients: int
 
 
-class _LoadEstimate(NamedTuple):
+class LoadEstimate(NamedTuple):
     """(F,) largest acceleration, m/s^2, and pressure of the air, Pa, on every feather."""
 
     acceleration: Array
     pressure: Array
+
+
+class _Given(NamedTuple):
+    """What a shot says of a feather's level; named: whether by a [[detail]]."""
+
+    level: str
+    rule: GuideRule
+    named: bool
 
 
 class Detailer:
@@ -68,23 +76,27 @@ class Detailer:
 
     def __init__(self, shot: Shot, feathers: Sequence[Feather], motion: Roots) -> None:
         self._quality = shot.quality
-        self._coefficients = barb_coefficients(shot, feathers, motion)
-        self._rows = _simulated_rows(shot, feathers, motion)
-        given = [_level(shot, placement) for placement in shot.groom.feathers]
-        self.levels = [level for level, _, _ in given]
-        self.rules = [rule for _, rule, _ in given]
-        pulled = _pulled(shot)
-        problems = []
-        pinned = []
-        for placement, (level, _, named) in zip(shot.groom.feathers, given, strict=True):
-            is_pulled = placement.id in pulled
-            pinned.append(named or is_pulled)
-            if level in CARRIED and is_pulled:
-                message = f"feather '{placement.id}' is {level}, but a grip or a force pulls it"
-                problems.append(Problem(str(shot.source), "detail", message))
+        loads = load_estimate(shot, motion)
+        self._coefficients = barb_coefficients(shot, feathers, loads)
+        self._rows = _simulated_rows(shot, feathers, loads)
+        pulled, placements = _pulled(shot), shot.groom.feathers
+        given = [_level(shot, placement) for placement in placements]
+        self.levels, self.rules = [each.level for each in given], [each.rule for each in given]
+        self.pinned = np.array(
+            [each.named or p.id in pulled for each, p in zip(given, placements, strict=True)],
+            dtype=np.bool_,
+        )
+        problems = [
+            Problem(
+                str(shot.source),
+                "detail",
+                f"feather '{placement.id}' is {level}, but a grip or a force pulls it",
+            )
+            for placement, level in zip(placements, self.levels, strict=True)
+            if level in CARRIED and placement.id in pulled
+        ]
         if problems:
             raise InputError(*problems)
-        self.pinned = np.array(pinned, dtype=np.bool_)
 
     def resolution(self, f: int, level: str) -> Resolution:
         """Of one feather at a level."""
@@ -102,24 +114,25 @@ def _pulled(shot: Shot) -> set[str]:
     return {grip.feather for grip in shot.grips} | {force.feather for force in shot.forces}
 
 
-def _level(shot: Shot, placement: Placement) -> tuple[str, GuideRule, bool]:
-    """By the last detail that fits the feather, else by its length; and whether by a detail."""
+def _level(shot: Shot, placement: Placement) -> _Given:
+    """By the last detail that fits the feather, else by its length."""
     for detail in reversed(shot.details):
         if fits(detail, placement):
-            return detail.level, GuideRule(detail.every, detail.spacing), True
+            return _Given(detail.level, GuideRule(detail.every, detail.spacing), True)
     length, quality = placement.kind.length, shot.quality
     rule = GuideRule(quality.guided_every, None)
     for level in ("rigid", "guided", "rachis", "coarse"):
         if length < getattr(quality, f"{level}_below"):
-            return level, rule, False
-    return "full", rule, False
+            return _Given(level, rule, False)
+    return _Given("full", rule, False)
 
 
-def _simulated_rows(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[int]:
+def _simulated_rows(
+    shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate | None
+) -> list[int]:
     quality = shot.quality
-    if quality.simulated_rows != CHOSEN_BY_SOLVER:
+    if loads is None or quality.simulated_rows != CHOSEN_BY_SOLVER:
         return [min(quality.simulated_rows or quality.rows, quality.rows)] * len(feathers)
-    loads = _loads(shot, motion)
     # a grip bends the shaft as far as it reaches
     reach = {grip.feather: float(np.linalg.norm(grip.displacement)) for grip in shot.grips}
     forced = {force.feather for force in shot.forces}
@@ -134,7 +147,9 @@ def _simulated_rows(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> l
     return rows
 
 
-def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> list[int]:
+def barb_coefficients(
+    shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate | None
+) -> list[int]:
     """Curvature coefficients per barb and direction of every feather.
 
     The quality's number, or, where that is -1, the fewest whose error stays below three times the
@@ -144,10 +159,9 @@ def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) ->
     force pulls.
     """
     quality = shot.quality
-    if quality.coefficients != CHOSEN_BY_SOLVER:
+    if loads is None or quality.coefficients != CHOSEN_BY_SOLVER:
         return [quality.coefficients] * len(feathers)
-    loads, allowed = _loads(shot, motion), GRID_SHARE * quality.tolerance
-    pulled = _pulled(shot)
+    allowed, pulled = GRID_SHARE * quality.tolerance, _pulled(shot)
     chosen: dict[tuple[int, int], int] = {}
     counts = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
@@ -164,37 +178,24 @@ def barb_coefficients(shot: Shot, feathers: Sequence[Feather], motion: Roots) ->
     return counts
 
 
-def _loads(shot: Shot, motion: Roots) -> _LoadEstimate:
-    speed, acceleration = _root_rates(shot, motion)
-    gravity = float(np.linalg.norm(shot.gravity))
-    wind = shot.wind
-    through_air = wind.speed * (1.0 + 2.0 * wind.gust) + _scene_speed(shot, motion) + speed
-    through_air = exposures(shot) * through_air
-    air = 0.5 * wind.air_density * wind.drag_normal * through_air**2
-    return _LoadEstimate(LOAD_FACTOR * gravity + acceleration, air)
-
-
-def _scene_speed(shot: Shot, motion: Roots) -> Array:
-    """(F,) m/s, largest speed of a scene's wind at the roots over the shot."""
-    speeds = np.zeros(len(shot.groom.feathers))
-    if shot.wind_source is None:
-        return speeds
-    duration = (shot.last_frame - shot.first_frame) / shot.frames_per_second
-    for time in np.linspace(0.0, duration, SAMPLES):
-        roots, _ = motion.frames(float(time))
-        there = np.linalg.norm(shot.wind_source.velocity(roots, float(time)), axis=1)
-        speeds = np.maximum(speeds, there)
-    return speeds
-
-
-def _root_rates(shot: Shot, motion: Roots) -> tuple[Array, Array]:
-    """(F,) largest speed (m/s) and acceleration (m/s^2) of the roots over the shot."""
-    duration = max(shot.last_frame - shot.first_frame, 1) / shot.frames_per_second
-    times = np.linspace(0.0, duration, SAMPLES)
-    places = np.stack([motion.frames(float(time))[0] for time in times])
-    velocity = np.gradient(places, times, axis=0)
-    acceleration = np.gradient(velocity, times, axis=0)
-    return (
-        np.linalg.norm(velocity, axis=2).max(axis=0),
-        np.linalg.norm(acceleration, axis=2).max(axis=0),
+def load_estimate(shot: Shot, motion: Roots) -> LoadEstimate | None:
+    """The loads that decide what the solver is to choose; None where it chooses nothing."""
+    quality, wind = shot.quality, shot.wind
+    if CHOSEN_BY_SOLVER not in (quality.coefficients, quality.simulated_rows):
+        return None
+    frames = shot.last_frame - shot.first_frame
+    times = np.linspace(0.0, max(frames, 1) / shot.frames_per_second, SAMPLES)
+    places = np.stack([motion.frames(float(time)).positions for time in times])
+    speed, acceleration = (
+        np.linalg.norm(rate, axis=2).max(axis=0) for rate in sampled_rates(places, times)
     )
+    through_air = wind.speed * (1.0 + 2.0 * wind.gust) + speed
+    if shot.wind_source is not None:
+        blowing = [
+            np.linalg.norm(shot.wind_source.velocity(place, float(time)), axis=1)
+            for place, time in zip(places, times if frames else times[:1], strict=False)
+        ]
+        through_air = through_air + np.max(blowing, axis=0)
+    air = 0.5 * wind.air_density * wind.drag_normal * (exposures(shot) * through_air) ** 2
+    gravity = float(np.linalg.norm(shot.gravity))
+    return LoadEstimate(LOAD_FACTOR * gravity + acceleration, air)

@@ -13,13 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.detail import CARRIED, Detailer, Resolution
 from featherfx.shot.detail.guides import with_guides
-from featherfx.shot.detail.view import shares_of_height
-from featherfx.shot.motion.roots import Roots
+from featherfx.shot.detail.view import relative_sizes
+from featherfx.shot.motion.roots import RootFrames, Roots, sampled_rates
 from featherfx.shot.types import LEVELS, LevelOfDetail, Shot
 
 Array = NDArray[np.float64]
@@ -99,14 +100,12 @@ def _resolutions(detailer: Detailer, table: Numbers) -> tuple[tuple[Resolution, 
 
 def _seen(shot: Shot, rules: LevelOfDetail, motion: Roots) -> Numbers:
     """(frames, F) by size in the picture and motion, the finest within the fade."""
-    from scipy.ndimage import minimum_filter1d
-
     frames = shot.last_frame - shot.first_frame + 1
     times = np.arange(frames) / shot.frames_per_second
     lengths = np.array([p.kind.length for p in shot.groom.feathers])
     roots = [motion.frames(float(time)) for time in times]
     sizes = np.stack(
-        [_pixels(rules, time, root[0], lengths) for time, root in zip(times, roots, strict=True)]
+        [_pixels(rules, t, each.positions, lengths) for t, each in zip(times, roots, strict=True)]
     )
     if rules.motion > 0.0 and frames > 2:
         sizes = sizes * (1.0 + rules.motion / GRAVITY * _accelerations(roots, times, lengths))
@@ -114,24 +113,24 @@ def _seen(shot: Shot, rules: LevelOfDetail, motion: Roots) -> Numbers:
     for level in ("coarse", "rachis", "guided", "rigid"):
         levels[sizes < getattr(rules, f"{level}_below")] = NUMBER[level]
     levels[sizes == 0.0] = NUMBER[rules.outside]
-    found: Numbers = minimum_filter1d(levels, 2 * rules.fade + 1, axis=0, mode="nearest")
-    return found
+    around = np.pad(levels, ((rules.fade, rules.fade), (0, 0)), mode="edge")
+    return np.asarray(sliding_window_view(around, 2 * rules.fade + 1, axis=0).min(axis=-1))
 
 
 def _pixels(rules: LevelOfDetail, time: float, roots: Array, lengths: Array) -> Array:
     if rules.camera is None:
         return (rules.pixels_per_metre or 0.0) * lengths
     view = rules.camera.view(time)
-    return rules.image_height * shares_of_height(view, roots, lengths, rules.margin)
+    return rules.image_height * relative_sizes(view, roots, lengths, rules.margin)
 
 
-def _accelerations(roots: Sequence[tuple[Array, Array]], times: Array, lengths: Array) -> Array:
+def _accelerations(roots: Sequence[RootFrames], times: Array, lengths: Array) -> Array:
     """(frames, F) m/s^2, the larger of roots and of tips that are rigid."""
     found = []
     for reach in (np.zeros_like(lengths), lengths):
         places = np.stack([p + reach[:, None] * r[:, :, 0] for p, r in roots])
-        velocity = np.gradient(places, times, axis=0)
-        found.append(np.linalg.norm(np.gradient(velocity, times, axis=0), axis=2))
+        _, acceleration = sampled_rates(places, times)
+        found.append(np.linalg.norm(acceleration, axis=2))
     return np.maximum(*found)
 
 

@@ -1,7 +1,7 @@
 """Feathers at rest are skipped until something wakes them.
 
 A feather falls asleep after a frame at whose end nothing in it moves: both its velocity v and its
-acceleration a are so small that v T and a T^2, T the frame's duration, stay below a share of the
+acceleration a are so small that v T and a T^2, T the frame's duration, stay far below the
 error tolerance (a vibration that is just turning round has v = 0, but not a). It sleeps on while
 what acts on it is what acted when it fell asleep: its root stands still where it stood, gravity
 and steady wind are the same, no gust blows and its grips do not move. Anything else wakes it in
@@ -10,8 +10,8 @@ the same frame, before the step, so that no motion is missed.
 The same holds against a root that moves evenly on a straight line: seen from there, the feather is
 at rest and the wind is steady. Such a feather coasts: it is carried along with its root. Where
 there is air, even means to rounding, because a speed that creeps up would change the drag; in
-vacuum the path may be off the straight line by the same share of the tolerance, which is what the
-neglected acceleration would move the feather by.
+vacuum the path may be off the straight line by as much, which is what the neglected
+acceleration would move the feather by.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from featherfx.solver.step.root_path import RootPath
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# share of the tolerance that a sleeping feather would move in a frame at most
-REST_SHARE = 1e-3
+# over the tolerance, what a sleeping feather would move in a frame at most
+STILL = 1e-3
 # of the size of its coordinates, by which an even motion may differ from one
 EVEN = 1e-12
 
 
 def at_rest(state: State, path: RootPath, tolerance: float, duration: float) -> Flags:
-    """(F,) which feathers move against their roots by less than the rest share of a tolerance (m)
+    """(F,) which feathers move against their roots by next to nothing against a tolerance (m)
     in a frame (s)."""
-    limit = REST_SHARE * tolerance
+    limit = STILL * tolerance
     velocity = state.velocity - (_way(path) / duration)[:, None, None]
     quiet = _largest(velocity) * duration < limit
     return quiet & (_largest(state.acceleration) * duration**2 < limit)
@@ -54,8 +54,8 @@ def _way(path: RootPath) -> Array:
 
 def _straight(path: RootPath, slack: float) -> Flags:
     """(F,) which roots move evenly on a straight line to within slack (m), without turning."""
-    share = np.linspace(0.0, 1.0, path.samples.shape[1])
-    even = path.samples[:, :1, :3] + share[:, None] * _way(path)[:, None]
+    fraction = np.linspace(0.0, 1.0, path.samples.shape[1])
+    even = path.samples[:, :1, :3] + fraction[:, None] * _way(path)[:, None]
     apart = np.abs(path.samples[:, :, :3] - even).max(axis=(1, 2))
     size = np.abs(path.samples[:, :, :3]).max(axis=(1, 2))
     turning = np.ptp(path.samples[:, :, 3:], axis=1).max(axis=1)
@@ -74,7 +74,7 @@ def undisturbed(
         return np.zeros(count, dtype=np.bool_)
     still = np.ptp(path.samples, axis=1).max(axis=1) == 0.0
     if coast is not None:
-        still |= _straight(path, 0.0 if loads.air[0] > 0.0 else REST_SHARE * coast)
+        still |= _straight(path, 0.0 if loads.air[0] > 0.0 else STILL * coast)
     still &= (path.samples[:, 0, :3] == state.centre[:, 0]).all(axis=1)
     still &= np.abs(np.einsum("fk,fk->f", path.base, state.turn[:, 0])) > 1.0 - 1e-14
     if loads.grip_stiffness.shape[1]:

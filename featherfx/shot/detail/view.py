@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 class View:
     """A camera at one time. eye: (3,) m. right, up, back: (3,) unit, it looks along -back.
 
-    width, height: of the picture, as shares of the depth (perspective) or m (orthographic).
+    width, height: of the picture, over the depth (perspective) or m (orthographic).
     shift: (2,) of the picture's middle to the right and up, in the same measure.
     """
 
@@ -57,32 +57,24 @@ class TimedCamera:
         return self.source.view(self.start + time * self.source.time_codes_per_second)
 
 
-def shares_of_height(view: View, roots: Array, lengths: Array, margin: float) -> Array:
-    """(F,) lengths of feathers in the picture as shares of its height; 0 where they are outside.
+def relative_sizes(view: View, roots: Array, lengths: Array, margin: float) -> Array:
+    """(F,) lengths of feathers in the picture over its height; 0 where they are outside.
 
     roots: (F, 3) m, lengths: (F,) m. A feather counts as a ball of its length around its root, so
-    that it is outside only where no pose of it can be seen. margin: share of the picture by which
-    it is widened on every side.
+    that it is outside only where no pose of it can be seen. margin: by which the picture is widened
+    on every side, over its size.
     """
-    axes = np.stack([view.right, view.up, -view.back])
-    across, along, depth = axes @ (roots - view.eye).T
+    right, up, depth = np.stack([view.right, view.up, -view.back]) @ (roots - view.eye).T
+    sizes = np.array([view.width, view.height])
     if view.orthographic:
-        inside = depth > -lengths
-        scale, slant = np.ones_like(depth), (1.0, 1.0)
-        near = np.ones_like(depth)
+        scale = near = np.ones_like(depth)
+        slant = np.ones(2)
     else:
-        inside = depth > -lengths
-        scale = np.maximum(depth, 0.0)
+        scale, near = np.maximum(depth, 0.0), np.maximum(depth, lengths)
         # distance of a plane through the eye from a point beside it
-        slant = (
-            float(np.hypot(1.0, 0.5 * view.width)),
-            float(np.hypot(1.0, 0.5 * view.height)),
-        )
-        near = np.maximum(depth, lengths)
-    for offset, size, shift, factor in (
-        (across, view.width, view.shift[0], slant[0]),
-        (along, view.height, view.shift[1], slant[1]),
-    ):
-        reach = (0.5 + margin) * size * scale + factor * lengths
-        inside &= np.abs(offset - shift * scale) <= reach
+        slant = np.hypot(1.0, 0.5 * sizes)
+    inside = depth > -lengths
+    for k, offset in enumerate((right, up)):
+        reach = (0.5 + margin) * sizes[k] * scale + slant[k] * lengths
+        inside &= np.abs(offset - view.shift[k] * scale) <= reach
     return np.where(inside, lengths / (near * view.height), 0.0)

@@ -60,3 +60,9 @@ def end_rates(times: Array) -> tuple[Array, Array]:
     powers = np.vander(times - times[-1], increasing=True)
     inverse = np.linalg.inv(powers)
     return inverse[1], 2.0 * inverse[2]
+
+
+def sampled_rates(places: Array, times: Array) -> tuple[Array, Array]:
+    """(K, F, 3) velocities and accelerations of places (K, F, 3) at times (K,)."""
+    velocities = np.gradient(places, times, axis=0)
+    return velocities, np.gradient(velocities, times, axis=0)
