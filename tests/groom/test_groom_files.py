@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.groom.read.read import check_file, read_groom
+from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import Groom
+from featherfx.shot.read.read import check_file
 
 ROW = """
 [[row]]
@@ -221,7 +222,7 @@ def test_all_problems_at_once(tmp_path: Path) -> None:
 
 
 def test_no_feathers(tmp_path: Path) -> None:
-    assert "there are no feathers" in found(tmp_path, "")[0]
+    assert "there are no feathers" in found(tmp_path, "[variation]\nseed = 1\n")[0]
 
 
 def test_joint_faults(tmp_path: Path) -> None:
@@ -278,7 +279,7 @@ def test_missing_file_is_one_problem(tmp_path: Path) -> None:
 def test_a_file_of_something_else(tmp_path: Path) -> None:
     path = tmp_path / "cargo.toml"
     path.write_text("[package]\n")
-    assert "neither a groom nor a preset" in check_file(path)[0].message
+    assert "no shot, groom or preset" in check_file(path)[0].message
 
 
 HEADER = "id,kind,x,y,z,direction_x,direction_y,direction_z,up_x,up_y,up_z,scale,region\n"

@@ -189,7 +189,7 @@ VANE_FAULTS = [
 
 @pytest.mark.parametrize(("line", "message"), VANE_FAULTS)
 def test_shapes_that_cannot_be_built(tmp_path: Path, line: str, message: str) -> None:
-    from featherfx.groom.read.read import check_file
+    from featherfx.shot.read.read import check_file
 
     path = write(tmp_path / "feather", "bad", f'base = "swan_primary"\n{line}\n')
     found = [str(each) for each in check_file(path)]
@@ -198,7 +198,7 @@ def test_shapes_that_cannot_be_built(tmp_path: Path, line: str, message: str) ->
 
 
 def test_one_vane_alone_is_fine(tmp_path: Path) -> None:
-    from featherfx.groom.read.read import check_file
+    from featherfx.shot.read.read import check_file
 
     path = write(tmp_path / "feather", "sided", 'base = "swan_primary"\nleading.outline = []\n')
     assert check_file(path) == []

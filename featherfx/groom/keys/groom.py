@@ -7,13 +7,13 @@ from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN
 from featherfx.groom.keys.values import (
     ArrayOf,
     Direction,
-    Either,
     Flag,
     Key,
     Named,
     Number,
     Partial,
     Table,
+    Tables,
     Text,
     keys_of,
     vector,
@@ -234,25 +234,21 @@ VARIATION = {
 
 GROOM = {
     "name": Key(Text(), "Name of the groom."),
-    "joint": Key(ArrayOf(Table(JOINT), 0, 10_000), "Joints of the skeleton.", ()),
-    "feather": Key(
-        ArrayOf(Table(FEATHER_ENTRY), 0, MOST_FEATHERS), "Feathers placed one by one.", ()
-    ),
-    "row": Key(ArrayOf(Table(ROW), 0, 10_000), "Rows of feathers.", ()),
+    "joint": Key(Tables(Table(JOINT), 10_000), "Joints of the skeleton.", ()),
+    "feather": Key(Tables(Table(FEATHER_ENTRY), MOST_FEATHERS), "Feathers placed one by one.", ()),
+    "row": Key(Tables(Table(ROW), 10_000), "Rows of feathers.", ()),
     "table": Key(
-        Either({list: ArrayOf(Table(TABLE), 0, 1000), dict: Table(TABLE)}),
+        Tables(Table(TABLE), 1000, single=True),
         "Feathers from files, one table or several.",
         (),
     ),
     "usd": Key(
-        Either({list: ArrayOf(Table(USD), 0, 1000), dict: Table(USD)}),
+        Tables(Table(USD), 1000, single=True),
         "Feathers drawn in USD scenes, one table or several.",
         (),
     ),
     "skin": Key(Table(SKIN), "Mesh that regions grow on.", None),
-    "region": Key(
-        ArrayOf(Table(REGION), 0, 10_000), "Regions of the skin with their feathers.", ()
-    ),
+    "region": Key(Tables(Table(REGION), 10_000), "Regions of the skin with their feathers.", ()),
     "layout": Key(
         Table(LAYOUT),
         "Lay the feathers over each other like shingles; without it they stay as placed.",

@@ -326,30 +326,24 @@ class Table:
     def check(self, value: Any, place: Place, partial: bool) -> Any:
         if not isinstance(value, dict):
             return place.fail(f"{shown(value)} is not a table")
-        result: dict[str, Any] = {}
-        whole = True
-        for name, each in value.items():
-            if name not in self.keys:
-                place.child(name).fail(f"unknown key, {nearest(name, self.keys)}")
-                whole = False
-                continue
-            checked = self.keys[name].type.check(each, place.child(name), partial)
-            whole = whole and checked is not INVALID
-            result[name] = checked
-        if not partial:
-            whole = self._complete(value, result, place) and whole
-        return result if whole else INVALID
+        parts = self.parts(value, place, partial)
+        return INVALID if any(each is INVALID for each in parts.values()) else parts
 
-    def _complete(self, value: dict[str, Any], result: dict[str, Any], place: Place) -> bool:
-        whole = True
-        for name, key in self.keys.items():
-            if name in value:
-                continue
-            if key.default is REQUIRED:
-                place.child(name).fail(f"missing, expects {expected(key.type)}")
-                whole = False
-            result[name] = key.default
-        return whole
+    def parts(self, value: dict[str, Any], place: Place, partial: bool = False) -> dict[str, Any]:
+        """The value of each key as it is checked, INVALID where it is wrong."""
+        result: dict[str, Any] = {}
+        for name, each in value.items():
+            at = place.child(name)
+            if name in self.keys:
+                result[name] = self.keys[name].type.check(each, at, partial)
+            else:
+                result[name] = at.fail(f"unknown key, {nearest(name, self.keys)}")
+        for name, key in self.keys.items() if not partial else ():
+            if name not in value and key.default is REQUIRED:
+                result[name] = place.child(name).fail(f"missing, expects {expected(key.type)}")
+            elif name not in value:
+                result[name] = key.default
+        return result
 
     def describe(self) -> tuple[str, str, str]:
         return self.title, "", ""
@@ -364,23 +358,63 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Tables:
+    """Tables of which each stands by itself, as [[row]] in a file: a wrong one leaves the others.
+
+    When checked, the places and tables that are sound. single: whether one may stand without array.
+    """
+
+    table: Table
+    most: int
+    single: bool = False
+
+    def check(self, value: Any, place: Place, partial: bool) -> list[tuple[Place, Any]]:
+        if self.single and isinstance(value, dict):
+            found = [(place, self.table.check(value, place, partial))]
+        elif self.single and not isinstance(value, list):
+            place.fail(f"{shown(value)} is not allowed here, expects {self.describe()[0]}")
+            return []
+        elif not isinstance(value, list) or len(value) > self.most:
+            ArrayOf(self.table, 0, self.most).check(value, place, partial)
+            return []
+        else:
+            places = [place.item(index) for index in range(len(value))]
+            found = [
+                (at, self.table.check(each, at, False))
+                for at, each in zip(places, value, strict=True)
+            ]
+        return [(at, table) for at, table in found if table is not INVALID]
+
+    def describe(self) -> tuple[str, str, str]:
+        several = f"array of 0 to {self.most} table"
+        return f"{several} or table" if self.single else several, "", ""
+
+    def schema(self, partial: bool) -> JsonSchema:
+        several = ArrayOf(self.table, 0, self.most).schema(partial)
+        return {"anyOf": [several, self.table.schema(partial)]} if self.single else several
+
+
+@dataclass(frozen=True)
 class Named:
-    """A table whose keys are free names and whose values are all of one type."""
+    """A table whose keys are free names and whose values are all of one type.
+
+    When checked, those that are sound: a wrong one leaves the others.
+    """
 
     item: ValueType
-    title: str = field(default="table")
 
-    def check(self, value: Any, place: Place, partial: bool) -> Any:
+    def check(self, value: Any, place: Place, partial: bool) -> dict[str, Any]:
         if not isinstance(value, dict):
-            return place.fail(f"{shown(value)} is not a table")
+            place.fail(f"{shown(value)} is not a table")
+            return {}
         result = {
             name: self.item.check(each, place.child(f'"{name}"'), partial)
             for name, each in value.items()
         }
-        return INVALID if any(each is INVALID for each in result.values()) else result
+        return {name: each for name, each in result.items() if each is not INVALID}
 
     def describe(self) -> tuple[str, str, str]:
-        return self.title, "", ""
+        return "table", "", ""
 
     def schema(self, partial: bool) -> JsonSchema:
         return {"type": "object", "additionalProperties": self.item.schema(partial)}

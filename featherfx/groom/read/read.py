@@ -12,22 +12,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import Problem
 from featherfx.groom.frames import about_x, mirrored_points
-from featherfx.groom.keys.groom import FEATHER_ENTRY, GROOM_FILE, JOINT, ROW, TABLE, USD, VARIATION
-from featherfx.groom.keys.values import INVALID, Place, Problems, Table, nearest
+from featherfx.groom.keys.groom import GROOM_FILE
+from featherfx.groom.keys.values import INVALID, Place, Problems, nearest
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.library import Library, sourced
-from featherfx.groom.presets.presets import check_preset
 from featherfx.groom.read import drafts as draft_rules
 from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
 from featherfx.groom.read.drawn import drawn_changes, drawn_drafts
 from featherfx.groom.read.table import MOST_REPORTED, read_table
-from featherfx.groom.read.toml_file import file_kind, load_toml
-from featherfx.groom.regions.plumage import GroomReaders, plumage_of
+from featherfx.groom.read.toml_file import load_toml
+from featherfx.groom.regions.regions import GroomReaders, plumage_of
 from featherfx.groom.types import Groom, Joint, Placement
 
 SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+# changes of feathers by id pattern
+Overrides = dict[str, dict[str, Any]]
 _SIDES = {"left": 1, "right": -1, "middle": 0}
 
 
@@ -41,119 +41,78 @@ def read_groom(
     preset_folders: searched before the user's and the shipped presets. Raises InputError with all
     problems of the file, its tables and scenes and the presets that it names.
     """
-    problems = Problems()
-    library = Library(preset_folders, problems)
-    groom = collect_groom(Path(path), library, problems, readers)
-    problems.raise_any()
+    library = Library(preset_folders, Problems())
+    groom = collect_groom(Path(path), library, readers)
+    library.problems.raise_any()
     assert groom is not None
     return groom
-
-
-def check_file(path: str | Path, preset_folders: Iterable[str | Path] = ()) -> list[Problem]:
-    """What is wrong with a groom or preset file; empty when nothing is."""
-    problems = Problems()
-    path = Path(path)
-    library = Library(preset_folders, problems)
-    raw = load_toml(path, problems)
-    if raw is None:
-        return problems.listed()
-    kind = file_kind(raw, path, {"groom": GROOM_FILE})
-    if kind == "":
-        problems.add(path, "", "is neither a groom nor a preset: it holds no key of either")
-    elif kind == "groom":
-        collect_groom(path, library, problems)
-    else:
-        check_preset(kind, path, library)
-    return problems.listed()
 
 
 def collect_groom(
     path: Path,
     library: Library,
-    problems: Problems,
     readers: GroomReaders | None = None,
-    above: tuple[dict[str, Any], Place] | None = None,
+    above: Iterable[tuple[Overrides, Place]] = (),
 ) -> Groom | None:
     """The groom of a file; None, or an incomplete groom, after adding problems.
 
-    above: the tables of a shot, and its place, whose [overrides] come after the groom's.
+    above: checked [overrides] of a shot, and its place, that come after the groom's.
     """
     if path.suffix.lower() in SCENE_SUFFIXES:
         raw: dict[str, Any] | None = {"name": path.stem, "usd": [{"file": path.name}]}
     else:
-        raw = load_toml(path, problems)
+        raw = load_toml(path, library.problems)
     if raw is None:
         return None
-    return groom_of(raw, path, library, problems, readers, above)
+    return groom_of(raw, path, library, readers, above)
 
 
 def groom_of(
     raw: dict[str, Any],
     path: Path,
     library: Library,
-    problems: Problems,
     readers: GroomReaders | None = None,
-    above: tuple[dict[str, Any], Place] | None = None,
+    above: Iterable[tuple[Overrides, Place]] = (),
 ) -> Groom | None:
     """The groom of tables as they stand in a file at path; see collect_groom."""
-    place = Place(str(path), "", problems)
-    GROOM_FILE.check(raw, place, False)
-    joints = _joints(raw, place)
+    place = Place(str(path), "", library.problems)
+    parts = GROOM_FILE.parts(raw, place)
+    joints = _joints(parts["joint"])
     store = KindStore(library)
-    plumage = plumage_of(raw, path, place, store, readers)
-    drafts = [*_drafts(raw, path, place, store, readers), *plumage.drafts]
-    if not drafts and not len(problems):
+    plumage = plumage_of(raw, parts, place, store, readers)
+    drafts = [*_drafts(parts, path.parent, store, readers), *plumage.drafts]
+    if not drafts and not len(library.problems):
         place.fail(
             "there are no feathers; expects a [[feather]], [[row]], [[table]], [[usd]] or "
             "[[region]]"
         )
-    drafts = _overridden(raw, drafts, place, store)
-    if above is not None:
-        drafts = _overridden(above[0], drafts, above[1], store)
+    for rules, at in ((parts["overrides"], place), *above):
+        drafts = _overridden(rules, drafts, at.child("overrides"), store)
     _check_ids(drafts)
     _check_joints(drafts, joints)
     name = raw.get("name")
     if not isinstance(name, str):
         return None
-    placements = _placements(raw, drafts, store, place)
+    placements = _placements(parts["variation"], drafts, store)
     return Groom(name, path, placements, joints, plumage.layout, plumage.skin)
 
 
-def _entries(raw: dict[str, Any], name: str, table: Table, place: Place) -> Iterator[Any]:
-    """(place, checked table) of each sound entry of an array of tables."""
-    value = raw.get(name, [])
-    single = isinstance(value, dict)
-    entries = [value] if single else value if isinstance(value, list) else []
-    for index, entry in enumerate(entries):
-        at = place.child(name) if single else place.child(name).item(index)
-        checked = table.check(entry, at, False)
-        if checked is not INVALID:
-            yield at, checked
-
-
 def _drafts(
-    raw: dict[str, Any],
-    path: Path,
-    place: Place,
-    store: KindStore,
-    readers: GroomReaders | None,
+    parts: dict[str, Any], folder: Path, store: KindStore, readers: GroomReaders | None
 ) -> Iterator[Draft]:
-    for at, entry in _entries(raw, "feather", Table(FEATHER_ENTRY), place):
+    for at, entry in parts["feather"]:
         yield from draft_rules.single(entry, at, store)
-    for at, entry in _entries(raw, "row", Table(ROW), place):
-        yield from draft_rules.row(
-            entry, at, store, path.parent, readers.curves if readers else None
-        )
-    for at, entry in _entries(raw, "table", Table(TABLE), place):
-        yield from read_table(entry, path.parent, at)
-    for at, entry in _entries(raw, "usd", Table(USD), place):
-        read = readers.feathers if readers else None
-        yield from drawn_drafts(entry, path.parent, at, store, read)
+    for at, entry in parts["row"]:
+        yield from draft_rules.row(entry, at, store, folder, readers.curves if readers else None)
+    for at, entry in parts["table"]:
+        yield from read_table(entry, folder, at)
+    for at, entry in parts["usd"]:
+        yield from drawn_drafts(entry, folder, at, store, readers.feathers if readers else None)
 
 
-def _joints(raw: dict[str, Any], place: Place) -> tuple[Joint, ...]:
+def _joints(entries: list[tuple[Place, dict[str, Any]]]) -> tuple[Joint, ...]:
     found: dict[str, tuple[Joint, Place]] = {}
-    for at, entry in _entries(raw, "joint", Table(JOINT), place):
+    for at, entry in entries:
         for joint in _joint_pair(entry, at):
             if joint.name in found:
                 at.child("name").fail(f"'{joint.name}' is taken by {found[joint.name][1].key}")
@@ -185,18 +144,12 @@ def _joint_pair(entry: dict[str, Any], at: Place) -> list[Joint]:
 
 
 def _overridden(
-    raw: dict[str, Any], drafts: list[Draft], place: Place, store: KindStore
+    rules: Overrides, drafts: list[Draft], place: Place, store: KindStore
 ) -> list[Draft]:
     """The drafts with [overrides] applied, pattern by pattern."""
-    rules = raw.get("overrides", {})
-    for pattern, entry in rules.items() if isinstance(rules, dict) else ():
-        at = place.child("overrides").child(f'"{pattern}"')
-        section = GROOM_FILE.keys["overrides"].type.check(
-            {pattern: entry}, place.child("overrides"), True
-        )
-        if section is INVALID:
-            continue
-        change = dict(section[pattern])
+    for pattern, entry in rules.items():
+        at = place.child(f'"{pattern}"')
+        change = dict(entry)
         scale, width = change.pop("scale", 1.0), change.pop("width", 1.0)
         roll = change.pop("roll", 0.0)
         number = (store.change(sourced(change, place.source), at),) if change else ()
@@ -261,18 +214,14 @@ def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> NDArray[np.float64]:
     return own
 
 
-def _placements(
-    raw: dict[str, Any], drafts: list[Draft], store: KindStore, place: Place
-) -> tuple[Placement, ...]:
+def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Placement, ...]:
+    """spread: checked [variation], or None."""
     if not drafts:
         return ()
     changes = np.zeros((len(drafts), 4))
-    given = raw.get("variation")
-    if given is not None:
-        spread = Table(VARIATION).check(given, place.child("variation"), False)
-        if spread is not INVALID:
-            sizes = [spread[name] for name in ("length", "width", "camber", "roll")]
-            changes = _drawn(spread, drafts) * sizes
+    if spread is not None and spread is not INVALID:
+        sizes = [spread[name] for name in ("length", "width", "camber", "roll")]
+        changes = _drawn(spread, drafts) * sizes
     sign = np.array([-1.0 if draft.left else 1.0 for draft in drafts])
     roll = sign * (np.array([draft.roll for draft in drafts]) + changes[:, 3])
     rotations = np.stack([draft.rotation for draft in drafts]) @ about_x(roll)

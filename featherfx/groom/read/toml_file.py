@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from featherfx.groom.keys.preset import FAMILIES
-from featherfx.groom.keys.values import Problems, Table
+from featherfx.groom.keys.values import Problems
 
 _POSITION = re.compile(r"^(?P<what>.*) \(at (?P<where>.*)\)$", re.DOTALL)
 
@@ -37,18 +35,3 @@ def load_toml(path: Path, problems: Problems, label: str = "") -> dict[str, Any]
     except OSError as error:
         problems.add(source, "", f"cannot be read: {error.strerror or error}")
     return None
-
-
-def file_kind(raw: dict[str, Any], path: Path, others: Mapping[str, Table]) -> str:
-    """A preset family or a name of `others`: the one that knows most of the keys; "" for none.
-
-    A file in a folder named like a family is a preset of that family.
-    """
-    folder = path.absolute().parent.as_posix()
-    for family in FAMILIES:
-        if folder.endswith(f"/{family}"):
-            return family
-    tables = dict(others) | {name: family.extended for name, family in FAMILIES.items()}
-    known = {name: sum(key in table.keys for key in raw) for name, table in tables.items()}
-    best = max(known, key=lambda name: known[name])
-    return best if known[best] else ""

@@ -1,4 +1,4 @@
-"""Feathers that grow in regions of a skin: where, which way, and how they differ."""
+"""The plumage of a groom, [skin], [[region]] and [layout]: where feathers grow, and how."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ import numpy as np
 
 from featherfx.errors import InputWarning
 from featherfx.groom.frames import frames_from
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.values import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
-from featherfx.groom.read.drafts import Draft
+from featherfx.groom.read.drafts import CurveReader, Draft
+from featherfx.groom.read.drawn import SceneReader
 from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
 from featherfx.groom.regions.rules import Rule, along_skin, flow, presence
 from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
 from featherfx.groom.skin.points import Array, Indices, SkinSource, SkinSurface, SurfacePoints
+from featherfx.groom.types import Layout
 
 # (checked keys of [skin], paths of meshes, folder, place) to the meshes; None after problems.
 SkinReader = Callable[
@@ -53,27 +55,71 @@ class _Region:
         return self.presence(points) * (1.0 if density is None else density)
 
 
-def region_drafts(
-    skin: dict[str, Any],
-    entries: Sequence[tuple[Place, dict[str, Any]]],
-    folder: Path,
+@dataclass(frozen=True)
+class GroomReaders:
+    """How a groom reads scenes; each returns None after adding problems at the place."""
+
+    feathers: SceneReader
+    skin: SkinReader
+    curves: CurveReader
+
+
+@dataclass(frozen=True)
+class Plumage:
+    """What the regions of a groom make. skin: corners (T, 3, 3) m of all meshes, or None."""
+
+    drafts: tuple[Draft, ...] = ()
+    layout: Layout | None = None
+    skin: Array | None = None
+
+
+def plumage_of(
+    raw: dict[str, Any],
+    parts: dict[str, Any],
     place: Place,
     store: KindStore,
-    read: SkinReader | None,
-) -> tuple[list[Draft], Array | None]:
+    readers: GroomReaders | None,
+) -> Plumage:
+    """The plumage of a groom's file at place, as written and checked; problems go to place."""
+    checked = parts["layout"]
+    layout = None if checked is None or checked is INVALID else Layout(**checked)
+    written, entries = raw.get("region"), parts["region"]
+    if not isinstance(written, list) or not written:
+        return Plumage(layout=layout)
+    first: dict[str, Place] = {}
+    for at, entry in entries:
+        if first.setdefault(entry["id"], at) is not at:
+            at.child("id").fail(f"'{entry['id']}' is taken by {first[entry['id']].key}")
+    skin, at = parts["skin"], place.child("skin")
+    if skin is None:
+        at.fail("missing, [[region]] grows on a skin")
+    if skin is None or skin is INVALID or len(entries) < len(written):
+        return Plumage(layout=layout)
+    if readers is None:
+        at.fail("is a USD scene, which featherfx.read_groom and the commands read")
+        return Plumage(layout=layout)
+    drafts, corners = _region_drafts(skin, entries, at, store, readers.skin)
+    return Plumage(drafts, layout, corners)
+
+
+def _region_drafts(
+    skin: dict[str, Any],
+    entries: Sequence[tuple[Place, dict[str, Any]]],
+    place: Place,
+    store: KindStore,
+    read: SkinReader,
+) -> tuple[tuple[Draft, ...], Array | None]:
     """The drafts of all [[region]]s and the corners (T, 3, 3) m of their meshes.
 
     No drafts, and None, after adding problems. skin: checked keys of [skin]. entries: place and
-    checked keys of each region. folder: of the groom. place: of [skin].
+    checked keys of each region. place: of [skin].
     """
-    if read is None:
-        place.fail("is a USD scene, which featherfx.read_groom and the commands read")
-        return [], None
+    folder = Path(place.source).parent
     count = len(place.problems)
     paths = tuple(dict.fromkeys([skin["prim"], *(e["prim"] for _, e in entries if e["prim"])]))
     sources = read(skin, paths, folder, place)
     if sources is None:
-        return [], None
+        return (), None
     surfaces = {path: SkinSurface(source) for path, source in sources.items()}
     built = [
         _region(entry, at, surfaces[entry["prim"] or skin["prim"]], folder, store)
@@ -83,11 +129,11 @@ def region_drafts(
     counts = [_count(region) for region in regions]
     _check_total(regions, counts, skin["most"], place)
     if len(place.problems) > count:
-        return [], None
+        return (), None
     drafts: list[Draft] = []
     for region, wanted in zip(regions, counts, strict=True):
         drafts += _grown(region, wanted, regions, region.entry["prim"] or "")
-    return drafts, np.concatenate([surface.corners for surface in surfaces.values()])
+    return tuple(drafts), np.concatenate([surface.corners for surface in surfaces.values()])
 
 
 def _region(

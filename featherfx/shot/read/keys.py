@@ -3,7 +3,17 @@
 from __future__ import annotations
 
 from featherfx.groom.keys.groom import GROOM, USD
-from featherfx.groom.keys.values import ArrayOf, Either, Flag, Key, Number, Table, Text, keys_of
+from featherfx.groom.keys.values import (
+    ArrayOf,
+    Either,
+    Flag,
+    Key,
+    Number,
+    Table,
+    Tables,
+    Text,
+    keys_of,
+)
 from featherfx.shot.types import Contact, Detail, Force, Grip, LevelOfDetail, Shelter, Shot
 
 GRIP = keys_of(Grip)
@@ -80,15 +90,15 @@ SHOT = {
     **keys_of(Shot),
     "wind_usd": Key(Table(WIND_USD), "Wind of a USD scene, added to `wind`.", None),
     "contact": Key(Table(CONTACT), "Contact of feathers with each other and colliders.", None),
-    "collider": Key(ArrayOf(Table(COLLIDER), 0, 10_000), "Meshes of USD scenes.", ()),
-    "grip": Key(ArrayOf(Table(GRIP), 0, 10_000), "Points led along a path.", ()),
+    "collider": Key(Tables(Table(COLLIDER), 10_000), "Meshes of USD scenes.", ()),
+    "grip": Key(Tables(Table(GRIP), 10_000), "Points led along a path.", ()),
     "detail": Key(
-        ArrayOf(Table(DETAIL), 0, 10_000),
+        Tables(Table(DETAIL), 10_000),
         "Level of detail by feather, before the quality's lengths; the last one that fits holds.",
         (),
     ),
     "shelter": Key(
-        ArrayOf(Table(SHELTER), 0, 10_000),
+        Tables(Table(SHELTER), 10_000),
         "Which feathers the wind reaches less, because they lie within plumage; the last one that "
         "fits holds.",
         (),
@@ -96,7 +106,7 @@ SHOT = {
     "level_of_detail": Key(
         Table(LEVEL_OF_DETAIL), "Levels of detail by frame, from what is seen.", None
     ),
-    "force": Key(ArrayOf(Table(FORCE), 0, 10_000), "Dead forces on points and lines.", ()),
+    "force": Key(Tables(Table(FORCE), 10_000), "Dead forces on points and lines.", ()),
 }
 
 SHOT_FILE = Table(SHOT, "shot")

@@ -12,13 +12,14 @@ import numpy as np
 from featherfx.errors import InputError, Problem
 from featherfx.feather.layout.layout import lay_out
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.values import INVALID, Place, Problems, Table, nearest
+from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.values import INVALID, Place, Problems, nearest
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
 from featherfx.groom.read.read import collect_groom, groom_of
-from featherfx.groom.read.toml_file import file_kind, load_toml
+from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
-from featherfx.shot.read.keys import GROOM_USD, SHOT, SHOT_FILE
+from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.loads import read_details, read_forces, read_grips, read_shelters
 from featherfx.shot.read.scenes import read_colliders, read_level_of_detail, read_skin, read_wind
 from featherfx.shot.read.sources import SceneReaders
@@ -35,9 +36,9 @@ def read_shot(
     preset_folders: searched before the user's and the shipped presets. readers: of USD scenes.
     Raises InputError with all problems of the shot, its groom, tables, scenes and presets.
     """
-    problems = Problems()
-    shot = _collect(Path(path), Library(preset_folders, problems), problems, readers)
-    problems.raise_any()
+    library = Library(preset_folders, Problems())
+    shot = _collect(Path(path), library, readers)
+    library.problems.raise_any()
     assert shot is not None
     return shot
 
@@ -54,11 +55,11 @@ def check_file(
     raw = load_toml(path, problems)
     if raw is None:
         return problems.listed()
-    kind = file_kind(raw, path, {"shot": SHOT_FILE, "groom": GROOM_FILE})
+    kind = _file_kind(raw, path)
     if kind == "shot":
-        _collect(path, library, problems, readers)
+        _collect(path, library, readers)
     elif kind == "groom":
-        collect_groom(path, library, problems, readers)
+        collect_groom(path, library, readers)
     elif kind:
         check_preset(kind, path, library)
     else:
@@ -66,52 +67,70 @@ def check_file(
     return problems.listed()
 
 
-def _collect(
-    path: Path, library: Library, problems: Problems, readers: SceneReaders | None
-) -> Shot | None:
+def _file_kind(raw: dict[str, Any], path: Path) -> str:
+    """ "shot", "groom" or a preset family: the one that knows most of the keys; "" for none.
+
+    A file in a folder named like a family is a preset of that family.
+    """
+    folder = path.absolute().parent.as_posix()
+    for family in FAMILIES:
+        if folder.endswith(f"/{family}"):
+            return family
+    tables = {"shot": SHOT_FILE, "groom": GROOM_FILE}
+    tables |= {name: family.extended for name, family in FAMILIES.items()}
+    known = {name: sum(key in table.keys for key in raw) for name, table in tables.items()}
+    best = max(known, key=lambda name: known[name])
+    return best if known[best] else ""
+
+
+def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot | None:
+    problems = library.problems
     raw = load_toml(path, problems)
     if raw is None:
         return None
     place = Place(str(path), "", problems)
-    checked = SHOT_FILE.check(raw, place, False)
-    groom = _groom(raw, place, library, readers)
-    settings = {name: _setting(name, raw, library, place) for name in _BUILD}
-    grips, forces = read_grips(raw, groom, place), read_forces(raw, groom, place)
-    details = read_details(raw, groom, place)
-    shelters = read_shelters(raw, groom, place)
-    _check_frames(raw, place)
-    _check_cycle(checked, place)
-    _check_keyframes(settings["motion"], groom, place.child("motion"))
-    if checked is INVALID or groom is None:
+    parts = SHOT_FILE.parts(raw, place)
+    sound = not len(problems)
+    groom = _groom(raw, parts, place, library, readers)
+    motion, wind, quality = (
+        _preset(name, raw, parts, place, library) for name in ("motion", "wind", "quality")
+    )
+    grips, forces = read_grips(parts["grip"], groom), read_forces(parts["force"], groom)
+    details = read_details(parts["detail"], groom)
+    shelters = read_shelters(parts["shelter"], groom)
+    _check_frames(parts["frames"], place.child("frames"))
+    contact = _contact(parts["contact"]) if sound else None
+    if sound and parts["cycle"] and contact is not None:
+        message = "feathers that touch act on each other and are not replayed: leave out contact"
+        place.child("cycle").fail(message)
+    _check_keyframes(motion, groom, place.child("motion"))
+    if not sound or groom is None:
         return None
-    colliders = read_colliders(raw, checked, place, readers)
-    skin = read_skin(raw, checked, groom, place, readers)
-    wind_source = read_wind(raw, checked, place, readers)
-    level_of_detail = read_level_of_detail(raw, checked, place, readers)
+    colliders = read_colliders(parts, place, readers)
+    skin = read_skin(raw, parts, groom, place, readers)
+    wind_source = read_wind(parts, place, readers)
+    level_of_detail = read_level_of_detail(parts, place, readers)
     if len(problems):
         return None
+    first, last = parts["frames"]
+    as_they_are = ("name", "frames_per_second", "settle", "sleep", "coast", "cycle")
     return Shot(
-        name=checked["name"],
+        **{name: parts[name] for name in as_they_are},
         source=path,
         groom=groom,
-        first_frame=checked["frames"][0],
-        last_frame=checked["frames"][1],
-        frames_per_second=checked["frames_per_second"],
-        motion=settings["motion"] if skin is None else Motion("skin", {}),
-        wind=settings["wind"],
-        quality=settings["quality"],
-        gravity=np.array(checked["gravity"]),
+        first_frame=first,
+        last_frame=last,
+        motion=motion if skin is None else Motion("skin", {}),
+        wind=wind,
+        quality=quality,
+        gravity=np.array(parts["gravity"]),
         grips=grips,
         forces=forces,
         details=details,
-        settle=checked["settle"],
-        sleep=checked["sleep"],
-        coast=checked["coast"],
-        cycle=checked["cycle"],
         skin=skin,
         wind_source=wind_source,
         colliders=colliders,
-        contact=_contact(checked["contact"]),
+        contact=contact,
         level_of_detail=level_of_detail,
         shelters=shelters,
     )
@@ -123,16 +142,9 @@ def _contact(values: dict[str, Any] | None) -> Contact | None:
     return Contact(values["thickness"], values["friction"], values["steps"])
 
 
-def _check_frames(raw: dict[str, Any], place: Place) -> None:
-    frames = SHOT["frames"].type.check(raw.get("frames", [0, 0]), place.child("frames"), False)
+def _check_frames(frames: Any, place: Place) -> None:
     if frames is not INVALID and frames[1] < frames[0]:
-        place.child("frames").fail(f"the last frame {frames[1]} comes before the first {frames[0]}")
-
-
-def _check_cycle(checked: Any, place: Place) -> None:
-    if checked is not INVALID and checked["cycle"] and _contact(checked["contact"]) is not None:
-        message = "feathers that touch act on each other and are not replayed: leave out contact"
-        place.child("cycle").fail(message)
+        place.fail(f"the last frame {frames[1]} comes before the first {frames[0]}")
 
 
 def _check_keyframes(motion: Motion | None, groom: Groom | None, place: Place) -> None:
@@ -159,61 +171,51 @@ def _check_keyframes(motion: Motion | None, groom: Groom | None, place: Place) -
 
 
 def _groom(
-    raw: dict[str, Any], place: Place, library: Library, readers: SceneReaders | None
+    raw: dict[str, Any],
+    parts: dict[str, Any],
+    place: Place,
+    library: Library,
+    readers: SceneReaders | None,
 ) -> Groom | None:
-    given, problems = raw.get("groom"), place.problems
-    above = (raw, place) if "overrides" in raw else None
+    given = parts["groom"]
+    above = [(parts["overrides"], place)]
     path = Path(place.source)
-    count = len(problems)
-    if isinstance(given, dict):
-        if Table(GROOM_USD).check(given, place.child("groom"), False) is INVALID:
-            return None
-        entry = {name: value for name, value in given.items() if name != "usd"}
-        tables = {"name": Path(given["usd"]).stem, "usd": entry | {"file": given["usd"]}}
-        groom = groom_of(tables, path, library, problems, readers, above)
-        groom = groom and replace(groom, source=path.parent / given["usd"])
-    elif isinstance(given, str) and given:
-        groom = collect_groom(path.parent / given, library, problems, readers, above)
-    else:
+    count = len(library.problems)
+    if given is INVALID:
         return None
-    if groom is None or len(problems) > count:
+    if isinstance(given, str):
+        groom = collect_groom(path.parent / given, library, readers, above)
+    else:
+        usd = given["usd"]
+        entry = {name: value for name, value in raw["groom"].items() if name != "usd"}
+        tables = {"name": Path(usd).stem, "usd": entry | {"file": usd}}
+        groom = groom_of(tables, path, library, readers, above)
+        groom = groom and replace(groom, source=path.parent / usd)
+    if groom is None or len(library.problems) > count:
         return None  # half a groom would mislead later checks
     try:
         return lay_out(groom)
     except InputError as error:
         for problem in error.problems:
-            problems.add(problem.source, problem.key, problem.message)
+            library.problems.add(problem.source, problem.key, problem.message)
         return None
 
 
-def _setting(family: str, raw: dict[str, Any], library: Library, place: Place) -> Any:
-    """The motion, wind or quality of a shot; None after adding problems."""
-    key = SHOT[family]
-    at = place.child(family)
-    written = raw.get(family, key.default)
-    given = key.type.check(written, at, False)
+def _preset(
+    family: str, raw: dict[str, Any], parts: dict[str, Any], place: Place, library: Library
+) -> Any:
+    """The Motion, Wind or Quality of a shot; None after adding problems."""
+    given, at = parts[family], place.child(family)
     if given is INVALID:
         return None
-    tree = library.merged(
-        family, sourced(given, place.source), at, "" if isinstance(written, str) else "base"
-    )
+    table = {"base": given} if isinstance(given, str) else given
+    named = isinstance(raw.get(family, given), str)
+    tree = library.merged(family, sourced(table, at.source), at, "" if named else "base")
     if tree is None:
         return None
     values = plain(tree)
-    return _BUILD[family](given.get("base") or "custom", values)
-
-
-def _quality(name: str, values: dict[str, Any]) -> Quality:
-    return Quality(name=name, **values)
-
-
-def _wind(name: str, values: dict[str, Any]) -> Wind:
-    return Wind(**values | {"direction": np.array(values["direction"])})
-
-
-def _motion(name: str, values: dict[str, Any]) -> Motion:
-    kind = values.pop("kind")
-    return Motion(kind, values)
-
-
-_BUILD = {"motion": _motion, "wind": _wind, "quality": _quality}
+    if family == "quality":
+        return Quality(name=table.get("base") or "custom", **values)
+    if family == "wind":
+        return Wind(**values | {"direction": np.array(values["direction"])})
+    return Motion(values.pop("kind"), values)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from featherfx.errors import InputWarning
-from featherfx.groom.keys.values import INVALID, Place, Table
+from featherfx.groom.keys.values import Place
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.motion.skin import BoundSkin, bind_groom
-from featherfx.shot.read.keys import COLLIDER, SKIN, WIND_USD
 from featherfx.shot.read.sources import SceneReaders, Surface, TimedSurface, TimedWind, WindSource
 from featherfx.shot.types import LevelOfDetail
 
@@ -25,11 +24,11 @@ def read_skin(
 ) -> BoundSkin | None:
     """The bound skin of a shot; None where it has none, or after adding problems.
 
-    raw: the shot as written; checked: its sound keys. Roots bind where no problem was found.
+    raw: the shot as written; checked: its keys. Roots bind where no problem was found.
     """
     at = place.child("skin")
-    entry = _checked(raw, "skin", Table(SKIN), at, readers)
-    if entry is None or readers is None:
+    entry = checked["skin"]
+    if entry is None or not _has_reader(readers, at):
         return None
     count = len(place.problems)
     if "motion" in raw:
@@ -54,12 +53,12 @@ def read_skin(
 
 
 def read_wind(
-    raw: dict[str, Any], checked: dict[str, Any], place: Place, readers: SceneReaders | None
+    checked: dict[str, Any], place: Place, readers: SceneReaders | None
 ) -> TimedWind | None:
     """The wind that a scene adds; None where there is none, or after adding problems."""
     at = place.child("wind_usd")
-    entry = _checked(raw, "wind_usd", Table(WIND_USD), at, readers)
-    if entry is None or readers is None:
+    entry = checked["wind_usd"]
+    if entry is None or not _has_reader(readers, at):
         return None
     source = readers.wind(Path(place.source).parent / entry["usd"], entry, at)
     if source is None:
@@ -70,20 +69,16 @@ def read_wind(
 
 
 def read_colliders(
-    raw: dict[str, Any], checked: dict[str, Any], place: Place, readers: SceneReaders | None
+    checked: dict[str, Any], place: Place, readers: SceneReaders | None
 ) -> tuple[TimedSurface, ...]:
     """The collider meshes of a shot; incomplete after adding problems."""
-    entries = raw.get("collider", [])
     found: list[TimedSurface] = []
-    for number, _ in enumerate(entries if isinstance(entries, list) else []):
-        at = place.child("collider").item(number)
-        entry = Table(COLLIDER).check(entries[number], at, False)
-        if entry is INVALID or not _has_reader(readers, at):
+    for at, entry in checked["collider"]:
+        if not _has_reader(readers, at):
             continue
         if not entry["prims"] and entry["collection"] is None:
             at.fail("names neither prims nor a collection")
             continue
-        assert readers is not None
         path = Path(place.source).parent / entry["usd"]
         meshes = readers.meshes(path, entry["prims"], entry["collection"], None, at)
         for mesh in meshes or []:
@@ -94,7 +89,7 @@ def read_colliders(
 
 
 def read_level_of_detail(
-    raw: dict[str, Any], checked: dict[str, Any], place: Place, readers: SceneReaders | None
+    checked: dict[str, Any], place: Place, readers: SceneReaders | None
 ) -> LevelOfDetail | None:
     """How levels follow what is seen; None where they do not, or after adding problems."""
     at, values = place.child("level_of_detail"), checked["level_of_detail"]
@@ -112,7 +107,7 @@ def read_level_of_detail(
         return None
     camera = None
     if usd is not None:
-        if not _has_reader(readers, at) or readers is None:
+        if not _has_reader(readers, at):
             return None
         source = readers.camera(Path(place.source).parent / usd, prim, at)
         if source is None:
@@ -123,19 +118,7 @@ def read_level_of_detail(
     return LevelOfDetail(camera=camera, **rules)
 
 
-def _checked(
-    raw: dict[str, Any], name: str, table: Table, at: Place, readers: SceneReaders | None
-) -> dict[str, Any] | None:
-    if name not in raw:
-        return None
-    entry = table.check(raw[name], at, False)
-    if entry is INVALID or not _has_reader(readers, at):
-        return None
-    checked: dict[str, Any] = entry
-    return checked
-
-
-def _has_reader(readers: SceneReaders | None, at: Place) -> bool:
+def _has_reader(readers: SceneReaders | None, at: Place) -> TypeGuard[SceneReaders]:
     if readers is None:
         at.fail("is a USD scene, which featherfx.read_shot and the commands read")
     return readers is not None

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.keys.values import Place
-from featherfx.groom.regions.plumage import GroomReaders
+from featherfx.groom.regions.regions import GroomReaders
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
