@@ -1,9 +1,9 @@
 """The layout of plumage at rest: feathers over each other like shingles, and over the skin.
 
 Feathers are raised and rolled about their roots, and lifted a little, until they clear the skin and
-each other by the layout's clearance (featherfx/feather/layout/kernels.py), those beneath first. Of
-those that do not come clear, feathers of regions are shortened and at last left out, where the
-layout allows it (featherfx/feather/layout/solve.py).
+each other by the layout's clearance (featherfx/feather/layout/move_kernels.py), those beneath
+first. Of those that do not come clear, feathers of regions are shortened and at last left out,
+where the layout allows it.
 """
 
 from __future__ import annotations
@@ -14,12 +14,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from featherfx.errors import InputWarning
-from featherfx.feather.layout.overlap import shingle_pairs, strips_of
-from featherfx.feather.layout.pose import Array, Indices, Pose, Skin, pose_of
-from featherfx.feather.layout.solve import solve
+from featherfx.feather.layout.arrangement import (
+    Arrangement,
+    Array,
+    Indices,
+    Mask,
+    SkinPlanes,
+    arrangement_of,
+)
+from featherfx.feather.layout.move_kernels import Limits, Neighbours, Travel, sweep
+from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.groom.presets.kinds import resized
-from featherfx.groom.types import Groom, Placement
+from featherfx.groom.types import Groom, Layout, Placement
 
+_MOST_SWEEPS = 30
+_SWEEPS_PER_SEARCH = 10  # after which the skin's tangent planes are looked up again
+_SETTLED = 0.05  # share of the clearance that may be lacking
+# shortening: by how much in one round, rounds, and sweeps after each
+_SHORTER, _MOST_ROUNDS, _SWEEPS_PER_ROUND = 0.9, 12, 5
+_DROPS = 3  # how often feathers are dropped and the others let settle
 _MOST_NAMED = 5
 _UNCHANGED = 1e-12  # relative, of a length
 
@@ -96,58 +109,157 @@ def laid_out(groom: Groom) -> tuple[Groom, LayoutReport | None]:
     """
     if groom.layout is None or not groom.feathers:
         return groom, None
-    skin = None if groom.skin is None else Skin(groom.skin)
-    pose = pose_of(groom.feathers)
-    pairs, order = solve(pose, strips_of(groom.feathers), skin, groom.layout)
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    feathers = tuple(
-        _moved(groom.feathers[k], pose, k, int(rank[k])) for k in np.flatnonzero(pose.kept).tolist()
+    skin = None if groom.skin is None else SkinPlanes(groom.skin)
+    feathers = arrangement_of(groom.feathers)
+    pairs, order = _Solving(feathers, skin, groom.layout).solve(strips_of(groom.feathers))
+    rank = np.argsort(order)
+    kept = tuple(
+        _moved(groom.feathers[k], feathers, k, int(rank[k]))
+        for k in np.flatnonzero(feathers.kept).tolist()
     )
-    report = _report(groom, pose, pairs, skin)
-    return replace(groom, feathers=feathers), report
+    return replace(groom, feathers=kept), _report(groom, feathers, pairs, skin)
 
 
-def _moved(feather: Placement, pose: Pose, k: int, rank: int) -> Placement:
-    """The feather as feather k of a pose."""
-    place, turned = pose.place[k].copy(), pose.turned[k].copy()
-    moved = replace(feather, position=place, rotation=turned, rank=rank)
-    share = float(pose.size[k] / pose.placed_size[k])
-    if abs(share - 1.0) < _UNCHANGED:
+def _moved(placement: Placement, feathers: Arrangement, k: int, rank: int) -> Placement:
+    """The placement as feather k of an arrangement."""
+    place, rotation = feathers.place[k].copy(), feathers.rotation[k].copy()
+    moved = replace(placement, position=place, rotation=rotation, rank=rank)
+    kept = float(feathers.size[k] / feathers.placed_size[k])
+    if abs(kept - 1.0) < _UNCHANGED:
         return moved
-    prototype, size = feather.prototype or feather.kind, feather.size * share
+    prototype, size = placement.prototype or placement.kind, placement.size * kept
     return replace(moved, kind=resized(prototype, size), prototype=prototype, size=size)
+
+
+@dataclass(frozen=True)
+class _Solving:
+    """Moves, shortens and drops feathers until none pass through each other."""
+
+    feathers: Arrangement
+    skin: SkinPlanes | None
+    layout: Layout
+
+    def solve(self, strips: Strips) -> tuple[Indices, Indices]:
+        """strips: of the feathers as they are placed.
+
+        Returns pairs and order of shingle_pairs, of the feathers as they are moved.
+        """
+        pairs, order = shingle_pairs(strips)
+        self._settle(pairs, order, _MOST_SWEEPS)
+        strips = replace(strips, rank=np.argsort(order))
+        pairs = self._search(strips)
+        self._settle(pairs, order, _SWEEPS_PER_SEARCH)
+        self._shorten(pairs, order)
+        pairs = self._search(strips)
+        if self.layout.drop is None:
+            return pairs, order
+        for number in range(_DROPS):
+            if not self._drop(pairs, self.layout.drop):
+                break
+            if number == 0:
+                self.feathers.put_back()  # what was in the way of others is gone
+            self._settle(pairs, order, _MOST_SWEEPS)
+            pairs = self._search(strips)
+        self._drop(pairs, self.layout.drop)
+        return pairs, order
+
+    def _search(self, strips: Strips) -> Indices:
+        """The pairs of feathers as they are moved, in the order that strips have."""
+        pairs, _ = shingle_pairs(self.feathers.moved(strips))
+        return pairs
+
+    def _settle(self, pairs: Indices, order: Indices, sweeps: int) -> None:
+        """Sweep until what clearance is lacking is small."""
+        feathers, layout = self.feathers, self.layout
+        order, pairs = order[feathers.kept[order]], pairs[feathers.kept[pairs].all(axis=1)]
+        starts = np.searchsorted(pairs[:, 0], np.arange(len(feathers.size) + 1))
+        neighbours = Neighbours(order, starts, pairs)
+        tilt = np.radians(np.where(feathers.grown, layout.most_tilt, layout.most_tilt_placed))
+        lift = np.full(len(tilt), layout.most_lift)
+        least = np.stack([-0.5 * tilt, -tilt, np.zeros(len(tilt))], axis=1)
+        limits = Limits(layout.clearance, least, np.stack([tilt, tilt, lift], axis=1))
+        travel = Travel(np.zeros(len(tilt)), np.full(len(pairs), -1.0), np.zeros(len(pairs)))
+        planes = np.zeros((0, 1, 4))
+        for number in range(sweeps):
+            if self.skin is not None and number % _SWEEPS_PER_SEARCH == 0:
+                planes = self.skin.planes(feathers.world())
+            lack = sweep(feathers, neighbours, planes, limits, travel)
+            if lack < _SETTLED * layout.clearance:
+                break
+
+    def _shorten(self, pairs: Indices, order: Indices) -> None:
+        """Shorten grown feathers that do not come clear, each the one whose tip is at fault."""
+        size = self.feathers.size
+        if self.layout.least_size >= 1.0:
+            return
+        least = self.layout.least_size * size
+        for _ in range(_MOST_ROUNDS):
+            gaps, places = self.feathers.gaps(pairs)
+            through = np.flatnonzero(gaps < 0.0)
+            # how far towards the tip, of the upper and the lower feather
+            along = places[through, :, 0] / size[pairs[through]]
+            may = (self.feathers.grown & (size > least))[pairs[through]]
+            along = np.where(may, along, -np.inf)
+            chosen = pairs[through, along.argmax(axis=1)][may.any(axis=1)]
+            low = (self.feathers.heights(self.skin) < 0.0) & self.feathers.grown & (size > least)
+            chosen = np.union1d(chosen, np.flatnonzero(low))
+            if len(chosen) == 0:
+                return
+            size[chosen] = np.maximum(_SHORTER * size[chosen], least[chosen])
+            self._settle(pairs, order, _SWEEPS_PER_ROUND)
+
+    def _drop(self, pairs: Indices, depth: float) -> bool:
+        """Drop grown feathers that pass through others or the skin by more than depth; if any."""
+        kept, grown = self.feathers.kept, self.feathers.grown
+        before = int(kept.sum())
+        kept &= ~(grown & (self.feathers.heights(self.skin) < -depth))
+        pairs = pairs[kept[pairs].all(axis=1)]
+        gaps, _ = self.feathers.gaps(pairs)
+        deep = gaps < -depth
+        kept &= ~_covering(pairs[deep], -gaps[deep], grown)
+        return int(kept.sum()) < before
+
+
+def _covering(pairs: Indices, depths: Array, grown: Mask) -> Mask:
+    """(F,) grown feathers of which every pair (K, 2) with one holds one: those in most first."""
+    chosen = np.zeros(len(grown), dtype=np.bool_)
+    keep = grown[pairs].any(axis=1)
+    pairs, depths = pairs[keep], depths[keep]
+    while len(pairs):
+        # the depth decides between feathers of as many pairs
+        weight = np.repeat(1.0 + depths / (depths.max() * (len(depths) + 1)), 2)
+        count = np.bincount(pairs.ravel(), weights=weight, minlength=len(grown))
+        worst = int(np.argmax(np.where(grown, count, -1.0)))
+        chosen[worst] = True
+        left = (pairs != worst).all(axis=1)
+        pairs, depths = pairs[left], depths[left]
+    return chosen
 
 
 def measured(groom: Groom) -> LayoutReport:
     """What lies over what in a groom as it is, without any change to it."""
-    skin = None if groom.skin is None else Skin(groom.skin)
+    skin = None if groom.skin is None else SkinPlanes(groom.skin)
     pairs, _ = shingle_pairs(strips_of(groom.feathers))
-    pose = pose_of(groom.feathers)
-    return _report(groom, pose, pairs, skin)
+    return _report(groom, arrangement_of(groom.feathers), pairs, skin)
 
 
 def cover(groom: Groom) -> float:
     """Mean number of feathers over a point of a vane, itself included."""
-    from featherfx.feather.layout.kernels import count_cover
-
-    pose, (pairs, _) = pose_of(groom.feathers), shingle_pairs(strips_of(groom.feathers))
-    counts = np.zeros((len(groom.feathers), pose.maps.samples.shape[1]), dtype=np.int64)
-    count_cover(pairs, *pose.surfaces, counts)
-    inner = pose.maps.inner[pose.shape]
-    within = np.arange(counts.shape[1]) < inner[:, None]
-    return 1.0 + float(counts[within].sum() / inner.sum())
+    pairs, _ = shingle_pairs(strips_of(groom.feathers))
+    return arrangement_of(groom.feathers).cover(pairs)
 
 
-def _report(groom: Groom, pose: Pose, pairs: Indices, skin: Skin | None) -> LayoutReport:
+def _report(
+    groom: Groom, feathers: Arrangement, pairs: Indices, skin: SkinPlanes | None
+) -> LayoutReport:
     """Of the feathers that are kept."""
-    kept = np.flatnonzero(pose.kept)
-    number = np.cumsum(pose.kept) - 1
-    pairs = pairs[pose.kept[pairs].all(axis=1)]
-    gaps, _ = pose.gaps(pairs)
+    kept = np.flatnonzero(feathers.kept)
+    number = np.cumsum(feathers.kept) - 1
+    pairs = pairs[feathers.kept[pairs].all(axis=1)]
+    gaps, _ = feathers.gaps(pairs)
     over = ~np.isnan(gaps)
     pairs, gaps = number[pairs[over]], gaps[over]
-    skin_gaps = pose.heights(skin)[kept]
+    skin_gaps = feathers.heights(skin)[kept]
     ids = [groom.feathers[k].id for k in kept]
     left = [
         Penetration(ids[pairs[k, 0]], ids[pairs[k, 1]], float(-gaps[k]))
@@ -158,10 +270,10 @@ def _report(groom: Groom, pose: Pose, pairs: Indices, skin: Skin | None) -> Layo
         pairs=pairs,
         gaps=gaps,
         skin_gaps=skin_gaps,
-        raised=np.degrees(pose.moves[kept, 0]),
-        rolled=np.degrees(pose.moves[kept, 1]),
-        lifted=pose.moves[kept, 2],
-        shortened=pose.size[kept] / pose.placed_size[kept],
-        dropped=tuple(groom.feathers[k].id for k in np.flatnonzero(~pose.kept)),
+        raised=np.degrees(feathers.moves[kept, 0]),
+        rolled=np.degrees(feathers.moves[kept, 1]),
+        lifted=feathers.moves[kept, 2],
+        shortened=feathers.size[kept] / feathers.placed_size[kept],
+        dropped=tuple(groom.feathers[k].id for k in np.flatnonzero(~feathers.kept)),
         unresolved=tuple(sorted(left, key=lambda each: (-each.depth, each.upper, each.lower))),
     )

@@ -12,6 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import cg
+from scipy.spatial import cKDTree
 
 from featherfx.feather.rachis import turn
 from featherfx.groom.types import Placement
@@ -108,9 +111,6 @@ def flow_potential(strips: Strips, pairs: Indices) -> Array:
     Between two neighbours it grows as their roots lie apart along their shafts; so it is an order
     without rings wherever the shafts flow. Rows that are stacked count by their stack instead.
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.linalg import cg
-
     first, second = pairs.T
     shaft = strips.shaft / np.linalg.norm(strips.shaft, axis=1, keepdims=True)
     count = len(shaft)
@@ -141,8 +141,6 @@ def flow_potential(strips: Strips, pairs: Indices) -> Array:
 
 def _near(strips: Strips) -> Indices:
     """(K, 2) pairs, the smaller number first, whose bounding spheres meet."""
-    from scipy.spatial import cKDTree
-
     middle = strips.root + 0.5 * strips.shaft
     radius = 0.5 * np.linalg.norm(strips.shaft, axis=1) + strips.reach
     sizes = np.floor(2.0 * np.log2(radius))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from featherfx.feather.build import build_feather
+from featherfx.feather.layout.move_kernels import all_gaps, count_cover
 from featherfx.feather.layout.overlap import Strips
 from featherfx.feather.scaled import repeated_shapes
 from featherfx.feather.types import RACHIS, Feather
@@ -19,60 +21,74 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+# the rest shape is built with so many rows and columns, and mapped onto so many nodes
+_ROWS, _COLUMNS = 11, 4
+_NODES = (28, 14)
 
-@dataclass
-class Pose:
-    """F feathers as they are moved; arrays as in featherfx/feather/layout/kernels.py.
 
-    grown: (F,) whether a feather may be shortened and dropped. kept: (F,) False once dropped.
+class HeightMaps(NamedTuple):
+    """S shapes, in feather lengths.
+
+    samples: (S, Q, 3) points of the vanes, those within before those on the edge; inner: (S,) how
+    many lie within, and used: (S,) how many each shape has in all. heights: (S, H, W) above the
+    x-y plane, NaN beside the vane. window: (S, 4) x and y of the first node, and the steps between
+    nodes.
+    """
+
+    samples: Array
+    inner: Indices
+    used: Indices
+    heights: Array
+    window: Array
+
+
+class Arrangement(NamedTuple):
+    """F feathers as a layout moves them.
+
+    maps: of their shapes; shape: (F,) which. root: (F, 3) m and frame: (F, 3, 3) as placed. moves:
+    (F, 3) raise (rad), roll (rad), lift (m); place: (F, 3) and rotation: (F, 3, 3), root and frame
+    as moved. placed_size, size: (F,) m, lengths as placed and now. grown: (F,) whether a feather
+    may be shortened and dropped. kept: (F,) False once dropped. relation: (3, 4) and
+    nearest: (2, 2) are scratch.
     """
 
     maps: HeightMaps
+    shape: Indices
     root: Array
     frame: Array
     moves: Array
     place: Array
-    turned: Array
+    rotation: Array
+    placed_size: Array
     size: Array
-    shape: Indices
     grown: Mask
     kept: Mask
-    placed_size: Array
-
-    @property
-    def shapes(self) -> tuple[Any, ...]:
-        """What the kernels take after the roots."""
-        return self.size, self.shape, self.maps.samples, self.maps.used
-
-    @property
-    def surfaces(self) -> tuple[Any, ...]:
-        """All that a gap depends on, and scratch."""
-        maps = (self.maps.heights, self.maps.window)
-        return (self.place, self.turned, *self.shapes, *maps, np.zeros((3, 4)), np.zeros(4))
+    relation: Array
+    nearest: Array
 
     def world(self) -> Array:
         """(F, Q, 3) m, the samples."""
         samples = self.maps.samples[self.shape] * self.size[:, None, None]
-        return self.place[:, None] + np.einsum("fij,fqj->fqi", self.turned, samples)
+        return self.place[:, None] + np.einsum("fij,fqj->fqi", self.rotation, samples)
 
     def put_back(self) -> None:
         """As placed, though as short as they are now."""
         self.moves[:] = 0.0
-        self.place[:], self.turned[:] = self.root, self.frame
+        self.place[:], self.rotation[:] = self.root, self.frame
 
     def moved(self, strips: Strips) -> Strips:
         """Strips of the feathers as placed, moved and shortened as they are."""
-        turn = self.turned @ self.frame.transpose(0, 2, 1)
-        share = self.size / self.placed_size
+        change = self.rotation @ self.frame.transpose(0, 2, 1)
+        kept = self.size / self.placed_size
         return replace(
             strips,
             root=self.place,
-            shaft=share[:, None] * np.einsum("fij,fj->fi", turn, strips.shaft),
-            dorsal=self.turned[:, :, 2],
-            reach=share * strips.reach,
+            shaft=kept[:, None] * np.einsum("fij,fj->fi", change, strips.shaft),
+            dorsal=self.rotation[:, :, 2],
+            reach=kept * strips.reach,
         )
 
-    def heights(self, skin: Skin | None) -> Array:
+    def heights(self, skin: SkinPlanes | None) -> Array:
         """(F,) m, least height over the skin; NaN without one."""
         if skin is None:
             return np.full(len(self.size), np.nan)
@@ -83,43 +99,49 @@ class Pose:
     def gaps(self, pairs: Indices) -> tuple[Array, Array]:
         """Gaps (K,) m of pairs, NaN where they are not over each other, and where they are least.
 
-        The places (K, 4) m are x and y in the frame of the upper, then of the lower feather.
+        The places (K, 2, 2) m are x and y in the frame of the upper, then of the lower feather.
         """
-        from featherfx.feather.layout.kernels import all_gaps
-
-        gaps, places = np.full(len(pairs), np.nan), np.zeros((len(pairs), 4))
-        all_gaps(pairs, *self.surfaces, gaps, places)
+        gaps, places = np.full(len(pairs), np.nan), np.zeros((len(pairs), 2, 2))
+        all_gaps(self, pairs, gaps, places)
         return gaps, places
 
+    def cover(self, pairs: Indices) -> float:
+        """Mean number of feathers over a point of a vane, itself included."""
+        counts = np.zeros((len(self.size), self.maps.samples.shape[1]), dtype=np.int64)
+        count_cover(self, pairs, counts)
+        inner = self.maps.inner[self.shape]
+        within = np.arange(counts.shape[1]) < inner[:, None]
+        return 1.0 + float(counts[within].sum() / inner.sum())
 
-def pose_of(feathers: Sequence[Placement]) -> Pose:
+
+def arrangement_of(feathers: Sequence[Placement]) -> Arrangement:
     """Feathers as they are placed. Raises InputError for shapes that cannot be built."""
     first, shape = repeated_shapes(feathers)
     shapes = [(feathers[k].prototype or feathers[k].kind, feathers[k].mirrored) for k in first]
     frame = np.array([feather.rotation for feather in feathers])
     root = np.array([feather.position for feather in feathers])
     size = np.array([feather.kind.length for feather in feathers])
-    return Pose(
+    return Arrangement(
         maps=height_maps(shapes),
+        shape=np.array(shape),
         root=root,
         frame=frame,
         moves=np.zeros((len(feathers), 3)),
         place=root.copy(),
-        turned=frame.copy(),
-        size=size,
-        shape=np.array(shape),
+        rotation=frame.copy(),
+        placed_size=size,
+        size=size.copy(),
         grown=np.array([feather.grown for feather in feathers]),
         kept=np.ones(len(feathers), dtype=np.bool_),
-        placed_size=size.copy(),
+        relation=np.zeros((3, 4)),
+        nearest=np.zeros((2, 2)),
     )
 
 
-class Skin:
+class SkinPlanes:
     """Tangent planes of a skin: those of the nearest triangle's middle."""
 
     def __init__(self, corners: Array) -> None:
-        from scipy.spatial import cKDTree
-
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         centres = corners.mean(axis=1)
@@ -136,28 +158,6 @@ class Skin:
         """(...) m, heights of points (..., 3) over the skin; negative inside."""
         planes = self.planes(points)
         return np.asarray(np.einsum("...c,...c->...", points, planes[..., :3]) - planes[..., 3])
-
-
-# the rest shape is built with so many rows and columns, and mapped onto so many nodes
-_ROWS, _COLUMNS = 11, 4
-_NODES = (28, 14)
-
-
-@dataclass(frozen=True)
-class HeightMaps:
-    """S shapes, in feather lengths.
-
-    samples: (S, Q, 3) points of the vanes, those within before those on the edge; inner: (S,) how
-    many lie within, and used: (S,) how many each shape has in all. heights:
-    (S, H, W) above the x-y plane, NaN beside the vane. window: (S, 4) x and y of the first node,
-    and the steps between nodes.
-    """
-
-    samples: Array
-    inner: Indices
-    used: Indices
-    heights: Array
-    window: Array
 
 
 def height_maps(shapes: list[tuple[FeatherKind, bool]]) -> HeightMaps:
