@@ -27,7 +27,8 @@ def read_groom(
     preset_folders: Folders = (),
     note: Callable[[Path], object] = lambda path: None,
 ) -> Groom:
-    """The groom of a TOML or USD file: which feathers, where, metres and z up.
+    """The groom of a TOML or USD file: which feathers, where, metres and z up; laid over each other
+    where it asks for that.
 
     preset_folders: searched before the user's and the shipped presets. note: is told every USD
     file that is read. Raises InputError with all problems of the file, of the tables and scenes
@@ -39,15 +40,22 @@ def read_groom(
     return lay_out(read.read_groom(path, preset_folders, scene_readers(note)))
 
 
-def read_shot(path: str | Path, preset_folders: Folders = ()) -> Shot:
-    """The shot of a TOML file with its groom, its roots bound to the skin where it has one.
+def read_shot(
+    path: str | Path,
+    preset_folders: Folders = (),
+    note: Callable[[Path], object] = lambda path: None,
+) -> Shot:
+    """The shot of a TOML file with its groom, its feathers laid over each other where the groom
+    asks for it, and its roots bound to the skin where it has one.
 
-    Raises InputError with all problems of shot, groom, scenes and presets; InputWarning for roots
-    that are far from the skin.
+    preset_folders, note: as in read_groom. Raises InputError with all problems of shot, groom,
+    scenes and presets; InputWarning for roots that are far from the skin, and for feathers that
+    the layout leaves out or cannot part.
     """
+    from featherfx.shot.placement import place_feathers
     from featherfx.shot.read import read
 
-    return read.read_shot(path, preset_folders, scene_readers())
+    return place_feathers(read.read_shot(path, preset_folders, scene_readers(note)))
 
 
 def read_quality(name: str, preset_folders: Folders = ()) -> Quality:

@@ -166,8 +166,9 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
 
     try:
         tried = _tried(path, folders)
-    except InputError:
-        tried = None
+    except InputError as error:
+        # the reader finds all that is wrong in the files; what it does not, shows when it is tried
+        return check_file(path, folders, scene_readers()) or list(error.problems)
     return check_file(path, folders, scene_readers()) if tried is None else tried
 
 

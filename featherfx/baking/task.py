@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from featherfx._version import __version__
-from featherfx.api import read_quality, scene_readers
+from featherfx.api import read_quality, read_shot
 from featherfx.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -251,9 +251,7 @@ def wanted_shot(
 
     note: is told every scene that is read.
     """
-    from featherfx.shot.read.read import read_shot
-
-    shot = read_shot(shot_path, folders, scene_readers(note))
+    shot = read_shot(shot_path, folders, note)
     if frames and not shot.first_frame <= frames[0] <= frames[1] <= shot.last_frame:
         allowed = f"allowed {shot.first_frame} to {shot.last_frame}"
         message = f"{frames[0]}-{frames[1]} is out of range, {allowed}"

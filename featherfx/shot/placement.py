@@ -1,9 +1,15 @@
-"""Carrying a feather's material points into the world."""
+"""Where feathers stand: laid over each other, on their skin, and their points in the world."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.feather.layout.layout import lay_out
+from featherfx.shot.types import Shot
 
 Array = NDArray[np.float64]
 
@@ -18,3 +24,24 @@ def place(points: Array, position: Array, rotation: Array) -> Array:
     placed[:, 0] += position
     placed[:, 3:] += position
     return np.asarray(placed)
+
+
+def place_feathers(shot: Shot) -> Shot:
+    """A shot as it was read, with its feathers laid over each other and bound to its skin.
+
+    What a groom's layout moves, shortens or leaves out is told by its warnings (lay_out); roots far
+    from their skin give one as well. Raises InputError for shapes that cannot be built, and for
+    grips and forces on feathers that the layout leaves out.
+    """
+    groom = lay_out(shot.groom)
+    left = {feather.id for feather in groom.feathers}
+    lost = [
+        Problem(str(shot.source), f"{key}[{index}].feather", f"the layout leaves '{each}' out")
+        for key, loads in (("grip", shot.grips), ("force", shot.forces))
+        for index, each in enumerate(load.feather for load in loads)
+        if each not in left
+    ]
+    if lost:
+        raise InputError(*lost)
+    skin = shot.surfaces.bind(groom) if shot.surfaces is not None else shot.skin
+    return replace(shot, groom=groom, skin=skin, surfaces=None)

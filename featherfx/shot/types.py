@@ -13,7 +13,7 @@ from featherfx.groom.keys.preset import FAMILIES, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.view import TimedCamera
-from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.motion.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.read.sources import TimedSurface, TimedWind
 
 Array = NDArray[np.float64]
@@ -198,8 +198,9 @@ class Motion:
 class Shot:
     """All that a bake needs. first_frame, last_frame: both baked. gravity: (3,).
 
-    skin: the groom's roots on their skin, where the motion is of kind "skin". wind_source: added to
-    wind. colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
+    skin: the groom's roots on their skin, where the motion is of kind "skin"; surfaces: what they
+    are to be bound to, until featherfx.shot.placement has done so. wind_source: added to wind.
+    colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. level_of_detail: None: levels do not change.
     """
 
@@ -252,6 +253,7 @@ class Shot:
         bool, "Whether feathers hang in balance at the first frame, instead of at rest."
     ] = True
     skin: BoundSkin | None = None
+    surfaces: SkinSurfaces | None = None
     wind_source: TimedWind | None = None
     colliders: tuple[TimedSurface, ...] = ()
     contact: Contact | None = None

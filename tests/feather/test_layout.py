@@ -8,7 +8,8 @@ import pytest
 import trimesh
 from scipy.optimize import minimize
 
-from featherfx.errors import InputWarning
+import featherfx
+from featherfx.errors import InputError, InputWarning
 from featherfx.feather.build import build_feather
 from featherfx.feather.layout.layout import cover, laid_out, lay_out, measured
 from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
@@ -18,8 +19,11 @@ from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import Groom, Layout, Placement
+from featherfx.shot.placement import place_feathers
+from featherfx.shot.read.read import read_shot
 
 CLEARANCE = 2e-4
+SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull" / "shot.toml"
 
 
 @pytest.fixture(scope="module")
@@ -245,3 +249,40 @@ def test_repeated_shapes(kind):
         placed(kind, "d", (0, 0, 0), mirrored=True),
     ]
     assert repeated_shapes(feathers) == ([0, 2, 3], [0, 0, 1, 2])
+
+
+ROW = """
+name = "row"
+[layout]
+[[row]]
+id = "f"
+kind = "body_contour"
+count = 6
+first = { position = [0, 0, 0], direction = [-1, 0, 0], up = [0, 0, 1] }
+last = { position = [-0.02, 0, 0], direction = [-1, 0, 0], up = [0, 0, 1] }
+"""
+
+
+def test_a_shot_is_read_as_written_and_its_feathers_are_placed_after_that(tmp_path):
+    (tmp_path / "groom.toml").write_text(ROW)
+    (tmp_path / "shot.toml").write_text('name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n')
+    shot = read_shot(tmp_path / "shot.toml")
+    assert all(
+        np.array_equal(f.rotation, shot.groom.feathers[0].rotation) for f in shot.groom.feathers
+    )
+    placed_shot = featherfx.read_shot(tmp_path / "shot.toml")
+    assert [f.rank for f in placed_shot.groom.feathers] == [5, 4, 3, 2, 1, 0]
+    for a, b in zip(placed_shot.groom.feathers, lay_out(shot.groom).feathers, strict=True):
+        assert np.array_equal(a.rotation, b.rotation)
+        assert np.array_equal(a.position, b.position)
+
+
+@pytest.mark.filterwarnings("ignore:.*are left out")
+def test_a_feather_that_is_left_out_cannot_be_gripped(kind):
+    shot = replace(read_shot(SAMPLE), groom=limited(crossing(kind), drop=1e-4))
+    (grip,) = shot.grips
+    gripped = replace(shot, grips=(replace(grip, feather="placed"),))
+    assert [f.id for f in place_feathers(gripped).groom.feathers] == ["placed"]
+    with pytest.raises(InputError) as caught:
+        place_feathers(replace(shot, grips=(*gripped.grips, replace(grip, feather="grown"))))
+    assert [problem.key for problem in caught.value.problems] == ["grip[1].feather"]

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.skin import Binding, bind, follow, is_flat
 from featherfx.groom.types import Groom
-from featherfx.shot.motion.joints import roots_at_rest
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.read.sources import Surface
 
@@ -98,68 +95,78 @@ class BoundSkin:
         raise InputError(Problem(part.surface.path, "points", message))
 
 
-def bind_groom(
-    groom: Groom, surfaces: Sequence[Surface], start: float, tolerance: float, place: Place
-) -> BoundSkin:
-    """Bind the roots of a groom to their surfaces: the one a feather names, else the first.
+@dataclass(frozen=True)
+class SkinSurfaces:
+    """What the roots of a groom ride on, before they are bound.
 
-    tolerance: m; roots that are farther give an InputWarning with their ids and distances.
+    surfaces: a feather's is the one that it names, else the first. start: time code at 0 s.
+    tolerance: m; roots that are farther give a warning, which names source and key.
     """
-    index = {surface.path: number for number, surface in enumerate(surfaces)}
-    chosen = np.array([index.get(feather.skin, 0) for feather in groom.feathers], dtype=np.int64)
-    by_uv = np.array([feather.skin_uv is not None for feather in groom.feathers], dtype=np.bool_)
-    at_rest = roots_at_rest(groom)
-    parts = []
-    for number, surface in enumerate(surfaces):
-        for at_uv in (False, True):
-            members = np.flatnonzero((chosen == number) & (by_uv == at_uv))
-            if len(members):
-                uv = np.array([groom.feathers[k].skin_uv for k in members]) if at_uv else None
-                parts.append(_part(surface, members, at_rest.positions[members], uv))
-                _warn(groom, parts[-1], tolerance, place)
-    roots = dict(pair for part in parts for pair in _roots(part))
-    return BoundSkin(
-        ids=tuple(feather.id for feather in groom.feathers),
-        rotations=at_rest.rotations,
-        start=start,
-        parts=tuple(parts),
-        roots=tuple(roots[k] for k in range(len(groom.feathers))),
-    )
+
+    surfaces: tuple[Surface, ...]
+    start: float
+    tolerance: float
+    source: str
+    key: str
+
+    def bind(self, groom: Groom) -> BoundSkin:
+        """Bind the roots of a groom; an InputWarning tells those that are far, with distances."""
+        index = {surface.path: number for number, surface in enumerate(self.surfaces)}
+        chosen = np.array(
+            [index.get(feather.skin, 0) for feather in groom.feathers], dtype=np.int64
+        )
+        parts = []
+        roots: list[SkinRoot | None] = [None] * len(groom.feathers)
+        for number, surface in enumerate(self.surfaces):
+            members = np.flatnonzero(chosen == number)
+            placed = np.array([groom.feathers[k].skin_uv is not None for k in members], dtype=bool)
+            for some in (members[~placed], members[placed]):
+                if len(some) == 0:
+                    continue
+                part = _part(groom, surface, some)
+                parts.append(part)
+                self._warn(groom, part)
+                for k, triangle in enumerate(part.binding.triangle):
+                    roots[some[k]] = SkinRoot(
+                        surface.path,
+                        int(surface.face[triangle]),
+                        part.triangles[k],
+                        part.binding.barycentric[k],
+                    )
+        return BoundSkin(
+            ids=tuple(feather.id for feather in groom.feathers),
+            rotations=np.array([f.rotation for f in groom.feathers]).reshape(-1, 3, 3),
+            start=self.start,
+            parts=tuple(parts),
+            roots=tuple(root for root in roots if root is not None),
+        )
+
+    def _warn(self, groom: Groom, part: _Part) -> None:
+        distance = part.binding.distance
+        far = np.flatnonzero(distance > self.tolerance)
+        if len(far) == 0:
+            return
+        far = far[np.argsort(-distance[far], kind="stable")]
+        named = ", ".join(
+            f"'{groom.feathers[part.members[k]].id}' {distance[k]:.3g} m" for k in far[:_MOST_NAMED]
+        )
+        more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
+        warnings.warn(
+            f"{self.source}: {self.key}: roots farther than {self.tolerance:g} m from "
+            f"{part.surface.path}: {named}{more}",
+            InputWarning,
+            stacklevel=2,
+        )
 
 
-def _part(surface: Surface, members: Indices, positions: Array, uv: Array | None) -> _Part:
-    """Bind roots, by their places in texture space where uv (R, 2) is given."""
+def _part(groom: Groom, surface: Surface, members: Indices) -> _Part:
+    """Feathers of one surface, all of them or none placed by skin uv."""
+    positions = np.array([groom.feathers[k].position for k in members], dtype=np.float64)
+    uv = [place for k in members if (place := groom.feathers[k].skin_uv) is not None]
     search = None
-    if uv is not None and surface.st is not None:
+    if uv and surface.st is not None:
         flat = np.zeros((len(surface.st), 3, 3))
         flat[:, :, :2] = surface.st
-        search = np.column_stack([uv, np.zeros(len(uv))]), flat
+        search = np.column_stack([np.array(uv), np.zeros(len(uv))]), flat
     binding = bind(positions, surface.rest, surface.triangles, search)
     return _Part(surface, members, binding, surface.triangles[binding.triangle])
-
-
-def _roots(part: _Part) -> Iterator[tuple[int, SkinRoot]]:
-    """By numbers of the feathers."""
-    path, binding = part.surface.path, part.binding
-    faces = part.surface.face[binding.triangle]
-    each = zip(part.members, faces, part.triangles, binding.barycentric, strict=True)
-    for member, face, points, weights in each:
-        yield int(member), SkinRoot(path, int(face), points, weights)
-
-
-def _warn(groom: Groom, part: _Part, tolerance: float, place: Place) -> None:
-    far = np.flatnonzero(part.binding.distance > tolerance)
-    if len(far) == 0:
-        return
-    far = far[np.argsort(-part.binding.distance[far], kind="stable")]
-    named = ", ".join(
-        f"'{groom.feathers[part.members[k]].id}' {part.binding.distance[k]:.3g} m"
-        for k in far[:_MOST_NAMED]
-    )
-    more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
-    warnings.warn(
-        f"{place.source}: {place.key}: roots farther than {tolerance:g} m from "
-        f"{part.surface.path}: {named}{more}",
-        InputWarning,
-        stacklevel=2,
-    )

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.errors import InputError, Problem
-from featherfx.feather.layout.layout import lay_out
+from featherfx.errors import Problem
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import INVALID, Place, Problems, nearest
@@ -31,8 +30,9 @@ def read_shot(
     preset_folders: Iterable[str | Path] = (),
     readers: SceneReaders | None = None,
 ) -> Shot:
-    """The shot that a TOML file describes, with its groom.
+    """The shot that a TOML file describes, with its groom as its files have it.
 
+    Feathers are not yet laid over each other, nor roots bound to a skin: featherfx.shot.placement.
     preset_folders: searched before the user's and the shipped presets. readers: of USD scenes.
     Raises InputError with all problems of the shot, its groom, tables, scenes and presets.
     """
@@ -127,7 +127,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         grips=grips,
         forces=forces,
         details=details,
-        skin=skin,
+        surfaces=skin,
         wind_source=wind_source,
         colliders=colliders,
         contact=contact,
@@ -193,12 +193,7 @@ def _groom(
         groom = groom and replace(groom, source=path.parent / usd)
     if groom is None or len(library.problems) > count:
         return None  # half a groom would mislead later checks
-    try:
-        return lay_out(groom)
-    except InputError as error:
-        for problem in error.problems:
-            library.problems.add(problem.source, problem.key, problem.message)
-        return None
+    return groom
 
 
 def _preset(

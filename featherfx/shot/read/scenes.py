@@ -10,7 +10,7 @@ from featherfx.errors import InputWarning
 from featherfx.groom.keys.values import Place
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.view import TimedCamera
-from featherfx.shot.motion.skin import BoundSkin, bind_groom
+from featherfx.shot.motion.skin import SkinSurfaces
 from featherfx.shot.read.sources import SceneReaders, Surface, TimedSurface, TimedWind, WindSource
 from featherfx.shot.types import LevelOfDetail
 
@@ -21,10 +21,10 @@ def read_skin(
     groom: Groom,
     place: Place,
     readers: SceneReaders | None,
-) -> BoundSkin | None:
-    """The bound skin of a shot; None where it has none, or after adding problems.
+) -> SkinSurfaces | None:
+    """The skin that a shot's roots ride on; None where it has none, or after adding problems.
 
-    raw: the shot as written; checked: its keys. Roots bind where no problem was found.
+    raw: the shot as written; checked: its keys.
     """
     at = place.child("skin")
     entry = checked["skin"]
@@ -49,7 +49,7 @@ def read_skin(
             at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
     if len(place.problems) > count:
         return None
-    return bind_groom(groom, surfaces, start, entry["tolerance"], at)
+    return SkinSurfaces(tuple(surfaces), start, entry["tolerance"], at.source, at.key)
 
 
 def read_wind(
