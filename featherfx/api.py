@@ -7,17 +7,26 @@ the process has, and only where a file is a USD file or names one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import all_of
+from featherfx.feather.layout.layout import lay_out
+from featherfx.feather.scaled import feather_of
+from featherfx.feather.types import Feather
+from featherfx.groom.presets.library import plain
+from featherfx.groom.presets.presets import load_preset
+from featherfx.groom.read.read import read_groom as read_groom_file
+from featherfx.groom.types import Groom
+from featherfx.shot.placement import place_feathers
+from featherfx.shot.read.read import read_shot as read_shot_file
+from featherfx.shot.read.sources import SceneReaders
+from featherfx.shot.types import Quality, Shot
 
 if TYPE_CHECKING:
-    from featherfx.feather.types import Feather
-    from featherfx.groom.types import Groom
-    from featherfx.shot.read.sources import SceneReaders
     from featherfx.shot.simulate import Simulation
-    from featherfx.shot.types import Quality, Shot
 
 Folders = Iterable[str | Path]
 
@@ -34,10 +43,7 @@ def read_groom(
     file that is read. Raises InputError with all problems of the file, of the tables and scenes
     that it names, and of the presets.
     """
-    from featherfx.feather.layout.layout import lay_out
-    from featherfx.groom.read import read
-
-    return lay_out(read.read_groom(path, preset_folders, scene_readers(note)))
+    return lay_out(read_groom_file(path, preset_folders, scene_readers(note)))
 
 
 def read_shot(
@@ -52,18 +58,11 @@ def read_shot(
     scenes and presets; InputWarning for roots that are far from the skin, and for feathers that
     the layout leaves out or cannot part.
     """
-    from featherfx.shot.placement import place_feathers
-    from featherfx.shot.read import read
-
-    return place_feathers(read.read_shot(path, preset_folders, scene_readers(note)))
+    return place_feathers(read_shot_file(path, preset_folders, scene_readers(note)))
 
 
 def read_quality(name: str, preset_folders: Folders = ()) -> Quality:
     """A quality preset by its name. Raises InputError."""
-    from featherfx.groom.presets.library import plain
-    from featherfx.groom.presets.presets import load_preset
-    from featherfx.shot.types import Quality
-
     _, tree = load_preset(f"quality/{name}", preset_folders)
     return Quality(name=name, **plain(tree))
 
@@ -74,18 +73,9 @@ def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]
     quality: gives rows and columns; a name is one of the presets on the default search path.
     Raises InputError with the problems of all feathers that cannot be built.
     """
-    from featherfx.feather.scaled import feather_of
-
     grid = read_quality(quality) if isinstance(quality, str) else quality
-    feathers, problems = [], dict[Problem, None]()
-    for each in groom.feathers:
-        try:
-            feathers.append(feather_of(each, grid.rows, grid.columns))
-        except InputError as error:
-            problems |= dict.fromkeys(error.problems)
-    if problems:
-        raise InputError(*problems)
-    return tuple(feathers)
+    built = (partial(feather_of, each, grid.rows, grid.columns) for each in groom.feathers)
+    return tuple(all_of(*built))
 
 
 def simulate(
@@ -96,6 +86,7 @@ def simulate(
     jobs: threads. frames: first and last of those wanted; those before are computed all the same.
     Raises InputError here and, while iterating, SimulationError.
     """
+    # the solver takes its time to load, which nothing else here needs
     from featherfx.shot import simulate as loop
 
     return loop.simulate(read_shot(shot) if isinstance(shot, str | Path) else shot, jobs, frames)
@@ -106,42 +97,22 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
 
     note: is told every file that is read.
     """
-    from featherfx.shot.read.sources import SceneReaders
 
-    def feathers(entry: Any, folder: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read.groom import read_feathers
+    def reader(module: str, name: str, file: Callable[..., Path]) -> Callable[..., Any]:
+        def read(*arguments: Any) -> Any:
+            note(file(*arguments))
+            return getattr(import_module(f"featherfx.usd.read.{module}"), name)(*arguments)
 
-        note(folder / entry["file"])
-        return read_feathers(entry, folder, *arguments)
+        return read
 
-    def skin(entry: Any, paths: Any, folder: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read.skin import read_skin
+    def itself(path: Path, *_: Any) -> Path:
+        return path
 
-        note(folder / entry["usd"])
-        return read_skin(entry, paths, folder, *arguments)
-
-    def curves(path: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read.skin import read_curves
-
-        note(path)
-        return read_curves(path, *arguments)
-
-    def meshes(path: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read.scenes import open_meshes
-
-        note(path)
-        return open_meshes(path, *arguments)
-
-    def wind(path: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read.scenes import open_wind
-
-        note(path)
-        return open_wind(path, *arguments)
-
-    def camera(path: Path, *arguments: Any) -> Any:
-        from featherfx.usd.read.camera import open_camera
-
-        note(path)
-        return open_camera(path, *arguments)
-
-    return SceneReaders(feathers, skin, curves, meshes, wind, camera)
+    return SceneReaders(
+        feathers=reader("groom", "read_feathers", lambda entry, folder, *_: folder / entry["file"]),
+        skin=reader("skin", "read_skin", lambda skin, paths, folder, *_: folder / skin["usd"]),
+        curves=reader("skin", "read_curves", lambda folder, entry, *_: folder / entry["usd"]),
+        meshes=reader("scenes", "open_meshes", itself),
+        wind=reader("scenes", "open_wind", itself),
+        camera=reader("camera", "open_camera", itself),
+    )

@@ -5,11 +5,21 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from statistics import median
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-if TYPE_CHECKING:
-    from featherfx.shot.simulate import Simulation
-    from featherfx.shot.types import Shot
+import numpy as np
+
+from featherfx.baking.bake import peak_memory_bytes
+from featherfx.baking.entries import entries_of
+from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.share import part_of
+from featherfx.shot.simulate import Simulation, drawn_feathers, simulate
+from featherfx.shot.types import LEVELS, Detail, Shot
+from featherfx.usd.space import StageSpace
+from featherfx.usd.write.options import WriteOptions
+from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.write import chunk_bytes
 
 # frames, and feathers of each level, that are simulated to learn what one costs
 TRIED_FRAMES, TRIED_FEATHERS, TRIED_FOLLOWERS = 4, 8, 64
@@ -43,9 +53,6 @@ def bake_cost(shot: Shot, jobs: int) -> dict[str, Any]:
     Memory is that of the process so far, which has read and laid out the groom, and of what the
     bake adds; an estimate. With contact, the feathers that are tried are neighbours.
     """
-    from featherfx.baking.bake import peak_memory_bytes
-    from featherfx.usd.write.write import CHUNK_FRAMES, chunk_bytes
-
     counts, members = _levels(shot)
     tried: dict[str, _Tried] = {}
     for level in counts:
@@ -59,7 +66,7 @@ def bake_cost(shot: Shot, jobs: int) -> dict[str, Any]:
 
     seconds, sample = of_a_frame("seconds") * frames, of_a_frame("sample")
     memory = of_a_frame("resident") + _FRAMES_HELD * of_a_frame("posed")
-    chunk = min(sample * min(frames, CHUNK_FRAMES), max(sample, chunk_bytes(total)))
+    chunk = min(sample * min(frames, WriteOptions.chunk), max(sample, chunk_bytes(total)))
     memory += sample * _AUTHORED + chunk
     return {
         "frames": frames,
@@ -79,14 +86,7 @@ def bake_cost(shot: Shot, jobs: int) -> dict[str, Any]:
 
 def _levels(shot: Shot) -> tuple[dict[str, float], dict[str, Any]]:
     """Mean feathers a frame at each level, full first, and the numbers of those ever at it."""
-    import numpy as np
-
-    from featherfx.shot.detail.levels import level_plan
-    from featherfx.shot.motion.motion import root_motion
-    from featherfx.shot.simulate import simulate
-    from featherfx.shot.types import LEVELS
-
-    table = level_plan(shot, simulate(shot).feathers, root_motion(shot)).table
+    table = level_plan(shot, drawn_feathers(shot), root_motion(shot)).table
     there = [name for k, name in enumerate(LEVELS) if (table == k).any()]
     # followers are tried beside the guides that they follow
     names = ["full", *[name for name in there if name != "full"]] if "guided" in there else there
@@ -99,10 +99,6 @@ def _levels(shot: Shot) -> tuple[dict[str, float], dict[str, Any]]:
 
 def _try(shot: Shot, level: str, members: Any, full: float | None) -> _Tried:
     """Simulate some of the feathers at one level. full: seconds of one that guides."""
-    from featherfx.shot.share import part_of
-    from featherfx.shot.simulate import simulate
-    from featherfx.shot.types import Detail
-
     most = TRIED_FOLLOWERS if level in ("guided", "rigid") else TRIED_FEATHERS
     chosen = _neighbours(shot, members, most) if shot.contact else _spread(members, most)
     part = part_of(shot, chosen)
@@ -130,15 +126,11 @@ def _try(shot: Shot, level: str, members: Any, full: float | None) -> _Tried:
 
 def _spread(members: Any, most: int) -> Any:
     """Up to so many of some numbers, evenly."""
-    import numpy as np
-
     return members[np.unique(np.linspace(0, len(members) - 1, most).astype(int))]
 
 
 def _neighbours(shot: Shot, members: Any, most: int) -> Any:
     """Up to so many feathers around the one in the middle of the list."""
-    import numpy as np
-
     roots = np.array([shot.groom.feathers[f].position for f in members])
     way = np.linalg.norm(roots - roots[len(roots) // 2], axis=1)
     return np.sort(members[np.argsort(way, kind="stable")[:most]])
@@ -157,10 +149,6 @@ def _frame_seconds(simulation: Simulation) -> list[float]:
 
 def _written(part: Shot, simulation: Simulation) -> tuple[float, float]:
     """Bytes of one frame on disk, and of its poses on the way there."""
-    from featherfx.baking.bake import entries_of
-    from featherfx.usd.space import StageSpace
-    from featherfx.usd.write.poses import posed_feathers
-
     entries = entries_of(part.groom, simulation.feathers, static=False, skin=part.skin)
     sample = sum(feather.bytes_per_sample for feather in posed_feathers(entries, StageSpace()))
     # points, velocities and accelerations

@@ -15,6 +15,7 @@ from typing import Any
 from featherfx.api import Folders, read_shot
 from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem
+from featherfx.files.whole import write_text
 
 # Characters that a job's name may have at most.
 _NAME_LENGTH = 64
@@ -35,8 +36,6 @@ def plan(
     shares: items that bake, at least 1 and at most the number of feathers. options: of `featherfx
     bake`, passed on to every item. Raises InputError where the shot or the number is wrong.
     """
-    from featherfx.files.whole import write_text
-
     shot = read_shot(shot_path, preset_folders)
     shot_path = Path(os.path.abspath(shot_path))
     output = Path(os.path.abspath(default_output(shot) if output is None else output))

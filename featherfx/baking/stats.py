@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import tomllib
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot
 from featherfx.baking.cost import bake_cost
-from featherfx.baking.task import all_of
-
-if TYPE_CHECKING:
-    from featherfx.groom.types import Groom
-    from featherfx.shot.types import Quality
+from featherfx.errors import all_of
+from featherfx.feather.layout.layout import cover, measured
+from featherfx.feather.scaled import feather_of, repeated_shapes
+from featherfx.groom.types import Groom
+from featherfx.shot.types import Quality
 
 _MOST_NAMED = 10
 
@@ -38,8 +39,6 @@ def plumage_stats(
             lambda: read_shot(path, folders),
             lambda: read_quality(quality, folders) if quality else None,
         )
-        from dataclasses import replace
-
         shot = replace(shot, quality=chosen) if chosen else shot
         return _of_groom(shot.groom, shot.quality) | {"bake": bake_cost(shot, jobs)}
     groom, grid = all_of(
@@ -58,9 +57,6 @@ def _is_shot(path: Path) -> bool:
 
 
 def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
-    from featherfx.feather.layout.layout import cover, measured
-    from featherfx.feather.scaled import feather_of, repeated_shapes
-
     first, shapes = repeated_shapes(groom.feathers)
     report = measured(groom)
     lengths = [feather.kind.length for feather in groom.feathers]

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import click
 from click.core import ParameterSource
 
-from featherfx.cli.options import (
-    FrameRange,
-    Names,
-    Share,
-    drawn_options,
-    presets_option,
-    quality_option,
-    readable_path,
-    stage_options,
-)
+from featherfx.baking import pipeline
+from featherfx.baking.options import BakeOptions, DrawnOptions, GroomOptions
+from featherfx.cli.options import options_of, presets_option, quality_option, readable_path
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
+from featherfx.usd.write.options import StageOptions
 
+STAGE = tuple(each.name for each in fields(StageOptions))
+DRAWN = tuple(each.name for each in fields(DrawnOptions) if each.name != "preset_folders")
 # Options of a bake that a plan sets itself, or that belong to one worker.
 PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--report")
 
@@ -44,49 +41,16 @@ PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--r
     type=click.Path(path_type=Path),
     help="USD file to write (.usd, .usdc, .usda).  [default: the shot's name with .usdc]",
 )
-@click.option(
-    "--frames", type=FrameRange(), help="First and last frame to write.  [default: all of the shot]"
-)
+@options_of(BakeOptions, "frames")
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
     help="Feathers simulated at a time; the result does not depend on it.  [default: all cores]",
 )
-@quality_option("Quality preset instead of the shot's.")
+@options_of(BakeOptions, "quality")
 @presets_option
-@click.option("--report", type=click.Path(path_type=Path), help="JSON file for figures of the run.")
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Continue after the frames that an earlier bake of this shot left, killed or not.",
-)
-@click.option(
-    "--feathers",
-    type=Share(),
-    help="Bake the I-th of N shares of the feathers, to OUT.IofN.usdc.",
-)
-@click.option(
-    "--chunk",
-    type=click.IntRange(min=1),
-    default=24,
-    show_default=True,
-    help="Frames that are written, and can be resumed after, at a time.",
-)
-@click.option(
-    "--subframes",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Samples a frame, for motion blur.",
-)
-@drawn_options
-@click.option("--accelerations", is_flag=True, help="Write accelerations beside velocities.")
-@click.option(
-    "--diagnostics",
-    type=Names("strain", "energy"),
-    default="",
-    help="Write strain, energy or strain,energy of the vanes, per face and sample.",
-)
+@options_of(BakeOptions, "report", "resume", "feathers", "chunk", "subframes")
+@options_of(BakeOptions, *DRAWN, "accelerations", "diagnostics")
 @click.option(
     "--progress",
     "style",
@@ -102,7 +66,7 @@ PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--r
     metavar="N",
     help="Do not bake: write N work items with their commands, and a job template.",
 )
-@stage_options
+@options_of(BakeOptions, *STAGE)
 @click.pass_context
 def bake(
     ctx: click.Context,
@@ -117,16 +81,15 @@ def bake(
     The output appears under its name when it is complete, never before. What a bake that was
     stopped has finished stays beside it for --resume.
     """
-    from featherfx.baking.pipeline import bake as bake_shot
-    from featherfx.baking.pipeline import plan
-
     if shares:
         given = _given(ctx, PER_WORKER)
-        for path in plan(shot, options["output"], shares, given, options["preset_folders"]):
+        for path in pipeline.plan(
+            shot, options["output"], shares, given, options["preset_folders"]
+        ):
             click.echo(str(path), err=True)
         return
     with Progress("frames", style) as progress:
-        result = bake_shot(shot, jobs=jobs or os.cpu_count() or 1, on_frame=progress, **options)
+        result = pipeline.bake(shot, jobs=jobs or os.cpu_count() or 1, on_frame=progress, **options)
     click.echo(
         f"{result['feathers']} feathers, {result['frames']} frames"
         f" in {result['wall_seconds']:.1f} s",
@@ -176,9 +139,7 @@ def _as_text(value: Any) -> str:
 @click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
 def join(output: Path, shares: int, overwrite: bool) -> None:
     """Write OUTPUT, a USD file that names the shares beside it (OUTPUT.1ofN.usdc and so on)."""
-    from featherfx.baking.pipeline import join as join_shares
-
-    click.echo(f"{join_shares(output, shares, overwrite)} feathers", err=True)
+    click.echo(f"{pipeline.join(output, shares, overwrite)} feathers", err=True)
 
 
 @click.command(
@@ -200,17 +161,8 @@ def join(output: Path, shares: int, overwrite: bool) -> None:
 )
 @quality_option("Quality preset that gives rows and columns.  [default: final]")
 @presets_option
-@click.option(
-    "--instances/--no-instances",
-    default=None,
-    help="Feathers of one shape as instances, or each a mesh of its own.  [default: instances where"
-    " at least half of them repeat and no barbs are drawn]",
-)
-@drawn_options
-@stage_options
+@options_of(GroomOptions, "instances", *DRAWN, *STAGE)
 def groom(groom: Path, quality: str | None, **options: Any) -> None:
     """Write the feathers of GROOM (a TOML or USD file) at rest to USD, without time samples."""
-    from featherfx.baking.pipeline import export_groom
-
-    count = export_groom(groom, quality=quality or "final", **options)
+    count = pipeline.export_groom(groom, quality=quality or "final", **options)
     click.echo(f"{count} feathers at rest", err=True)

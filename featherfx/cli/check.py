@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from featherfx.baking import pipeline
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.cli.program import Command
 
@@ -27,9 +28,7 @@ def check(ctx: click.Context, files: tuple[Path, ...], preset_folders: tuple[Pat
     Prints one line per problem (file, key, what is wrong, allowed range) and exits with 1 if
     there is any.
     """
-    from featherfx.baking.pipeline import check as problems_of
-
-    found = [problem for file in files for problem in problems_of(file, preset_folders)]
+    found = [problem for file in files for problem in pipeline.check(file, preset_folders)]
     for problem in dict.fromkeys(found):
         click.echo(str(problem))
     if found:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from featherfx.baking import pipeline
 from featherfx.cli.options import FrameRange, readable_path
 from featherfx.cli.program import Command
 
@@ -42,12 +43,10 @@ def export(
     overwrite: bool,
 ) -> None:
     """Write CACHE (a USD file of featherfx) in another form."""
-    from featherfx.baking.pipeline import export as export_cache
-
     usd = output.suffix in (".usd", ".usda", ".usdc")
     if condensed and not usd:
         raise click.UsageError("--condensed goes with a USD file")
     if frames and usd:
         raise click.UsageError("--frames goes with Alembic and mesh files")
-    files = export_cache(cache, output, condensed=condensed, frames=frames, overwrite=overwrite)
+    files = pipeline.export(cache, output, condensed=condensed, frames=frames, overwrite=overwrite)
     click.echo(f"{len(files)} file{'s' if len(files) != 1 else ''}", err=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import click
 
@@ -88,59 +89,51 @@ def readable_path() -> click.Path:
     return click.Path(path_type=Path, readable=False)
 
 
-def stage_options(command: Decorated) -> Decorated:
-    """Options of the commands that write USD."""
-    options = (
-        click.option(
-            "--meters-per-unit",
-            type=click.FloatRange(min=0.0, min_open=True),
-            help="Unit of length in the USD file; 0.01 for centimetres. Points are scaled."
-            "  [default: that of the skin's or groom's stage, else 1]",
-        ),
-        click.option(
-            "--up-axis",
-            type=click.Choice(["Y", "Z"], case_sensitive=False),
-            help="Axis that points up in the USD file. Points are turned."
-            "  [default: that of the skin's or groom's stage, else Z]",
-        ),
-        click.option(
-            "--layout",
-            type=click.Choice(["auto", "flat", "payload", "clips"]),
-            default="auto",
-            show_default=True,
-            help="One file; a root that loads topology and animation as a payload; or the same"
-            " with the animation as value clips. auto: flat up to 256 MB of samples, else clips.",
-        ),
-        click.option("--overwrite", is_flag=True, help="Replace the output if it exists."),
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
+def options_of(options: type, *names: str) -> Callable[[Decorated], Decorated]:
+    """The options of a command for fields of a class of options, in this order.
+
+    Name, type, range, default and help are those of the field (featherfx/usd/write/options.py).
+    """
+    hints, known = get_type_hints(options), {each.name: each for each in fields(options)}
+
+    def decorate(command: Decorated) -> Decorated:
+        for name in reversed(names):
+            command = _option(known[name], hints[name])(command)
+        return command
+
+    return decorate
 
 
-def drawn_options(command: Decorated) -> Decorated:
-    """What is drawn of the feathers, independent of what is simulated."""
-    options = (
-        click.option(
-            "--render-rows",
-            type=click.IntRange(min=3),
-            help="Rachis rows of the meshes.  [default: as simulated]",
-        ),
-        click.option(
-            "--render-columns",
-            type=click.IntRange(min=1),
-            help="Barb columns a side of the meshes.  [default: as simulated]",
-        ),
-        click.option(
-            "--barbs",
-            type=click.IntRange(min=1),
-            metavar="N",
-            help="Write N barbs along each vane as curves, too: variant barbs of the root prim.",
-        ),
+def _option(declared: Field[Any], hint: Any) -> Callable[[Decorated], Decorated]:
+    told, default = declared.metadata, declared.default
+    flag = "--" + declared.name.replace("_", "-")
+    if hint is bool:
+        return click.option(flag, is_flag=True, help=told["text"])
+    if hint == bool | None:
+        return click.option(f"{flag}/--no-{flag[2:]}", default=None, help=told["text"])
+    return click.option(
+        flag,
+        type=_click_type(told, hint),
+        default="" if default == () else default,
+        show_default=default not in (None, ()),
+        metavar=told.get("metavar"),
+        help=told["text"],
     )
-    for option in reversed(options):
-        command = option(command)
-    return command
+
+
+def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
+    """What a field takes on the command line."""
+    if "form" in told:
+        return FrameRange() if told["form"] == "A-B" else Share()
+    if "allowed" in told:
+        if get_origin(hint) is Sequence:
+            return Names(*told["allowed"])
+        return click.Choice(told["allowed"], case_sensitive=False)
+    if "least" in told:
+        return click.IntRange(min=told["least"])
+    if "above" in told:
+        return click.FloatRange(min=told["above"], min_open=True)
+    return click.Path(path_type=Path) if Path in get_args(hint) else None
 
 
 def quality_option(text: str) -> Callable[[Decorated], Decorated]:

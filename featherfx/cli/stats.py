@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from featherfx.baking import pipeline
 from featherfx.cli.options import presets_option, quality_option, readable_path
 from featherfx.cli.program import Command
 
@@ -38,9 +39,7 @@ def stats(
     Feathers by region and kind, how they overlap and where they pass through each other at rest;
     of a shot also what its bake will cost, measured on a few of its feathers.
     """
-    from featherfx.baking.pipeline import plumage_stats
-
-    found = plumage_stats(
+    found = pipeline.plumage_stats(
         file, quality=quality, jobs=jobs or os.cpu_count() or 1, preset_folders=preset_folders
     )
     click.echo(json.dumps(found, indent=2) if as_json else "\n".join(_lines(found)))

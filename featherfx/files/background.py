@@ -14,9 +14,9 @@ class Background:
     """Calls a function in another thread while the caller goes on; a context manager.
 
     room: calls that may wait; one more makes the caller wait, so that memory stays bounded. An
-    exception of the function is raised by the caller's next call or at the end of the block, and
-    no later call is made. Where the block itself raises, calls that wait are dropped. seconds:
-    spent in the function so far.
+    exception of the function is raised by the caller's next call or at the end, and no later call
+    is made. Where a block of it raises itself, calls that wait are dropped. seconds: spent in the
+    function so far.
     """
 
     def __init__(self, function: Callable[..., object], room: int = 2) -> None:
@@ -26,9 +26,9 @@ class Background:
         self._stopped = False
         self.seconds = 0.0
         self._thread = Thread(target=self._run, name="featherfx writer", daemon=True)
+        self._thread.start()
 
     def __enter__(self) -> Self:
-        self._thread.start()
         return self
 
     def __call__(self, *arguments: Any) -> None:
@@ -40,6 +40,11 @@ class Background:
         self._queue.join()
         self._raise()
 
+    def close(self) -> None:
+        """As wait; and no more calls."""
+        self._end()
+        self._raise()
+
     def __exit__(
         self,
         kind: type[BaseException] | None,
@@ -47,10 +52,15 @@ class Background:
         trace: TracebackType | None,
     ) -> None:
         self._stopped = kind is not None
-        self._queue.put(None)
-        self._thread.join()
         if kind is None:
-            self._raise()
+            self.close()
+        else:
+            self._end()
+
+    def _end(self) -> None:
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join()
 
     def _run(self) -> None:
         # After an error the queue is still emptied, so that no caller waits for room for ever.

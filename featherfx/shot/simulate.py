@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,6 @@ from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within, make_groups
 from featherfx.shot.motion.motion import root_motion, root_path
-from featherfx.shot.motion.roots import Roots
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.solver import RootPath, raise_if_failed
@@ -33,7 +33,7 @@ Indices = NDArray[np.int64]
 
 
 class Simulation:
-    """Iterates over the frames of a shot; `report` is complete after the last one.
+    """Goes once through the frames of a shot; `report` is complete after the last one.
 
     feathers: one per placement that is wanted, in groom order, on the grid of the quality, whatever
     is simulated; resolutions: what is. Between two frames, `checkpoint` is all that a
@@ -52,21 +52,29 @@ class Simulation:
         start: Checkpoint | None = None,
         wanted: Sequence[int] | None = None,
     ) -> None:
-        self.shot, self._jobs, self._subframes, self._start = shot, jobs, subframes, start
-        self._range = frames or (shot.first_frame, shot.last_frame)
-        self._groups: list[Group] = []
-        self._index = -1
-        self._levels: LevelRun | None = None
-        self.resolutions: list[Resolution] = []
-        quality = shot.quality
-        self._drawn = tuple(
-            feather_of(p, quality.rows, quality.columns) for p in shot.groom.feathers
-        )
-        chosen = range(len(self._drawn)) if wanted is None else wanted
+        self.shot, self._subframes, self._counts = shot, subframes, Counts()
+        self._motion = motion = root_motion(shot)
+        drawn = drawn_feathers(shot)
+        chosen = range(len(drawn)) if wanted is None else wanted
         self._wanted: Indices = np.array(chosen, dtype=np.int64)
-        self.feathers: tuple[Feather, ...] = tuple(self._drawn[f] for f in self._wanted)
-        self._counts = Counts()
-        self._contact: ShotContact | None = None
+        self.feathers: tuple[Feather, ...] = tuple(drawn[f] for f in self._wanted)
+        plan = level_plan(shot, drawn, motion)
+        carried = Carried(shot, drawn, plan.of("guided"), plan.leading, self._wanted)
+        plan = plan.part(np.union1d(self._wanted, carried.guides))
+        self.resolutions: list[Resolution] = [plan.resolutions[f][0] for f in self._wanted]
+        self._groups = make_groups(shot, drawn, plan.resolutions, motion, jobs)
+        if shot.cycle:
+            for group in self._groups:
+                period, count = shot.cycle * subframes, len(group.members)
+                group.cycle = Cycle(period, shot.quality.tolerance, count)
+        self._levels = LevelRun(
+            shot, plan, drawn, self._groups, motion, carried, self._wanted, subframes
+        )
+        self._contact = None if shot.contact is None else contact_of(shot, self._groups)
+        self._index = -1
+        if start is not None:
+            self._take_over(start)
+        self._frames = self._run(frames or (shot.first_frame, shot.last_frame))
 
     @property
     def report(self) -> dict[str, Any]:
@@ -75,36 +83,28 @@ class Simulation:
         return self._counts.summary() | contact
 
     def __iter__(self) -> Iterator[Frame]:
-        motion = root_motion(self.shot)
-        self._groups = self._make_groups(motion)
-        if self.shot.contact is not None and self._groups:
-            self._contact = ShotContact(
-                self.shot,
-                [group.solver for group in self._groups],
-                [group.members for group in self._groups],
-                [feather for group in self._groups for feather in group.feathers],
-            )
-        wanted, end = ((number - self.shot.first_frame) * self._subframes for number in self._range)
-        try:
-            for index in range(self._continue(motion), end + 1):
-                levels = self._leveled()
+        return self._frames
+
+    def _run(self, frames: tuple[int, int]) -> Iterator[Frame]:
+        wanted, end = ((number - self.shot.first_frame) * self._subframes for number in frames)
+        with ExitStack() as solvers:
+            for group in self._groups:
+                solvers.enter_context(group.solver)
+            for index in range(self._index + 1, end + 1):
                 if index:
-                    levels.begin(index)
+                    self._levels.begin(index)
                 if self._contact is not None and index:
-                    self._advance_together(motion, index)
+                    self._advance_together(index)
                 else:
                     for group in self._groups:
-                        self._advance(group, motion, index)
-                    self._settle_together(motion, index)
-                levels.finish(index)
+                        self._advance(group, index)
+                    self._settle_together(index)
+                self._levels.finish(index)
                 self._index = index
                 if index >= wanted:
                     yield self._frame(index)
             cycles = [group.cycle for group in self._groups]
             warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)
-        finally:
-            for group in self._groups:
-                group.solver.__exit__()
 
     def checkpoint(self) -> Checkpoint:
         """The simulation after the frame that was yielded last."""
@@ -113,7 +113,7 @@ class Simulation:
             tuple(group.state for group in self._groups),
             tuple(group.start for group in self._groups),
             {} if self._contact is None else self._contact.memory(),
-            self._leveled().fades.memory(),
+            self._levels.fades.memory(),
             memory_of([group.cycle for group in self._groups]),
         )
 
@@ -125,62 +125,39 @@ class Simulation:
             sum(array.nbytes for group in groups for array in group.state),
         )
 
-    def _leveled(self) -> LevelRun:
-        assert self._levels is not None
-        return self._levels
-
-    def _continue(self, motion: Roots) -> int:
-        """Take over the checkpoint, if there is one; return the sample to compute next."""
-        if self._start is None:
-            return 0
-        begin = self._start
-        for group, state, start in zip(self._groups, begin.states, begin.starts, strict=True):
-            group.state, group.start = state, start
-            if begin.index:
-                group.loads = self._loads(group, motion, begin.index)
+    def _take_over(self, start: Checkpoint) -> None:
+        """Stand where another simulation of the shot stood."""
+        self._index = start.index
+        for group, state, first in zip(self._groups, start.states, start.starts, strict=True):
+            group.state, group.start = state, first
+            if start.index:
+                group.loads = self._loads(group, start.index)
         if self._contact is not None:
-            self._contact.restore(begin.contact)
-        self._leveled().fades.restore(begin.levels)
-        restore([group.cycle for group in self._groups], begin.cycles)
-        return begin.index + 1
-
-    def _make_groups(self, motion: Roots) -> list[Group]:
-        """All batches, and the levels at which feathers go through the shot."""
-        shot, drawn, wanted = self.shot, self._drawn, self._wanted
-        plan = level_plan(shot, drawn, motion)
-        carried = Carried(shot, drawn, plan.of("guided"), plan.leading, wanted)
-        plan = plan.part(np.union1d(wanted, carried.guides))
-        every = plan.resolutions
-        self.resolutions = [every[f][0] for f in wanted]
-        groups = make_groups(shot, drawn, every, motion, self._jobs)
-        if shot.cycle:
-            for group in groups:
-                period, count = shot.cycle * self._subframes, len(group.members)
-                group.cycle = Cycle(period, shot.quality.tolerance, count)
-        self._levels = LevelRun(shot, plan, drawn, groups, motion, carried, wanted, self._subframes)
-        return groups
+            self._contact.restore(start.contact)
+        self._levels.fades.restore(start.levels)
+        restore([group.cycle for group in self._groups], start.cycles)
 
     def _time(self, index: int) -> float:
         """s since the first frame."""
         return index / (self.shot.frames_per_second * self._subframes)
 
-    def _loads(self, group: Group, motion: Roots, index: int) -> Loads:
+    def _loads(self, group: Group, index: int) -> Loads:
         """What acts on a group on the way to the sample with this index."""
         start, end = self._time(max(index - 1, 0)), self._time(index)
-        return loads_within(self.shot, group, motion, start, end, index > 0)
+        return loads_within(self.shot, group, self._motion, start, end, index > 0)
 
-    def _advance(self, group: Group, motion: Roots, index: int) -> None:
+    def _advance(self, group: Group, index: int) -> None:
         """Bring a group to the sample with this index, 0 at the first frame."""
-        loads = self._loads(group, motion, index)
+        loads = self._loads(group, index)
         if index == 0:
             if self.shot.settle and self._contact is None:
-                chosen = np.flatnonzero(self._leveled().active(group)).tolist()
+                chosen = np.flatnonzero(self._levels.active(group)).tolist()
                 group.state = settled(group.solver, group.state, loads, group.names, chosen)
                 group.start = group.state.points.copy()
             return
         duration = self._time(1)
-        path = root_path(motion, group.members, self._time(index - 1), self._time(index))
-        path, active = self._leveled().held(group, path), self._leveled().active(group)
+        path = root_path(self._motion, group.members, self._time(index - 1), self._time(index))
+        path, active = self._levels.held(group, path), self._levels.active(group)
         sleeping = self._sleeping(group, path, loads, duration)
         repeating = np.zeros_like(active)
         if group.cycle is not None:
@@ -192,57 +169,59 @@ class Simulation:
         if group.cycle is not None:
             if repeating.any():
                 group.state = group.cycle.replayed(group.state, repeating, path, duration)
-            group.cycle.keep(group.state, path, loads, active & ~self._leveled().fresh(group))
+            group.cycle.keep(group.state, path, loads, active & ~self._levels.fresh(group))
             self._counts.repeated += int(repeating.sum())
         group.loads = loads
         self._counts.reports.append(report)
         raise_if_failed(report.status, group.state.time, group.names)
 
-    def _advance_together(self, motion: Roots, index: int) -> None:
+    def _advance_together(self, index: int) -> None:
         """Bring all groups, whose feathers touch, to the sample with this index."""
         assert self._contact is not None
         groups, start, end = self._groups, self._time(index - 1), self._time(index)
-        resting = self._resting(motion, index)
+        resting = self._resting(index)
         self._counts.slept += int(resting.sum())
         states = [group.state for group in groups]
         if resting.all() and not self._contact.stirred(states, start, end):
-            self._pass(motion, index)
+            self._pass(index)
             return
 
         def loads_of(begin: float, stop: float) -> list[Loads]:
-            return [loads_within(self.shot, group, motion, begin, stop, True) for group in groups]
+            return [
+                loads_within(self.shot, group, self._motion, begin, stop, True) for group in groups
+            ]
 
         def paths_of(begin: float, stop: float) -> list[RootPath]:
-            return [root_path(motion, group.members, begin, stop) for group in groups]
+            return [root_path(self._motion, group.members, begin, stop) for group in groups]
 
         states, reports = self._contact.advance(states, loads_of, paths_of, start, end, resting)
         for group, state, report in zip(groups, states, reports, strict=True):
-            group.state, group.loads = state, self._loads(group, motion, index)
+            group.state, group.loads = state, self._loads(group, index)
             self._counts.reports.append(report)
 
-    def _resting(self, motion: Roots, index: int) -> NDArray[np.bool_]:
+    def _resting(self, index: int) -> NDArray[np.bool_]:
         """(B,) feathers of all groups that nothing stirs, unless others push them."""
         flags = []
         for group in self._groups:
-            path = root_path(motion, group.members, self._time(index - 1), self._time(index))
-            loads = self._loads(group, motion, index)
+            path = root_path(self._motion, group.members, self._time(index - 1), self._time(index))
+            loads = self._loads(group, index)
             quiet = at_rest(group.state, path, self.shot.quality.tolerance, self._time(1))
             quiet &= undisturbed(group.state, path, loads, group.loads)
             flags.append(quiet & self.shot.sleep)
         return np.concatenate(flags)
 
-    def _pass(self, motion: Roots, index: int) -> None:
+    def _pass(self, index: int) -> None:
         """A frame in which all groups sleep."""
         for group in self._groups:
             everyone = np.ones(len(group.members), dtype=np.bool_)
-            path = root_path(motion, group.members, self._time(index - 1), self._time(index))
+            path = root_path(self._motion, group.members, self._time(index - 1), self._time(index))
             group.state = asleep(group.state, everyone, path, self._time(1))
 
-    def _settle_together(self, motion: Roots, index: int) -> None:
+    def _settle_together(self, index: int) -> None:
         """At the first frame, bring the feathers into balance against each other."""
         if self._contact is None or index or not self.shot.settle:
             return
-        loads = [self._loads(group, motion, 0) for group in self._groups]
+        loads = [self._loads(group, 0) for group in self._groups]
         rested = self._contact.settle([group.state for group in self._groups], loads)
         for group, state in zip(self._groups, rested, strict=True):
             group.state, group.start = state, state.points.copy()
@@ -257,7 +236,7 @@ class Simulation:
         coast = tolerance if self.shot.coast else None
         sleeping = undisturbed(group.state, path, loads, group.loads, coast)
         sleeping &= at_rest(group.state, path, tolerance, duration)
-        sleeping &= self._leveled().active(group) & ~self._leveled().fresh(group)
+        sleeping &= self._levels.active(group) & ~self._levels.fresh(group)
         moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
         self._counts.slept += int((sleeping & ~moving).sum())
         self._counts.coasted += int((sleeping & moving).sum())
@@ -265,8 +244,8 @@ class Simulation:
 
     def _frame(self, index: int) -> Frame:
         time = self._time(index)
-        self._counts.frame(*self._leveled().counts())
-        poses = self._leveled().shown(index)
+        self._counts.frame(*self._levels.counts())
+        poses = self._levels.shown(index)
         for f, pose in zip(self._wanted.tolist(), poses, strict=True):
             if not np.isfinite(pose.points).all():
                 raise SimulationError(self.shot.groom.feathers[f].id, time, "a point is not finite")
@@ -277,6 +256,24 @@ class Simulation:
             velocities=tuple(pose.velocities for pose in poses),
             accelerations=tuple(pose.accelerations for pose in poses),
         )
+
+
+def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:
+    """All feathers of a shot on the grid of its quality. Raises InputError."""
+    rows, columns = shot.quality.rows, shot.quality.columns
+    return tuple(feather_of(each, rows, columns) for each in shot.groom.feathers)
+
+
+def contact_of(shot: Shot, groups: Sequence[Group]) -> ShotContact | None:
+    """The contact of all feathers that are simulated; None where none is."""
+    if not groups:
+        return None
+    return ShotContact(
+        shot,
+        [group.solver for group in groups],
+        [group.members for group in groups],
+        [feather for group in groups for feather in group.feathers],
+    )
 
 
 def simulate(

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from featherfx.usd.write.options import StageOptions
 
-UP_AXES = ("Y", "Z")
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,12 @@ class StageSpace:
 
     meters_per_unit: float = 1.0
     up_axis: str = "Z"
+
+    @staticmethod
+    def of(options: StageOptions) -> StageSpace:
+        """As options say: metres and "Z" where they leave it open."""
+        unit, axis = options.meters_per_unit, options.up_axis
+        return StageSpace(1.0 if unit is None else unit, "Z" if axis is None else axis)
 
     def directions(self, vectors: Array) -> Array:
         """(..., 3) directions, turned but not scaled."""

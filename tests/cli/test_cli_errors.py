@@ -5,11 +5,13 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import fields
 
 import pytest
 from click.testing import CliRunner
 
 from featherfx.baking import pipeline
+from featherfx.baking.options import BakeOptions, GroomOptions
 from featherfx.cli.main import main
 from featherfx.errors import InputError, Problem, SimulationError
 
@@ -120,6 +122,12 @@ def test_help_of_every_command_shows_examples(command):
     result = run(command, "--help")
     assert result.exit_code == 0
     assert f"  featherfx {command} " in result.stdout.partition("Examples:")[2]
+
+
+@pytest.mark.parametrize(("command", "options"), [("bake", BakeOptions), ("groom", GroomOptions)])
+def test_every_option_of_a_function_is_one_of_the_command(command, options):
+    names = {param.name for param in main.commands[command].params}
+    assert {each.name for each in fields(options)} <= names
 
 
 def test_help_answers_at_once():

@@ -17,6 +17,7 @@ from featherfx.render.picture import COLOURS, VIEWS, render
 from featherfx.render.scene import Pose, load_pose, load_scene
 from featherfx.render.trace import Tracer
 from featherfx.usd.read.read import Cache
+from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
 
 pytest.importorskip("embreex", reason="no wheel for this platform")
@@ -47,7 +48,7 @@ def test_every_colour_draws_something_and_adds_its_key(tmp_path, cache, colour):
 def test_views_frame_all_feathers_and_do_not_depend_on_units(tmp_path, cache, view, axis):
     other = tmp_path / "other.usdc"
     with CacheWriter(
-        other, feathers.entries(), (1, 5), meters_per_unit=0.01, up_axis=axis
+        other, feathers.entries(), (1, 5), options=WriteOptions(meters_per_unit=0.01, up_axis=axis)
     ) as writer:
         for number in range(1, 6):
             writer.write(feathers.frame(number))

@@ -15,6 +15,7 @@ def caches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Five frames of the four feathers, in each layout and encoding."""
     import feathers
 
+    from featherfx.usd.write.options import WriteOptions
     from featherfx.usd.write.write import CacheWriter
 
     folder = tmp_path_factory.mktemp("caches")
@@ -30,8 +31,7 @@ def caches(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             feathers.entries(),
             (1, 5),
             24.0,
-            layout=layout,
-            chunk=2,
+            WriteOptions(layout=layout, chunk=2),
             metadata={"shot": "s"},
         ) as writer:
             for number in range(1, 6):

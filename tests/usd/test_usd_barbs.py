@@ -16,6 +16,7 @@ from featherfx.feather.render import barb_curves, render_feather
 from featherfx.shot.placement import place
 from featherfx.shot.types import Frame
 from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
@@ -44,10 +45,8 @@ def cache(request, tmp_path_factory: pytest.TempPathFactory):
         for k, name in enumerate(NAMES)
     ]  # fmt: skip
     path = tmp_path_factory.mktemp("barbs") / "cache.usda"
-    with CacheWriter(
-        path, entries, (1, 3), 24.0, layout=request.param, chunk=2, up_axis="Y",
-        meters_per_unit=0.01,
-    ) as writer:  # fmt: skip
+    options = WriteOptions(layout=request.param, chunk=2, up_axis="Y", meters_per_unit=0.01)
+    with CacheWriter(path, entries, (1, 3), 24.0, options) as writer:
         for number, angle in enumerate(EVERY, start=1):
             given = tuple(
                 pose(coarse.points, k, angle if NAMES[k] in ("bare", "moving") else 0.0)

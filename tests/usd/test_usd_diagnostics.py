@@ -15,6 +15,7 @@ from featherfx.errors import InputError
 from featherfx.feather.types import RACHIS
 from featherfx.shot.types import Frame
 from featherfx.usd.check.check import check_usd
+from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
 
 STIFFNESS = (5.76, 3.36)  # N/m
@@ -34,7 +35,10 @@ def write(path: Path, layout: str, diagnostics=("strain", "energy"), **options) 
     rest = entry.rest_points
     poses = [np.eye(3), LINEAR, TURN, TURN @ LINEAR]
     with CacheWriter(
-        path, [entry, still], (1, 4), layout=layout, chunk=2, diagnostics=diagnostics, **options
+        path,
+        [entry, still],
+        (1, 4),
+        options=WriteOptions(layout=layout, chunk=2, diagnostics=diagnostics, **options),
     ) as writer:
         for number, linear in enumerate(poses, start=1):
             zero = np.zeros_like(rest)

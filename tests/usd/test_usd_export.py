@@ -19,6 +19,7 @@ from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.usd.read.read import Cache
+from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
@@ -71,7 +72,9 @@ def test_condensed_feathers_carry_the_barbs(tmp_path, caches):
 
 def test_condensed_feathers_keep_subframes(tmp_path):
     path = tmp_path / "half.usdc"
-    with CacheWriter(path, feathers.entries()[:1], (1, 2), 24.0, subframes=2) as writer:
+    with CacheWriter(
+        path, feathers.entries()[:1], (1, 2), 24.0, WriteOptions(subframes=2)
+    ) as writer:
         for code in (1, 1.5, 2):
             frame = feathers.frame(code)
             writer.write(replace(frame, points=frame.points[:1], velocities=frame.velocities[:1]))

@@ -15,6 +15,7 @@ from featherfx.errors import InputError
 from featherfx.files import whole
 from featherfx.usd.types import OutputError
 from featherfx.usd.write import publish
+from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output
 from featherfx.usd.write.write import CacheWriter
 
@@ -22,7 +23,7 @@ NAMES = {"flat": ["out.usda"], "payload": ["out.animation.usdc", "out.payload.us
 
 
 def bake(path: Path, last: int = 3, **options) -> None:
-    with CacheWriter(path, feathers.entries(), (1, 3), 24.0, **options) as writer:
+    with CacheWriter(path, feathers.entries(), (1, 3), 24.0, WriteOptions(**options)) as writer:
         for number in range(1, last + 1):
             writer.write(feathers.frame(number))
 
@@ -45,7 +46,10 @@ def test_an_exception_in_mid_bake_leaves_the_old_files(tmp_path, layout, error):
 
     def stop_in_the_middle() -> None:
         with CacheWriter(
-            tmp_path / "out.usda", feathers.entries(), (1, 9), layout=layout, overwrite=True
+            tmp_path / "out.usda",
+            feathers.entries(),
+            (1, 9),
+            options=WriteOptions(layout=layout, overwrite=True),
         ) as writer:
             writer.write(feathers.frame(1))
             raise error
@@ -96,11 +100,12 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import feathers
 from featherfx.errors import InputError
+from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 try:
-    with CacheWriter(sys.argv[2], feathers.entries(), (1, 3), layout=sys.argv[3],
-                     overwrite=True) as writer:
+    options = WriteOptions(layout=sys.argv[3], overwrite=True)
+    with CacheWriter(sys.argv[2], feathers.entries(), (1, 3), options=options) as writer:
         for number in (1, 2, 3):
             writer.write(feathers.frame(number))
         assert writer.samples_done == 3
@@ -197,7 +202,11 @@ def test_all_wrong_arguments_are_named_at_once(tmp_path):
     twice = [feathers.entries()[0]] * 2
     with pytest.raises(OutputError) as caught:
         CacheWriter(
-            tmp_path / "a.usda", twice, (5, 1), float("nan"), meters_per_unit=0, up_axis="X"
+            tmp_path / "a.usda",
+            twice,
+            (5, 1),
+            float("nan"),
+            WriteOptions(meters_per_unit=0, up_axis="X"),
         )
     keys = [problem.key for problem in caught.value.problems]
     assert keys == ["feathers", "frames", "frames_per_second", "meters_per_unit", "up_axis"]

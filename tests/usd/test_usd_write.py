@@ -18,6 +18,7 @@ from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write import write
 from featherfx.usd.write.names import unique_prim_names
+from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.write import CacheWriter
 
@@ -130,7 +131,9 @@ def test_default_value_is_the_rest_pose(caches, kind):
 def test_one_other_pose_throughout_needs_no_samples(tmp_path, kind):
     """Settled feathers: not at rest, yet still. One starts to move in the third chunk only."""
     path = tmp_path / "settled.usdc"
-    with CacheWriter(path, feathers.entries(), (1, 6), layout=kind, chunk=2) as writer:
+    with CacheWriter(
+        path, feathers.entries(), (1, 6), options=WriteOptions(layout=kind, chunk=2)
+    ) as writer:
         for number in range(1, 7):
             points = list(feathers.frame(5).points)
             velocities = [np.full_like(p, 1e-9) for p in points]
@@ -154,7 +157,9 @@ def test_one_other_pose_throughout_needs_no_samples(tmp_path, kind):
 
 def test_a_chunk_that_changes_before_the_root_is_written_stops_it(tmp_path):
     path = tmp_path / "out.usda"
-    writer = CacheWriter(path, feathers.entries(), (1, 4), layout="clips", chunk=2)
+    writer = CacheWriter(
+        path, feathers.entries(), (1, 4), options=WriteOptions(layout="clips", chunk=2)
+    )
     for number in range(1, 5):
         writer.write(feathers.frame(number))
     assert writer.samples_done == 4
@@ -172,7 +177,9 @@ def test_chunks_grow_with_the_feathers_up_to_a_limit(tmp_path, monkeypatch, each
     monkeypatch.setattr(write, "CHUNK_BYTES", 0)
     monkeypatch.setattr(write, "BYTES_EACH", each * frame // len(entries) + 1)
     monkeypatch.setattr(write, "MOST_BYTES", most * frame)
-    with CacheWriter(tmp_path / "a.usda", entries, (1, 4), layout="clips") as writer:
+    with CacheWriter(
+        tmp_path / "a.usda", entries, (1, 4), options=WriteOptions(layout="clips")
+    ) as writer:
         for number in range(1, 5):
             writer.write(feathers.frame(number))
     assert len(list(tmp_path.rglob("000?.usdc"))) == chunks
@@ -182,7 +189,10 @@ def test_memory_holds_one_chunk_whatever_the_number_of_frames(tmp_path):
     """Clips: the samples in memory never exceed those of a chunk."""
     most = 0
     with CacheWriter(
-        tmp_path / "a.usda", feathers.entries(), (1, 40), layout="clips", chunk=4
+        tmp_path / "a.usda",
+        feathers.entries(),
+        (1, 40),
+        options=WriteOptions(layout="clips", chunk=4),
     ) as writer:
         for number in range(1, 41):
             writer.write(feathers.frame(number))
@@ -264,7 +274,7 @@ def test_normals_are_unit_and_dorsal(caches):
 def test_units_and_up_axis_are_converted(tmp_path, caches, unit, axis):
     path = tmp_path / "converted.usdc"
     with CacheWriter(
-        path, feathers.entries(), (1, 5), 24.0, meters_per_unit=unit, up_axis=axis
+        path, feathers.entries(), (1, 5), 24.0, WriteOptions(meters_per_unit=unit, up_axis=axis)
     ) as writer:
         for number in range(1, 6):
             writer.write(feathers.frame(number))

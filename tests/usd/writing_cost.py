@@ -22,6 +22,7 @@ from featherfx.api import read_groom
 from featherfx.feather.build import build_feather
 from featherfx.shot.types import Frame
 from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
@@ -87,7 +88,9 @@ def main(folder: Path, count: int, frames: int, layout: str) -> None:
                 write_raw(folder / "raw", file.stat().st_size, values)
 
     with cache:
-        writer = CacheWriter(folder / "large.usdc", feathers, (1, frames), layout=layout)
+        writer = CacheWriter(
+            folder / "large.usdc", feathers, (1, frames), options=WriteOptions(layout=layout)
+        )
     with contextlib.ExitStack() as stack:
         stack.enter_context(writer)
         for number in range(1, frames + 1):

@@ -6,6 +6,9 @@ from pxr import Gf, UsdGeom, UsdSkel
 from regions_skin import grown, problems, region, roots, skin_folder, write_skin
 from usdin_scenes import new_stage
 
+import featherfx
+from featherfx.errors import InputError
+
 __all__ = ["skin_folder"]
 
 
@@ -26,6 +29,16 @@ def test_a_row_along_a_curve(tmp_path):
     # 0.1 units of a centimetre long, in five roots at equal distances
     assert positions[:, 0] == pytest.approx(-0.001 * np.linspace(0, 1, 5))
     assert positions[:, 2] == pytest.approx(0.001)
+
+
+def test_the_file_of_a_curve_is_an_input(tmp_path):
+    write_skin(tmp_path)
+    groom = tmp_path / "groom.toml"
+    groom.write_text(
+        "name = 'wing'\n" + ROW + "curve = { usd = 'skin.usda', prim = '/guides/line' }\n"
+    )
+    with pytest.raises(InputError, match=r"skin\.usda: is an input"):
+        featherfx.export_groom(groom, tmp_path / "skin.usda", overwrite=True)
 
 
 def test_a_row_along_a_curve_that_is_not_there(folder):

@@ -3,12 +3,14 @@
 import inspect
 import subprocess
 import sys
+from dataclasses import fields
 
 import numpy as np
 import pytest
 from usdin_scenes import add_curves, arc, new_stage, write_shot
 
 import featherfx
+from featherfx.baking.options import BakeOptions
 from featherfx.errors import InputError
 
 
@@ -22,6 +24,15 @@ def test_every_function_is_typed_and_says_what_it_does():
         assert signature.return_annotation is not inspect.Signature.empty
         for parameter in signature.parameters.values():
             assert parameter.annotation is not inspect.Parameter.empty
+
+
+def test_keywords_are_those_of_the_options(tmp_path):
+    names = set(inspect.signature(featherfx.bake).parameters)
+    assert {each.name for each in fields(BakeOptions)} < names
+    with pytest.raises(TypeError, match="'frame'"):
+        featherfx.bake("shot.toml", frame=(1, 2))
+    with pytest.raises(InputError, match="bake: subframes: 0; allowed: at least 1"):
+        featherfx.bake(write_shot(tmp_path, None), tmp_path / "a.usda", subframes=0)
 
 
 def test_toml_grooms_do_not_load_usd(tmp_path):

@@ -21,6 +21,7 @@ from featherfx.usd.write.layout import finish_layers, new_layers
 from featherfx.usd.write.material import define_materials
 from featherfx.usd.write.mesh import MeshValues, define_mesh
 from featherfx.usd.write.names import prim_name, unique_prim_names
+from featherfx.usd.write.options import StageOptions
 from featherfx.usd.write.output import check_output
 from featherfx.usd.write.poses import MESH, posed_feathers
 from featherfx.usd.write.publish import publish
@@ -37,28 +38,24 @@ def write_instances(
     placements: Sequence[Placement],
     shapes: Sequence[Feather],
     chosen: Sequence[int],
-    *,
-    meters_per_unit: float = 1.0,
-    up_axis: str = "Z",
-    layout: str = "flat",
-    overwrite: bool = False,
-    metadata: Mapping[str, Any] | None = None,
+    options: StageOptions,
+    metadata: Mapping[str, Any],
 ) -> None:
     """Write feathers at rest as instances; complete or not at all.
 
     shapes: of the prototypes, in their own frames at their own sizes. chosen: per placement, the
     number of its shape. Ids, kinds and regions are primvars with one value an instance; `ids` are
-    numbers made from the ids, the same whatever else the groom holds. layout: "flat" or "payload";
-    "auto" is flat. Raises OutputError.
+    numbers made from the ids, the same whatever else the groom holds. The layout is "payload" where
+    options ask for that or clips, else "flat". Raises OutputError.
     """
-    layout = "payload" if layout in ("payload", "clips") else "flat"
-    target = check_output(path, overwrite, layout)
+    layout = "payload" if options.layout in ("payload", "clips") else "flat"
+    target = check_output(path, options.overwrite, layout)
     info = StageInfo(
         prim_name(target.stem),
-        StageSpace(meters_per_unit, up_axis),
+        StageSpace.of(options),
         None,
         24.0,
-        {**(metadata or {}), "layout": layout},
+        {**metadata, "layout": layout},
     )
     layers = new_layers(info, layout)
     stage = Usd.Stage.Open(layers.topology)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from featherfx.errors import Problem
 from featherfx.usd.types import OutputError
+from featherfx.usd.write.options import LAYOUTS
 
 SUFFIXES = (".usd", ".usda", ".usdc")
-LAYOUTS = ("auto", "flat", "payload", "clips")
 # Samples beyond this many bytes go to clips where the layout is left to the writer.
 AUTO_CLIPS_BYTES = 256_000_000
 

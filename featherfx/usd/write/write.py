@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -20,12 +19,12 @@ from featherfx.usd.write.chunk import ChunkWriter, WrittenChunk
 from featherfx.usd.write.define import animated_prims, define_prims
 from featherfx.usd.write.layout import new_layers
 from featherfx.usd.write.names import prim_name
+from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output, chosen_layout, parts_folder
-from featherfx.usd.write.parts import Parts
+from featherfx.usd.write.parts import Parts, Save
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.stage import StageInfo
 
-CHUNK_FRAMES = 24
 # A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
 # costs by itself goes with the feathers, so many small ones get more of it.
 CHUNK_BYTES, BYTES_EACH, MOST_BYTES = 32_000_000, 40_000, 128_000_000
@@ -39,19 +38,16 @@ def chunk_bytes(feathers: int) -> int:
 class CacheWriter:
     """Writes feathers, and frames of them, to USD; a context manager.
 
-        with CacheWriter("wing.usdc", entries, (1, 24), 24.0) as writer:
+        with CacheWriter("wing.usdc", entries, (1, 24), 24.0, WriteOptions(up_axis="Y")) as writer:
             for frame in simulate(shot):
                 writer.write(frame)
 
     path: .usd, .usdc or .usda. feathers: at least one, unique ids. frames: first and last frame,
-    None for a rest pose without time. frames_per_second: also the time codes per second.
-    meters_per_unit: m, and up_axis: "Y" or "Z": points, velocities and widths are converted.
-    layout: "flat", "payload" or "clips" (usd/write/layout.py), or "auto". chunk: frames that
-    are held in memory, then written to a file of their own; fewer where they exceed chunk_bytes.
-    subframes: samples a frame. accelerations: whether frames have them and they are written.
-    diagnostics: names of DIAGNOSTICS (featherfx/usd/types.py), written per face.
-    root: name of the root prim, by default the file's. metadata: plain values, kept with the
-    layout as custom data of the root layer.
+    None for a rest pose without time. frames_per_second: also the time codes per second. options:
+    points, velocities and widths are converted to the unit and axis, 1 m and "Z" where they are
+    None; layouts are those of usd/write/layout.py; a chunk has fewer frames where they exceed
+    chunk_bytes. root: name of the root prim, by default the file's. metadata: plain values, kept
+    with the layout as custom data of the root layer.
 
     settings: texts of all that the frames depend on. Where given, finished chunks stay on disk
     when the block is left by an exception, or the process by a kill, and a writer with equal
@@ -69,53 +65,44 @@ class CacheWriter:
         feathers: Sequence[FeatherEntry],
         frames: tuple[int, int] | None,
         frames_per_second: float = 24.0,
+        options: WriteOptions = WriteOptions(),
         *,
-        meters_per_unit: float = 1.0,
-        up_axis: str = "Z",
-        layout: str = "flat",
-        overwrite: bool = False,
-        chunk: int = CHUNK_FRAMES,
-        subframes: int = 1,
-        accelerations: bool = False,
-        diagnostics: Sequence[str] = (),
         root: str = "",
         metadata: Mapping[str, Any] | None = None,
         settings: Mapping[str, str] | None = None,
-        resume: bool = False,
     ) -> None:
-        self._path = check_output(path, overwrite, layout)
-        values = {
-            "frames_per_second": frames_per_second,
-            "meters_per_unit": meters_per_unit,
-            "chunk": chunk,
-            "subframes": subframes,
-        }
-        check_arguments(self._path, feathers, frames, values, up_axis, diagnostics)
-        space = StageSpace(meters_per_unit, up_axis)
-        self._info = StageInfo(
-            prim_name(root or self._path.stem), space, frames, frames_per_second, {}
-        )
-        self._feathers, self._subframes = tuple(feathers), subframes
-        self._accelerations = accelerations
-        extras = {*diagnostics, *([ACCELERATIONS] * accelerations)}
-        self._posed = posed_feathers(self._feathers, space, extras)
+        self._path = check_output(path, options.overwrite, options.layout)
+        check_arguments(self._path, feathers, frames, frames_per_second, options)
+        space = StageSpace.of(options)
+        self._feathers, self._subframes = tuple(feathers), options.subframes
+        self._accelerations = options.accelerations
+        extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
+        posed = posed_feathers(self._feathers, space, extras)
         self._static = [entry.static for entry in self._feathers]
-        bytes_per_sample = sum(each.bytes_per_sample for each in self._posed)
-        layout = chosen_layout(layout, bytes_per_sample * self._samples)
-        self._info = replace(self._info, metadata={**(metadata or {}), "layout": layout})
-        self._layout = layout
-        self._check_finite([k for k, each in enumerate(self._posed) if not each.rest().finite], 0.0)
-        self._prims = animated_prims(self._info, self._feathers, self._posed)
+        bytes_per_sample = sum(each.bytes_per_sample for each in posed)
+        self._samples = (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
+        self._layout = chosen_layout(options.layout, bytes_per_sample * self._samples)
+        self._info = StageInfo(
+            prim_name(root or self._path.stem),
+            space,
+            frames,
+            frames_per_second,
+            {**(metadata or {}), "layout": self._layout},
+        )
+        self._check_finite([k for k, each in enumerate(posed) if not each.rest().finite], 0.0)
+        self._prims = animated_prims(self._info, self._feathers, posed)
         self._resumable = settings is not None
         self._parts: Parts | None = None
         if frames is not None:
-            folder = parts_folder(self._path, layout)
-            self._parts = Parts(folder, settings or self._settings_of_stage(chunk), resume)
-            step = 1.0 / (frames_per_second * subframes)
+            folder = parts_folder(self._path, self._layout)
+            own = settings or self._settings_of_stage(options.chunk)
+            self._parts = Parts(folder, own, options.resume)
+            step = 1.0 / (frames_per_second * self._subframes)
             self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
-            most = chunk_bytes(len(self._feathers)) // (subframes * bytes_per_sample)
-            self._chunk_size = max(1, min(chunk, most)) * subframes
-        self._finishing: Background | None = None
+            most = chunk_bytes(len(self._feathers)) // (self._subframes * bytes_per_sample)
+            self._chunk_size = max(1, min(options.chunk, most)) * self._subframes
+        self._taken_over = len(self._parts.records) if self._parts else 0
+        self._committing = Background(self._commit, 1)
         self._written: list[WrittenChunk] = []
         self._next = self.samples_done
 
@@ -128,20 +115,16 @@ class CacheWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        complete = False
-        try:
+        with contextlib.ExitStack() as undone:
+            undone.callback(self._leave)
             if kind is None:
                 self._finish()
-                complete = True
-        finally:
-            if not complete:
-                self._leave()
+                undone.pop_all()
 
     def _leave(self) -> None:
         """After a failure: finished chunks stay where they can be continued from."""
-        if self._finishing is not None:
-            with contextlib.suppress(OutputError, OSError):
-                self._finishing.__exit__(None, None, None)
+        with contextlib.suppress(OutputError, OSError):
+            self._committing.close()
         for chunk in self._written:
             chunk.file.discard()
         if self._parts and self._resumable and self._parts.records:
@@ -152,8 +135,7 @@ class CacheWriter:
     @property
     def samples_done(self) -> int:
         """Samples that are safely on disk, from the first on; waits for those on their way."""
-        if self._finishing is not None:
-            self._finishing.wait()
+        self._committing.wait()
         records = self._parts.records if self._parts else []
         return sum(len(record.codes) for record in records)
 
@@ -164,7 +146,7 @@ class CacheWriter:
             return None
         return self._parts.state(len(self._parts.records) - 1)
 
-    def write(self, frame: Frame, save: Callable[[Path], object] | None = None) -> None:
+    def write(self, frame: Frame, save: Save | None = None) -> None:
         """Add the next sample: numbers count up by one, or one by subframes, from the first.
 
         save: writes to a path what a resumed bake needs to go on after this frame; called where
@@ -184,22 +166,16 @@ class CacheWriter:
         if self._chunk.count == self._chunk_size or self._next == self._samples:
             self._finish_chunk(save)
 
-    def _finish_chunk(self, save: Callable[[Path], object] | None) -> None:
+    def _finish_chunk(self, save: Save | None) -> None:
         """Write the chunk; its way to the disk goes on while the next frames come."""
-        parts = self._parts
-        assert parts is not None
-        if self._finishing is None:
-            self._taken_over = len(parts.records)
-            self._finishing = Background(lambda chunk, save: parts.commit(chunk.finish(), save), 1)
-            self._finishing.__enter__()
+        assert self._parts is not None
         index = self._taken_over + len(self._written)
-        self._written.append(self._chunk.write(parts.chunk(index)))
-        self._finishing(self._written[-1], save)
+        self._written.append(self._chunk.write(self._parts.chunk(index)))
+        self._committing(self._written[-1], save)
 
-    @property
-    def _samples(self) -> int:
-        frames = self._info.frames
-        return (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
+    def _commit(self, chunk: WrittenChunk, save: Save | None) -> None:
+        assert self._parts is not None
+        self._parts.commit(chunk.finish(), save)
 
     @property
     def _code(self) -> float:
@@ -215,8 +191,7 @@ class CacheWriter:
 
     def _finish(self) -> None:
         frames = self._info.frames
-        if self._finishing is not None:
-            self._finishing.__exit__(None, None, None)
+        self._committing.close()
         if frames is not None and self._next < self._samples:
             message = f"not written: frames {self._code:g} to {frames[1]} never came"
             raise OutputError(Problem(str(self._path), "frames", message))

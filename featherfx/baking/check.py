@@ -1,0 +1,67 @@
+"""What is wrong with files of every kind."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_readers
+from featherfx.errors import InputError, Problem, all_of
+from featherfx.feather.scaled import feather_of, repeated_shapes
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.read.read import check_file
+
+
+def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
+    """What is wrong with a groom, preset, shot or USD file; empty when nothing is.
+
+    Grooms and shots without a wrong value are also tried: their feathers are built and the motion
+    is fitted to the joints.
+    """
+    path, folders = Path(path), tuple(preset_folders)
+    if not path.is_file():
+        return [Problem(str(path), "", "is a folder" if path.is_dir() else "file does not exist")]
+    if path.suffix in (".usd", ".usda", ".usdc"):
+        # checks of other files do without USD
+        from featherfx.usd.check.check import check_file as check_usd
+
+        return check_usd(path)
+    if path.suffix != ".toml":
+        suffixes = ".toml, .usd, .usda and .usdc"
+        return [Problem(str(path), "", f"suffix '{path.suffix}' is not one of {suffixes}")]
+    try:
+        tried = _tried(path, folders)
+    except InputError as error:
+        # the reader finds all that is wrong in the files; what it does not, shows when it is tried
+        return check_file(path, folders, scene_readers()) or list(error.problems)
+    return check_file(path, folders, scene_readers()) if tried is None else tried
+
+
+def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
+    """Problems of a shot or groom that show only when feathers are built and moved.
+
+    None where it is neither. Raises InputError where it holds a wrong value.
+    """
+    try:
+        keys = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError):
+        return None
+    tasks: list[Callable[[], Any]] = []
+    if "groom" in keys:
+        shot = read_shot(path, folders)
+        groom, grid = shot.groom, shot.quality
+        tasks.append(lambda: root_motion(shot))
+    elif {"feather", "row", "table", "usd", "region"} & keys.keys():
+        groom, grid = read_groom(path, folders), read_quality("final", folders)
+    else:
+        return None
+    first, _ = repeated_shapes(groom.feathers)
+    tasks += [partial(feather_of, groom.feathers[k], grid.rows, grid.columns) for k in first]
+    try:
+        all_of(*tasks)
+    except InputError as error:
+        return list(error.problems)
+    return []

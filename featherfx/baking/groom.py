@@ -1,0 +1,70 @@
+"""A groom at rest, from its file to USD."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from featherfx.api import read_groom, read_quality
+from featherfx.baking.entries import drawn_entries, metadata_of
+from featherfx.baking.options import GroomOptions, takes
+from featherfx.baking.task import in_space
+from featherfx.errors import InputError, Problem, all_of
+from featherfx.feather.scaled import feather_of, repeated_shapes
+from featherfx.feather.types import Feather
+from featherfx.groom.types import Groom
+from featherfx.usd.read.inputs import refuse_inputs
+from featherfx.usd.write.instances import write_instances
+from featherfx.usd.write.names import unique_prim_names
+from featherfx.usd.write.options import StageOptions, WriteOptions, check_least
+from featherfx.usd.write.output import check_output, output_files
+from featherfx.usd.write.write import CacheWriter
+
+
+@takes(GroomOptions)
+def export_groom(groom_path: str | Path, output: str | Path, **options: Any) -> int:
+    """Write the rest feathers of a groom to USD, without time samples; return their number.
+
+    options: fields of featherfx.baking.options.GroomOptions. quality: name of the preset that gives
+    rows and columns. instances: whether feathers of one shape are instances of a prototype, or each
+    a mesh and a curve of its own; None: instances where at least half of the feathers repeat and
+    no barbs are drawn. The others are as in bake. Raises InputError with every problem.
+    """
+    return _export(groom_path, output, GroomOptions(**options))
+
+
+def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -> int:
+    read: list[Path] = [Path(groom_path)]
+    groom, grid, path, *_ = all_of(
+        lambda: read_groom(groom_path, options.preset_folders, read.append),
+        lambda: read_quality(options.quality, options.preset_folders),
+        lambda: check_output(output, options.overwrite, options.layout),
+        lambda: check_least(options, "bake"),
+    )
+    if options.instances and options.barbs:
+        raise InputError(Problem("groom", "barbs", "are not drawn of instances; leave one out"))
+    refuse_inputs(output_files(path, "payload"), read)
+    options = in_space(options, groom, None)
+    metadata = metadata_of(groom, grid)
+    first, chosen = repeated_shapes(groom.feathers)
+    repeat = not options.barbs and 2 * len(first) <= len(chosen)
+    if repeat if options.instances is None else options.instances:
+        shapes = _prototypes(groom, first, options.grid(grid))
+        write_instances(path, groom.feathers, shapes, chosen, options, metadata)
+        return len(chosen)
+    names = unique_prim_names([each.id for each in groom.feathers])
+    moving = drawn_entries(groom, grid, options, names, None)
+    entries = [replace(entry, static=True) for entry in moving]
+    written = {each.name: getattr(options, each.name) for each in fields(StageOptions)}
+    with CacheWriter(path, entries, None, options=WriteOptions(**written), metadata=metadata):
+        pass
+    return len(entries)
+
+
+def _prototypes(groom: Groom, first: Sequence[int], grid: tuple[int, int]) -> list[Feather]:
+    """Rest geometry of every shape, at the size of its prototype."""
+    placements = [replace(groom.feathers[k], size=1.0) for k in first]
+    return all_of(*(partial(feather_of, placement, *grid) for placement in placements))

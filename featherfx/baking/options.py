@@ -1,0 +1,87 @@
+"""What a bake and a groom's export may be told; importable without numpy and USD."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from featherfx.usd.write.options import StageOptions, WriteOptions, option
+
+if TYPE_CHECKING:
+    from featherfx.shot.types import Quality
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class DrawnOptions:
+    """What is drawn of the feathers, independent of what is simulated."""
+
+    preset_folders: Iterable[str | Path] = option(
+        (), "Folder of presets that win over the shipped ones. Repeatable."
+    )
+    render_rows: int | None = option(
+        None, "Rachis rows of the meshes.  [default: as simulated]", least=3
+    )
+    render_columns: int | None = option(
+        None, "Barb columns a side of the meshes.  [default: as simulated]", least=1
+    )
+    barbs: int | None = option(
+        None,
+        "Write N barbs along each vane as curves, too: variant barbs of the root prim.",
+        least=1,
+        metavar="N",
+    )
+
+    def grid(self, quality: Quality) -> tuple[int, int]:
+        """Rows and columns of the meshes."""
+        return self.render_rows or quality.rows, self.render_columns or quality.columns
+
+
+@dataclass(frozen=True)
+class GroomOptions(StageOptions, DrawnOptions):
+    """How a groom is written at rest."""
+
+    quality: str = option("final", "Quality preset that gives rows and columns.")
+    instances: bool | None = option(
+        None,
+        "Feathers of one shape as instances, or each a mesh of its own.  [default: instances where"
+        " at least half of them repeat and no barbs are drawn]",
+    )
+
+
+@dataclass(frozen=True)
+class BakeOptions(WriteOptions, DrawnOptions):
+    """How a shot is baked."""
+
+    frames: tuple[int, int] | None = option(
+        None, "First and last frame to write.  [default: all of the shot]", form="A-B"
+    )
+    jobs: int = option(
+        1, "Feathers simulated at a time; the result does not depend on it.", least=1
+    )
+    quality: str | None = option(None, "Quality preset instead of the shot's.", metavar="NAME")
+    report: str | Path | None = option(None, "JSON file for figures of the run.")
+    feathers: tuple[int, int] | None = option(
+        None, "Bake the I-th of N shares of the feathers, to OUT.IofN.usdc.", form="I/N"
+    )
+
+
+def takes(options: type) -> Callable[[Function], Function]:
+    """Names the fields of a class of options as the keywords of a function that passes them on."""
+
+    def named(function: Function) -> Function:
+        own = inspect.signature(function)
+        fixed = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
+        keywords = [
+            each.replace(kind=each.KEYWORD_ONLY)
+            for each in inspect.signature(options).parameters.values()
+        ]
+        signature = own.replace(parameters=[*fixed, *keywords])
+        function.__signature__ = signature  # type: ignore[attr-defined]
+        return function
+
+    return named
