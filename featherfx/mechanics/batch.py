@@ -51,7 +51,7 @@ def make_model(
     feathers, kinds: one each per feather of the batch; all feathers have equal rows and columns
     and all kinds the same barb taper. coefficients: per barb and direction, 0 for rigid barbs.
     Where a kind's barbs are clamped elastically, all get one more: see clamped_shapes.
-    Damping is left at zero: featherfx.solver.frequency.with_damping adds it. Roots are held.
+    Damping is left at zero: featherfx.solver.step.modes.with_damping adds it. Roots are held.
     """
     columns = feathers[0].columns
     taper = kinds[0].vane_material.barb_taper

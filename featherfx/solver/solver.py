@@ -110,7 +110,7 @@ class Solver:
     ) -> tuple[State, StepReport]:
         """Advance feathers by a duration in s; the given state is not changed.
 
-        A feather whose path begins elsewhere than its root is carried there first (cut.py).
+        A feather whose path begins elsewhere than its root is carried there first (see carry_to).
 
         feathers: indices to advance, all by default. A feather that cannot be solved stays at its
         last good sub-step and has a status in the report: see raise_if_failed.
