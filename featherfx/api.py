@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from featherfx.errors import all_of
-from featherfx.feather.layout.layout import lay_out
 from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.read import read_groom as read_groom_file
 from featherfx.groom.types import Groom
-from featherfx.shot.placement import place_feathers
+from featherfx.shot.placement import lay_out, place_feathers
 from featherfx.shot.read.read import read_shot as read_shot_file
 from featherfx.shot.read.sources import SceneReaders
 from featherfx.shot.types import Quality, Shot

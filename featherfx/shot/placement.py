@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.feather.layout.layout import lay_out
+from featherfx.groom.types import Groom
 from featherfx.shot.types import Shot
 
 Array = NDArray[np.float64]
@@ -24,6 +24,16 @@ def place(points: Array, position: Array, rotation: Array) -> Array:
     placed[:, 0] += position
     placed[:, 3:] += position
     return np.asarray(placed)
+
+
+def lay_out(groom: Groom) -> Groom:
+    """The groom with its feathers laid over each other, where it asks for that; see layout.py."""
+    if groom.layout is None:
+        return groom
+    # what has no layout does without compiled code
+    from featherfx.feather.layout import layout
+
+    return layout.lay_out(groom)
 
 
 def place_feathers(shot: Shot) -> Shot:
