@@ -18,20 +18,22 @@ from featherfx.cli.program import Command
     """,
 )
 @click.argument("kind", type=click.Choice(("groom", "shot", "preset")))
-@click.option("--family", help="Of presets, the folder that they stand in; default: any family.")
-def schema(kind: str, family: str | None) -> None:
+@click.option(
+    "--family", default="", help="Of presets, the folder that they stand in; default: any family."
+)
+def schema(kind: str, family: str) -> None:
     """Print the JSON Schema (draft 2020-12) of grooms, shots or presets.
 
     Editors complete and check TOML files by it: Even Better TOML (VS Code) and others that use
     Taplo take the one that the first line of a file names, "#:schema ./shot.schema.json".
     """
-    from featherfx.groom.keys.preset import FAMILIES
-    from featherfx.groom.keys.values import nearest
+    from featherfx.shot.read.schema import FAMILIES
     from featherfx.shot.read.schema import schema as schema_of
 
-    if family is not None and kind != "preset":
+    if family and kind != "preset":
         raise click.UsageError("--family goes with preset")
-    if family is not None and family not in FAMILIES:
-        hint = nearest(family, FAMILIES)
-        raise click.BadParameter(f"there is no family '{family}', {hint}", param_hint="--family")
-    click.echo(json.dumps(schema_of(kind, family or ""), indent=2))
+    if family and family not in FAMILIES:
+        raise click.BadParameter(
+            f"'{family}' is none of {', '.join(FAMILIES)}", param_hint="--family"
+        )
+    click.echo(json.dumps(schema_of(kind, family), indent=2))

@@ -61,36 +61,36 @@ def mirrored_points(points: Array) -> Array:
     return points * (1.0, -1.0, 1.0)
 
 
-def interpolated(first: Array, last: Array, share: Array) -> Array:
+def interpolated(first: Array, last: Array, fraction: Array) -> Array:
     """(n, 3, 3) frames on the shortest way on the rotation group, at equal angular rate.
 
-    first, last: (3, 3). share: (n,) 0 at first, 1 at last.
+    first, last: (3, 3). fraction: (n,) 0 at first, 1 at last.
     """
-    turn = first.T @ last
-    angle = float(np.arccos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0)))
-    axis = _axis(turn, angle)
+    rotation = first.T @ last
+    angle = float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0)))
+    axis = _axis(rotation, angle)
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    part = np.asarray(share, dtype=float)[:, None, None] * angle
+    part = np.asarray(fraction, dtype=float)[:, None, None] * angle
     rotations = np.eye(3) + np.sin(part) * cross + (1.0 - np.cos(part)) * (cross @ cross)
     return np.asarray(first @ rotations)
 
 
-def _axis(turn: Array, angle: float) -> Array:
+def _axis(rotation: Array, angle: float) -> Array:
     """Unit axis of a rotation, also for half turns, where the skew part vanishes."""
-    skew = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    skew = (rotation - rotation.T)[[2, 0, 1], [1, 2, 0]]
     if angle < 1e-12:
         return np.array([1.0, 0.0, 0.0])
     if angle < np.pi - 1e-4:
         return np.asarray(skew / np.linalg.norm(skew))
-    symmetric = 0.5 * (turn + turn.T) + np.eye(3)
+    symmetric = 0.5 * (rotation + rotation.T) + np.eye(3)
     column = symmetric[:, int(np.argmax(np.diag(symmetric)))]
     axis = column / np.linalg.norm(column)
     return np.asarray(axis if axis @ skew >= 0 else -axis)
 
 
-def along_polyline(points: Array, share: Array) -> Array:
-    """(n, 3) points at shares of a polyline's length. points: (k, 3), k >= 2."""
+def along_polyline(points: Array, fraction: Array) -> Array:
+    """(n, 3) points at fractions of a polyline's length. points: (k, 3), k >= 2."""
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     station = np.concatenate(([0.0], np.cumsum(lengths)))
-    at = np.asarray(share, dtype=float) * station[-1]
+    at = np.asarray(fraction, dtype=float) * station[-1]
     return np.column_stack([np.interp(at, station, points[:, axis]) for axis in range(3)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from featherfx.groom.skin.open_space import room_above
+from featherfx.groom.skin.points import room_above
 
 MOST = 1.0
 

@@ -41,37 +41,37 @@ _FACTOR = Number(0.01, 100)
 _DIRECTION = Key(Direction(), "Direction of the shaft as it leaves the follicle.", None)
 _UP = Key(Direction(), "Dorsal side; need not be square to the direction.", None)
 
-_REGION = Key(_LABEL, "Free label, written to USD.", "")
-_JOINT = Key(_LABEL, "Joint that carries the root; empty: the groom itself.", "")
-_SIDE = Key(
-    Text(("left", "right")),
-    "Wing that the feather belongs to. With x forward, y to the left and z up, a right feather "
-    "has its leading vane at +y of its own frame, a left feather at -y.",
-    "right",
-)
+_BELONGS = {
+    "region": Key(_LABEL, "Free label, written to USD.", ""),
+    "joint": Key(_LABEL, "Joint that carries the root; empty: the groom itself.", ""),
+    "side": Key(
+        Text(("left", "right")),
+        "Wing that the feather belongs to. With x forward, y to the left and z up, a right feather "
+        "has its leading vane at +y of its own frame, a left feather at -y.",
+        "right",
+    ),
+}
 _MIRROR = Key(
     Text(("y",)),
     'Also makes the mirror image at y = 0: "left" and "right" change places in ids and joints, '
     "and side changes.",
     None,
 )
-_SCALE = Key(_FACTOR, "Factor of length and diameters.", 1.0)
-_WIDTH = Key(_FACTOR, "Factor of the vanes' widths.", 1.0)
-_ROLL = Key(
-    Number(-360, 360, "deg"),
-    "Turning of the root about the shaft; positive lifts the leading vane.",
-    0.0,
-)
+_FACTORS = {
+    "scale": Key(_FACTOR, "Factor of length and diameters.", 1.0),
+    "width": Key(_FACTOR, "Factor of the vanes' widths.", 1.0),
+    "roll": Key(
+        Number(-360, 360, "deg"),
+        "Turning of the root about the shaft; positive lifts the leading vane.",
+        0.0,
+    ),
+}
 _SOME_FEATHER_KEYS = Partial(Table(FEATHER))
 _KIND = Key(Text(), "Name of a feather preset.")
 
 JOINT = keys_of(Joint) | {"mirror": _MIRROR}
 
-CHANGE = FEATHER | {
-    "scale": _SCALE,
-    "width": _WIDTH,
-    "roll": _ROLL,
-}
+CHANGE = FEATHER | _FACTORS
 
 FEATHER_ENTRY = {
     "id": Key(Text(), "Name, unique in the groom."),
@@ -85,13 +85,9 @@ FEATHER_ENTRY = {
         "feather's frame is the groom's.",
         None,
     ),
-    "region": _REGION,
-    "joint": _JOINT,
-    "side": _SIDE,
+    **_BELONGS,
     "mirror": _MIRROR,
-    "scale": _SCALE,
-    "width": _WIDTH,
-    "roll": _ROLL,
+    **_FACTORS,
     "overrides": Key(
         _SOME_FEATHER_KEYS, "Any key of a feather preset, for this feather alone.", {}
     ),
@@ -141,8 +137,8 @@ ROW = {
     "scale": Key(
         ArrayOf(_FACTOR, 2, 2), "Factors of length and diameters, first and last.", (1.0, 1.0)
     ),
-    "width": _WIDTH,
-    "roll": _ROLL,
+    "width": _FACTORS["width"],
+    "roll": _FACTORS["roll"],
     "overlap": Key(
         Number(-0.1, 0.1, "m"),
         "Lift of each root over the one before it, so that neighbours lie like shingles.",
@@ -154,9 +150,7 @@ ROW = {
         1.0,
     ),
     "layer": REGION["layer"],
-    "region": _REGION,
-    "joint": _JOINT,
-    "side": _SIDE,
+    **_BELONGS,
     "mirror": _MIRROR,
     "overrides": Key(_SOME_FEATHER_KEYS, "Any key of a feather preset, for this row.", {}),
 }
@@ -170,18 +164,12 @@ TABLE = {
         "the direction and up are needed; the keys below stand for missing columns.",
     ),
     "kind": Key(Text(), "Feather preset, where there is no column kind.", None),
-    "scale": _SCALE,
-    "width": _WIDTH,
-    "roll": _ROLL,
-    "region": _REGION,
-    "joint": _JOINT,
-    "side": _SIDE,
+    **_FACTORS,
+    **_BELONGS,
     "mirror": _MIRROR,
 }
 
-_NAME = Key(Text(), "Primvar that holds it.", None)
-
-USD_NAMES = {name: _NAME for name in DEFAULT_NAMES}
+USD_NAMES = {name: Key(Text(), "Primvar that holds it.", None) for name in DEFAULT_NAMES}
 
 USD = {
     "file": Key(Text(), "USD file beside the groom: curves, condensed feathers, instancers."),
@@ -209,12 +197,8 @@ USD = {
         "Primvars by what they hold; default: " + ", ".join(DEFAULT_NAMES.values()) + ".",
         {},
     ),
-    "scale": _SCALE,
-    "width": _WIDTH,
-    "roll": _ROLL,
-    "region": _REGION,
-    "joint": _JOINT,
-    "side": _SIDE,
+    **_FACTORS,
+    **_BELONGS,
 }
 
 VARIATION = {

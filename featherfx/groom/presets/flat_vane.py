@@ -43,8 +43,8 @@ def crossing_segments(outline: Sequence[tuple[float, float]]) -> list[tuple[int,
 
 def _arc(guide: BarbGuide, origin: float, length: float) -> Array:
     """(_STEPS + 1, 2) points of a guide's barb of a given length."""
-    share = np.linspace(0.0, 1.0, _STEPS + 1)
-    middle = 0.5 * (share[1:] + share[:-1])
+    along = np.linspace(0.0, 1.0, _STEPS + 1)
+    middle = 0.5 * (along[1:] + along[:-1])
     heading = np.radians(guide.angle - guide.curl * middle)
     steps = np.column_stack((np.cos(heading), np.sin(heading))) * (length / _STEPS)
     return np.cumsum(np.vstack(([[origin, 0.0]], steps)), axis=0)

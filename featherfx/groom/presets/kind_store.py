@@ -15,13 +15,13 @@ from featherfx.groom.types import FeatherKind
 class KindChoice:
     """What a feather is made of before scaling.
 
-    names: one feather preset, or two that are blended. share: 0 the first, 1 the second.
+    names: one feather preset, or two that are blended. blend: 0 the first, 1 the second.
     changes: numbers of changes registered with the store, applied in order.
     place: where the choice was made, for problems.
     """
 
     names: tuple[str, ...]
-    share: float
+    blend: float
     changes: tuple[int, ...]
     place: Place
 
@@ -42,7 +42,7 @@ class KindStore:
 
     def kind(self, choice: KindChoice) -> FeatherKind | None:
         """The chosen kind; None after adding problems (once for each place)."""
-        good = (choice.names, choice.share, choice.changes)
+        good = (choice.names, choice.blend, choice.changes)
         if good in self._kinds:
             return self._kinds[good]
         bad = (good, choice.place.key)
@@ -62,7 +62,7 @@ class KindStore:
         if ends[0] is None or ends[1] is None:
             return None
         try:
-            kind: FeatherKind = blended(ends[0], ends[1], choice.share)
+            kind: FeatherKind = blended(ends[0], ends[1], choice.blend)
         except ValueError:
             first, second = choice.names
             choice.place.child("blend").fail(

@@ -151,20 +151,20 @@ def _widened(vane: VaneShape, width: float) -> VaneShape:
     return replace(vane, outline=tuple((x, y * width) for x, y in vane.outline))
 
 
-def blended(first: Any, second: Any, share: float) -> Any:
+def blended(first: Any, second: Any, weight: float) -> Any:
     """Halfway kinds: numbers interpolated, names from the nearer of the two.
 
-    Raises ValueError where the two hold tuples of different lengths.
+    weight: of the second, 0 to 1. Raises ValueError where the two hold tuples of different lengths.
     """
     if isinstance(first, str):
-        return first if share < 0.5 else second
+        return first if weight < 0.5 else second
     if isinstance(first, tuple):
-        return tuple(blended(a, b, share) for a, b in zip(first, second, strict=True))
+        return tuple(blended(a, b, weight) for a, b in zip(first, second, strict=True))
     if is_dataclass(first) and not isinstance(first, type):
         return type(first)(
             **{
-                each.name: blended(getattr(first, each.name), getattr(second, each.name), share)
+                each.name: blended(getattr(first, each.name), getattr(second, each.name), weight)
                 for each in fields(first)
             }
         )
-    return (1.0 - share) * first + share * second
+    return (1.0 - weight) * first + weight * second

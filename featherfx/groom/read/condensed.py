@@ -124,13 +124,13 @@ def _arcs(barbs: Array, frames: Array, sign: float) -> tuple[Array, Array, Array
     """
     steps = np.einsum("rmc,rck->rmk", np.diff(barbs, axis=1), frames) * (1.0, sign, 1.0)
     size = np.linalg.norm(steps, axis=2)
-    share = (np.cumsum(size, axis=1) - 0.5 * size) / size.sum(axis=1, keepdims=True)
+    along = (np.cumsum(size, axis=1) - 0.5 * size) / size.sum(axis=1, keepdims=True)
     flat = np.hypot(steps[..., 0], steps[..., 1])
     heading = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
     down = np.arctan2(-steps[..., 2], flat)
-    start, rise = _lines(share, heading, size)
-    _, fall = _lines(share, down, size)
-    fitted = start[:, None] + rise[:, None] * share
+    start, rise = _lines(along, heading, size)
+    _, fall = _lines(along, down, size)
+    fitted = start[:, None] + rise[:, None] * along
     ends = np.stack([(size * np.cos(fitted)).sum(axis=1), (size * np.sin(fitted)).sum(axis=1)], 1)
     return np.degrees(start), -np.degrees(rise), np.degrees(fall), ends
 

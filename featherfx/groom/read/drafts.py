@@ -164,12 +164,12 @@ def _row_frames(
             straight = False
     if not straight:
         return None
-    share = _spaced(count, entry["spacing"])
+    fractions = _spaced(count, entry["spacing"])
     points = entry["path"] if path is None else path
     points = (first["position"], last["position"]) if points is None else points
-    positions = along_polyline(np.array(points), share)
+    positions = along_polyline(np.array(points), fractions)
     ends = [frames_from(root["direction"], root["up"]) for root in (first, last)]
-    rotations = interpolated(ends[0], ends[1], share)
+    rotations = interpolated(ends[0], ends[1], fractions)
     lift = entry["overlap"] * np.arange(count)[:, None] * rotations[:, :, 2]
     return positions + lift, rotations
 
@@ -193,7 +193,7 @@ def _curve(
 
 
 def _spaced(count: int, ratio: float) -> Array:
-    """(count,) shares from 0 to 1 whose distances grow evenly, the last `ratio` times the first."""
+    """(count,) from 0 to 1, at distances that grow evenly, the last `ratio` times the first."""
     if count < 3:
         return np.linspace(0.0, 1.0, count)
     steps = np.concatenate([[0.0], np.cumsum(np.linspace(1.0, ratio, count - 1))])

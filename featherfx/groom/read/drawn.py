@@ -93,7 +93,7 @@ def _warn_of_bends(path: Path, drafts: list[Draft]) -> None:
     ]
     far = sorted((each for each in far if each[0] > _MOST_DEVIATION), reverse=True)
     if far:
-        named = ", ".join(f"'{name}' {share:.1%}" for share, name in far[:_MOST_NAMED])
+        named = ", ".join(f"'{name}' {off:.1%}" for off, name in far[:_MOST_NAMED])
         more = f" and {len(far) - _MOST_NAMED} more" if len(far) > _MOST_NAMED else ""
         warnings.warn(
             f"{path}: shafts at rest are arcs, these curves are off by more than "

@@ -57,8 +57,8 @@ def spline_points(control: Array, basis: str, pinned: bool) -> Array:
             [2 * control[:1] - control[1:2], control, 2 * control[-1:] - control[-2:-1]]
         )
     starts = np.arange(0, len(control) - 3, step)
-    share = np.linspace(0.0, 1.0, _STEPS + 1)[:-1]
-    weights = share[:, None] ** np.arange(4) @ matrix / divisor
+    parameter = np.linspace(0.0, 1.0, _STEPS + 1)[:-1]
+    weights = parameter[:, None] ** np.arange(4) @ matrix / divisor
     quads = control[starts[:, None] + np.arange(4)]
     points = np.einsum("pk,skc->spc", weights, quads).reshape(-1, 3)
     return np.vstack([points, matrix.sum(axis=0) / divisor @ quads[-1]])
@@ -69,11 +69,6 @@ def without_repeats(points: Array) -> Array:
     scale = np.abs(points - points[:1]).max(initial=0.0)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return points[np.concatenate([[True], steps > 1e-9 * scale])]
-
-
-def curve_length(points: Array) -> float:
-    """Length of a polyline (k, 3)."""
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def curved_up(points: Array, least: float = 1.0) -> Array | None:
@@ -126,11 +121,11 @@ def _headings(tangents: Array, start: Array) -> tuple[Array, Array]:
         turning = math.atan2(sine, ahead) / sine if sine > 1e-12 else 1.0
         down.append(down[-1] - turning * up)
         back.append(back[-1] - turning * left)
-        share = 1.0 + _dot(before, after)
-        if share > 1e-12:  # else the curve turns back on itself, and y and z stay
+        opening = 1.0 + _dot(before, after)
+        if opening > 1e-12:  # else the curve turns back on itself, and y and z stay
             middle = (before[0] + after[0], before[1] + after[1], before[2] + after[2])
-            y = _less(y, left / share, middle)
-            z = _less(z, up / share, middle)
+            y = _less(y, left / opening, middle)
+            z = _less(z, up / opening, middle)
         x = tuple(after)
     return np.array(down), np.array(back)
 
@@ -160,23 +155,23 @@ def _deviation(
     points: Array, sizes: Array, up: Array, arc: tuple[float, Array, float, float]
 ) -> float:
     length, direction, camber, sweep = arc
-    share = np.concatenate([[0.0], np.cumsum(sizes)]) / length
+    fraction = np.concatenate([[0.0], np.cumsum(sizes)]) / length
     axis = np.radians([0.0, camber, -sweep])
     drawn = (points - points[0]) @ frames_from(direction, up)
-    return float(np.linalg.norm(drawn - length * arc_points(share, axis), axis=1).max())
+    return float(np.linalg.norm(drawn - length * arc_points(fraction, axis), axis=1).max())
 
 
-def arc_points(share: Array, turning: Array) -> Array:
-    """(k, 3) points of a unit arc along x that turns by `turning` (rad), at shares (k,)."""
+def arc_points(fraction: Array, turning: Array) -> Array:
+    """(k, 3) points of a unit arc along x that turns by `turning` (rad), at fractions (k,)."""
     angle = float(np.linalg.norm(turning))
     if angle < 1e-9:
-        return share[:, None] * np.array([1.0, 0.0, 0.0])
+        return fraction[:, None] * np.array([1.0, 0.0, 0.0])
     axis = turning / angle
     along = axis * axis[0]
     across = np.array([1.0, 0.0, 0.0]) - along
-    sine, cosine = np.sin(share * angle) / angle, (1.0 - np.cos(share * angle)) / angle
+    sine, cosine = np.sin(fraction * angle) / angle, (1.0 - np.cos(fraction * angle)) / angle
     return np.asarray(
-        share[:, None] * along
+        fraction[:, None] * along
         + sine[:, None] * across
         + cosine[:, None] * np.cross(axis, [1.0, 0.0, 0.0])
     )

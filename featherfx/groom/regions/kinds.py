@@ -21,11 +21,11 @@ _STREAM = 24  # of the draws of kinds
 
 @dataclass(frozen=True)
 class RegionKinds:
-    """K kinds of a region. choices, kinds: (K). shares: K rules, how much of each there is."""
+    """K kinds of a region. choices, kinds: (K). amounts: K rules, how much of each there is."""
 
     choices: tuple[KindChoice, ...]
     kinds: tuple[FeatherKind, ...]
-    shares: tuple[Rule, ...]
+    amounts: tuple[Rule, ...]
 
     @property
     def lengths(self) -> Array:
@@ -49,7 +49,7 @@ class RegionKinds:
 
     def weights(self, points: SurfacePoints) -> Array:
         """(N, K) probabilities of the kinds at places; the first kind where there is none."""
-        raw = np.stack([share(points) for share in self.shares], axis=1)
+        raw = np.stack([amount(points) for amount in self.amounts], axis=1)
         raw[~(raw > 0.0).any(axis=1), 0] = 1.0
         return raw / raw.sum(axis=1, keepdims=True)
 
@@ -74,7 +74,7 @@ def region_kinds(
     given = entry["kind"]
     single = not isinstance(given, tuple)
     entries = [_as_table(each) for each in ((given,) if single else given)]
-    choices, kinds, shares = [], [], []
+    choices, kinds, amounts = [], [], []
     for number, each in enumerate(entries):
         at = place.child("kind") if single else place.child("kind").item(number)
         choice = KindChoice((each["name"],), 0.0, changes, place if single else at)
@@ -83,13 +83,13 @@ def region_kinds(
         if kind is not None and map_of is not None:
             choices.append(choice)
             kinds.append(kind)
-            shares.append(_scaled(map_of, each["share"]))
+            amounts.append(_scaled(map_of, each["share"]))
     if len(place.problems) > count:
         return None
     if not any(each["share"] > 0.0 for each in entries):
         place.child("kind").fail("has no share above 0")
         return None
-    return RegionKinds(tuple(choices), tuple(kinds), tuple(shares))
+    return RegionKinds(tuple(choices), tuple(kinds), tuple(amounts))
 
 
 def _as_table(given: str | dict[str, Any]) -> dict[str, Any]:
@@ -99,8 +99,8 @@ def _as_table(given: str | dict[str, Any]) -> dict[str, Any]:
     return {"name": given, "share": 1.0, "where": ()}
 
 
-def _scaled(rule: Rule, share: float) -> Rule:
-    return lambda points: share * rule(points)
+def _scaled(rule: Rule, factor: float) -> Rule:
+    return lambda points: factor * rule(points)
 
 
 LIMIT = 3.0  # standard deviations

@@ -20,6 +20,7 @@ from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, re
 from featherfx.groom.regions.rules import Rule, along_skin, flow, presence
 from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
 from featherfx.groom.skin.points import Array, Indices, SkinSource, SkinSurface, SurfacePoints
+from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Layout
 
 # (checked keys of [skin], paths of meshes, folder, place) to the meshes; None after problems.
@@ -285,10 +286,8 @@ def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Arr
         flat = np.cross(points.normal, points.normal[:, [1, 2, 0]] + 0.1)
         return flat / np.linalg.norm(flat, axis=1, keepdims=True)
     if missing.any():
-        from scipy.spatial import cKDTree
-
         known = np.flatnonzero(~missing)
-        _, near = cKDTree(points.position[known]).query(points.position[missing])
+        _, near = search_tree(points.position[known]).query(points.position[missing])
         borrowed = along_skin(flat[known[near]], points.normal[missing])
         across = along_skin(np.cross(flat[known[near]], [0.6, 0.64, 0.48]), points.normal[missing])
         flat[missing] = np.where(np.asarray(borrowed.any(axis=1))[:, None], borrowed, across)

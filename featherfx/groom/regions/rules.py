@@ -10,6 +10,7 @@ import numpy as np
 
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.points import Array, SkinSurface, SurfacePoints
+from featherfx.groom.skin.search import search_tree
 
 Rule = Callable[[SurfacePoints], Array]
 
@@ -133,8 +134,8 @@ def _fade(depth: Array, width: float) -> Array:
     """1 deep inside, 0 far outside, smooth over `width` around the border."""
     if width == 0.0:
         return (depth >= 0.0).astype(np.float64)
-    share = np.clip(depth / width + 0.5, 0.0, 1.0)
-    return np.asarray(share * share * (3.0 - 2.0 * share))
+    inside = np.clip(depth / width + 0.5, 0.0, 1.0)
+    return np.asarray(inside * inside * (3.0 - 2.0 * inside))
 
 
 def flow(entry: dict[str, Any], surface: SkinSurface, place: Place) -> Rule | None:
@@ -184,12 +185,10 @@ def _field(name: str, value: Any, surface: SkinSurface, place: Place) -> Rule | 
 
 def _guided(curves: list[Array]) -> Rule:
     """Tangents of the nearest points of guide curves, by one over the squared distance."""
-    from scipy.spatial import cKDTree
-
     middles = np.concatenate([0.5 * (curve[1:] + curve[:-1]) for curve in curves])
     steps = np.concatenate([np.diff(curve, axis=0) for curve in curves])
     tangents = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-300)
-    tree, count = cKDTree(middles), min(_GUIDES, len(middles))
+    tree, count = search_tree(middles), min(_GUIDES, len(middles))
 
     def along(points: SurfacePoints) -> Array:
         distance, near = tree.query(points.position, k=count)

@@ -30,7 +30,7 @@ _FIRST_DENSITY = 4.0  # points on the whole skin
 _LATTICE = 2**20  # of the skin's size
 _NORMAL_STEPS = 1000.0
 # how much smaller than the largest a density may be and still count
-_LEAST_SHARE = 1e-3
+_LEAST_PRESENCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -69,16 +69,16 @@ def expected_count(surface: SkinSurface, density: Callable[[SurfacePoints], Arra
 
 
 def scatter(
-    surface: SkinSurface, share: Callable[[SurfacePoints], Array], count: int, seed: int
+    surface: SkinSurface, presence: Callable[[SurfacePoints], Array], count: int, seed: int
 ) -> Scattered:
-    """Up to `count` points whose density is proportional to `share` (0 to 1).
+    """Up to `count` points whose density is proportional to `presence` (0 to 1).
 
-    With the same surface, share and seed, the points of a smaller count come first among those
-    of a larger one. Fewer are returned only where the share is zero nearly everywhere.
+    With the same surface, presence and seed, the points of a smaller count come first among those
+    of a larger one. Fewer are returned only where the presence is zero nearly everywhere.
     """
     if count == 0:
         return Scattered(_candidates(surface, seed, 0, 0), np.zeros(0, dtype=np.int64))
-    pool = _Pool(surface, share, seed)
+    pool = _Pool(surface, presence, seed)
     for density in _densities(surface):
         pool.fill(density)
         if pool.complete(density) >= count or pool.exhausted(density, count):
@@ -110,14 +110,14 @@ class _Pool:
     """Candidates read so far that may appear at all, with the density at which they do."""
 
     def __init__(
-        self, surface: SkinSurface, share: Callable[[SurfacePoints], Array], seed: int
+        self, surface: SkinSurface, presence: Callable[[SurfacePoints], Array], seed: int
     ) -> None:
-        self._surface, self._share, self._seed = surface, share, seed
+        self._surface, self._presence, self._seed = surface, presence, seed
         self._area = float(surface.areas.sum())
         self._read = 0
         self._points = _candidates(surface, seed, 0, 0)
         self._number = np.zeros(0, dtype=np.int64)
-        self._shares = np.zeros(0)
+        self._present = np.zeros(0)
         self._appears = np.zeros(0)
         self._accepted = np.zeros(0, dtype=np.bool_)
         corners = surface.corners.reshape(-1, 3)
@@ -144,8 +144,8 @@ class _Pool:
     def _extend(self, end: int) -> None:
         fresh = _candidates(self._surface, self._seed, self._read, end)
         number, self._read = np.arange(self._read, end), max(end, self._read)
-        shares = self._share(fresh)
-        kept = shares > _LEAST_SHARE
+        present = self._presence(fresh)
+        kept = present > _LEAST_PRESENCE
         fresh, old = fresh.some(kept), self._points
         self._points = SurfacePoints(
             self._surface,
@@ -156,21 +156,21 @@ class _Pool:
         )
         added = int(kept.sum())
         self._number = np.concatenate([self._number, number[kept]])
-        self._shares = np.concatenate([self._shares, shares[kept]])
+        self._present = np.concatenate([self._present, present[kept]])
         self._appears = np.concatenate([self._appears, np.full(added, np.inf)])
         self._accepted = np.concatenate([self._accepted, np.zeros(added, dtype=np.bool_)])
 
     def complete(self, density: float) -> int:
         """Points that no later level can come before."""
-        return int((self._appears <= density * self._shares).sum())
+        return int((self._appears <= density * self._present).sum())
 
     def exhausted(self, density: float, count: int) -> bool:
-        """Whether the share is so small everywhere that reading on is in vain."""
+        """Whether the presence is so small everywhere that reading on is in vain."""
         return len(self._number) == 0 and density * self._area > 1000.0 * (count + 100)
 
     def first(self, count: int) -> Scattered:
-        """The first `count` to appear where the density is the share times a growing number."""
+        """The first `count` to appear where the density is the presence times a growing number."""
         found = np.flatnonzero(self._accepted)
-        order = np.lexsort((self._number[found], self._appears[found] / self._shares[found]))
+        order = np.lexsort((self._number[found], self._appears[found] / self._present[found]))
         chosen = found[order[:count]]
         return Scattered(self._points.some(chosen), self._number[chosen])

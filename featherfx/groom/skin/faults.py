@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.groom.skin.search import size_classes
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -90,27 +92,22 @@ def within(points: Array, corners: Array) -> NDArray[np.bool_]:
         bulk = na * nb * nc
         for first, second, other in ((a, b, nc), (b, c, na), (c, a, nb)):
             bulk = bulk + np.einsum("ntc,ntc->nt", first, second) * other
-        turns = np.arctan2(volume, bulk).sum(axis=1) / (2.0 * np.pi)
-        inside[block] = turns > 0.5
+        winding = np.arctan2(volume, bulk).sum(axis=1) / (2.0 * np.pi)
+        inside[block] = winding > 0.5
     return inside
 
 
 def _near_pairs(corners: Array) -> Indices:
     """(K, 2) pairs whose bounding spheres meet; by classes of size."""
-    from scipy.spatial import cKDTree
-
-    centres = corners.mean(axis=1)
-    radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
-    sizes = np.floor(np.log2(np.maximum(radii, 1e-300)))
-    members = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
-    trees = [cKDTree(centres[each]) for each in members]
+    classes = size_classes(corners)
     found = [np.zeros((0, 2), dtype=np.int64)]
-    for i, first in enumerate(members):
-        for j, second in enumerate(members[: i + 1]):
-            reach = radii[first].max() + radii[second].max()
-            near = trees[i].sparse_distance_matrix(trees[j], reach, output_type="ndarray")
-            a, b = first[near["i"]], second[near["j"]]
-            kept = (near["v"] <= radii[a] + radii[b]) & ((i != j) | (a < b))
+    for i, first in enumerate(classes):
+        for j, second in enumerate(classes[: i + 1]):
+            reach = first.radii.max() + second.radii.max()
+            near = first.tree.sparse_distance_matrix(second.tree, reach, output_type="ndarray")
+            a, b = first.members[near["i"]], second.members[near["j"]]
+            meet = near["v"] <= first.radii[near["i"]] + second.radii[near["j"]]
+            kept = meet & ((i != j) | (a < b))
             found.append(np.stack([a[kept], b[kept]], axis=1))
     return np.concatenate(found)
 

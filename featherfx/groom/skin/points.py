@@ -11,11 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.keys.values import Place
+from featherfx.groom.skin.faults import crossing_triangles, within
+from featherfx.groom.skin.search import search_tree
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+_MOST_ROUNDS = 60
+_TOUCHING = 1e-6  # share of the radius by which a point may lie inside
 _ABOVE = 1e-6  # of the skin's size: how far over it a place is looked at
 
 
@@ -81,8 +85,6 @@ class SkinSurface:
     @cached_property
     def room(self) -> Array:
         """(T, 3) m, at the corners: radius of the largest ball that touches the skin outside."""
-        from featherfx.groom.skin.open_space import room_above
-
         triangles = self.source.triangles
         used, own = np.unique(triangles, return_inverse=True)
         radii = room_above(self.source.points[used], self.normals[used], self.diagonal)
@@ -90,9 +92,7 @@ class SkinSurface:
 
     @cached_property
     def _tree(self) -> Any:
-        from scipy.spatial import cKDTree
-
-        return cKDTree(self.corners.mean(axis=1))
+        return search_tree(self.corners.mean(axis=1))
 
     def normals_near(self, points: Array) -> Array:
         """(N, 3) unit normals of the triangles whose middles are nearest to points (N, 3) m."""
@@ -102,8 +102,6 @@ class SkinSurface:
 
     def buried(self, points: SurfacePoints) -> NDArray[np.bool_]:
         """(N,) whether places lie inside the body, as they do where it passes through itself."""
-        from featherfx.groom.skin.faults import crossing_triangles, within
-
         if not len(crossing_triangles(self.source.points, self.source.triangles)):
             return np.zeros(len(points), dtype=np.bool_)
         just_above = points.position + _ABOVE * self.diagonal * points.normal
@@ -154,3 +152,32 @@ class SurfacePoints:
             self.position[kept],
             self.normal[kept],
         )
+
+
+def room_above(points: Array, normals: Array, most: float) -> Array:
+    """(V,) m, radius of the largest ball outside a skin at each of its points, at most `most`.
+
+    points: (V, 3) m, of the skin, dense enough to stand for it. normals: (V, 3) unit or zero,
+    outwards; where zero the radius is 0.
+
+    A ball with its middle at p + r n touches the skin at p; a point q of the skin within it forces
+    the radius down to |q - p|^2 / (2 n . (q - p)), where the ball passes through p and q. Repeated
+    with the point nearest to the middle until none lies inside (shrinking balls, Ma, Bae and Choi
+    2012). It is half the distance of parts that face each other, and the radius of curvature of a
+    hollow.
+    """
+    tree = search_tree(points)
+    radius = np.where(normals.any(axis=1), most, 0.0)
+    active = np.flatnonzero(radius > 0.0)
+    for _ in range(_MOST_ROUNDS):
+        start, normal = points[active], normals[active]
+        distance, near = tree.query(start + radius[active, None] * normal, workers=-1)
+        inside = (near != active) & (distance < (1.0 - _TOUCHING) * radius[active])
+        active, near = active[inside], near[inside]
+        if len(active) == 0:
+            break
+        way = points[near] - points[active]
+        height = np.einsum("nc,nc->n", way, normals[active])
+        # a point inside the ball lies above the tangent plane, so the height is positive
+        radius[active] = 0.5 * np.einsum("nc,nc->n", way, way) / np.maximum(height, 1e-300)
+    return radius

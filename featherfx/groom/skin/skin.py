@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.groom.skin.search import search_tree, size_classes
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -85,16 +87,16 @@ def bind(
 
 
 def follow(binding: Binding, corners: Array, mirrored: bool = False) -> tuple[Array, Array]:
-    """Root positions (F, 3) m and turns since rest (F, 3, 3) on deformed triangles.
+    """Root positions (F, 3) m and rotations since rest (F, 3, 3) on deformed triangles.
 
     corners: (F, 3, 3) m, of each root's triangle. mirrored: as in `tangents`. Where the skin has
-    been mirrored there is no rotation that does the same; the turn is the one that takes the
+    been mirrored there is no rotation that does the same; the rotation is the one that takes the
     skin's first side and its normal with it.
     """
     now = tangents(corners, mirrored)
-    turns = _mirrored_turns(binding, now) if mirrored else rotation_part(now @ binding.inverse)
+    rotations = _mirrored(binding, now) if mirrored else rotation_part(now @ binding.inverse)
     surface = np.einsum("fk,fkc->fc", binding.barycentric, corners)
-    return surface + np.einsum("fij,fj->fi", turns, binding.offset), turns
+    return surface + np.einsum("fij,fj->fi", rotations, binding.offset), rotations
 
 
 def rotation_part(gradient: Array) -> Array:
@@ -105,7 +107,7 @@ def rotation_part(gradient: Array) -> Array:
     return np.asarray(left @ right)
 
 
-def _mirrored_turns(binding: Binding, now: Array) -> Array:
+def _mirrored(binding: Binding, now: Array) -> Array:
     rest = np.asarray(np.linalg.inv(binding.inverse), dtype=np.float64)
     return _side_frames(now) @ _side_frames(rest).transpose(0, 2, 1)
 
@@ -133,19 +135,12 @@ def closest(roots: Array, corners: Array) -> tuple[Indices, Array]:
 
 
 class _Search:
-    """Search trees of triangle centres, by classes of size: large ones widen no other search."""
+    """Search trees of triangle centres, all in one and by classes of size."""
 
     def __init__(self, corners: Array) -> None:
-        from scipy.spatial import cKDTree
-
-        self._corners, centres = corners, corners.mean(axis=1)
-        radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
-        classes = np.floor(np.log2(np.maximum(radii, 1e-300)))
-        self._all = cKDTree(centres)
-        self._classes = []
-        for size in np.unique(classes):
-            members = np.flatnonzero(classes == size)
-            self._classes.append((members, cKDTree(centres[members]), radii[members].max()))
+        self._corners = corners
+        self._all = search_tree(corners.mean(axis=1))
+        self._classes = size_classes(corners)
 
     def closest(self, roots: Array) -> tuple[Indices, Array]:
         row, candidate = self._candidates(roots)
@@ -165,8 +160,8 @@ class _Search:
         reach = np.sqrt(_squared_distance(roots, weights, self._corners[near]))
         reach = reach * (1.0 + 1e-9) + 1e-12
         rows, triangles = [np.arange(len(roots))], [near]
-        for members, tree, radius in self._classes:
-            hits = tree.query_ball_point(roots, reach + radius)
+        for members, tree, radii in self._classes:
+            hits = tree.query_ball_point(roots, reach + radii.max())
             rows.append(np.repeat(np.arange(len(roots)), [len(hit) for hit in hits]))
             flat = [np.array(hit, dtype=np.int64) for hit in hits]
             triangles.append(members[np.concatenate(flat)])
@@ -193,12 +188,12 @@ def _closest_weights(points: Array, corners: Array) -> Array:
     for start, end in ((0, 1), (1, 2), (2, 0)):
         side = corners[:, end] - corners[:, start]
         length = _dot(side, side)
-        share = _dot(points - corners[:, start], side) / np.where(length > 0.0, length, 1.0)
-        share = np.clip(share, 0.0, 1.0)
-        gap = corners[:, start] + share[:, None] * side - points
+        along = _dot(points - corners[:, start], side) / np.where(length > 0.0, length, 1.0)
+        along = np.clip(along, 0.0, 1.0)
+        gap = corners[:, start] + along[:, None] * side - points
         distance = _dot(gap, gap)
         on_edge = np.zeros_like(inside)
-        on_edge[:, start], on_edge[:, end] = 1.0 - share, share
+        on_edge[:, start], on_edge[:, end] = 1.0 - along, along
         better = ~is_inside & (distance < squared)
         weights = np.where(better[:, None], on_edge, weights)
         squared = np.where(better, distance, squared)

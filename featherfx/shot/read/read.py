@@ -68,7 +68,7 @@ def check_file(
 
 
 def _file_kind(raw: dict[str, Any], path: Path) -> str:
-    """ "shot", "groom" or a preset family: the one that knows most of the keys; "" for none.
+    """What knows most of the keys: "shot", "groom" or a preset family; "" where nothing does.
 
     A file in a folder named like a family is a preset of that family.
     """
