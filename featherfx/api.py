@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from featherfx.errors import all_of
-from featherfx.feather.scaled import feather_of
+from featherfx.feather.build import feather_of
 from featherfx.feather.types import Feather
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset

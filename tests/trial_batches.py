@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_to_turns
+from featherfx.algebra.rotation import frames_to_quats
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.keys.values import Place, Problems
@@ -113,9 +113,9 @@ def rotation_of(vector: Any) -> Array:
 
 def turned(turn: Array, vector: Array) -> Array:
     """(4,) quaternion followed by a world rotation vector (rad)."""
-    from featherfx.algebra.rotation import turns_to_frames
+    from featherfx.algebra.rotation import quats_to_frames
 
-    return frames_to_turns(rotation_of(vector) @ turns_to_frames(turn))
+    return frames_to_quats(rotation_of(vector) @ quats_to_frames(turn))
 
 
 def random_pose(model: Model, rng: Random, bend: float = 0.1, curl: float = 0.3) -> State:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def frames_to_turns(frames: Array) -> Array:
+def frames_to_quats(frames: Array) -> Array:
     """(..., 3, 3) rotation matrices to (..., 4) unit quaternions."""
     from scipy.spatial.transform import Rotation
 
@@ -19,12 +19,12 @@ def frames_to_turns(frames: Array) -> Array:
     return np.roll(flat, 1, axis=-1).reshape(*frames.shape[:-2], 4)
 
 
-def turns_to_frames(turns: Array) -> Array:
+def quats_to_frames(quats: Array) -> Array:
     """(..., 4) unit quaternions to (..., 3, 3) rotation matrices."""
     from scipy.spatial.transform import Rotation
 
-    flat = np.roll(turns.reshape(-1, 4), -1, axis=-1)
-    return Rotation.from_quat(flat).as_matrix().reshape(*turns.shape[:-1], 3, 3)
+    flat = np.roll(quats.reshape(-1, 4), -1, axis=-1)
+    return Rotation.from_quat(flat).as_matrix().reshape(*quats.shape[:-1], 3, 3)
 
 
 def rotation_vectors(frames: Array) -> Array:
@@ -35,15 +35,15 @@ def rotation_vectors(frames: Array) -> Array:
     return flat.reshape(*frames.shape[:-2], 3)
 
 
-def along_rows(turns: Array) -> Array:
+def along_rows(quats: Array) -> Array:
     """(..., n, 4) quaternions with the signs that are nearest to those of the row before.
 
     Rows whose signs do not belong together would count as turned by 2 pi against each other
     (featherfx/mechanics/rachis_kernels.py).
     """
-    close = np.einsum("...nk,...nk->...n", turns[..., 1:, :], turns[..., :-1, :])
+    close = np.einsum("...nk,...nk->...n", quats[..., 1:, :], quats[..., :-1, :])
     sign = np.cumprod(np.where(close < 0.0, -1.0, 1.0), axis=-1)
-    return np.concatenate([turns[..., :1, :], turns[..., 1:, :] * sign[..., None]], axis=-2)
+    return np.concatenate([quats[..., :1, :], quats[..., 1:, :] * sign[..., None]], axis=-2)
 
 
 _SMALL_ANGLE = 1e-6
@@ -91,9 +91,9 @@ def to_rate_of_vector(vector: Array, angular_velocity: Array) -> Array:
     return np.asarray(angular_velocity - 0.5 * first + factor * np.cross(vector, first))
 
 
-def smooth_step(share: float) -> float:
-    """Rises from 0 to 1 over share 0..1 with zero slope and curvature at both ends (C2)."""
-    s = min(max(share, 0.0), 1.0)
+def smooth_step(fraction: float) -> float:
+    """Rises from 0 to 1 over fraction 0..1 with zero slope and curvature at both ends (C2)."""
+    s = min(max(fraction, 0.0), 1.0)
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
@@ -102,7 +102,7 @@ class RotationSpline:
     """Smooth rotations through keys, at rest before the first and after the last.
 
     times: (K,) s, ascending. rotations: (K, 3, 3). coefficients: (K - 1, 3, 3) of the rotation
-    vector u (c1 + u (c2 + u c3)) from key to key, u the share of the interval. The angular
+    vector u (c1 + u (c2 + u c3)) from key to key, u the fraction of the interval. The angular
     velocity is continuous, and so is its rate where the axis does not turn; the curve does not
     depend on the frame in which the keys are given.
     """

@@ -10,7 +10,7 @@ from typing import Any
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_readers
 from featherfx.errors import InputError, Problem, all_of
-from featherfx.feather.scaled import feather_of, repeated_shapes
+from featherfx.feather.build import feather_of, repeated_shapes
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file
 

@@ -10,8 +10,8 @@ from typing import Any
 from featherfx._version import __version__
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import all_of
+from featherfx.feather.build import feather_of
 from featherfx.feather.render import barb_curves, render_feather
-from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather, PointMap
 from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.shot.motion.skin import BoundSkin

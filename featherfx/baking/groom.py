@@ -13,7 +13,7 @@ from featherfx.baking.entries import drawn_entries, metadata_of
 from featherfx.baking.options import GroomOptions, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
-from featherfx.feather.scaled import feather_of, repeated_shapes
+from featherfx.feather.build import feather_of, repeated_shapes
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
 from featherfx.usd.read.inputs import refuse_inputs

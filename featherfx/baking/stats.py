@@ -11,8 +11,8 @@ from typing import Any
 from featherfx.api import Folders, read_groom, read_quality, read_shot
 from featherfx.baking.cost import bake_cost
 from featherfx.errors import all_of
+from featherfx.feather.build import feather_of, repeated_shapes
 from featherfx.feather.layout.layout import cover, measured
-from featherfx.feather.scaled import feather_of, repeated_shapes
 from featherfx.groom.types import Groom
 from featherfx.shot.types import Quality
 

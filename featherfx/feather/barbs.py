@@ -17,14 +17,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.feather.outline import distance_outside, monotone, outline_curve, ray_lengths
 from featherfx.feather.rachis import Rachis, turn
-from featherfx.feather.types import LEADING
+from featherfx.feather.types import LEADING, Array
 from featherfx.groom.types import BarbGuide, FeatherKind
-
-Array = NDArray[np.float64]
 
 # Shares of the feather's length: shorter barbs are dropped, and this much of a barb may bulge
 # over the outline between its root and its end.

@@ -1,7 +1,8 @@
-"""From a feather kind to the rest geometry of one feather."""
+"""From a feather kind or a placed feather to rest geometry, built once for all sizes and sides."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -15,7 +16,7 @@ from featherfx.feather.rachis import build_rachis
 from featherfx.feather.surface import build_surface
 from featherfx.feather.types import LEADING, TRAILING, Array, Feather, Surface
 from featherfx.feather.vane import barb_span, build_vane
-from featherfx.groom.types import FeatherKind, VaneShape
+from featherfx.groom.types import FeatherKind, Placement, VaneShape
 
 _SIDES = ((LEADING, "leading"), (TRAILING, "trailing"))
 
@@ -42,6 +43,31 @@ def build_feather(
         feather = _build(kind, rows, columns, tube_sides)
     _make_read_only(feather)
     return feather
+
+
+def feather_of(placement: Placement, rows: int, columns: int) -> Feather:
+    """Rest geometry of a placed feather, in its own frame; shapes are built once for all sizes.
+
+    rows, columns: as in build_feather. Raises InputError for shapes that cannot be built.
+    """
+    if placement.prototype is None:
+        return build_feather(placement.kind, rows, columns, placement.mirrored)
+    built = build_feather(placement.prototype, rows, columns, placement.mirrored)
+    return scaled(built, placement.size)
+
+
+def repeated_shapes(placements: Sequence[Placement]) -> tuple[list[int], list[int]]:
+    """The first placement of every shape, and for each placement the number of its shape."""
+    numbers: dict[tuple[int, bool], int] = {}
+    first: list[int] = []
+    chosen = []
+    for k, placement in enumerate(placements):
+        key = (id(placement.prototype or placement.kind), placement.mirrored)
+        if key not in numbers:
+            numbers[key] = len(first)
+            first.append(k)
+        chosen.append(numbers[key])
+    return first, chosen
 
 
 def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feather:
@@ -171,3 +197,23 @@ def _mirror_surface(surface: Surface) -> Surface:
 def _positive_zeros(values: Array) -> Array:
     """Zeros without a sign, so that files do not show -0."""
     return values + 0.0
+
+
+def scaled(feather: Feather, size: float) -> Feather:
+    """The feather `size` times as large. Directors and the mesh's topology stay the same."""
+    if size == 1.0:
+        return feather
+    points = size * feather.points
+    points[:, 1:3] = feather.points[:, 1:3]
+    # a point of the shaft's tube is the rachis point plus directors times lengths
+    weights = feather.surface.weights.copy()
+    weights[:, 1:] *= size
+    lengths = ("station", "width", "height", "barb_length", "barb_span")
+    result = replace(
+        feather,
+        points=points,
+        surface=replace(feather.surface, weights=weights),
+        **{name: size * getattr(feather, name) for name in lengths},
+    )
+    _make_read_only(result)
+    return result

@@ -23,9 +23,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from featherfx.feather.types import Array
+
 Outline = tuple[tuple[float, float], ...]
 
 _SAMPLES_PER_SPAN = 24

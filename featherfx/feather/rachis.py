@@ -11,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.feather.types import Array
 from featherfx.groom.types import FeatherKind
-
-Array = NDArray[np.float64]
 
 # Below this angle the closed form of (angle - sin(angle)) / angle^3 loses digits to cancellation;
 # five terms of its series are exact to rounding there.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,16 +26,9 @@ def build_surface(
     vane = vane_surface(points, rachis.station, barb_length, cell)
     reach = max(float(barb_length.max()), 0.5 * float(rachis.width.max()))
     tube = _tube(points, rachis, reach, tube_sides)
-    parts = (vane, tube)
-    return Surface(
-        row=np.concatenate([part.row for part in parts]),
-        terms=np.concatenate([part.terms for part in parts]),
-        weights=np.concatenate([part.weights for part in parts]),
-        triangles=np.concatenate((vane.triangles, tube.triangles + len(vane.row))),
-        part=np.concatenate([part.part for part in parts]),
-        barb_direction=np.concatenate([part.barb_direction for part in parts]),
-        st=np.concatenate([part.st for part in parts]),
-    )
+    tube = replace(tube, triangles=tube.triangles + len(vane.row))
+    both = ((getattr(vane, each.name), getattr(tube, each.name)) for each in fields(Surface))
+    return Surface(*map(np.concatenate, both))
 
 
 def vane_surface(
@@ -88,8 +83,8 @@ def _side_triangles(
 def _tube(points: Array, rachis: Rachis, reach: float, sides: int) -> Surface:
     """A closed tube: a ring a row and a centre point at either end.
 
-    reach: m, distance that stands for half the width of the texture, so that the tube takes the
-    share of it that it has of the vane.
+    reach: m, distance that stands for half the width of the texture, so that the tube takes as
+    much of it as of the vane.
     """
     rows = len(rachis.station)
     angle = 2.0 * np.pi * np.arange(sides) / sides

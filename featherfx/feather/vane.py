@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from featherfx.feather.barbs import Barbs, trace_barbs, without_barb
 from featherfx.feather.rachis import Rachis
-from featherfx.feather.types import LEADING
+from featherfx.feather.types import LEADING, Array
 from featherfx.groom.types import FeatherKind
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A barb at the end of a vane that is shorter than this share of its neighbour may be dropped.
+# A barb at the end of a vane that is shorter than its neighbour by this factor may be dropped.
 _SHORT_END = 0.5
 
 

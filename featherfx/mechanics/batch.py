@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_to_turns, rotation_vectors, turns_to_frames
+from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotation_vectors
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
@@ -126,9 +126,9 @@ def _row_share(length: Array) -> Array:
 def _rachis_rest(centre: Array, frames: Array, length: Array) -> Array:
     relative = np.einsum("nji,njk->nik", frames[:-1], frames[1:])
     bend = rotation_vectors(relative)
-    half = frames_to_turns(frames[:-1]) + _same_sign(frames_to_turns(frames))
+    half = frames_to_quats(frames[:-1]) + _same_sign(frames_to_quats(frames))
     half /= np.linalg.norm(half, axis=1, keepdims=True)
-    middle = turns_to_frames(half)
+    middle = quats_to_frames(half)
     stretch = np.einsum("nji,nj->ni", middle, np.diff(centre, axis=0) / length[:, None])
     return np.concatenate([stretch, bend], axis=1)
 
@@ -198,9 +198,9 @@ def _barb_rest(feather: Feather, frames: Array) -> tuple[Array, Array, Array]:
         normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
         frame = np.stack([along, np.cross(normal, along), normal], axis=-1)
         if j == 0:
-            clamp = frames_to_turns(np.einsum("nji,snjk->snik", frames, frame))
+            clamp = frames_to_quats(np.einsum("nji,snjk->snik", frames, frame))
         else:
-            joints[:, :, j] = frames_to_turns(np.einsum("snji,snjk->snik", before, frame))
+            joints[:, :, j] = frames_to_quats(np.einsum("snji,snjk->snik", before, frame))
         before = frame
     return clamp, joints, segment
 

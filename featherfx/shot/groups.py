@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.build import build_feather
+from featherfx.feather.build import build_feather, feather_of
 from featherfx.feather.density import density_map, scaled_map
-from featherfx.feather.scaled import feather_of
 from featherfx.feather.types import Feather, PointMap
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import has_elastic_clamp, make_model

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
-from featherfx.feather.scaled import feather_of
+from featherfx.feather.build import feather_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_to_turns, turns_to_frames
+from featherfx.algebra.rotation import frames_to_quats, quats_to_frames
 from featherfx.mechanics.model import Model
 from featherfx.solver.rest_kernels import rest_pose
 from featherfx.solver.work import strain_count
@@ -100,7 +100,7 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
     rest_pose(
         model,
         np.ascontiguousarray(positions, dtype=float),
-        frames_to_turns(np.asarray(rotations, dtype=float)),
+        frames_to_quats(np.asarray(rotations, dtype=float)),
         state.turn,
         state.centre,
         state.coefficient,
@@ -112,4 +112,4 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
 
 def row_rotations(state: State) -> Array:
     """(F, n, 3, 3) row frames."""
-    return turns_to_frames(state.turn)
+    return quats_to_frames(state.turn)

@@ -9,10 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import featherfx
-from featherfx.feather.build import build_feather
+from featherfx.feather.build import build_feather, scaled
 from featherfx.feather.density import density_map, hermite_weights, scaled_map
 from featherfx.feather.render import barb_curves, render_feather
-from featherfx.feather.scaled import scaled
 from featherfx.shot.placement import place
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"

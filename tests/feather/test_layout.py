@@ -10,10 +10,9 @@ from scipy.optimize import minimize
 
 import featherfx
 from featherfx.errors import InputError, InputWarning
-from featherfx.feather.build import build_feather
+from featherfx.feather.build import build_feather, feather_of, repeated_shapes, scaled
 from featherfx.feather.layout.layout import cover, laid_out, lay_out, measured
 from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
-from featherfx.feather.scaled import feather_of, repeated_shapes, scaled
 from featherfx.groom.frames import frames_from
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import adjusted, kind_of

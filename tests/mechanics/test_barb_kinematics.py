@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize
 from trial_batches import barb_slopes, random_turn
 
-from featherfx.algebra.rotation import turns_to_frames
+from featherfx.algebra.rotation import quats_to_frames
 from featherfx.mechanics.barb_kernels import barb_points
 from featherfx.mechanics.barb_shapes import FLOOR, curvature_shapes
 
@@ -132,5 +132,5 @@ def test_a_barb_without_curvature_leaves_along_its_clamp():
     shapes, points = curvature_shapes(2, 4, 1.0), np.zeros((4, 3))
     frames, straight = np.zeros((4, 4)), straight_joints(4)
     barb_points(turn, root, clamp, straight, 0.25, shapes, np.zeros(4), frames, points)
-    direction = turns_to_frames(turn) @ turns_to_frames(clamp)[:, 0]
+    direction = quats_to_frames(turn) @ quats_to_frames(clamp)[:, 0]
     assert points == pytest.approx(root + np.outer(np.arange(1, 5) / 4, direction), abs=1e-14)

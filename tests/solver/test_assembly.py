@@ -16,7 +16,7 @@ from trial_batches import (
     turned,
 )
 
-from featherfx.algebra.rotation import rotation_vectors, turns_to_frames
+from featherfx.algebra.rotation import quats_to_frames, rotation_vectors
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate
@@ -162,9 +162,9 @@ def test_the_gauss_newton_hessian_is_positive_definite_far_from_rest(seed):
 
 def moved_rigidly(state, rng):
     """The same pose at another place and orientation."""
-    vector, shift = rotation_vectors(turns_to_frames(random_turn(rng))), rng.normal(size=3)
+    vector, shift = rotation_vectors(quats_to_frames(random_turn(rng))), rng.normal(size=3)
     moved = state.copy()
-    rotation = turns_to_frames(turned(np.array([1.0, 0, 0, 0]), vector))
+    rotation = quats_to_frames(turned(np.array([1.0, 0, 0, 0]), vector))
     for i in range(state.turn.shape[1]):
         moved.turn[0, i] = turned(state.turn[0, i], vector)
     moved.centre[0] = state.centre[0] @ rotation.T + shift

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from trial_batches import random_turn, rotation_of
 
-from featherfx.algebra.rotation import turns_to_frames
+from featherfx.algebra.rotation import quats_to_frames
 from featherfx.solver.step.root_kernels import root_at
 from featherfx.solver.step.root_path import RootPath
 
@@ -20,7 +20,7 @@ def followed(path, base):
         turn, centre = np.zeros(4), np.zeros(3)
         root_at(RootPath(path[None], base[None]), 0, share, turn, centre)
         centres.append(centre)
-        frames.append(turns_to_frames(turn))
+        frames.append(quats_to_frames(turn))
     return np.array(centres), np.array(frames)
 
 
@@ -36,7 +36,7 @@ def test_a_polynomial_motion_is_followed_exactly():
     centres, frames = followed(path, base)
     exact = np.array([at(share) for share in SHARES])
     assert centres == pytest.approx(exact[:, :3], abs=1e-12)
-    rotations = np.array([rotation_of(each[3:]) for each in exact]) @ turns_to_frames(base)
+    rotations = np.array([rotation_of(each[3:]) for each in exact]) @ quats_to_frames(base)
     assert frames == pytest.approx(rotations, abs=1e-12)
 
 
@@ -48,7 +48,7 @@ def test_a_steady_spin_of_several_turns_is_exact(turns):
     path[:, 3:] = np.linspace(0.0, 2.0 * np.pi * turns, 5)[:, None] * axis
     _, frames = followed(path, base)
     exact = [rotation_of(2.0 * np.pi * turns * share * axis) for share in SHARES]
-    assert frames == pytest.approx(np.array(exact) @ turns_to_frames(base), abs=1e-10)
+    assert frames == pytest.approx(np.array(exact) @ quats_to_frames(base), abs=1e-10)
 
 
 def test_a_beat_is_followed_with_the_order_of_the_samples():
@@ -74,5 +74,5 @@ def test_samples_are_met():
         turn, centre = np.zeros(4), np.zeros(3)
         root_at(RootPath(path[None], base[None]), 0, k / 3.0, turn, centre)
         assert centre == pytest.approx(path[k, :3], abs=1e-12)
-        exact = rotation_of(path[k, 3:]) @ turns_to_frames(base)
-        assert turns_to_frames(turn) == pytest.approx(exact, abs=1e-12)
+        exact = rotation_of(path[k, 3:]) @ quats_to_frames(base)
+        assert quats_to_frames(turn) == pytest.approx(exact, abs=1e-12)

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from featherfx.feather.build import build_feather
+from featherfx.feather.build import build_feather, repeated_shapes
 from featherfx.feather.layout.move_kernels import all_gaps, count_cover
 from featherfx.feather.layout.overlap import Strips
-from featherfx.feather.scaled import repeated_shapes
 from featherfx.feather.types import RACHIS, Feather
 from featherfx.groom.types import FeatherKind, Placement
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from featherfx.algebra.rotation import along_rows, frames_to_turns, turns_to_frames
+from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.lab.bench.random_feathers import Drawn, draw_feather, log_uniform
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
@@ -140,12 +140,12 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
 
     Points and strains follow, so that the state is one that the solver could have reached.
     """
-    frames = turns_to_frames(state.turn[0])
+    frames = quats_to_frames(state.turn[0])
     shared = np.eye(3)
     for row in range(1, model.rows):
         shared = _turn(random, angle) @ shared
         frames[row] = shared @ frames[row]
-    state.turn[0] = along_rows(frames_to_turns(frames))
+    state.turn[0] = along_rows(frames_to_quats(frames))
     bend = min(angle, 2.0)
     state.coefficient[0] = random.uniform(-bend, bend, state.coefficient[0].shape)
     turn, centre = state.turn[0], state.centre[0]
@@ -173,7 +173,7 @@ def _paths(
     """Root paths: up to 50 m/s, 300 rad/s, or a jump of up to two lengths and any turn."""
     if root == "held":
         return (hold_roots(state),) * FRAMES
-    position, frame = state.centre[0, 0], turns_to_frames(state.turn[0, 0])
+    position, frame = state.centre[0, 0], quats_to_frames(state.turn[0, 0])
     if root == "jumped":
         jump = random.uniform(0.0, 2.0 * length) * _direction(random)
         return (_path(position + jump, 0.0, _turn(random, np.pi) @ frame, 0.0),) * FRAMES
@@ -202,4 +202,4 @@ def _path(position: Array, move: Array | float, frame: Array, spin: Array | floa
     samples = np.zeros((1, PATH_SAMPLES, 6))
     samples[0, :, :3] = position + share * np.broadcast_to(move, 3)
     samples[0, :, 3:] = share * np.broadcast_to(spin, 3)
-    return RootPath(samples, frames_to_turns(frame)[None])
+    return RootPath(samples, frames_to_quats(frame)[None])

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_to_turns
+from featherfx.algebra.rotation import frames_to_quats
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
@@ -152,7 +152,7 @@ def _one(
     area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
     area = area / (vane.across * vane.thickness)
     points = np.ascontiguousarray(feather.points)
-    turn = frames_to_turns(row_frames(points))
+    turn = frames_to_quats(row_frames(points))
     active = hinge_places(feather.cell)
     plate = _bending_tables(model, f, feather, kind, bending, area, active, shaft)
     used = np.any(plate != 0.0, axis=-2)

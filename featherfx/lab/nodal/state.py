@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import along_rows, frames_to_turns
+from featherfx.algebra.rotation import along_rows, frames_to_quats
 from featherfx.lab.nodal.model import NodalModel
 from featherfx.mechanics.batch import row_frames
 from featherfx.mechanics.model import Model
@@ -115,7 +115,7 @@ def nodal_state(model: Model, points: Array) -> NodalState:
     points = np.array(points, dtype=float)
     count, n = points.shape[:2]
     return NodalState(
-        turn=along_rows(frames_to_turns(row_frames(points))),
+        turn=along_rows(frames_to_quats(row_frames(points))),
         points=points,
         velocity=np.zeros(points.shape),
         acceleration=np.zeros(points.shape),

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import turns_to_frames
+from featherfx.algebra.rotation import quats_to_frames
 from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
 from featherfx.solver.state import State
@@ -167,7 +167,7 @@ def _inputs(path: RootPath, loads: Loads) -> Array:
     common = np.concatenate([loads.gravity, loads.air, gusts])
     parts = (
         way,
-        turns_to_frames(path.base),
+        quats_to_frames(path.base),
         np.broadcast_to(common, (count, common.size)),
         np.broadcast_to(loads.wind_mean, (count, 3)),
         loads.grip_node,

@@ -7,7 +7,7 @@ root and row frames, against its rest shape; A_i is row i's frame seen from the 
     c_i   turn of the shaft's chord from row i to row i + 1, in A_i
     b_ij  turn of a barb's segment j, in A_i
 
-Rotation vectors of different guides are added with weights; as each is one row's share of the
+Rotation vectors of different guides are added with weights; as each is one row's part of the
 bending only, none comes near half a turn, where such sums flip. The follower's pose is the chain
 
     A_(i+1) = A_i K0_i exp(k_i),   r_(i+1) = r_i + A_i exp(c_i) chord_i,
@@ -15,7 +15,7 @@ bending only, none comes near half a turn, where such sums flip. The follower's 
 
 with its own rest shape and root, so that every chord and segment keeps its length, and a rigid
 motion of guides and followers moves the followers rigidly. k and c belong to intervals and are
-shared out by how far those of guide and follower overlap; b is interpolated along the shaft.
+spread by how far those of guide and follower overlap; b is interpolated along the shaft.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any
 
 
 def overlaps(own: Array, other: Array) -> Array:
-    """(n - 1, n - 1) share of each of the other's intervals that lies within each of the own."""
+    """(n - 1, n - 1) how much of each of the other's intervals lies within each of the own."""
     low = np.maximum(own[:-1, None], other[None, :-1])
     high = np.minimum(own[1:, None], other[None, 1:])
     return np.maximum(high - low, 0.0) / np.diff(other)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_to_turns, rotation_vectors
+from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
 from featherfx.shot.motion.flap import flapping
 from featherfx.shot.motion.joints import (
     PosesOverTime,
@@ -59,7 +59,7 @@ def root_path(motion: Roots, members: NDArray[np.int64], start: float, end: floa
     for k in range(1, SAMPLES):
         vectors[:, k] = _nearest_branch(vectors[:, k], vectors[:, k - 1])
     samples = np.concatenate([positions, vectors], axis=2)
-    return RootPath(samples, frames_to_turns(rotations[:, 0]))
+    return RootPath(samples, frames_to_quats(rotations[:, 0]))
 
 
 def _nearest_branch(vectors: Array, before: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import along_rows, frames_to_turns, turns_to_frames
+from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.model import Model
 from featherfx.solver.state import State
@@ -33,7 +33,7 @@ def take_up(
     (n, P, 3) m/s of the material points. time: s. The first step then finds the accelerations that
     belong to pose and velocity (featherfx/solver/step/start.py).
     """
-    state.turn[f] = along_rows(frames_to_turns(frames))
+    state.turn[f] = along_rows(frames_to_quats(frames))
     state.centre[f], state.coefficient[f] = centres, coefficients
     for fresh in (state.acceleration, state.smoothed, state.spin, state.coefficient_rate):
         fresh[f] = 0.0
@@ -68,7 +68,7 @@ def carry_to(model: Model, state: State, path: RootPath) -> None:
 def _carry(f: int, state: State, path: RootPath) -> None:
     from scipy.spatial.transform import Rotation
 
-    before, after = turns_to_frames(np.stack([state.turn[f, 0], path.base[f]]))
+    before, after = quats_to_frames(np.stack([state.turn[f, 0], path.base[f]]))
     turn = after @ before.T
     old, new = state.centre[f, 0].copy(), path.samples[f, 0, :3]
     state.centre[f] = new + (state.centre[f] - old) @ turn.T

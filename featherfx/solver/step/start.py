@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import turns_to_frames
+from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.rotation_kernels import conjugate, multiply
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
@@ -77,4 +77,4 @@ def _carried(path: RootPath, f: int, turn: Array, centre: Array) -> tuple[Array,
     root_at(path, f, 1.0, end, place)
     move = multiply(end, conjugate(turn[0]))
     turns = np.array([multiply(move, row) for row in turn])
-    return turns, place + (centre - centre[0]) @ turns_to_frames(np.array(move)).T
+    return turns, place + (centre - centre[0]) @ quats_to_frames(np.array(move)).T
