@@ -53,7 +53,7 @@ def test_what_a_kernel_is_made_of_counts(folder_after_change, changed):
 
 def test_other_kernels_do_not_count(folder_after_change):
     before, after = folder_after_change(
-        "usd/write/surface_kernels.py", "mechanics/vane_membrane_kernels.py"
+        "groom/regions/scatter_kernels.py", "mechanics/vane_membrane_kernels.py"
     )
     assert before == after
 

@@ -126,3 +126,22 @@ def test_usd_finds_no_fault_in_any_representation(cache, variant):
     registry = validation.ValidationRegistry()
     context = validation.ValidationContext(registry.GetOrLoadAllValidators())
     assert [error.GetErrorAsString() for error in context.Validate(stage)] == []
+
+
+def test_extents_are_those_that_usd_computes_to_the_last_bit(cache):
+    """Of meshes, rachises and barbs, in every frame and at rest; strict validators compare them."""
+    stage, compared = Usd.Stage.Open(str(cache[0])), 0
+    for prim in stage.Traverse():
+        if not prim.IsA(UsdGeom.PointBased):
+            continue
+        drawn = UsdGeom.PointBased(prim)
+        for code in (Usd.TimeCode.Default(), 1, 2, 3):
+            points, written = drawn.GetPointsAttr().Get(code), drawn.GetExtentAttr().Get(code)
+            if prim.IsA(UsdGeom.Curves):
+                widths = UsdGeom.Curves(prim).GetWidthsAttr().Get()
+                wanted = UsdGeom.Curves.ComputeExtent(points, widths)
+            else:
+                wanted = UsdGeom.PointBased.ComputeExtent(points)
+            assert written == wanted, f"{prim.GetPath()} at {code}"
+            compared += 1
+    assert compared == 4 * (2 * len(NAMES) + len(NAMES) - 1)

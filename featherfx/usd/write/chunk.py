@@ -20,7 +20,7 @@ from featherfx.files.whole import WrittenFile
 from featherfx.shot.types import Frame
 from featherfx.usd.arrays import Floats
 from featherfx.usd.write.parts import ChunkRecord, checksum
-from featherfx.usd.write.poses import Pose
+from featherfx.usd.write.poses import WrittenPose
 from featherfx.usd.write.publish import export_beside, output_errors
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import StageInfo, new_layer
@@ -35,8 +35,8 @@ class _Run:
     """
 
     moving: NDArray[np.bool_]
-    first: list[Pose | None]
-    kept: list[list[Pose]]
+    first: list[WrittenPose | None]
+    kept: list[list[WrittenPose]]
     codes: list[float] = field(default_factory=list)
     low: Floats = field(default_factory=lambda: np.full(3, np.inf, np.float32))
     high: Floats = field(default_factory=lambda: np.full(3, -np.inf, np.float32))
@@ -82,7 +82,7 @@ class ChunkWriter:
                 for index in self._sampled
                 for key in prims.paths[index]
             ]
-        self._spare: list[list[Pose]] = [[] for _ in static]
+        self._spare: list[list[WrittenPose]] = [[] for _ in static]
         self._run = self._new_run()
 
     @property
@@ -135,7 +135,7 @@ class ChunkWriter:
             high=tuple(run.high.tolist()),
         )
 
-    def _author(self, index: int, code: float, pose: Pose) -> None:
+    def _author(self, index: int, code: float, pose: WrittenPose) -> None:
         run, prims = self._run, self._prims
         first = run.first[index]
         if first is None:
@@ -152,7 +152,7 @@ class ChunkWriter:
             run.kept[index].append(pose)
         prims.author_sample(self._layer, index, (code,), pose)
 
-    def _room(self, index: int) -> Pose:
+    def _room(self, index: int) -> WrittenPose:
         spare = self._spare[index]
         return spare.pop() if spare else self._prims.feathers[index].new_pose()
 

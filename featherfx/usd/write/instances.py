@@ -120,16 +120,16 @@ def _author_instances(
     instancer: Any, placements: Sequence[Placement], chosen: Sequence[int], space: StageSpace
 ) -> None:
     positions = space.positions(np.array([p.position for p in placements]))
-    turn = space.directions(np.eye(3)).T
-    rotations = turn @ np.array([p.rotation for p in placements]) @ turn.T
-    turned = quaternions(rotations)
+    to_stage = space.directions(np.eye(3)).T
+    rotations = to_stage @ np.array([p.rotation for p in placements]) @ to_stage.T
+    orientations = quaternions(rotations)
     instancer.CreateProtoIndicesAttr(arrays.ints(np.array(chosen)))
     instancer.CreatePositionsAttr(arrays.vec3f(positions))
     instancer.CreateScalesAttr(arrays.vec3f(np.repeat([[p.size] for p in placements], 3, axis=1)))
-    instancer.CreateOrientationsAttr(Vt.QuathArray([_half(each) for each in turned]))
+    instancer.CreateOrientationsAttr(Vt.QuathArray([_half(each) for each in orientations]))
     # half precision turns a long feather's tip by its thickness; older USD lacks the finer one
     if hasattr(instancer, "CreateOrientationsfAttr"):
-        instancer.CreateOrientationsfAttr(Vt.QuatfArray([_single(each) for each in turned]))
+        instancer.CreateOrientationsfAttr(Vt.QuatfArray([_single(each) for each in orientations]))
     instancer.CreateIdsAttr(Vt.Int64Array([stable_number(p.id) for p in placements]))
     api = UsdGeom.PrimvarsAPI(instancer)
     texts = {

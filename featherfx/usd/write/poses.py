@@ -20,8 +20,9 @@ from featherfx.usd.types import (
     STRAIN_SHEAR,
     FeatherEntry,
 )
-from featherfx.usd.write import strain_kernels, surface_kernels
+from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.primvars import BARB_DIRECTION
+from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenMesh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -33,7 +34,7 @@ _ROUNDING = float(np.finfo(np.float32).eps)
 
 
 @dataclass
-class Pose:
+class WrittenPose:
     """One feather at one time, stage units and axes, as it is written.
 
     values: per prim (MESH, RACHIS, BARB) and attribute. finite: whether points and rates are.
@@ -61,24 +62,22 @@ class PosedFeather:
         self, entry: FeatherEntry, surface: _Surface, space: StageSpace, extras: Collection[str]
     ) -> None:
         self._entry, self._surface = entry, surface
-        self._to_stage = (1.0 / space.meters_per_unit, space.up_axis == "Y")
+        self._to_stage = ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y")
         self._accelerations = ACCELERATIONS in extras
         feather, barbs = entry.feather, entry.barbs
         self.widths = space.lengths(np.sqrt(feather.width * feather.height))
         self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else np.zeros(0)
-        # The widest point pads all, as in USD's own computation of the extent of curves.
-        self._half_width = 0.5 * float(self.widths.max())
-        self._half_barb = 0.5 * float(self.barb_widths.max(initial=0.0))
+        self._half_width, self._half_barb = _padding(self.widths), _padding(self.barb_widths)
         self.has_barbs = len(self.barb_widths) > 0
         self.parts = (MESH, RACHIS, BARB) if self.has_barbs else (MESH, RACHIS)
-        counts = {MESH: len(surface.row), RACHIS: feather.rows, BARB: len(self.barb_widths)}
+        counts = {MESH: len(surface.drawn.row), RACHIS: feather.rows, BARB: len(self.barb_widths)}
         each = ("points", "velocities", *([ACCELERATIONS] * self._accelerations))
         self._sizes = {(part, name): counts[part] for part in self.parts for name in each}
         self._sizes |= {(part, "extent"): 2 for part in self.parts}
         self._sizes[MESH, "normals"] = counts[MESH]
-        self._sizes[MESH, BARB_DIRECTION] = len(surface.triangles)
+        self._sizes[MESH, BARB_DIRECTION] = len(surface.drawn.triangles)
         asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
-        self._scalars = {(MESH, name): len(surface.triangles) for name in asked}
+        self._scalars = {(MESH, name): len(surface.drawn.triangles) for name in asked}
         self.keys: tuple[Key, ...] = (*self._sizes, *self._scalars)
 
     @property
@@ -86,12 +85,12 @@ class PosedFeather:
         """Bytes of one pose."""
         return 12 * sum(self._sizes.values()) + 4 * sum(self._scalars.values())
 
-    def new_pose(self) -> Pose:
+    def new_pose(self) -> WrittenPose:
         """Room for one pose."""
         room: dict[Key, InPlace] = {key: Vec3f(count) for key, count in self._sizes.items()}
-        return Pose(room | {key: Scalars(count) for key, count in self._scalars.items()})
+        return WrittenPose(room | {key: Scalars(count) for key, count in self._scalars.items()})
 
-    def rest(self) -> Pose:
+    def rest(self) -> WrittenPose:
         """The rest pose; its rates are zero."""
         pose, barbs = self.new_pose(), self._entry.barbs
         material = np.reshape(self._entry.rest_points, (-1, 3))
@@ -104,7 +103,7 @@ class PosedFeather:
         return pose
 
     def evaluate(
-        self, pose: Pose, points: Array, velocities: Array, accelerations: Array | None
+        self, pose: WrittenPose, points: Array, velocities: Array, accelerations: Array | None
     ) -> None:
         """Write a pose: (n, P, 3) material points and their rates, m and per second, to pose.
 
@@ -127,9 +126,9 @@ class PosedFeather:
         for name, values in rates.items():
             out = pose.values[BARB, name].numbers
             mapped = _mapped(barbs.points_map, values)
-            pose.finite &= bool(surface_kernels.turn(mapped, *self._to_stage, out))
+            pose.finite &= bool(surface_kernels.write_points(mapped, 1, self._to_stage, out))
 
-    def changed(self, pose: Pose, reference: Pose, seconds: float) -> bool:
+    def changed(self, pose: WrittenPose, reference: WrittenPose, seconds: float) -> bool:
         """Whether the feather, as written, differs from a reference pose, or is on its way.
 
         seconds: to the next sample. A velocity that until then carries no point farther than its
@@ -146,46 +145,44 @@ class PosedFeather:
             for part in self.parts
         )
 
-    def _place(self, pose: Pose, material: Array) -> bool:
+    def _place(self, pose: WrittenPose, material: Array) -> bool:
         """Points of mesh and shaft, and what follows from them; whether all are finite."""
-        surface, values = self._surface, pose.values
-        scale, quarter = self._to_stage
-        finite = surface_kernels.pose_surface(
-            material, *surface.terms, surface.triangles, surface.edges, scale, quarter,
-            *surface.scratch, values[MESH, "points"].numbers, values[MESH, "normals"].numbers,
-            values[MESH, BARB_DIRECTION].numbers, values[MESH, "extent"].numbers,
-        )  # fmt: skip
-        shaft, size = values[RACHIS, "points"].numbers, surface.size
-        finite &= surface_kernels.pose_shaft(material, size, scale, quarter, shaft)
+        drawn, stage, values = self._surface.drawn, self._to_stage, pose.values
+        names = ("points", "normals", BARB_DIRECTION, "extent")
+        mesh = WrittenMesh(*(values[MESH, name].numbers for name in names))
+        finite = surface_kernels.pose_surface(material, drawn, stage, mesh)
+        shaft = values[RACHIS, "points"].numbers
+        finite &= surface_kernels.write_points(material, drawn.size, stage, shaft)
         surface_kernels.extent(shaft, self._half_width, values[RACHIS, "extent"].numbers)
         if self._scalars:
             self._diagnose(pose)
         return bool(finite)
 
-    def _diagnose(self, pose: Pose) -> None:
+    def _diagnose(self, pose: WrittenPose) -> None:
         """Strain and energy of the surface that was placed last."""
         surface, values = self._surface, pose.values
         across, shear = surface.strains
-        strain_kernels.face_strains(
-            surface.scratch[0], surface.corners, surface.strain_rest, across, shear
+        surface_kernels.face_strains(
+            surface.drawn.world, surface.corners, surface.strain_rest, across, shear
         )
         if (MESH, STRAIN_ACROSS) in values:
             values[MESH, STRAIN_ACROSS].numbers[:] = across
             values[MESH, STRAIN_SHEAR].numbers[:] = shear
         if (MESH, ENERGY_DENSITY) in values:
             out = values[MESH, ENERGY_DENSITY].numbers
-            strain_kernels.energy_density(across, shear, *self._entry.vane_stiffness, out)
+            surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, out)
 
-    def _rates(self, pose: Pose, name: str, material: Array) -> bool:
-        surface, (scale, quarter) = self._surface, self._to_stage
+    def _rates(self, pose: WrittenPose, name: str, material: Array) -> bool:
+        drawn, stage = self._surface.drawn, self._to_stage
         out, shaft = pose.values[MESH, name].numbers, pose.values[RACHIS, name].numbers
-        finite = surface_kernels.combine(material, *surface.terms, scale, quarter, out)
-        finite &= surface_kernels.pose_shaft(material, surface.size, scale, quarter, shaft)
+        surface_kernels.combine(material, drawn)
+        finite = surface_kernels.write_points(drawn.world, 1, stage, out)
+        finite &= surface_kernels.write_points(material, drawn.size, stage, shaft)
         return bool(finite)
 
-    def _barb_points(self, pose: Pose, points: Array) -> bool:
+    def _barb_points(self, pose: WrittenPose, points: Array) -> bool:
         out, corners = pose.values[BARB, "points"].numbers, pose.values[BARB, "extent"].numbers
-        finite = surface_kernels.turn(points, *self._to_stage, out)
+        finite = surface_kernels.write_points(points, 1, self._to_stage, out)
         surface_kernels.extent(out, self._half_barb, corners)
         return bool(finite)
 
@@ -195,17 +192,20 @@ class _Surface:
 
     def __init__(self, feather: Feather) -> None:
         surface = feather.surface
-        self.row = _plain(surface.row)
-        weights = np.ascontiguousarray(surface.weights, dtype=np.float64)
-        self.size = size = feather.points.shape[1]
-        self.terms = (self.row, _plain(surface.terms), weights, size)
-        self.triangles = _plain(surface.triangles)
         rest = surface.points(feather.points)
-        self.edges = barb_edges(surface, rest)
-        self.corners, self.strain_rest = strain_rest(surface, self.edges, rest)
-        self.strains = np.zeros((2, len(self.triangles)))
-        # World points, and sums of normals.
-        self.scratch = np.zeros((2, len(self.row), 3))
+        edges = barb_edges(surface, rest)
+        self.drawn = DrawnSurface(
+            row=_plain(surface.row),
+            terms=_plain(surface.terms),
+            weights=np.ascontiguousarray(surface.weights, dtype=np.float64),
+            size=feather.points.shape[1],
+            triangles=_plain(surface.triangles),
+            edges=edges,
+            world=np.zeros(rest.shape),
+            sums=np.zeros(rest.shape),
+        )
+        self.corners, self.strain_rest = strain_rest(surface, edges, rest)
+        self.strains = np.zeros((2, len(edges)))
 
 
 def posed_feathers(
@@ -260,6 +260,11 @@ def _mapped(points_map: PointMap | None, values: Array) -> Array:
     """(K, 3) material points or rates of what is drawn, from those of a frame."""
     mapped = values if points_map is None else points_map(values)
     return np.ascontiguousarray(mapped, dtype=np.float64).reshape(-1, 3)
+
+
+def _padding(widths: Array) -> np.float32:
+    """What USD pads the extent of curves by: half the greatest width, in single precision."""
+    return np.float32(0.5) * np.float32(widths.max(initial=0.0))
 
 
 def _plain(indices: Indices) -> Indices:

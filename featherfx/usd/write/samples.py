@@ -12,7 +12,7 @@ from typing import Any
 from pxr import Sdf
 
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS
-from featherfx.usd.write.poses import BARB, MESH, RACHIS, Key, Pose, PosedFeather
+from featherfx.usd.write.poses import BARB, MESH, RACHIS, Key, PosedFeather, WrittenPose
 from featherfx.usd.write.primvars import BARB_DIRECTION
 
 _TYPES = {
@@ -66,13 +66,15 @@ class AnimatedPrims:
             attribute.SetInfo("interpolation", _INTERPOLATION[name])
         return attribute
 
-    def author_defaults(self, layer: Any, index: int, pose: Pose) -> None:
+    def author_defaults(self, layer: Any, index: int, pose: WrittenPose) -> None:
         """One pose of a feather as default values; a default pose has no rates."""
         for key, value in pose.values.items():
             if key[1] not in RATES:
                 self.create(layer, index, key).default = value.value
 
-    def author_sample(self, layer: Any, index: int, codes: Sequence[float], pose: Pose) -> None:
+    def author_sample(
+        self, layer: Any, index: int, codes: Sequence[float], pose: WrittenPose
+    ) -> None:
         """One pose of a feather at time codes, in a layer that has the attributes."""
         paths, store = self.paths[index], layer.SetTimeSample
         for key, value in pose.values.items():
@@ -80,7 +82,7 @@ class AnimatedPrims:
             for code in codes:
                 store(paths[key], code, array)
 
-    def digest(self, index: int, pose: Pose) -> str:
+    def digest(self, index: int, pose: WrittenPose) -> str:
         """Short name of a feather's pose: equal poses, equal names."""
         digest = hashlib.blake2b(digest_size=8)
         for part in self.feathers[index].parts:

@@ -1,113 +1,127 @@
-"""One pose of a feather as it is written: points, rates, normals, barb directions, extents.
+"""One pose of a feather as it is written: points, rates, normals, directions, extents, strains.
 
-material: (M, 3) material points or rates, world frame, m. quarter: whether y points up (x, y, z
-becomes x, z, -y). scale: stage units per metre. Results are single precision.
+material: (M, 3) material points or rates, world frame, m. Results are single precision.
+
+Strain and energy are those of the vanes as they are drawn, per face, by the mechanics' own strain:
+
+    density = 1/2 b (E_ww e_ww^2 + 4 E_vw e_vw^2)        J per square metre of the vane at rest
+
+e_ww, e_vw Green-Lagrange strain across the barbs and in shear, b thickness, E_ww and E_vw moduli
+(featherfx/mechanics/vane_membrane_kernels.py). A face of the shaft has none: zero.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.vec3_kernels import accumulate, add, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.vane_membrane_kernels import membrane_strain
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+
+class DrawnSurface(NamedTuple):
+    """A surface of V points and T triangles, of rows of size material points.
+
+    Point v is the sum of weights[v] times the material points terms[v] of row[v]. edges: (T, 2), a
+    triangle's along its barb. world: (V, 3) m, points or rates in double precision, for what is
+    derived of them, and sums: (V, 3) of normals; both are scratch.
+    """
+
+    row: Indices
+    terms: Indices
+    weights: Array
+    size: int
+    triangles: Indices
+    edges: NDArray[np.int32]
+    world: Array
+    sums: Array
+
+
+class ToStage(NamedTuple):
+    """units: stage units per metre. y_up: whether y points up (x, y, z becomes x, z, -y)."""
+
+    units: float
+    y_up: bool
+
+
+class WrittenMesh(NamedTuple):
+    """points, normals: (V, 3). directions: (T, 3) unit, of barbs. extent: (2, 3)."""
+
+    points: Floats
+    normals: Floats
+    directions: Floats
+    extent: Floats
 
 
 @kernel
-def combine(material, row, terms, weights, size, scale, quarter, out):
-    """Surface points (V, 3) of rows of size material points; True if all are finite."""
-    total = 0.0
-    for v in range(terms.shape[0]):
-        first = row[v] * size
-        x, y, z = 0.0, 0.0, 0.0
+def combine(material, surface):
+    """The surface's points, or their rates, to surface.world."""
+    for v in range(surface.row.shape[0]):
+        point, first = (0.0, 0.0, 0.0), surface.row[v] * surface.size
         for k in range(3):
-            w = weights[v, k]
+            w = surface.weights[v, k]
             if w != 0.0:
-                n = first + terms[v, k]
-                x += w * material[n, 0]
-                y += w * material[n, 1]
-                z += w * material[n, 2]
-        out[v, 0] = x * scale
-        out[v, 1] = (z if quarter else y) * scale
-        out[v, 2] = (-y if quarter else z) * scale
+                point = add(point, scale(w, material[first + surface.terms[v, k]]))
+        store(surface.world[v], point)
+
+
+@kernel
+def _axes(v, stage):
+    """A vector (3,) in the stage's axes."""
+    return (v[0], v[2], -v[1]) if stage.y_up else (v[0], v[1], v[2])
+
+
+@kernel
+def write_points(world, step, stage, out):
+    """Every step-th world point or rate (3,), to out (N, 3); True if all are finite."""
+    total = 0.0
+    for v in range(out.shape[0]):
+        store(out[v], scale(stage.units, _axes(world[v * step], stage)))
         total += abs(out[v, 0]) + abs(out[v, 1]) + abs(out[v, 2])
     return math.isfinite(total)
 
 
 @kernel
-def place(material, row, terms, weights, size, world):
-    """Surface points (V, 3) in the world, in double precision for what is derived of them."""
-    for v in range(terms.shape[0]):
-        first = row[v] * size
-        x, y, z = 0.0, 0.0, 0.0
-        for k in range(3):
-            w = weights[v, k]
-            if w != 0.0:
-                n = first + terms[v, k]
-                x += w * material[n, 0]
-                y += w * material[n, 1]
-                z += w * material[n, 2]
-        world[v, 0], world[v, 1], world[v, 2] = x, y, z
-
-
-@kernel
-def turn(world, scale, quarter, out):
-    """World points or rates (V, 3) as written; True if all are finite."""
-    total = 0.0
-    for v in range(world.shape[0]):
-        x, y, z = world[v, 0], world[v, 1], world[v, 2]
-        out[v, 0] = x * scale
-        out[v, 1] = (z if quarter else y) * scale
-        out[v, 2] = (-y if quarter else z) * scale
-        total += abs(out[v, 0]) + abs(out[v, 1]) + abs(out[v, 2])
-    return math.isfinite(total)
-
-
-@kernel
-def vertex_normals(world, triangles, quarter, summed, out):
+def vertex_normals(surface, stage, out):
     """Area-weighted unit normals; a point without faces (calamus) is given the up axis."""
-    summed[:, :] = 0.0
+    world, sums, triangles = surface.world, surface.sums, surface.triangles
+    sums[:, :] = 0.0
     for t in range(triangles.shape[0]):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        ux, vx = world[b, 0] - world[a, 0], world[c, 0] - world[a, 0]
-        uy, vy = world[b, 1] - world[a, 1], world[c, 1] - world[a, 1]
-        uz, vz = world[b, 2] - world[a, 2], world[c, 2] - world[a, 2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        for corner in (a, b, c):
-            summed[corner, 0] += nx
-            summed[corner, 1] += ny
-            summed[corner, 2] += nz
+        corners = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        normal = normal_of(world[corners[0]], world[corners[1]], world[corners[2]])
+        for corner in corners:
+            accumulate(sums[corner], 1.0, normal)
     for v in range(world.shape[0]):
-        x, y, z = summed[v, 0], summed[v, 1], summed[v, 2]
-        length = math.sqrt(x * x + y * y + z * z)
-        if length > 0.0:
-            share = 1.0 / length
-        else:
-            x, y, z, share = 0.0, 0.0, 1.0, 1.0
-        out[v, 0] = x * share
-        out[v, 1] = (z if quarter else y) * share
-        out[v, 2] = (-y if quarter else z) * share
+        size = length(sums[v])
+        normal = scale(1.0 / size, sums[v]) if size > 0.0 else (0.0, 0.0, 1.0)
+        store(out[v], _axes(normal, stage))
 
 
 @kernel
-def edge_directions(world, edges, quarter, out):
-    """Unit vectors along edges (T, 2); x where an edge has no length."""
+def edge_directions(surface, stage, out):
+    """Unit vectors along the edges; x where an edge has no length."""
+    world, edges = surface.world, surface.edges
     for t in range(edges.shape[0]):
-        tail, head = edges[t, 0], edges[t, 1]
-        x = world[head, 0] - world[tail, 0]
-        y = world[head, 1] - world[tail, 1]
-        z = world[head, 2] - world[tail, 2]
-        length = math.sqrt(x * x + y * y + z * z)
-        if length > 0.0:
-            share = 1.0 / length
-        else:
-            x, y, z, share = 1.0, 0.0, 0.0, 1.0
-        out[t, 0] = x * share
-        out[t, 1] = (z if quarter else y) * share
-        out[t, 2] = (-y if quarter else z) * share
+        edge = sub(world[edges[t, 1]], world[edges[t, 0]])
+        size = length(edge)
+        direction = scale(1.0 / size, edge) if size > 0.0 else (1.0, 0.0, 0.0)
+        store(out[t], _axes(direction, stage))
 
 
 @kernel
 def extent(points, padding, out):
-    """(2, 3) least and greatest corner of points, padded."""
+    """(2, 3) least and greatest corner of points, padded.
+
+    All in single precision, as USD computes extents, so that they are equal to the last bit.
+    """
     for c in range(3):
         low = high = points[0, c]
         for v in range(points.shape[0]):
@@ -116,33 +130,14 @@ def extent(points, padding, out):
 
 
 @kernel
-def pose_surface(
-    material, row, terms, weights, size, triangles, edges, scale, quarter, world, summed,
-    points, normals, directions, corners,
-):  # fmt: skip
-    """Points, normals, barb directions and extent of a surface; True if the points are finite.
-
-    world, summed: (V, 3) scratch.
-    """
-    place(material, row, terms, weights, size, world)
-    finite = turn(world, scale, quarter, points)
-    vertex_normals(world, triangles, quarter, summed, normals)
-    edge_directions(world, edges, quarter, directions)
-    extent(points, 0.0, corners)
+def pose_surface(material, surface, stage, out):
+    """A mesh's pose, to out (WrittenMesh); True if the points are finite."""
+    combine(material, surface)
+    finite = write_points(surface.world, 1, stage, out.points)
+    vertex_normals(surface, stage, out.normals)
+    edge_directions(surface, stage, out.directions)
+    extent(out.points, np.float32(0.0), out.extent)
     return finite
-
-
-@kernel
-def pose_shaft(material, size, scale, quarter, out):
-    """The first point of each row, as written; True if all are finite."""
-    total = 0.0
-    for i in range(out.shape[0]):
-        x, y, z = material[i * size, 0], material[i * size, 1], material[i * size, 2]
-        out[i, 0] = x * scale
-        out[i, 1] = (z if quarter else y) * scale
-        out[i, 2] = (-y if quarter else z) * scale
-        total += abs(out[i, 0]) + abs(out[i, 1]) + abs(out[i, 2])
-    return math.isfinite(total)
 
 
 @kernel
@@ -162,3 +157,26 @@ def changed(points, rates, reference, rounding):
             if abs(rates[v, c]) > rounding * greatest:
                 return True
     return False
+
+
+@kernel
+def face_strains(world, corners, rest, across, shear):
+    """e_ww and e_vw (T,) of faces.
+
+    world: (V, 3). corners: (T, 3) ends of the barb edge and the third point. rest: (T, 3) 1/s, p,
+    1/h, zero for a face without strain.
+    """
+    for t in range(corners.shape[0]):
+        across[t], shear[t] = 0.0, 0.0
+        if rest[t, 0] > 0.0:
+            start, end, opposite = corners[t, 0], corners[t, 1], corners[t, 2]
+            first, second = membrane_strain(world[start], world[end], world[opposite], rest[t])
+            across[t], shear[t] = first, 0.5 * second
+
+
+@kernel
+def energy_density(across, shear, across_stiffness, shear_stiffness, out):
+    """(T,) J/m^2 of strains (T,). Stiffnesses: N/m, modulus times thickness."""
+    for t in range(out.shape[0]):
+        stretched = across_stiffness * across[t] * across[t]
+        out[t] = 0.5 * (stretched + 4.0 * shear_stiffness * shear[t] * shear[t])
