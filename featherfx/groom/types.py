@@ -14,11 +14,11 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.values import (
     ArrayOf,
     Default,
     Number,
-    Preset,
     Table,
     Text,
     keys_of,

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
 from featherfx.cli.main import main
+from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import (
@@ -25,7 +26,6 @@ from featherfx.groom.keys.values import (
     Number,
     Partial,
     Place,
-    Preset,
     Problems,
     Table,
     Tables,

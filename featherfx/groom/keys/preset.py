@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.values import (
     REQUIRED,
     ArrayOf,
@@ -16,7 +17,6 @@ from featherfx.groom.keys.values import (
     Either,
     Key,
     Number,
-    Preset,
     Table,
     Text,
     ValueType,

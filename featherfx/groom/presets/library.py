@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import (
     REQUIRED,
     Key,
     Place,
-    Preset,
     Problems,
     Table,
     expected,

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import Problem
+from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
-from featherfx.groom.keys.values import Place, Preset, Problems, Table, nearest
+from featherfx.groom.keys.values import Place, Problems, Table, nearest
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -125,22 +126,17 @@ def _numbers(path: Path, name: str, cells: tuple[str, ...], problems: Problems) 
     try:
         return np.array([float(cell) for cell in cells])
     except ValueError:
-        pass
-    values, faults = np.zeros(len(cells)), 0
-    for number, cell in enumerate(cells):
-        try:
-            values[number] = float(cell)
-        except ValueError:
-            faults += 1
-            if faults <= MOST_REPORTED:
-                problems.add(path, f"row {number + 1}.{name}", f"{cell!r} is not a number")
-    _rest(path, name, faults, problems)
-    return values
+        bad = np.array([not _is_number(cell) for cell in cells])
+    _report(path, name, bad, lambda row: f"{cells[row]!r} is not a number", problems)
+    return np.zeros(len(cells))
 
 
-def _rest(path: Path, name: str, faults: int, problems: Problems) -> None:
-    if faults > MOST_REPORTED:
-        problems.add(path, name, f"and {faults - MOST_REPORTED} more rows with the same fault")
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _check_columns(path: Path, columns: Columns, entry: dict[str, Any], place: Place) -> None:
@@ -154,68 +150,61 @@ def _check_columns(path: Path, columns: Columns, entry: dict[str, Any], place: P
         place.child("kind").fail("missing, the table has no column kind")
 
 
-def _report(path: Path, name: str, bad: NDArray[Any], message: Any, problems: Problems) -> None:
+def _report(
+    path: Path, name: str, bad: NDArray[Any], message: Callable[[int], str], problems: Problems
+) -> None:
     rows = np.flatnonzero(bad)
     for row in rows[:MOST_REPORTED]:
         problems.add(path, f"row {row + 1}.{name}", message(int(row)))
-    _rest(path, name, len(rows), problems)
+    if len(rows) > MOST_REPORTED:
+        problems.add(path, name, f"and {len(rows) - MOST_REPORTED} more rows with the same fault")
+
+
+def _check_numbers(path: Path, name: str, values: NDArray[Any], problems: Problems) -> None:
+    bad = ~np.isfinite(values)
+    _report(path, name, bad, lambda row: f"{values[row]} is not a finite number", problems)
+    limits = TABLE[name].type if name in FACTORS else Number(-1e6, 1e6)
+    assert isinstance(limits, Number)
+    outside = ~bad & ((values < limits.low) | (values > limits.high))
+    tail = f"is out of range, allowed {limits.allowed()}"
+    _report(path, name, outside, lambda row: f"{values[row]:g} {tail}", problems)
 
 
 def _check_rows(path: Path, columns: Columns, problems: Problems) -> None:
-    finite = True
-    for name in (each for each in NUMBERS + FACTORS if each in columns):
-        values = columns[name]
-        bad = ~np.isfinite(values)
-        finite = finite and not bad.any()
-        _report(
-            path,
-            name,
-            bad,
-            lambda row, v=values: f"{v[row]} is not a finite number",
-            problems,
-        )
-        limits = TABLE[name].type if name in FACTORS else Number(-1e6, 1e6)
-        assert isinstance(limits, Number)
-        outside = ~bad & ((values < limits.low) | (values > limits.high))
-        allowed = limits.allowed()
-        _report(
-            path,
-            name,
-            outside,
-            lambda row, v=values, a=allowed: f"{v[row]:g} is out of range, allowed {a}",
-            problems,
-        )
+    numbers = {name: columns[name] for name in NUMBERS + FACTORS if name in columns}
+    for name, values in numbers.items():
+        _check_numbers(path, name, values, problems)
     _report(path, "id", columns["id"] == "", lambda row: "the text is empty", problems)
     if "side" in columns:
         side = columns["side"]
         bad = ~np.isin(side, ("left", "right"))
-        _report(path, "side", bad, lambda r: f"'{side[r]}' is not left or right", problems)
-    if finite:
-        direction, up = (
-            np.column_stack([columns[c] for c in VECTORS[v]]) for v in ("direction", "up")
-        )
+        _report(path, "side", bad, lambda row: f"'{side[row]}' is not left or right", problems)
+    if all(np.isfinite(values).all() for values in numbers.values()):
+        direction, up = (_vectors(columns, name) for name in ("direction", "up"))
         zero = np.linalg.norm(direction, axis=1) < 1e-9
         _report(path, "direction_x", zero, lambda row: "a direction cannot be zero", problems)
         bad = parallel(direction, up) & ~zero
         _report(path, "up_x", bad, lambda row: "up is zero or parallel to direction", problems)
 
 
+def _vectors(columns: Columns, name: str) -> NDArray[np.float64]:
+    return np.column_stack([columns[each] for each in VECTORS[name]])
+
+
 def _drafts(path: Path, columns: Columns, entry: dict[str, Any], problems: Problems) -> list[Draft]:
-    count = len(columns["id"])
-    position, direction, up = (
-        np.column_stack([columns[name] for name in names]) for names in VECTORS.values()
-    )
+    position, direction, up = (_vectors(columns, name) for name in VECTORS)
     rotation = frames_from(direction, up)
-    texts = {name: _texts(columns, name, entry, count) for name in TEXTS}
-    factors = {
+    count = len(position)
+    # columns that are missing stand in the groom, the same for all
+    values = {
         name: columns[name].tolist() if name in columns else [entry[name]] * count
-        for name in FACTORS
+        for name in (*TEXTS, *FACTORS)
     }
     choices: dict[str, KindChoice] = {}
     drafts = []
     for number, name in enumerate(columns["id"].tolist()):
         place = Place(str(path), f"row {number + 1}", problems)
-        kind = texts["kind"][number]
+        kind = values["kind"][number]
         if kind not in choices:
             choices[kind] = KindChoice((kind,), 0.0, (), place)
         drafts.append(
@@ -224,17 +213,13 @@ def _drafts(path: Path, columns: Columns, entry: dict[str, Any], problems: Probl
                 choice=choices[kind],
                 position=position[number],
                 rotation=rotation[number],
-                region=texts["region"][number],
-                joint=texts["joint"][number],
-                left=texts["side"][number] == "left",
-                scale=factors["scale"][number],
-                width=factors["width"][number],
-                roll=factors["roll"][number],
+                region=values["region"][number],
+                joint=values["joint"][number],
+                left=values["side"][number] == "left",
+                scale=values["scale"][number],
+                width=values["width"][number],
+                roll=values["roll"][number],
                 place=place,
             )
         )
     return drafts
-
-
-def _texts(columns: Columns, name: str, entry: dict[str, Any], count: int) -> list[str]:
-    return columns[name].tolist() if name in columns else [entry[name]] * count

@@ -47,69 +47,60 @@ an array is replaced as a whole, and a table that names a `base` replaces what i
 `featherfx presets show NAME` prints the merged values and the file that each came from.
 """
 
-_SHOT_PARTS = {
-    "groom": ("[groom] of a shot", shot_keys.GROOM_USD),
-    "skin": ("[skin]", shot_keys.SKIN),
-    "wind_usd": ("[wind_usd]", shot_keys.WIND_USD),
-    "collider": ("[[collider]]", shot_keys.COLLIDER),
-    "contact": ("[contact]", shot_keys.CONTACT),
-    "grip": ("[[grip]]", shot_keys.GRIP),
-    "force": ("[[force]]", shot_keys.FORCE),
-    "detail": ("[[detail]]", shot_keys.DETAIL),
-    "shelter": ("[[shelter]]", shot_keys.SHELTER),
-    "level_of_detail": ("[level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
-}
-_GROOM_PARTS = {
-    "joint": ("[[joint]]", groom_keys.JOINT),
-    "feather": ("[[feather]]", groom_keys.FEATHER_ENTRY),
-    "row": ("[[row]]", groom_keys.ROW),
-    "root": ("first and last of a [[row]]", groom_keys.ROOT),
-    "table": ("[[table]]", groom_keys.TABLE),
-    "usd": ("[[usd]]", groom_keys.USD),
-    "names": ("names of [[usd]]", groom_keys.USD_NAMES),
-    "skin": ("[skin] of a groom", region_keys.SKIN),
-    "region": ("[[region]]", region_keys.REGION),
-    "region_kind": ("kind of a [[region]]", region_keys.REGION_KIND),
-    "where": ("where of a [[region]]", region_keys.WHERE),
-    "flow": ("flow of a [[region]]", region_keys.FLOW),
-    "spread": ("variation of a [[region]]", region_keys.SPREAD),
-    "layout": ("[layout]", region_keys.LAYOUT),
-    "variation": ("[variation]", groom_keys.VARIATION),
-}
+_SHOT = (
+    ("## Shot file", shot_keys.SHOT),
+    ("### [groom] of a shot", shot_keys.GROOM_USD),
+    ("### [skin]", shot_keys.SKIN),
+    ("### [wind_usd]", shot_keys.WIND_USD),
+    ("### [[collider]]", shot_keys.COLLIDER),
+    ("### [contact]", shot_keys.CONTACT),
+    ("### [[grip]]", shot_keys.GRIP),
+    ("### [[force]]", shot_keys.FORCE),
+    ("### [[detail]]", shot_keys.DETAIL),
+    ("### [[shelter]]", shot_keys.SHELTER),
+    ("### [level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
+)
+_GROOM = (
+    ("## Groom file", groom_keys.GROOM),
+    ("### [[joint]]", groom_keys.JOINT),
+    ("### [[feather]]", groom_keys.FEATHER_ENTRY),
+    ("### [[row]]", groom_keys.ROW),
+    ("### first and last of a [[row]]", groom_keys.ROOT),
+    ("### [[table]]", groom_keys.TABLE),
+    ("### [[usd]]", groom_keys.USD),
+    ("### names of [[usd]]", groom_keys.USD_NAMES),
+    ("### [skin] of a groom", region_keys.SKIN),
+    ("### [[region]]", region_keys.REGION),
+    ("### kind of a [[region]]", region_keys.REGION_KIND),
+    ("### where of a [[region]]", region_keys.WHERE),
+    ("### flow of a [[region]]", region_keys.FLOW),
+    ("### variation of a [[region]]", region_keys.SPREAD),
+    ("### [layout]", region_keys.LAYOUT),
+    ("### [variation]", groom_keys.VARIATION),
+)
+_FAMILIES = (
+    ("### feather preset", preset_keys.FEATHER),
+    ("### [rachis] of a feather preset", keys_of(RachisShape)),
+    ("### [leading] and [trailing] of a feather preset", keys_of(VaneShape)),
+    ("### guides of a vane", keys_of(BarbGuide)),
+    *(
+        (f"### {family} preset", preset_keys.FAMILIES[family].keys)
+        for family in ("material/vane", "material/rachis", "quality", "wind")
+    ),
+    ("### motion preset", {"kind": preset_keys.KIND}),
+    *((f"### motion of kind {kind}", keys) for kind, keys in preset_keys.MOTIONS.items() if keys),
+    ("### keyframes of a motion", preset_keys.KEYFRAME),
+)
 
 
 def reference() -> str:
     """The whole page as Markdown."""
-    lines = [_HEAD, "## Shot file", "", *_table(shot_keys.SHOT)]
-    lines += _parts(_SHOT_PARTS)
-    lines += ["## Groom file", "", *_table(groom_keys.GROOM)]
-    lines += _parts(_GROOM_PARTS)
-    lines += [_PRESETS, *_feather()]
-    for family in ("material/vane", "material/rachis", "quality", "wind"):
-        lines += [f"### {family} preset", "", *_table(preset_keys.FAMILIES[family].keys)]
-    lines += _motion()
+    lines = [_HEAD]
+    for parts in (_SHOT, _GROOM, _FAMILIES):
+        lines += [_PRESETS] if parts is _FAMILIES else []
+        for title, keys in parts:
+            lines += [title, "", *_table(keys)]
     return "\n".join(lines).rstrip() + "\n"
-
-
-def _parts(parts: Mapping[str, tuple[str, Mapping[str, Key]]]) -> Iterator[str]:
-    for title, keys in parts.values():
-        yield from (f"### {title}", "", *_table(keys))
-
-
-def _feather() -> Iterator[str]:
-    yield from ("### feather preset", "", *_table(preset_keys.FEATHER))
-    yield from ("### [rachis] of a feather preset", "", *_table(keys_of(RachisShape)))
-    yield from ("### [leading] and [trailing] of a feather preset", "")
-    yield from _table(keys_of(VaneShape))
-    yield from ("### guides of a vane", "", *_table(keys_of(BarbGuide)))
-
-
-def _motion() -> Iterator[str]:
-    yield from ("### motion preset", "", *_table({"kind": preset_keys.KIND}))
-    for kind, keys in preset_keys.MOTIONS.items():
-        if keys:
-            yield from (f"### motion of kind {kind}", "", *_table(keys))
-    yield from ("### keyframes of a motion", "", *_table(preset_keys.KEYFRAME))
 
 
 def _table(keys: Mapping[str, Key]) -> Iterator[str]:
