@@ -58,17 +58,18 @@ def test_other_kernels_do_not_count(folder_after_change):
     assert before == after
 
 
-KERNELS = """
+TYPES = """
 from typing import NamedTuple
 
 import numpy as np
-
-from featherfx.jit.compiled import kernel, shared_kernel
 
 
 class Pair(NamedTuple):
     values: np.ndarray
     first: float
+"""
+KERNELS = """
+from featherfx.jit.compiled import kernel, shared_kernel
 
 
 @kernel
@@ -91,7 +92,8 @@ def mean(pair):
 """
 RUN = """
 import numpy as np
-from trial_kernels import Pair, mean, square, total
+from trial_kernels import mean, square, total
+from TYPES import Pair
 
 found = mean(Pair(np.arange(4.0), 2.0))
 print(found, total(np.ones(3), 0.0), square(3.0), sorted(k.__name__ for k in (mean, total, square)
@@ -101,15 +103,21 @@ print(found, total(np.ones(3), 0.0), square(3.0), sorted(k.__name__ for k in (me
 
 @pytest.fixture
 def run_kernels(tmp_path):
-    """Runs RUN in a process of its own, with the kernels in a folder; what it prints."""
+    """Runs RUN in a process of its own, with the kernels in a folder and the type that it calls
+    them with in a module there; what it prints."""
 
-    def run(folder):
+    def run(folder, module="trial_types"):
         folder.mkdir()
+        (folder / f"{module}.py").write_text(TYPES)
         (folder / "trial_kernels.py").write_text(KERNELS)
         paths = os.pathsep.join([str(folder), str(ROOT.parent)])
         names = os.environ | {"FEATHERFX_CACHE": str(tmp_path / "cache"), "PYTHONPATH": paths}
         done = subprocess.run(
-            [sys.executable, "-c", RUN], env=names, capture_output=True, text=True, check=True
+            [sys.executable, "-c", RUN.replace("TYPES", module)],
+            env=names,
+            capture_output=True,
+            text=True,
+            check=True,
         )
         return done.stdout.split(maxsplit=1)
 
@@ -123,6 +131,12 @@ def test_another_process_loads_what_one_compiled(run_kernels, tmp_path):
     assert rest == "(3.0, 3) 9.0 ['mean', 'square', 'total']\n"
     # also where the same files were installed anew
     assert run_kernels(tmp_path / "there") == ["4.0", "(3.0, 3) 9.0 []\n"]
+
+
+def test_types_of_another_version_are_no_obstacle(run_kernels, tmp_path):
+    """Who calls a kernel may have moved what he calls it with, while the kernel stayed."""
+    run_kernels(tmp_path / "before", "old_types")
+    assert run_kernels(tmp_path / "after", "new_types") == ["4.0", "(3.0, 3) 9.0 ['mean']\n"]
 
 
 def test_fields_in_another_order_are_compiled_anew():

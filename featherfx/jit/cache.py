@@ -22,7 +22,7 @@ from typing import Any
 
 import numba
 import platformdirs
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
 from featherfx.jit.parts import needs_of
 
@@ -123,10 +123,26 @@ class Stored(CompileResultCacheImpl):
         return super().rebuild(target, code)
 
 
+class _Index(IndexDataCacheFile):
+    """The types that there is machine code for. Those who call a kernel define some of them: where
+    another version did so in a module that is here no longer, the index starts afresh."""
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except (AttributeError, ImportError):
+            return {}
+
+
 class KernelCache(FunctionCache):
     """The stored machine code of one kernel, by types and by the names of their fields."""
 
     _impl_class = Stored
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        stamp = self._impl.locator.get_source_stamp()
+        self._cache_file = _Index(self._cache_path, self._impl.filename_base, stamp)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return (*super()._index_key(sig, codegen), tuple(_fields(each) for each in sig))
