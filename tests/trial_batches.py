@@ -124,7 +124,7 @@ def random_pose(model: Model, rng: Random, bend: float = 0.1, curl: float = 0.3)
     state = at_origin(model)
     size = model.length[0].sum()
     for i in range(model.rows):
-        state.turn[0, i] = turned(state.turn[0, i], bend * rng.normal(size=3))
+        state.rotation[0, i] = turned(state.rotation[0, i], bend * rng.normal(size=3))
     state.centre[0] += 1e-3 * size * rng.normal(size=(model.rows, 3))
     state.coefficient[...] = curl * rng.normal(size=state.coefficient.shape)
     return state

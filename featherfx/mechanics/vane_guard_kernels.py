@@ -66,7 +66,7 @@ def guard_total(stiffness, strains):
     stiffness: G of every triangle, (2, n-1, m, 2), or of size 0 for none. strains: e_ww and
     2 e_vw, triangle by triangle in that order.
     """
-    total, each = 0.0, stiffness.flat
+    total, each, strain = 0.0, stiffness.flat, strains.flat
     for a in range(stiffness.size):
-        total += guard_energy(each[a], strains[2 * a], strains[2 * a + 1])
+        total += guard_energy(each[a], strain[2 * a], strain[2 * a + 1])
     return total

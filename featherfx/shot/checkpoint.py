@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ class Checkpoint:
         """Write it to an .npz file, whole or not at all."""
         arrays = {"index": np.array(self.index), "groups": np.array(len(self.states))}
         for k, (state, start) in enumerate(zip(self.states, self.starts, strict=True)):
-            arrays |= {f"{k}.{name}": value for name, value in state._asdict().items()}
+            arrays |= {f"{k}.{name}": value for name, value in state.arrays().items()}
             arrays[f"{k}.start"] = start
         for kind in _KEPT:
             kept = getattr(self, kind)
@@ -53,18 +54,14 @@ class Checkpoint:
         try:
             with np.load(path, allow_pickle=False) as file:
                 groups = range(int(file["groups"]))
-                states = tuple(
-                    State(*(file[f"{k}.{name}"] for name in State._fields)) for k in groups
-                )
+                states = tuple(State.of(_under(f"{k}.", file)) for k in groups)
                 starts = tuple(file[f"{k}.start"] for k in groups)
-                kept = (
-                    {
-                        name.removeprefix(f"{kind}."): file[name]
-                        for name in file.files
-                        if name.startswith(f"{kind}.")
-                    }
-                    for kind in _KEPT
-                )
+                kept = (_under(f"{kind}.", file) for kind in _KEPT)
                 return Checkpoint(int(file["index"]), states, starts, *kept)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
+
+
+def _under(prefix: str, file: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The arrays whose names begin with a prefix, without it."""
+    return {n.removeprefix(prefix): file[n] for n in file if n.startswith(prefix)}

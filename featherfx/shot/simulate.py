@@ -122,7 +122,7 @@ class Simulation:
         groups = self._groups
         return (
             sum(array.nbytes for group in groups for array in group.solver.model),
-            sum(array.nbytes for group in groups for array in group.state),
+            sum(array.nbytes for group in groups for array in group.state.arrays().values()),
         )
 
     def _take_over(self, start: Checkpoint) -> None:

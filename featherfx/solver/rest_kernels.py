@@ -1,23 +1,26 @@
 """Feathers in their rest shape."""
 
+from featherfx.algebra.copy_kernels import copy_values
 from featherfx.algebra.rotation_kernels import exponential, multiply, normalised, store_rotation
 from featherfx.algebra.vec3_kernels import store
 from featherfx.jit.compiled import kernel
-from featherfx.solver.step.pose_kernels import chain, material_points
+from featherfx.solver.step.pose_kernels import material_points, rebuild_centres
 
 
 @kernel
-def rest_pose(model, positions, turns, turn, centre, coefficient, frames, points):
-    """Put all feathers in their rest shape with roots at positions (F, 3), turns (F, 4).
-
-    Written: turn (F, n, 4), centre (F, n, 3), points (F, n, P, 3); coefficient (F, 2, n, 2 C)
-    must be zero. frames: (2, n, m, 4) scratch.
-    """
+def rest_pose(model, positions, rotations, state, pose):
+    """Put all feathers of a state in their rest shape with roots at positions (F, 3), rotations
+    (F, 4). pose: scratch, its coefficients zero."""
     for f in range(positions.shape[0]):
-        store(centre[f, 0], positions[f])
-        store_rotation(turn[f, 0], turns[f])
-        for i in range(turn.shape[1] - 1):
-            rest, row, after = model.rachis_rest[f, i], turn[f, i], turn[f, i + 1]
-            store_rotation(after, normalised(multiply(row, exponential(rest[3:]))))
-            chain(row, after, rest, model.length[f, i], centre[f, i], centre[f, i + 1])
-        material_points(model, f, turn[f], centre[f], coefficient[f], frames, points[f])
+        store(pose.centre[0], positions[f])
+        store_rotation(pose.rotation[0], rotations[f])
+        copy_values(model.rachis_rest[f], pose.rachis)
+        for i in range(pose.rachis.shape[0]):
+            bend = exponential(pose.rachis[i, 3:])
+            after = normalised(multiply(pose.rotation[i], bend))
+            store_rotation(pose.rotation[i + 1], after)
+        rebuild_centres(model.length[f], pose)
+        material_points(model, f, pose)
+        copy_values(pose.rotation, state.rotation[f])
+        copy_values(pose.centre, state.centre[f])
+        copy_values(pose.points, state.points[f])

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_to_quats, quats_to_frames
+from featherfx.algebra.rotation import frames_to_quats
 from featherfx.mechanics.model import Model
 from featherfx.solver.rest_kernels import rest_pose
-from featherfx.solver.work import strain_count
+from featherfx.solver.step.strain_kernels import Strains, no_strains
+from featherfx.solver.work import make_pose
 
 Array = NDArray[np.float64]
 
@@ -18,15 +20,15 @@ Array = NDArray[np.float64]
 class State(NamedTuple):
     """Generalised coordinates and rates of F feathers at one time (see Model for F, n, C, P).
 
-    turn: (F, n, 4) row frames as quaternions. centre: (F, n, 3) m. coefficient: (F, 2, n, 2 C)
+    rotation: (F, n, 4) row frames as quaternions. centre: (F, n, 3) m. coefficient: (F, 2, n, 2 C)
     rad. points: (F, n, P, 3) material points, velocity and acceleration: their rates; smoothed:
     the integrator's averaged acceleration. spin: (F, n, 3) rad/s and coefficient_rate:
-    (F, 2, n, 2 C) rad/s of the last step, for the next predictor. strains: (F, 2, S) after the
+    (F, 2, n, 2 C) rad/s of the last step, for the next predictor. strains: (F, 2, ...) after the
     last step and the one before. step: (F,) s, its length, 0 before the first. proposal: (F,) s,
     length that the error control wants next. time: (F,) s.
     """
 
-    turn: Array
+    rotation: Array
     centre: Array
     coefficient: Array
     points: Array
@@ -35,18 +37,38 @@ class State(NamedTuple):
     smoothed: Array
     spin: Array
     coefficient_rate: Array
-    strains: Array
+    strains: Strains
     step: Array
     proposal: Array
     time: Array
 
     def copy(self) -> State:
-        return State(*(array.copy() for array in self))
+        return State.of({name: array.copy() for name, array in self.arrays().items()})
 
     def take(self, other: State, f: int) -> None:
         """Set feather f, in place, to what it is in another state."""
-        for array, given in zip(self, other, strict=True):
-            array[f] = given[f]
+        given = other.arrays()
+        for name, array in self.arrays().items():
+            array[f] = given[name][f]
+
+    @staticmethod
+    def names() -> list[str]:
+        """Names of all arrays, those of the strains, too."""
+        own = [name for name in State._fields if name != "strains"]
+        return own + [f"strains.{name}" for name in Strains._fields]
+
+    def arrays(self) -> dict[str, Array]:
+        """All arrays by name."""
+        fields: dict[str, Any] = self._asdict()
+        strains: Strains = fields.pop("strains")
+        return dict(zip(State.names(), (*fields.values(), *strains), strict=True))
+
+    @staticmethod
+    def of(arrays: Mapping[str, Array]) -> State:
+        """The state of its `arrays`; KeyError where one is missing."""
+        fields: dict[str, Any] = {name: arrays[name] for name in State.names()}
+        strains = Strains(*(fields.pop(f"strains.{name}") for name in Strains._fields))
+        return State(strains=strains, **fields)
 
 
 class StepReport(NamedTuple):
@@ -83,7 +105,7 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
     count = model.feathers
     nodes = (count, n, size, 3)
     state = State(
-        turn=np.zeros((count, n, 4)),
+        rotation=np.zeros((count, n, 4)),
         centre=np.zeros((count, n, 3)),
         coefficient=np.zeros((count, 2, n, 2 * c)),
         points=np.zeros(nodes),
@@ -92,24 +114,12 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
         smoothed=np.zeros(nodes),
         spin=np.zeros((count, n, 3)),
         coefficient_rate=np.zeros((count, 2, n, 2 * c)),
-        strains=np.zeros((count, 2, strain_count(model))),
+        strains=no_strains(model, count, 2),
         step=np.zeros(count),
         proposal=np.zeros(count),
         time=np.zeros(count),
     )
-    rest_pose(
-        model,
-        np.ascontiguousarray(positions, dtype=float),
-        frames_to_quats(np.asarray(rotations, dtype=float)),
-        state.turn,
-        state.centre,
-        state.coefficient,
-        np.zeros((2, n, model.columns, 4)),
-        state.points,
-    )
+    roots = np.ascontiguousarray(positions, dtype=float)
+    turns = frames_to_quats(np.asarray(rotations, dtype=float))
+    rest_pose(model, roots, turns, state, make_pose(model))
     return state
-
-
-def row_rotations(state: State) -> Array:
-    """(F, n, 3, 3) row frames."""
-    return quats_to_frames(state.turn)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import Model
 from featherfx.solver.step.banded_kernels import panel_shape
 from featherfx.solver.step.secant_kernels import PAIRS
+from featherfx.solver.step.strain_kernels import Strains, no_strains
 
 Array = NDArray[np.float64]
 
@@ -21,32 +22,32 @@ Array = NDArray[np.float64]
 class Pose(NamedTuple):
     """Coordinates of one feather and what follows from them.
 
-    turn: (n, 4) row quaternions. centre: (n, 3) m. coefficient: (2, n, 2 C) rad. points:
+    rotation: (n, 4) row quaternions. centre: (n, 3) m. coefficient: (2, n, 2 C) rad. points:
     (n, P, 3) material points. frames: (2, n, m, 4) quaternions of the barbs' segments. halfway:
-    (n-1, 3, 3) and rachis: (n-1, 6), frames and strains of the rachis elements. strains: (S,) all
-    strains, measured from rest.
+    (n-1, 3, 3) and rachis: (n-1, 6), frames and strains of the rachis elements. strains: all,
+    measured from rest.
     """
 
-    turn: Array
+    rotation: Array
     centre: Array
     coefficient: Array
     points: Array
     frames: Array
     halfway: Array
     rachis: Array
-    strains: Array
+    strains: Strains
 
 
 class Surroundings(NamedTuple):
     """What a step's energy is measured against.
 
-    target, past: (n, P, 3) m, of the integrator. reference: (S,) strains that damping pulls
+    target, past: (n, P, 3) m, of the integrator. reference: strains that damping pulls
     towards. wind: (n, P, 3) m/s, area: (n, P, 3) m^2, speed: (n, P) m/s: node_kernels.
     """
 
     target: Array
     past: Array
-    reference: Array
+    reference: Strains
     wind: Array
     area: Array
     speed: Array
@@ -116,7 +117,6 @@ class Work(NamedTuple):
     (PAIRS, 3, N): steps since the matrix was made (secant_kernels). force (n, P, 3), stiff
     (n, P, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints. jacobian
     (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element.
-    stretch (3,): scratch.
     """
 
     now: Pose
@@ -130,26 +130,20 @@ class Work(NamedTuple):
     axes: Array
     jacobian: Array
     beam: Beam
-    stretch: Array
 
 
-def strain_count(model: Model) -> int:
-    """Length S of a feather's strain vector: rachis, barbs, membrane, hinges, shares of hinges."""
-    n, m, c = model.rows, model.columns, model.coefficients
-    return (n - 1) * 6 + 2 * n * 2 * c + 2 * (n - 1) * m * 4 + 4 * n * m
-
-
-def _make_pose(model: Model) -> Pose:
+def make_pose(model: Model) -> Pose:
+    """Scratch for one pose of a feather of this batch."""
     n, m, c = model.rows, model.columns, model.coefficients
     return Pose(
-        turn=np.zeros((n, 4)),
+        rotation=np.zeros((n, 4)),
         centre=np.zeros((n, 3)),
         coefficient=np.zeros((2, n, 2 * c)),
         points=np.zeros((n, 3 + 2 * m, 3)),
         frames=np.zeros((2, n, m, 4)),
         halfway=np.zeros((n - 1, 3, 3)),
         rachis=np.zeros((n - 1, 6)),
-        strains=np.zeros(strain_count(model)),
+        strains=no_strains(model),
     )
 
 
@@ -158,12 +152,12 @@ def make_work(model: Model) -> Work:
     n, m, c = model.rows, model.columns, model.coefficients
     size, wide, padded = 3 + 2 * m, 6 + 2 * c, 4 * ((m + 1) // 4 + 1)
     return Work(
-        now=_make_pose(model),
-        trial=_make_pose(model),
+        now=make_pose(model),
+        trial=make_pose(model),
         around=Surroundings(
             target=np.zeros((n, size, 3)),
             past=np.zeros((n, size, 3)),
-            reference=np.zeros(strain_count(model)),
+            reference=no_strains(model),
             wind=np.zeros((n, size, 3)),
             area=np.zeros((n, size, 3)),
             speed=np.zeros((n, size)),
@@ -191,5 +185,4 @@ def make_work(model: Model) -> Work:
         axes=np.zeros((2, n, m, 6)),
         jacobian=np.zeros((n, 2, wide, 3 * padded)),
         beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
-        stretch=np.zeros(3),
     )

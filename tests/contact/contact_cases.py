@@ -49,7 +49,7 @@ def run(
     walls: Sequence[Wall] = (),
 ) -> Iterator[tuple[State, ContactReport]]:
     """The states after each of `count` steps (s)."""
-    loads = [no_loads(len(state.turn), (gravity[0], gravity[1], gravity[2]))]
+    loads = [no_loads(len(state.rotation), (gravity[0], gravity[1], gravity[2]))]
     for _ in range(count):
         (state,), (report,), contacts = contact.interval(
             [state], loads, [hold_roots(state)], step, walls
@@ -61,7 +61,7 @@ def run(
 
 def positions_of(state: State) -> Array:
     """(F, k, 3) nodes without the directors."""
-    return np.delete(state.points, (1, 2), axis=2).reshape(len(state.turn), -1, 3)
+    return np.delete(state.points, (1, 2), axis=2).reshape(len(state.rotation), -1, 3)
 
 
 def momentum(model: Model, state: State) -> Array:

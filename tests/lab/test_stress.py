@@ -9,6 +9,7 @@ from featherfx.lab.bench import stress
 from featherfx.lab.bench.cases import draw_case
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
+from featherfx.solver.state import State
 from featherfx.solver.step.root_path import hold_roots
 
 SEEDS = range(1000, 1040)
@@ -55,7 +56,10 @@ def test_what_accelerations_hold_explains_the_ripple_of_resolved_motion():
 def test_cases_are_drawn_again_from_their_seed():
     one, two = draw_case(1003, MOST_ROWS), draw_case(1003, MOST_ROWS)
     assert one.numbers == two.numbers
-    assert all(a.tobytes() == b.tobytes() for a, b in zip(one.state, two.state, strict=True))
+    assert all(
+        a.tobytes() == b.tobytes()
+        for a, b in zip(one.state.arrays().values(), two.state.arrays().values(), strict=True)
+    )
 
 
 def test_summary_counts_every_case_once(outcomes):
@@ -130,7 +134,7 @@ def test_a_feather_that_is_not_finite_does_not_stop_the_other():
         if name != "shapes"
     }
     model = case.model._replace(**both)
-    state = type(case.state)(*(np.repeat(array, 2, axis=0) for array in case.state))
+    state = State.of({n: np.repeat(a, 2, axis=0) for n, a in case.state.arrays().items()})
     state.velocity[1] = np.nan
     loads, path = no_loads(2, (0.0, 0.0, -9.81)), hold_roots(state)
     new, report = Solver(model, Settings()).step(state, loads, path, 1e-3)

@@ -21,14 +21,12 @@ from featherfx.solver.work import make_work
 
 
 def strains_of(model, state):
-    """Strains of the first feather; the shares of its hinges, behind them, are whole."""
+    """Strains of the first feather, one after the other; its hinges are open."""
     work = make_work(model)
-    load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], work.now)
+    load_pose(model, 0, state, work.now)
     evaluate(model, no_loads(model.feathers), 0, 0.0, Factors(0.0, 0.0, 0.0), work.now, work.around)
-    hinges = 2 * model.rows * model.columns
-    strains, shares = np.split(work.now.strains, [len(work.now.strains) - hinges])
-    np.testing.assert_array_equal(shares, 1.0)
-    return strains
+    np.testing.assert_array_equal(work.now.strains.openness, 1.0)
+    return np.concatenate([each.ravel() for each in work.now.strains[:-1]])
 
 
 def vane_area(feather):

@@ -115,8 +115,10 @@ def shifted(state, nodal, step):
     for i, p in np.argwhere(slot >= 0):
         move = step[slot[i, p] : slot[i, p] + 3]
         if p == 1:
-            turned = Rotation.from_rotvec(move) * Rotation.from_quat(np.roll(new.turn[0, i], -1))
-            new.turn[0, i] = np.roll(turned.as_quat(), 1)
+            turned = Rotation.from_rotvec(move) * Rotation.from_quat(
+                np.roll(new.rotation[0, i], -1)
+            )
+            new.rotation[0, i] = np.roll(turned.as_quat(), 1)
         else:
             new.points[0, i, p] += move
     return new

@@ -164,7 +164,7 @@ def test_points_go_from_one_kinematics_to_the_other():
     pose.points[0, :, 1], pose.points[0, :, 2] = rotations[:, :, 1], rotations[:, :, 2]
     state = nodal_state(model, pose.points)
     assert np.array_equal(state.points, pose.points)
-    assert Rotation.from_quat(np.roll(state.turn[0], -1, axis=1)).as_matrix() == pytest.approx(
+    assert Rotation.from_quat(np.roll(state.rotation[0], -1, axis=1)).as_matrix() == pytest.approx(
         rotations, abs=1e-12
     )
 

@@ -27,7 +27,7 @@ def energy_and_gradient(model, loads, state):
     """Energy (J) of the first feather and its gradient (N,)."""
     work = make_work(model)
     now = work.now
-    load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], now)
+    load_pose(model, 0, state, now)
     energy = evaluate(model, loads, 0, 0.0, STILL, now, work.around)
     return energy, assembled(model, loads, 0.0, STILL, work)
 
@@ -62,7 +62,7 @@ def test_a_settled_feather_stays_where_it_is_and_settles_at_once():
 def test_the_unloaded_equilibrium_of_a_disturbed_feather_is_its_rest_shape():
     _, model = preset_batch("covert")
     disturbed = random_pose(model, np.random.default_rng(1), 0.02, 0.05)
-    disturbed.turn[0, 0] = at_origin(model).turn[0, 0]
+    disturbed.rotation[0, 0] = at_origin(model).rotation[0, 0]
     disturbed.centre[0, 0] = 0.0
     with Solver(model, SETTINGS) as solver:
         settled, status, _ = solver.equilibrium(disturbed, no_loads(1))

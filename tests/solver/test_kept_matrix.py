@@ -69,7 +69,7 @@ def test_a_step_along_which_the_energy_bends_down_is_refused():
 
 def swung(state, start, step):
     """Roots on a swing of 5 cm at 3 Hz that starts smoothly."""
-    samples = np.zeros((len(state.turn), 5, 6))
+    samples = np.zeros((len(state.rotation), 5, 6))
     times = np.linspace(start, start + step, 5)
     samples[:, :, 2] = 0.05 * (1.0 - np.cos(6.0 * np.pi * times))
     return RootPath(samples, hold_roots(state).base)

@@ -22,7 +22,7 @@ def swung(state, start, amplitude=0.1, frequency=3.0, axis=2, smooth=False):
     """The path of roots that swing, from a jolt or smoothly, for a frame from a given time on."""
     path = hold_roots(state)
     times = np.linspace(start, start + FRAME, 5)
-    samples = np.zeros((len(state.turn), 5, 6))
+    samples = np.zeros((len(state.rotation), 5, 6))
     phase = 2.0 * np.pi * frequency * times
     samples[:, :, axis] = amplitude * (1.0 - np.cos(phase) if smooth else np.sin(phase))
     return RootPath(samples, path.base)
@@ -47,10 +47,6 @@ def barb_stretch(model, points):
 def three():
     _, model = preset_batch("swan_primary", count=3, **SMALL)
     return model, at_origin(model)
-
-
-def arrays_of(state):
-    return {name: getattr(state, name) for name in state._fields}
 
 
 @pytest.mark.parametrize("name", FEATHER_PRESETS)
@@ -86,15 +82,15 @@ def test_violent_motion_keeps_every_barb_segment_and_follows_the_root():
 def test_the_input_state_is_never_modified():
     model, state = three()
     state = random_pose(model, np.random.default_rng(0), 0.02, 0.05)
-    copies = {name: array.copy() for name, array in arrays_of(state).items()}
+    copies = {name: array.copy() for name, array in state.arrays().items()}
     path, loads = swung(state, 0.0), no_loads(3, EARTH)
     with Solver(model, SETTINGS) as solver:
         after, _ = solver.step(state, loads, path, FRAME)
         settled, _, _ = solver.equilibrium(state, loads)
-    for name, array in arrays_of(state).items():
+    for name, array in state.arrays().items():
         assert array.tobytes() == copies[name].tobytes(), name
         for other in (after, settled):
-            assert not np.shares_memory(getattr(other, name), array), name
+            assert not np.shares_memory(other.arrays()[name], array), name
 
 
 def test_jobs_do_not_change_a_byte():
@@ -106,7 +102,7 @@ def test_jobs_do_not_change_a_byte():
             for frame in range(3):
                 path = swung(state, frame * FRAME)
                 state, report = solver.step(state, no_loads(3, EARTH), path, FRAME)
-        results.append(b"".join(a.tobytes() for a in (*state, *report)))
+        results.append(b"".join(a.tobytes() for a in (*state.arrays().values(), *report)))
     assert results[0] == results[1] == results[2]
 
 
@@ -157,11 +153,11 @@ def test_a_feather_that_cannot_be_solved_does_not_stop_the_others(jobs):
         after, report = solver.step(state, broken_loads(), hold_roots(state), FRAME)
         whole, _ = solver.step(state, no_loads(3, EARTH), hold_roots(state), FRAME)
     assert report.status.tolist() == [CONVERGED, NOT_FINITE, CONVERGED]
-    for name, array in arrays_of(after).items():
+    for name, array in after.arrays().items():
         assert np.isfinite(array).all(), name
-        assert array[1].tobytes() == getattr(state, name)[1].tobytes(), name
+        assert array[1].tobytes() == state.arrays()[name][1].tobytes(), name
         for other in (0, 2):
-            assert array[other].tobytes() == getattr(whole, name)[other].tobytes(), name
+            assert array[other].tobytes() == whole.arrays()[name][other].tobytes(), name
 
 
 def test_a_failed_settling_is_told():
@@ -170,7 +166,7 @@ def test_a_failed_settling_is_told():
         settled, status, _ = solver.equilibrium(state, broken_loads())
     assert status[0] == status[2] == CONVERGED
     assert status[1] == NOT_FINITE
-    for name, array in arrays_of(settled).items():
+    for name, array in settled.arrays().items():
         assert np.isfinite(array).all(), name
 
 
@@ -201,7 +197,7 @@ def test_a_root_that_spins_at_300_rad_per_second_stays_finite():
         after, report = solver.step(
             state, no_loads(1), RootPath(samples, hold_roots(state).base), FRAME
         )
-    for name, array in arrays_of(after).items():
+    for name, array in after.arrays().items():
         assert np.isfinite(array).all(), name
     assert barb_stretch(model, after.points) < 1e-12
     assert report.status[0] == CONVERGED

@@ -15,9 +15,9 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.solver import RootPath, Settings, hold_roots
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step.energy_kernels import feather_strains
 from featherfx.solver.step.modes import with_damping
-from featherfx.solver.step.pose_kernels import chain, material_points, rachis_strains
+from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
+from featherfx.solver.work import Pose, make_work
 
 Array = NDArray[np.float64]
 
@@ -140,31 +140,31 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
 
     Points and strains follow, so that the state is one that the solver could have reached.
     """
-    frames = quats_to_frames(state.turn[0])
+    frames = quats_to_frames(state.rotation[0])
     shared = np.eye(3)
     for row in range(1, model.rows):
         shared = _turn(random, angle) @ shared
         frames[row] = shared @ frames[row]
-    state.turn[0] = along_rows(frames_to_quats(frames))
+    state.rotation[0] = along_rows(frames_to_quats(frames))
     bend = min(angle, 2.0)
     state.coefficient[0] = random.uniform(-bend, bend, state.coefficient[0].shape)
-    turn, centre = state.turn[0], state.centre[0]
-    for row in range(model.rows - 1):
-        stretch, length = model.rachis_rest[0, row, :3], model.length[0, row]
-        chain(turn[row], turn[row + 1], stretch, length, centre[row], centre[row + 1])
-    frames = np.zeros((2, model.rows, model.columns, 4))
-    material_points(model, 0, turn, centre, state.coefficient[0], frames, state.points[0])
-    state.strains[0] = pose_strains(model, state)
+    unstretched = make_work(model).now
+    load_pose(model, 0, state, unstretched)
+    unstretched.rachis[:] = model.rachis_rest[0]
+    rebuild_centres(model.length[0], unstretched)
+    state.centre[0] = unstretched.centre
+    pose = pose_of(model, state)
+    state.points[0] = pose.points
+    for step in range(2):
+        state.strains.at(0, step).assign(pose.strains)
 
 
-def pose_strains(model: Model, state: State) -> Array:
-    """(S,) strains of feather 0 in the state's pose."""
-    rachis, strains = np.zeros((model.rows - 1, 6)), np.zeros(state.strains.shape[2])
-    halfway = np.zeros((model.rows - 1, 3, 3))
-    rachis_strains(model.length[0], state.turn[0], state.centre[0], halfway, rachis)
-    before = state.strains[0, 0]
-    feather_strains(model, 0, state.coefficient[0], state.points[0], rachis, before, strains)
-    return strains
+def pose_of(model: Model, state: State) -> Pose:
+    """The pose of feather 0 that belongs to its coordinates, with points and strains."""
+    pose = make_work(model).now
+    load_pose(model, 0, state, pose)
+    complete_pose(model, 0, pose, state.strains.at(0, 0))
+    return pose
 
 
 def _paths(
@@ -173,7 +173,7 @@ def _paths(
     """Root paths: up to 50 m/s, 300 rad/s, or a jump of up to two lengths and any turn."""
     if root == "held":
         return (hold_roots(state),) * FRAMES
-    position, frame = state.centre[0, 0], quats_to_frames(state.turn[0, 0])
+    position, frame = state.centre[0, 0], quats_to_frames(state.rotation[0, 0])
     if root == "jumped":
         jump = random.uniform(0.0, 2.0 * length) * _direction(random)
         return (_path(position + jump, 0.0, _turn(random, np.pi) @ frame, 0.0),) * FRAMES

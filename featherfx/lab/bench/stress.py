@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.lab.bench.cases import Case, draw_case, pose_strains
+from featherfx.lab.bench.cases import Case, draw_case, pose_of
 from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
 from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.energy_kernels import elastic_energy
 from featherfx.solver.step.energy_promise_kernels import held_energy
-from featherfx.solver.step.integrator_kernels import motion_of
-from featherfx.solver.step.pose_kernels import material_points
+from featherfx.solver.step.integrator_kernels import Motion
 
 Array = NDArray[np.float64]
 
@@ -73,8 +72,8 @@ def energies(model: Model, state: State, loads: Loads) -> tuple[float, float, fl
     kinetic = 0.5 * float(np.einsum("np,npk->", heavy, state.velocity[0] ** 2))
     heavy[:, 1:3] = 0.0
     potential = -float(np.einsum("np,npk,k->", heavy, state.points[0], loads.gravity))
-    strains = pose_strains(model, state)
-    elastic = float(elastic_energy(model, 0, strains, np.zeros_like(strains), 0.0))
+    strains = pose_of(model, state).strains
+    elastic = float(elastic_energy(model, 0, strains, strains, 0.0))
     return kinetic, elastic, potential
 
 
@@ -117,9 +116,9 @@ def _broken_promises(
 ) -> list[str]:
     """What the solver promises of any step: see the names of the violations."""
     broken = []
-    if any(a.tobytes() != b.tobytes() for a, b in zip(before, given, strict=True)):
+    if any(given.arrays()[n].tobytes() != a.tobytes() for n, a in before.arrays().items()):
         broken.append("the given state was changed")
-    if not all(np.isfinite(array).all() for array in new):
+    if not all(np.isfinite(array).all() for array in new.arrays().values()):
         broken.append("not finite")
         return broken
     advanced = float(new.time[0] - given.time[0])
@@ -135,10 +134,7 @@ def _broken_promises(
 
 def _pose_gap(model: Model, state: State) -> float:
     """Largest distance (m) of the points of feather 0 from those that its coordinates give."""
-    points, frames = np.zeros_like(state.points[0]), np.zeros((2, model.rows, model.columns, 4))
-    turn, centre, coefficient = state.turn[0], state.centre[0], state.coefficient[0]
-    material_points(model, 0, turn, centre, coefficient, frames, points)
-    return float(np.abs(points - state.points[0]).max())
+    return float(np.abs(pose_of(model, state).points - state.points[0]).max())
 
 
 def _energy_gain(case: Case, before: State, after: State) -> float:
@@ -151,7 +147,8 @@ def _energy_gain(case: Case, before: State, after: State) -> float:
 def _held(case: Case, before: State, steps: int) -> float:
     """Energy in the accelerations at the begin of a frame of so many steps, as the same share."""
     h, still = case.duration / max(steps, 1), (0.0, 0.0, 0.0)
-    held = float(held_energy(case.model.mass[0], h, still, motion_of(before, 0)))
+    motion = Motion(*(getattr(before, name)[0] for name in Motion._fields))
+    held = float(held_energy(case.model.mass[0], h, still, motion))
     return held / _all_energy(case, energies(case.model, before, case.loads))
 
 

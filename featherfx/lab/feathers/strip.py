@@ -155,7 +155,7 @@ def _held_root(state: Any) -> RootPath:
     """The root stays where it is."""
     samples = np.zeros((1, 2, 6))
     samples[:, :, :3] = state.points[:, None, 0, 0]
-    return RootPath(samples, state.turn[:, 0].copy())
+    return RootPath(samples, state.rotation[:, 0].copy())
 
 
 def _edges(test: StripTest, points: Array) -> Array:

@@ -15,7 +15,7 @@ from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_ener
 from featherfx.mechanics.rachis_kernels import rachis_strain
 from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
-from featherfx.solver.step.energy_kernels import node_index, wrapped
+from featherfx.solver.step.strain_kernels import node_index, wrapped
 
 
 @kernel
@@ -42,8 +42,8 @@ def nodal_strains(model, nodal, f, pose, frame):
     at_stretch, at_turns, at_cells, at_hinges = sections(rows, columns)
     for i in range(rows - 1 if nodal.shaft else 0):
         rachis_strain(
-            pose.turn[i],
-            pose.turn[i + 1],
+            pose.rotation[i],
+            pose.rotation[i + 1],
             points[i, 0],
             points[i + 1, 0],
             model.length[f, i],
@@ -65,7 +65,7 @@ def nodal_strains(model, nodal, f, pose, frame):
                     )
                 at += 1
     barb_turns(
-        pose.turn,
+        pose.rotation,
         points,
         model.clamp[f],
         nodal.bend_stiffness[f],

@@ -7,7 +7,7 @@ the geometric stiffness along the normal of the guard's own stresses, as the mem
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_normal_stiffness
-from featherfx.solver.step.energy_kernels import node_index
+from featherfx.solver.step.strain_kernels import node_index
 from featherfx.solver.vane.pairs_kernels import cell_nodes
 
 

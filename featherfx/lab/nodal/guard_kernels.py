@@ -3,7 +3,7 @@
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.guard_forces_kernels import guard_lines
 from featherfx.lab.nodal.stencil_kernels import add_element
-from featherfx.solver.step.energy_kernels import node_index
+from featherfx.solver.step.strain_kernels import node_index
 from featherfx.solver.vane.pairs_kernels import cell_nodes
 
 

@@ -26,7 +26,7 @@ from featherfx.mechanics.rachis_kernels import rachis_gradient
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.newton_kernels import HALVINGS, Solved, largest_move
-from featherfx.solver.step.pose_kernels import chain, store_directors, turn_by
+from featherfx.solver.step.pose_kernels import chain, rotate_by, store_directors
 
 # largest strain of an inextensible segment
 INEXTENSIBLE = 1e-10
@@ -72,8 +72,8 @@ def _shaft(length, slot, now, step, factor, trial, beam, stretch):
                     change += beam[k, 3 * node + x] * step[at + x]
             stretch[k] = now.rachis[i, k] + factor * change
         chain(
-            trial.turn[i],
-            trial.turn[i + 1],
+            trial.rotation[i],
+            trial.rotation[i + 1],
             stretch,
             length[i],
             trial.points[i, 0],
@@ -118,10 +118,10 @@ def move_by(model, nodal, f, now, step, factor, straight, element, trial):
     for i in range(slot.shape[0]):
         at = slot[i, 1]
         if at >= 0:
-            turn_by(now.turn[i], step[at : at + 3], factor, trial.turn[i])
+            rotate_by(now.rotation[i], step[at : at + 3], factor, trial.rotation[i])
         else:
             for k in range(4):
-                trial.turn[i, k] = now.turn[i, k]
+                trial.rotation[i, k] = now.rotation[i, k]
         for p in range(slot.shape[1]):
             if p != 1 and p != 2:
                 at = slot[i, p]
@@ -137,7 +137,7 @@ def move_by(model, nodal, f, now, step, factor, straight, element, trial):
                     start = 3 + side * columns
                     _barb(start, slot[i], now.points[i], step, factor, trial.points[i])
     gather(nodal.present[f], trial.points)
-    set_directors(trial.turn, trial.points)
+    set_directors(trial.rotation, trial.points)
 
 
 @shared_kernel
@@ -149,7 +149,7 @@ def evaluate(model, nodal, loads, f, fraction, factors, pose, work):
 
 @kernel
 def _copy_pose(source, target):
-    copy_values(source.turn, target.turn)
+    copy_values(source.rotation, target.rotation)
     copy_values(source.points, target.points)
     copy_values(source.halfway, target.halfway)
     copy_values(source.rachis, target.rachis)

@@ -11,7 +11,7 @@ from featherfx.algebra.rotation import along_rows, frames_to_quats
 from featherfx.lab.nodal.model import NodalModel
 from featherfx.mechanics.batch import row_frames
 from featherfx.mechanics.model import Model
-from featherfx.solver.work import Surroundings, System, make_system
+from featherfx.solver.work import System, make_system
 
 Array = NDArray[np.float64]
 
@@ -19,13 +19,13 @@ Array = NDArray[np.float64]
 class NodalState(NamedTuple):
     """Positions and rates of F feathers at one time (see Model for F, n, m, P).
 
-    turn: (F, n, 4) row frames as quaternions. points: (F, n, P, 3) material points, the
+    rotation: (F, n, 4) row frames as quaternions. points: (F, n, P, 3) material points, the
     coordinates themselves; velocity, acceleration, smoothed: as in State. spin: (F, n, 3) rad/s.
     strains: (F, 2, S) after the last step and the one before. multiplier: (F, 2, n, m) N m, of
     inextensible barb segments. step, proposal, time: (F,) s, as in State.
     """
 
-    turn: Array
+    rotation: Array
     points: Array
     velocity: Array
     acceleration: Array
@@ -42,10 +42,10 @@ class NodalState(NamedTuple):
 
 
 class NodalPose(NamedTuple):
-    """One feather's pose: turn (n, 4), points (n, P, 3); halfway (n-1, 3, 3) and rachis (n-1, 6)
-    of the rachis elements; strains (S,), measured from rest."""
+    """One feather's pose: rotation (n, 4), points (n, P, 3); halfway (n-1, 3, 3) and rachis
+    (n-1, 6) of the rachis elements; strains (S,), measured from rest."""
 
-    turn: Array
+    rotation: Array
     points: Array
     halfway: Array
     rachis: Array
@@ -74,16 +74,27 @@ class Element(NamedTuple):
     stress: Array
 
 
+class NodalSurroundings(NamedTuple):
+    """As Surroundings of solver/work.py; reference: (S,)."""
+
+    target: Array
+    past: Array
+    reference: Array
+    wind: Array
+    area: Array
+    speed: Array
+
+
 class NodalWork(NamedTuple):
     """Scratch of one thread. now, trial: poses. before: (S,) strains of the last iterate.
-    multiplier: (2, n, m). around: Surroundings. system: band (N, B + 1) and right (N,). force
+    multiplier: (2, n, m). around: NodalSurroundings. system: band (N, B + 1) and right (N,). force
     (n, P, 3), stiff (n, P, 6): of the nodes."""
 
     now: NodalPose
     trial: NodalPose
     before: Array
     multiplier: Array
-    around: Surroundings
+    around: NodalSurroundings
     system: System
     element: Element
     force: Array
@@ -115,7 +126,7 @@ def nodal_state(model: Model, points: Array) -> NodalState:
     points = np.array(points, dtype=float)
     count, n = points.shape[:2]
     return NodalState(
-        turn=along_rows(frames_to_quats(row_frames(points))),
+        rotation=along_rows(frames_to_quats(row_frames(points))),
         points=points,
         velocity=np.zeros(points.shape),
         acceleration=np.zeros(points.shape),
@@ -132,7 +143,7 @@ def nodal_state(model: Model, points: Array) -> NodalState:
 def _make_pose(model: Model) -> NodalPose:
     n = model.rows
     return NodalPose(
-        turn=np.zeros((n, 4)),
+        rotation=np.zeros((n, 4)),
         points=np.zeros((n, 3 + 2 * model.columns, 3)),
         halfway=np.zeros((n - 1, 3, 3)),
         rachis=np.zeros((n - 1, 6)),
@@ -152,7 +163,7 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
         trial=_make_pose(model),
         before=np.zeros(count),
         multiplier=np.zeros((2, n, model.columns)),
-        around=Surroundings(
+        around=NodalSurroundings(
             target=np.zeros(nodes),
             past=np.zeros(nodes),
             reference=np.zeros(count),

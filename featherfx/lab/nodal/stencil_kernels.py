@@ -22,7 +22,7 @@ from featherfx.mechanics.rachis_kernels import (
     rachis_gradient,
     rachis_stabilising_stiffness,
 )
-from featherfx.solver.step.energy_kernels import node_index
+from featherfx.solver.step.strain_kernels import node_index
 
 
 @kernel
@@ -206,7 +206,7 @@ def _clamp(model, nodal, f, side, i, pose, element):
     columns, slot = model.joints.shape[3], nodal.slot[f]
     p = node_index(side, 1, columns)
     clamp_gradient(
-        pose.turn[i],
+        pose.rotation[i],
         model.clamp[f, side, i],
         pose.points[i, 0],
         pose.points[i, p],
@@ -254,7 +254,7 @@ def _add_bend(at, stiffness, count, pose, reference, damping, element, system):
 def _add_carried(model, nodal, f, side, i, at, pose, reference, damping, element, system):
     """Bending of one barb in a section that is carried along it; at: its first strain."""
     columns, row, slots = model.joints.shape[3], pose.points[i], element.slots
-    begin_barb(pose.turn[i], model.clamp[f, side, i], element.frame)
+    begin_barb(pose.rotation[i], model.clamp[f, side, i], element.frame)
     begin_twist(element.frame, element.lines)
     slots[0], slots[1] = nodal.slot[f, i, 0], nodal.slot[f, i, 1]
     length = 0.0

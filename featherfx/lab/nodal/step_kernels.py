@@ -16,7 +16,6 @@ from featherfx.lab.nodal.newton_kernels import gather, nodal_minimise, set_direc
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.energy_promise_kernels import Promise
-from featherfx.solver.step.frame_kernels import strain_rate_of
 from featherfx.solver.step.integrator_kernels import (
     EULER,
     Factors,
@@ -26,7 +25,7 @@ from featherfx.solver.step.integrator_kernels import (
     motion_of,
     step_error,
 )
-from featherfx.solver.step.pose_kernels import turn_by
+from featherfx.solver.step.pose_kernels import rotate_by
 from featherfx.solver.step.retry_kernels import (
     BACKWARD,
     FOLLOW,
@@ -41,6 +40,7 @@ from featherfx.solver.step.retry_kernels import (
     stop,
 )
 from featherfx.solver.step.root_kernels import root_at
+from featherfx.solver.step.strain_kernels import difference_weights, set_reference
 
 # beside the ways of solver/step/retry_kernels.py: start at the last pose
 STAY = -1
@@ -57,7 +57,7 @@ def _pin(nodal, f, pose, turn, centre):
     slot = nodal.slot[f]
     for i in range(slot.shape[0]):
         if slot[i, 1] < 0:
-            store_rotation(pose.turn[i], normalised(multiply(root, nodal.rest_turn[f, i])))
+            store_rotation(pose.rotation[i], normalised(multiply(root, nodal.rest_turn[f, i])))
         for p in range(slot.shape[1]):
             if slot[i, p] < 0 and p != 1 and p != 2:
                 store(pose.points[i, p], add(place, rotate(root, nodal.rest_points[f, i, p])))
@@ -66,7 +66,7 @@ def _pin(nodal, f, pose, turn, centre):
 @kernel
 def load_state(state, f, work):
     """The state's pose and multipliers to work.now."""
-    copy_values(state.turn[f], work.now.turn)
+    copy_values(state.rotation[f], work.now.rotation)
     copy_values(state.points[f], work.now.points)
     copy_values(state.multiplier[f], work.multiplier)
     copy_values(state.strains[f, 0], work.before)
@@ -77,7 +77,7 @@ def _go_on(h, slot, spin, velocity, pose):
     """Predict the end of a step: the last step's rates go on."""
     for i in range(slot.shape[0]):
         if slot[i, 1] >= 0:
-            turn_by(pose.turn[i], spin[i], h, pose.turn[i])
+            rotate_by(pose.rotation[i], spin[i], h, pose.rotation[i])
         for p in range(slot.shape[1]):
             if slot[i, p] >= 0 and p != 1 and p != 2:
                 for k in range(3):
@@ -91,8 +91,8 @@ def _follow_root(before, start, turn, centre, pose):
     before (4,), start (3,): root at the step's start; turn, centre: at its end.
     """
     move = multiply(turn, conjugate(before))
-    for i in range(pose.turn.shape[0]):
-        store_rotation(pose.turn[i], normalised(multiply(move, pose.turn[i])))
+    for i in range(pose.rotation.shape[0]):
+        store_rotation(pose.rotation[i], normalised(multiply(move, pose.rotation[i])))
         for p in range(pose.points.shape[1]):
             if p != 1 and p != 2:
                 point = pose.points[i, p]
@@ -108,19 +108,20 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
     now, around, h, way = work.now, work.around, attempt.h, attempt.way
     load_state(state, f, work)
     begin_step(attempt.spectral_radius, h, motion_of(state, f), around.target, around.past)
-    strain_rate = strain_rate_of(h, state.step[f], state.strains[f], around.reference)
+    weights = difference_weights(h, state.step[f])
+    set_reference(weights, state.strains[f, 0], state.strains[f, 1], around.reference)
     if way == GO_ON:
         _go_on(h, nodal.slot[f], state.spin[f], state.velocity[f], now)
     if model.held[f]:
         # scratch of the elements, which are not in use yet
         turn, centre = work.element.matrix[0], work.element.matrix[1]
         root_at(path, f, attempt.fraction, turn, centre)
-        same_sign(state.turn[f, 0], turn)
+        same_sign(state.rotation[f, 0], turn)
         if way >= FOLLOW:
-            _follow_root(state.turn[f, 0], state.points[f, 0, 0], turn, centre, now)
+            _follow_root(state.rotation[f, 0], state.points[f, 0, 0], turn, centre, now)
         _pin(nodal, f, now, turn, centre)
     gather(nodal.present[f], now.points)
-    set_directors(now.turn, now.points)
+    set_directors(now.rotation, now.points)
     if loads.air[0] > 0.0:
         blow(
             now.points,
@@ -132,7 +133,7 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
             around,
         )
     method = integrator_of(attempt.spectral_radius, h)
-    return Factors(method.inertia, method.rate, strain_rate)
+    return Factors(method.inertia, method.rate, weights[2] / h)
 
 
 @kernel
@@ -142,8 +143,8 @@ def _accept(f, attempt, state, work):
     end_step(
         attempt.spectral_radius, h, motion_of(state, f), now.points, around.target, around.past
     )
-    for i in range(now.turn.shape[0]):
-        change = multiply(now.turn[i], conjugate(state.turn[f, i]))
+    for i in range(now.rotation.shape[0]):
+        change = multiply(now.rotation[i], conjugate(state.rotation[f, i]))
         store(state.spin[f, i], over(logarithm(change), h))
     copy_values(state.strains[f, 0], state.strains[f, 1])
     keep_state(f, state, work)
@@ -154,7 +155,7 @@ def _accept(f, attempt, state, work):
 @kernel
 def keep_state(f, state, work):
     """Pose, strains and multipliers of work to the state."""
-    copy_values(work.now.turn, state.turn[f])
+    copy_values(work.now.rotation, state.rotation[f])
     copy_values(work.now.points, state.points[f])
     copy_values(work.now.strains, state.strains[f, 0])
     copy_values(work.multiplier, state.multiplier[f])

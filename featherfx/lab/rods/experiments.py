@@ -218,7 +218,7 @@ def damped(model: Model, loss_factor: float) -> Model:
 def posed(model: Model, loads: Loads, state: State) -> Work:
     """Scratch that holds points and strains of the first feather of a batch."""
     work = make_work(model)
-    load_pose(state.turn[0], state.centre[0], state.coefficient[0], model.length[0], work.now)
+    load_pose(model, 0, state, work.now)
     evaluate(model, loads, 0, 0.0, STATIC, work.now, work.around)
     return work
 

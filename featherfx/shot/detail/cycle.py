@@ -79,7 +79,7 @@ class Cycle:
     def replayed(self, state: State, flags: Flags, path: RootPath, duration: float) -> State:
         """The state after a sample, s later, that the feathers with a flag replay."""
         old, new = self._kept[0], state.copy()
-        for array, past in zip(new, old.state, strict=True):
+        for array, past in zip(new.arrays().values(), old.state.arrays().values(), strict=True):
             array[flags] = past[flags]
         new.time[flags] = state.time[flags] + duration
         way = (path.samples[:, -1, :3] - old.place)[flags]
@@ -116,7 +116,8 @@ class Cycle:
         if self._kept:
             states, inputs, places = zip(*self._kept, strict=True)
             found |= {"changes": np.stack(self._changes), "inputs": np.stack(inputs)}
-            found |= {name: np.stack([getattr(s, name) for s in states]) for name in State._fields}
+            kept = [state.arrays() for state in states]
+            found |= {name: np.stack([each[name] for each in kept]) for name in State.names()}
             found["places"] = np.stack(places)
         return found
 
@@ -124,7 +125,8 @@ class Cycle:
         """Take over what `memory` gave."""
         self._playing, self.met = memory["playing"], bool(memory["met"])
         if "inputs" in memory:
-            states = map(State, *(memory[name] for name in State._fields))
+            stacked = zip(*(memory[name] for name in State.names()), strict=True)
+            states = (State.of(dict(zip(State.names(), each, strict=True))) for each in stacked)
             self._changes.extend(memory["changes"])
             self._kept.extend(map(_Sample, states, memory["inputs"], memory["places"]))
 

@@ -105,8 +105,7 @@ class LevelRun:
             settled, status, _ = group.solver.equilibrium(group.state, loads, feathers=members)
             for k, speed in zip(members, velocity, strict=True):
                 if status[k] == 0:
-                    for array, value in zip(group.state, settled, strict=True):
-                        array[k] = value[k]
+                    group.state.take(settled, k)
                     group.state.velocity[k] = speed
 
     def finish(self, index: int) -> None:
@@ -134,7 +133,7 @@ class LevelRun:
         samples, base = path.samples.copy(), path.base.copy()
         samples[idle, :, :3] = group.state.centre[idle, :1]
         samples[idle, :, 3:] = 0.0
-        base[idle] = group.state.turn[idle, 0]
+        base[idle] = group.state.rotation[idle, 0]
         return RootPath(samples, base)
 
     def _poses(self, index: int) -> Poses:

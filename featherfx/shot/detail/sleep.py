@@ -69,14 +69,14 @@ def undisturbed(
 
     coast: m, tolerance where roots may move evenly on straight lines; None: they must stand still.
     """
-    count = len(state.turn)
+    count = len(state.rotation)
     if before is None or not _same_air(loads, before):
         return np.zeros(count, dtype=np.bool_)
     still = np.ptp(path.samples, axis=1).max(axis=1) == 0.0
     if coast is not None:
         still |= _straight(path, 0.0 if loads.air[0] > 0.0 else STILL * coast)
     still &= (path.samples[:, 0, :3] == state.centre[:, 0]).all(axis=1)
-    still &= np.abs(np.einsum("fk,fk->f", path.base, state.turn[:, 0])) > 1.0 - 1e-14
+    still &= np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0])) > 1.0 - 1e-14
     if loads.grip_stiffness.shape[1]:
         still &= (loads.grip_start == loads.grip_end).all(axis=(1, 2))
         still &= (loads.grip_start == before.grip_end).all(axis=(1, 2))

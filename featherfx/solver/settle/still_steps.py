@@ -11,6 +11,7 @@ from featherfx.solver.state import State
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import minimise
 from featherfx.solver.step.pose_kernels import load_pose
+from featherfx.solver.step.strain_kernels import no_strains
 from featherfx.solver.work import Work
 
 Array = NDArray[np.float64]
@@ -37,20 +38,20 @@ class Rest:
         self.iterations = 0
         _stop(f, state)
         self.load()
-        work.around.reference[:] = 0.0
+        work.around.reference.assign(no_strains(model))
 
     def load(self) -> None:
         """Take the pose that was kept last."""
-        state, f, now = self.state, self.f, self.work.now
-        load_pose(state.turn[f], state.centre[f], state.coefficient[f], self.model.length[f], now)
-        now.points[:] = state.points[f]
+        load_pose(self.model, self.f, self.state, self.work.now)
+        self.work.now.points[:] = self.state.points[self.f]
 
     def keep(self) -> None:
         """The pose now becomes the state's."""
         state, f, now = self.state, self.f, self.work.now
-        state.turn[f], state.centre[f] = now.turn, now.centre
+        state.rotation[f], state.centre[f] = now.rotation, now.centre
         state.coefficient[f], state.points[f] = now.coefficient, now.points
-        state.strains[f, :] = now.strains
+        for step in range(2):
+            state.strains.at(f, step).assign(now.strains)
 
     def feel_wind(self) -> None:
         """Wind, areas and speeds at the pose now."""

@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
-from featherfx.jit.compiled import kernel
 from featherfx.mechanics.model import Model
 from featherfx.solver.state import State
-from featherfx.solver.step.energy_kernels import feather_strains
-from featherfx.solver.step.pose_kernels import material_points, rachis_strains
+from featherfx.solver.step.pose_kernels import complete_pose, load_pose
 from featherfx.solver.step.root_path import RootPath
 from featherfx.solver.work import make_work
 
@@ -33,7 +31,7 @@ def take_up(
     (n, P, 3) m/s of the material points. time: s. The first step then finds the accelerations that
     belong to pose and velocity (featherfx/solver/step/start.py).
     """
-    state.turn[f] = along_rows(frames_to_quats(frames))
+    state.rotation[f] = along_rows(frames_to_quats(frames))
     state.centre[f], state.coefficient[f] = centres, coefficients
     for fresh in (state.acceleration, state.smoothed, state.spin, state.coefficient_rate):
         fresh[f] = 0.0
@@ -41,10 +39,11 @@ def take_up(
     state.step[f] = state.proposal[f] = 0.0
     state.time[f] = time
     work = make_work(model)
-    points, strains = state.points[f], state.strains[f, 0]
-    pose = state.turn[f], state.centre[f], state.coefficient[f]
-    take_up_pose(model, f, *pose, points, work.now, work.around.reference, strains)
-    state.strains[f, 1] = strains
+    load_pose(model, f, state, work.now)
+    complete_pose(model, f, work.now, work.around.reference)
+    state.points[f] = work.now.points
+    for step in range(2):
+        state.strains.at(f, step).assign(work.now.strains)
 
 
 # m and rad; what a path may differ from the state by round-off
@@ -59,7 +58,7 @@ def carry_to(model: Model, state: State, path: RootPath) -> None:
     accelerations turn with the feather. Feathers that are there already are not touched.
     """
     move = path.samples[:, 0, :3] - state.centre[:, 0]
-    apart = 1.0 - np.abs(np.einsum("fk,fk->f", path.base, state.turn[:, 0]))
+    apart = 1.0 - np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0]))
     cut = model.held & ((np.abs(move).max(axis=1) > SAME) | (apart > 0.125 * SAME))
     for f in np.flatnonzero(cut):
         _carry(int(f), state, path)
@@ -68,7 +67,7 @@ def carry_to(model: Model, state: State, path: RootPath) -> None:
 def _carry(f: int, state: State, path: RootPath) -> None:
     from scipy.spatial.transform import Rotation
 
-    before, after = quats_to_frames(np.stack([state.turn[f, 0], path.base[f]]))
+    before, after = quats_to_frames(np.stack([state.rotation[f, 0], path.base[f]]))
     turn = after @ before.T
     old, new = state.centre[f, 0].copy(), path.samples[f, 0, :3]
     state.centre[f] = new + (state.centre[f] - old) @ turn.T
@@ -77,20 +76,8 @@ def _carry(f: int, state: State, path: RootPath) -> None:
     state.points[f, :, 1:3] = directors
     for rate in (state.velocity, state.acceleration, state.smoothed, state.spin):
         rate[f] = rate[f] @ turn.T
-    rows = Rotation.from_matrix(turn) * Rotation.from_quat(np.roll(state.turn[f], -1, axis=-1))
+    rows = Rotation.from_matrix(turn) * Rotation.from_quat(np.roll(state.rotation[f], -1, axis=-1))
     turns = np.roll(rows.as_quat(), 1, axis=-1)
     # the signs of neighbours belong together (rachis_kernels), the root's follows theirs
-    state.turn[f] = turns
-    state.turn[f, 0] = np.copysign(1.0, turns[0] @ path.base[f]) * path.base[f]
-
-
-@kernel
-def take_up_pose(model, f, turn, centre, coefficient, points, pose, reference, strains):
-    """Material points and strains of feather f from its coordinates.
-
-    turn (n, 4), centre (n, 3), coefficient (2, n, 2 C). Written: points (n, P, 3), strains (S,).
-    pose and reference (S,) are scratch; dihedral angles are those within half a turn of reference.
-    """
-    material_points(model, f, turn, centre, coefficient, pose.frames, points)
-    rachis_strains(model.length[f], turn, centre, pose.halfway, pose.rachis)
-    feather_strains(model, f, coefficient, points, pose.rachis, reference, strains)
+    state.rotation[f] = turns
+    state.rotation[f, 0] = np.copysign(1.0, turns[0] @ path.base[f]) * path.base[f]

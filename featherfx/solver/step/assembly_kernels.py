@@ -43,18 +43,18 @@ def _add_rachis_nodes(i, points, stiff, at, band):
 
 
 @kernel
-def _add_rachis_element(i, pose, length, stiffness, reference, damping, wanted, beam, system):
-    """Stretch, shear, twist and bending between rows i and i + 1.
-
-    stiffness: (6,); reference: (6,) of this element; beam: scratch; wanted: as in assemble.
-    """
+def _add_rachis_element(model, f, i, damping, wanted, work):
+    """Stretch, shear, twist and bending between rows i and i + 1; wanted: as in assemble."""
+    pose, system, beam = work.now, work.system, work.beam
     row_size = system.band.shape[1] // 3
     at = i * row_size
     gradient, matrix, stress = beam.gradient, beam.matrix, beam.stress
     start, end, halfway = pose.centre[i], pose.centre[i + 1], pose.halfway[i]
+    length, stiffness = model.length[f, i], model.rachis_stiffness[f, i]
+    strain, reference = pose.strains.rachis[i], work.around.reference.rachis[i]
     rachis_gradient(start, end, length, halfway, pose.rachis[i], gradient)
     for k in range(6):
-        stress[k] = damped_stress(stiffness[k], pose.strains[6 * i + k], reference[k], damping)
+        stress[k] = damped_stress(stiffness[k], strain[k], reference[k], damping)
         for a in range(6):
             system.right[at + a] -= stress[k] * gradient[k, a]
             system.right[at + row_size + a] -= stress[k] * gradient[k, 6 + a]
@@ -146,8 +146,8 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
     band stays as it is. shift: inertia that is added to the Hessian alone, as a part of the
     integrator's.
     """
-    pose, around, system = work.now, work.around, work.system
-    rows, row_size = pose.turn.shape[0], system.band.shape[1] // 3
+    pose, system = work.now, work.system
+    rows, row_size = pose.rotation.shape[0], system.band.shape[1] // 3
     if wanted != FORCES_ONLY:
         system.band[:] = 0.0
     system.right[:] = 0.0
@@ -160,16 +160,7 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
         if wanted != FORCES_ONLY:
             _add_rachis_nodes(i, pose.points, work.stiff, at, system.band)
     for i in range(rows - 1):
-        _add_rachis_element(
-            i,
-            pose,
-            model.length[f, i],
-            model.rachis_stiffness[f, i],
-            around.reference[6 * i :],
-            model.retardation[f, 0] * factors.strain_rate,
-            wanted,
-            work.beam,
-            system,
-        )
+        damping = model.retardation[f, 0] * factors.strain_rate
+        _add_rachis_element(model, f, i, damping, wanted, work)
     if model.held[f]:
         _hold_root(wanted, system)

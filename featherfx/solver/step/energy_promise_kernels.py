@@ -25,6 +25,7 @@ from typing import NamedTuple
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy
 from featherfx.solver.step.energy_kernels import elastic_energy
+from featherfx.solver.step.strain_kernels import strains_of
 
 # growth that round-off and Newton's tolerance may cause, share of the energy that there is, and
 # rounding of a strain (1 or rad)
@@ -137,7 +138,9 @@ def _state_energy(model, loads, f, drift, state):
             if p != 1 and p != 2:
                 x, y, z = x - drift[0], y - drift[1], z - drift[2]
             kinetic += 0.5 * mass[i, p] * (x * x + y * y + z * z)
-    return kinetic + _potential(model, loads, f, state.points[f], state.strains[f, 0])[0]
+    return (
+        kinetic + _potential(model, loads, f, state.points[f], strains_of(state.strains, f, 0))[0]
+    )
 
 
 @kernel

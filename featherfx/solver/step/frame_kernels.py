@@ -1,6 +1,5 @@
 """One feather through one frame: error-controlled implicit steps, entirely compiled."""
 
-from featherfx.algebra.copy_kernels import copy_values
 from featherfx.algebra.rotation_kernels import (
     conjugate,
     logarithm,
@@ -30,7 +29,13 @@ from featherfx.solver.step.integrator_kernels import (
     step_error,
 )
 from featherfx.solver.step.newton_kernels import minimise, nearly_solved
-from featherfx.solver.step.pose_kernels import chain, load_pose, material_points, turn_by
+from featherfx.solver.step.pose_kernels import (
+    keep_pose,
+    load_pose,
+    material_points,
+    rebuild_centres,
+    rotate_by,
+)
 from featherfx.solver.step.retry_kernels import (
     BACKWARD,
     FOLLOW,
@@ -45,105 +50,75 @@ from featherfx.solver.step.retry_kernels import (
     stop,
 )
 from featherfx.solver.step.root_kernels import root_at
+from featherfx.solver.step.strain_kernels import (
+    copy_strains,
+    difference_weights,
+    set_reference_strains,
+    strains_of,
+)
 
 
 @kernel
-def _rebuild_centres(length, pose):
-    """Rachis points from the root, the frames and the stretches in pose.rachis."""
-    for i in range(pose.turn.shape[0] - 1):
-        chain(
-            pose.turn[i],
-            pose.turn[i + 1],
-            pose.rachis[i],
-            length[i],
-            pose.centre[i],
-            pose.centre[i + 1],
-        )
+def _go_on(model, f, h, state, pose):
+    """Predict the end of a step of h (s): the last step's rates go on, stretches stay.
 
-
-@kernel
-def _go_on(h, held, spin, coefficient_rate, velocity, length, pose):
-    """Predict the end of a step: the last step's rates go on, stretches stay.
-
-    The root of a held feather is already in place. spin: (n, 3), velocity: (3,) of the root.
+    The root of a held feather is already in place.
     """
-    for i in range(1 if held else 0, pose.turn.shape[0]):
-        turn_by(pose.turn[i], spin[i], h, pose.turn[i])
+    held, rates = model.held[f], state.coefficient_rate[f]
+    for i in range(1 if held else 0, pose.rotation.shape[0]):
+        rotate_by(pose.rotation[i], state.spin[f, i], h, pose.rotation[i])
     if not held:
         for k in range(3):
-            pose.centre[0, k] += h * velocity[k]
+            pose.centre[0, k] += h * state.velocity[f, 0, 0, k]
     for side in range(2):
-        for i in range(pose.turn.shape[0]):
-            for c in range(coefficient_rate.shape[2]):
-                pose.coefficient[side, i, c] += h * coefficient_rate[side, i, c]
-    _rebuild_centres(length, pose)
+        for i in range(pose.rotation.shape[0]):
+            for c in range(rates.shape[2]):
+                pose.coefficient[side, i, c] += h * rates[side, i, c]
+    rebuild_centres(model.length[f], pose)
 
 
 @kernel
-def _follow_root(before, length, pose):
+def _follow_root(model, f, before, pose):
     """Predict the end of a step: the feather moves rigidly with its root.
 
     before: (4,) root quaternion at the step's start.
     """
-    move = multiply(pose.turn[0], conjugate(before))
-    for i in range(1, pose.turn.shape[0]):
-        store_rotation(pose.turn[i], normalised(multiply(move, pose.turn[i])))
-    _rebuild_centres(length, pose)
+    move = multiply(pose.rotation[0], conjugate(before))
+    for i in range(1, pose.rotation.shape[0]):
+        store_rotation(pose.rotation[i], normalised(multiply(move, pose.rotation[i])))
+    rebuild_centres(model.length[f], pose)
 
 
 @kernel
-def strain_rate_of(h, before, strains, reference):
-    """Rate of the backward difference of strains (2, S); its reference is written (S,).
-
-    before: s, length of the last step, 0 for the one-step difference.
-    """
-    if before <= 0.0:
-        copy_values(strains[0], reference)
-        return 1.0 / h
-    r = h / before
-    lead = (1.0 + 2.0 * r) / (1.0 + r)
-    for s in range(reference.shape[0]):
-        reference[s] = ((1.0 + r) * strains[0, s] - r * r / (1.0 + r) * strains[1, s]) / lead
-    return lead / h
-
-
-@kernel
-def _keep_rates(h, pose, before, spin, coefficient, coefficient_rate):
-    """Rates of the coordinates over the step just taken, for the next prediction.
-
-    before: (n, 4) quaternions and coefficient: (2, n, 2 C), at the step's start.
-    """
+def _keep_rates(f, h, pose, state):
+    """Rates of the coordinates over a step of h (s) from the state to a pose, for the next
+    prediction."""
+    before, coefficient = state.rotation[f], state.coefficient[f]
     for i in range(before.shape[0]):
-        store(spin[i], over(logarithm(multiply(pose.turn[i], conjugate(before[i]))), h))
+        turned = multiply(pose.rotation[i], conjugate(before[i]))
+        store(state.spin[f, i], over(logarithm(turned), h))
     for side in range(2):
         for i in range(before.shape[0]):
             for c in range(coefficient.shape[2]):
                 change = pose.coefficient[side, i, c] - coefficient[side, i, c]
-                coefficient_rate[side, i, c] = change / h
+                state.coefficient_rate[f, side, i, c] = change / h
 
 
 @kernel
-def _place(model, loads, f, path, attempt, state, work):
+def _place(model, f, path, attempt, state, work):
     """Coordinates of work.now where feather f is expected at the end of a step."""
-    now, length, h = work.now, model.length[f], attempt.h
-    load_pose(state.turn[f], state.centre[f], state.coefficient[f], length, now)
+    now, before, h = work.now, state.rotation[f, 0], attempt.h
+    load_pose(model, f, state, now)
     if model.held[f]:
-        turn_by(state.turn[f, 0], state.spin[f, 0], h, work.trial.turn[0])
-        root_at(path, f, attempt.fraction, now.turn[0], now.centre[0])
-        same_sign(work.trial.turn[0], now.turn[0])
+        expected = work.trial.rotation[0]
+        rotate_by(before, state.spin[f, 0], h, expected)
+        root_at(path, f, attempt.fraction, now.rotation[0], now.centre[0])
+        same_sign(expected, now.rotation[0])
     if attempt.way != GO_ON and model.held[f]:
-        same_sign(state.turn[f, 0], now.turn[0])
-        _follow_root(state.turn[f, 0], length, now)
+        same_sign(before, now.rotation[0])
+        _follow_root(model, f, before, now)
     else:
-        _go_on(
-            h,
-            model.held[f],
-            state.spin[f],
-            state.coefficient_rate[f],
-            state.velocity[f, 0, 0],
-            length,
-            now,
-        )
+        _go_on(model, f, h, state, now)
 
 
 @kernel
@@ -152,22 +127,16 @@ def _predict(model, loads, f, path, attempt, state, work):
     now, around, h, radius = work.now, work.around, attempt.h, attempt.spectral_radius
     begin_step(radius, h, motion_of(state, f), around.target, around.past)
     # the two-step difference may put energy into strains that relax within a step
-    before = 0.0 if radius == EULER else state.step[f]
-    strain_rate = strain_rate_of(h, before, state.strains[f], around.reference)
-    _place(model, loads, f, path, attempt, state, work)
+    weights = difference_weights(h, 0.0 if radius == EULER else state.step[f])
+    last, before = strains_of(state.strains, f, 0), strains_of(state.strains, f, 1)
+    set_reference_strains(weights, last, before, around.reference)
+    _place(model, f, path, attempt, state, work)
     if loads.air[0] > 0.0:
-        material_points(model, f, now.turn, now.centre, now.coefficient, now.frames, now.points)
-        blow(
-            now.points,
-            state.time[f] + h,
-            loads,
-            f,
-            state.velocity[f],
-            model.cell_stiffness[f],
-            around,
-        )
+        material_points(model, f, now)
+        time, velocity = state.time[f] + h, state.velocity[f]
+        blow(now.points, time, loads, f, velocity, model.cell_stiffness[f], around)
     method = integrator_of(radius, h)
-    return Factors(method.inertia, method.rate, strain_rate)
+    return Factors(method.inertia, method.rate, weights[2] / h)
 
 
 @kernel
@@ -198,15 +167,9 @@ def _accept(f, attempt, state, now, around):
     end_step(
         attempt.spectral_radius, h, motion_of(state, f), now.points, around.target, around.past
     )
-    _keep_rates(
-        h, now, state.turn[f], state.spin[f], state.coefficient[f], state.coefficient_rate[f]
-    )
-    copy_values(now.turn, state.turn[f])
-    copy_values(now.centre, state.centre[f])
-    copy_values(now.coefficient, state.coefficient[f])
-    copy_values(now.points, state.points[f])
-    copy_values(state.strains[f, 0], state.strains[f, 1])
-    copy_values(now.strains, state.strains[f, 0])
+    _keep_rates(f, h, now, state)
+    copy_strains(strains_of(state.strains, f, 0), strains_of(state.strains, f, 1))
+    keep_pose(f, now, state)
     state.step[f] = h
     state.time[f] += h
 

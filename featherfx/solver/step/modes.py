@@ -43,7 +43,7 @@ def rest_bands(model: Model, feather: int) -> tuple[Array, Array]:
 def _band(model: Model, inertia: float, state: State, work: Work) -> Array:
     """Stiffness plus inertia (1/s^2) times mass of the pose of a model's only feather."""
     f, loads, factors, now = 0, no_loads(1), Factors(inertia, 0.0, 0.0), work.now
-    load_pose(state.turn[f], state.centre[f], state.coefficient[f], model.length[f], now)
+    load_pose(model, f, state, now)
     evaluate(model, loads, f, 0.0, factors, now, work.around)
     assemble(model, loads, f, 0.0, factors, STABILISING, 0.0, work)
     return work.system.band.copy()

@@ -24,8 +24,8 @@ from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise
-from featherfx.solver.step.energy_kernels import feather_strains, step_energy
-from featherfx.solver.step.pose_kernels import add_increment, material_points, rachis_strains
+from featherfx.solver.step.energy_kernels import step_energy
+from featherfx.solver.step.pose_kernels import add_increment, complete_pose
 from featherfx.solver.step.secant_kernels import (
     PAIRS,
     begin_step,
@@ -33,6 +33,7 @@ from featherfx.solver.step.secant_kernels import (
     keep_step,
     solve_corrected,
 )
+from featherfx.solver.step.strain_kernels import copy_strains
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, STABILISING, WHOLE
 
 HALVINGS = 8
@@ -77,25 +78,21 @@ def largest_move(before, after, arm):
 @shared_kernel
 def evaluate(model, loads, f, fraction, factors, pose, around):
     """Points and strains of a pose from its coordinates, and its energy (J)."""
-    material_points(model, f, pose.turn, pose.centre, pose.coefficient, pose.frames, pose.points)
-    rachis_strains(model.length[f], pose.turn, pose.centre, pose.halfway, pose.rachis)
-    feather_strains(
-        model, f, pose.coefficient, pose.points, pose.rachis, around.reference, pose.strains
-    )
+    complete_pose(model, f, pose, around.reference)
     return step_energy(model, loads, f, fraction, factors, pose, around)
 
 
 @kernel
 def copy_pose(source, target):
     """All arrays of one pose to another's."""
-    copy_values(source.turn, target.turn)
+    copy_values(source.rotation, target.rotation)
     copy_values(source.centre, target.centre)
     copy_values(source.coefficient, target.coefficient)
     copy_values(source.points, target.points)
     copy_values(source.frames, target.frames)
     copy_values(source.halfway, target.halfway)
     copy_values(source.rachis, target.rachis)
-    copy_values(source.strains, target.strains)
+    copy_strains(source.strains, target.strains)
 
 
 @kernel
@@ -129,9 +126,7 @@ def _search(model, loads, f, fraction, factors, energy, tolerance, work):
     now, trial = work.now, work.trial
     scale, new, move = 1.0, energy, 0.0
     for _ in range(HALVINGS):
-        add_increment(
-            model.length[f], now, work.system.right, scale, trial, work.beam.gradient, work.stretch
-        )
+        add_increment(model, f, work.system.right, scale, work)
         new = evaluate(model, loads, f, fraction, factors, trial, work.around)
         move = largest_move(now.points, trial.points, model.length[f, 0]) / scale
         slack = 1e-9 * (abs(energy) + abs(new))

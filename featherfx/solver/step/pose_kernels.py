@@ -18,34 +18,36 @@ from featherfx.algebra.vec3_kernels import add, scale, store
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.barb_kernels import barb_axes, barb_jacobian, barb_points, root_jacobian
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
+from featherfx.solver.step.strain_kernels import copy_strains, feather_strains, strains_of
 
 
 @kernel
-def store_directors(turn, points):
+def store_directors(rotation, points):
     """Material points 1 and 2 of a row (P, 3) from its frame (4,)."""
-    store(points[1], rotate(turn, (0.0, 1.0, 0.0)))
-    store(points[2], rotate(turn, (0.0, 0.0, 1.0)))
+    store(points[1], rotate(rotation, (0.0, 1.0, 0.0)))
+    store(points[2], rotate(rotation, (0.0, 0.0, 1.0)))
 
 
 @kernel
-def material_points(model, f, turn, centre, coefficient, frames, points):
-    """Material points (n, P, 3) of feather f's pose, and the frames (2, n, m, 4) of its barbs."""
+def material_points(model, f, pose):
+    """Points of feather f's pose, and the frames of its barbs, from its coordinates."""
     columns = model.joints.shape[3]
-    for i in range(turn.shape[0]):
-        store(points[i, 0], centre[i])
-        store_directors(turn[i], points[i])
+    for i in range(pose.rotation.shape[0]):
+        points = pose.points[i]
+        store(points[0], pose.centre[i])
+        store_directors(pose.rotation[i], points)
         for side in range(2):
             start = 3 + side * columns
             barb_points(
-                turn[i],
-                centre[i],
+                pose.rotation[i],
+                pose.centre[i],
                 model.clamp[f, side, i],
                 model.joints[f, side, i],
                 model.segment[f, side, i],
                 model.shapes,
-                coefficient[side, i],
-                frames[side, i],
-                points[i, start : start + columns],
+                pose.coefficient[side, i],
+                pose.frames[side, i],
+                points[start : start + columns],
             )
 
 
@@ -56,7 +58,7 @@ def joint_axes(shapes, pose, axes):
     pose: with its frames, as material_points leaves them.
     """
     for side in range(2):
-        for i in range(pose.turn.shape[0]):
+        for i in range(pose.rotation.shape[0]):
             barb_axes(pose.frames[side, i], shapes, pose.coefficient[side, i], axes[side, i])
 
 
@@ -69,7 +71,7 @@ def barb_jacobians(shapes, pose, axes, jacobian):
     the rachis point; what is always zero is not touched, nor what follows the m + 1 nodes.
     """
     columns, wide, size = shapes.shape[1], jacobian.shape[2], jacobian.shape[3] // 3
-    for i in range(pose.turn.shape[0]):
+    for i in range(pose.rotation.shape[0]):
         for side in range(2):
             start = 3 + side * columns
             root, points = pose.points[i, 0], pose.points[i, start : start + columns]
@@ -79,40 +81,62 @@ def barb_jacobians(shapes, pose, axes, jacobian):
 
 
 @kernel
-def rachis_strains(length, turn, centre, halfway, strain):
-    """Frames (n-1, 3, 3) and strains (n-1, 6) of all rachis elements; length: (n-1,) at rest."""
-    for i in range(turn.shape[0] - 1):
+def _rachis_strains(length, pose):
+    """Frames and strains of all rachis elements; length: (n-1,) at rest."""
+    for i in range(length.shape[0]):
         rachis_strain(
-            turn[i], turn[i + 1], centre[i], centre[i + 1], length[i], halfway[i], strain[i]
+            pose.rotation[i],
+            pose.rotation[i + 1],
+            pose.centre[i],
+            pose.centre[i + 1],
+            length[i],
+            pose.halfway[i],
+            pose.rachis[i],
         )
 
 
 @kernel
-def load_pose(turn, centre, coefficient, length, pose):
-    """Coordinates of one feather into a pose, with its rachis frames and strains."""
-    copy_values(turn, pose.turn)
-    copy_values(centre, pose.centre)
-    copy_values(coefficient, pose.coefficient)
-    rachis_strains(length, pose.turn, pose.centre, pose.halfway, pose.rachis)
+def load_pose(model, f, state, pose):
+    """Coordinates of feather f of a state into a pose, with its rachis frames and strains."""
+    copy_values(state.rotation[f], pose.rotation)
+    copy_values(state.centre[f], pose.centre)
+    copy_values(state.coefficient[f], pose.coefficient)
+    _rachis_strains(model.length[f], pose)
 
 
 @kernel
-def add_increment(length, now, step, factor, trial, beam, stretch):
-    """Coordinates of pose now plus factor times the increment step (N,), to those of pose trial.
+def complete_pose(model, f, pose, reference):
+    """Points and strains of a pose from its coordinates; reference: Strains (feather_strains)."""
+    material_points(model, f, pose)
+    _rachis_strains(model.length[f], pose)
+    feather_strains(model, f, pose, reference)
+
+
+@kernel
+def keep_pose(f, pose, state):
+    """A complete pose becomes that of feather f of a state, with the strains of the last step."""
+    copy_values(pose.rotation, state.rotation[f])
+    copy_values(pose.centre, state.centre[f])
+    copy_values(pose.coefficient, state.coefficient[f])
+    copy_values(pose.points, state.points[f])
+    copy_strains(pose.strains, strains_of(state.strains, f, 0))
+
+
+@kernel
+def add_increment(model, f, step, factor, work):
+    """Coordinates of pose work.now plus factor times the increment step (N,), to pose work.trial.
 
     Row frames are turned by their rotation vectors and coefficients are added; the rachis points
     are then rebuilt from the root so that every stretch and shear changes by exactly its linear
     increment. Moving the points straight instead would stretch the nearly inextensible shaft at
     second order, and that artificial energy is what makes Newton crawl.
-
-    length: (n-1,) m. beam: (6, 12) and stretch: (3,) are scratch.
     """
-    rows = now.turn.shape[0]
-    count = now.coefficient.shape[2]
+    now, trial, gradient, length = work.now, work.trial, work.beam.gradient, model.length[f]
+    rows, count = now.rotation.shape[0], now.coefficient.shape[2]
     wide = 6 + 2 * count
     for i in range(rows):
         at = i * wide
-        turn_by(now.turn[i], step[at + 3 : at + 6], factor, trial.turn[i])
+        rotate_by(now.rotation[i], step[at + 3 : at + 6], factor, trial.rotation[i])
         for side in range(2):
             for c in range(count):
                 trial.coefficient[side, i, c] = (
@@ -122,32 +146,39 @@ def add_increment(length, now, step, factor, trial, beam, stretch):
         trial.centre[0, k] = now.centre[0, k] + factor * step[k]
     for i in range(rows - 1):
         rachis_gradient(
-            now.centre[i], now.centre[i + 1], length[i], now.halfway[i], now.rachis[i], beam
+            now.centre[i], now.centre[i + 1], length[i], now.halfway[i], now.rachis[i], gradient
         )
         at, to = i * wide, (i + 1) * wide
         for k in range(3):
             change = 0.0
             for a in range(6):
-                change += beam[k, a] * step[at + a] + beam[k, 6 + a] * step[to + a]
-            stretch[k] = now.rachis[i, k] + factor * change
+                change += gradient[k, a] * step[at + a] + gradient[k, 6 + a] * step[to + a]
+            trial.rachis[i, k] = now.rachis[i, k] + factor * change
+    rebuild_centres(length, trial)
+
+
+@kernel
+def rotate_by(rotation, vector, factor, out):
+    """Quaternion (4,) followed by the world rotation vector (3,) times factor, to out."""
+    store_rotation(out, normalised(multiply(exponential(scale(factor, vector)), rotation)))
+
+
+@kernel
+def rebuild_centres(length, pose):
+    """Rachis points from the root, the frames and the stretches in pose.rachis."""
+    for i in range(length.shape[0]):
         chain(
-            trial.turn[i],
-            trial.turn[i + 1],
-            stretch,
+            pose.rotation[i],
+            pose.rotation[i + 1],
+            pose.rachis[i],
             length[i],
-            trial.centre[i],
-            trial.centre[i + 1],
+            pose.centre[i],
+            pose.centre[i + 1],
         )
 
 
 @kernel
-def turn_by(turn, vector, factor, out):
-    """Quaternion turn (4,) followed by the world rotation vector (3,) times factor, to out."""
-    store_rotation(out, normalised(multiply(exponential(scale(factor, vector)), turn)))
-
-
-@kernel
-def chain(turn_a, turn_b, stretch, length, point_a, point_b):
+def chain(rotation_a, rotation_b, stretch, length, point_a, point_b):
     """Next rachis point from the last one, both frames and the stretch between them."""
-    along = rotate(halfway_between(turn_a, turn_b), stretch)
+    along = rotate(halfway_between(rotation_a, rotation_b), stretch)
     store(point_b, add(point_a, scale(length, along)))

@@ -25,6 +25,6 @@ class RootPath(NamedTuple):
 
 def hold_roots(state: State) -> RootPath:
     """A path that keeps all roots where they are."""
-    samples = np.zeros((len(state.turn), 2, 6))
+    samples = np.zeros((len(state.rotation), 2, 6))
     samples[:, :, :3] = state.centre[:, None, 0]
-    return RootPath(samples, state.turn[:, 0].copy())
+    return RootPath(samples, state.rotation[:, 0].copy())

@@ -15,7 +15,7 @@ from featherfx.solver.step.newton_kernels import evaluate, minimise
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.step.root_kernels import root_at
 from featherfx.solver.step.root_path import RootPath
-from featherfx.solver.work import Work
+from featherfx.solver.work import Pose, Work
 
 Array = NDArray[np.float64]
 
@@ -48,20 +48,16 @@ def start_acceleration(
     """
     h = INSTANT * duration
     now, around = work.now, work.around
-    turn, centre = state.turn[f], state.centre[f]
-    factors = Factors(1.0 / (h * h), 1.0 / h, 1.0 / h)
+    factors, before = Factors(1.0 / (h * h), 1.0 / h, 1.0 / h), state.strains.at(f, 0)
     around.target[:] = around.past[:] = state.points[f]
-    around.reference[:] = state.strains[f, 0]
-    load_pose(turn, centre, state.coefficient[f], model.length[f], now)
+    around.reference.assign(before)
+    load_pose(model, f, state, now)
     evaluate(model, loads, f, 0.0, factors, now, around)
-    state.strains[f, 0] = now.strains
-    moving = state.velocity[f].any() and np.ptp(path.samples[f], axis=0).any()
-    if model.held[f] and moving:
-        turn, centre = _carried(path, f, turn, centre)
-    load_pose(turn, centre, state.coefficient[f], model.length[f], now)
+    before.assign(now.strains)
+    around.reference.assign(before)
+    if model.held[f] and state.velocity[f].any() and np.ptp(path.samples[f], axis=0).any():
+        _carry_along(path, f, now)
     around.target[:] = state.points[f] + h * state.velocity[f]
-    around.past[:] = state.points[f]
-    around.reference[:] = state.strains[f, 0]
     if loads.air[0] > 0.0:
         now.points[:] = state.points[f]
         time, stiffness = state.time[f] + h, model.cell_stiffness[f]
@@ -71,10 +67,11 @@ def start_acceleration(
     state.smoothed[f] = state.acceleration[f]
 
 
-def _carried(path: RootPath, f: int, turn: Array, centre: Array) -> tuple[Array, Array]:
-    """Rows (n, 4) and (n, 3), carried rigidly to where their root's path ends."""
+def _carry_along(path: RootPath, f: int, pose: Pose) -> None:
+    """Carry the rows of a pose rigidly to where their root's path ends."""
     end, place = np.zeros(4), np.zeros(3)
     root_at(path, f, 1.0, end, place)
-    move = multiply(end, conjugate(turn[0]))
-    turns = np.array([multiply(move, row) for row in turn])
-    return turns, place + (centre - centre[0]) @ quats_to_frames(np.array(move)).T
+    move = multiply(end, conjugate(pose.rotation[0]))
+    pose.rotation[:] = [multiply(move, row) for row in pose.rotation]
+    away = pose.centre - pose.centre[0]
+    pose.centre[:] = place + away @ quats_to_frames(np.array(move)).T

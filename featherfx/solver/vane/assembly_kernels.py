@@ -9,7 +9,7 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
-from featherfx.solver.step.energy_kernels import node_index
+from featherfx.solver.step.strain_kernels import node_index
 from featherfx.solver.vane.pairs_kernels import ALONG, OWN, SKIP, SLANT, UP, damped_stress
 
 
@@ -191,7 +191,7 @@ def subtract_barb_forces(model, f, damping, pose, reference, force, axes, right)
 
     force: (n, P, 3), of all that acts. axes: (2, n, m, 6) of pose_kernels.joint_axes.
     """
-    rows, count = pose.turn.shape[0], pose.coefficient.shape[2]
+    rows, count = pose.rotation.shape[0], pose.coefficient.shape[2]
     columns, row_size = axes.shape[2], 6 + 2 * count
     for side in range(2):
         start = 3 + side * columns
@@ -207,12 +207,10 @@ def subtract_barb_forces(model, f, damping, pose, reference, force, axes, right)
                 right[at : at + 6],
                 right[first : first + count],
             )
-            strain = (rows - 1) * 6 + (side * rows + i) * count
+            strain, before = pose.strains.barb[side, i], reference.barb[side, i]
             stiffness = model.barb_stiffness[f, side, i]
             for c in range(count):
-                right[first + c] -= damped_stress(
-                    stiffness[c], pose.strains[strain + c], reference[strain + c], damping
-                )
+                right[first + c] -= damped_stress(stiffness[c], strain[c], before[c], damping)
 
 
 @kernel
@@ -222,7 +220,7 @@ def add_rows(model, f, damping, signed, pose, force, stiff, jacobian, vane, band
     signed: whether tension's geometric stiffness is whole or only its stabilising part. force:
     (n, P, 3), of all that acts.
     """
-    rows, count = pose.turn.shape[0], pose.coefficient.shape[2]
+    rows, count = pose.rotation.shape[0], pose.coefficient.shape[2]
     row_size = 6 + 2 * count
     blocks, product, tiles = vane.blocks, vane.product, vane.tiles
     for i in range(rows):

@@ -37,11 +37,10 @@ GUARD, NORMAL = 2, 3
 def _load_cells(half, rest, stiffness, strains, reference, damping, cells):
     """Rest values, stresses and stiffnesses of triangles A or B (half) of a strip, to lines.
 
-    rest: (m, 2, 3), stiffness: (m, 2, 2), strains, reference: (4 m,). Triangles without stiffness
-    are not there: all their values are zero.
+    rest: (m, 2, 3), stiffness, strains, reference: (m, 2, 2). Triangles without stiffness are not
+    there: all their values are zero.
     """
     for j in range(stiffness.shape[0]):
-        at = 4 * j + 2 * half
         there = stiffness[j, half, 0] != 0.0
         for k in range(3):
             cells.rest[k, j] = rest[j, half, k] if there else 0.0
@@ -49,17 +48,18 @@ def _load_cells(half, rest, stiffness, strains, reference, damping, cells):
             value = stiffness[j, half, k] if there else 0.0
             cells.weight[k, 0, j] = value * (1.0 + damping)
             cells.weight[k, 1, j] = 0.5 * value * (1.0 + damping)
-            cells.stress[k, j] = damped_stress(value, strains[at + k], reference[at + k], damping)
+            cells.stress[k, j] = damped_stress(
+                value, strains[j, half, k], reference[j, half, k], damping
+            )
 
 
 @kernel
 def _add_guard(half, guard, strains, cells):
-    """The guard's stresses, and its J as the strain GUARD; guard: (m, 2), strains: (4 m,)."""
+    """The guard's stresses, and its J as the strain GUARD; guard: (m, 2), strains: (m, 2, 2)."""
     gradient = cells.gradient
     for j in range(guard.shape[0]):
-        at = 4 * j + 2 * half
         slope, curvature, by_across, by_shear = guard_slopes(
-            guard[j, half], strains[at], strains[at + 1]
+            guard[j, half], strains[j, half, 0], strains[j, half, 1]
         )
         cells.stress[0, j] += slope * by_across
         cells.stress[1, j] += slope * by_shear
@@ -149,7 +149,7 @@ def _add_geometric_stiffness(count, half, factors, low, high):
 def add_strip(i, side, half, rest, stiffness, guard, strains, reference, damping, wanted, vane):
     """Triangles A or B (half) between rows i and i + 1.
 
-    rest: (m, 2, 3), stiffness: (m, 2, 2), guard: (2, n-1, m, 2) or of size 0, strains: (4 m,).
+    rest: (m, 2, 3). stiffness, strains, reference: (m, 2, 2). guard: (2, n-1, m, 2) or of size 0.
     """
     columns, cells = stiffness.shape[0], vane.cells
     count, gradient, stress = lanes(columns), cells.gradient, cells.stress

@@ -19,16 +19,14 @@ def add_vane_forces(model, f, damping, wanted, pose, reference, vane, force):
     wanted: FORCES_ONLY leaves the blocks as they are, STABILISING leaves out what of the geometric
     stiffness may be indefinite.
     """
-    rows, columns = pose.turn.shape[0], model.joints.shape[3]
-    cells_at = (rows - 1) * 6 + 2 * rows * pose.coefficient.shape[2]
-    hinges_at = cells_at + 2 * (rows - 1) * columns * 4
+    rows = pose.rotation.shape[0]
+    strains = pose.strains
     nodes_to_lines(pose.points, vane.nodes)
     vane.pull[:] = 0.0
     if wanted != FORCES_ONLY:
         vane.blocks[:] = 0.0
     for side in range(2):
         for i in range(rows - 1):
-            at = cells_at + (side * (rows - 1) + i) * columns * 4
             for half in range(2):
                 add_strip(
                     i,
@@ -37,23 +35,22 @@ def add_vane_forces(model, f, damping, wanted, pose, reference, vane, force):
                     model.cell_rest[f, side, i],
                     model.cell_stiffness[f, side, i],
                     model.cell_guard[f],
-                    pose.strains[at:],
-                    reference[at:],
+                    strains.cell[side, i],
+                    reference.cell[side, i],
                     damping,
                     wanted,
                     vane,
                 )
         for i in range(1, rows - 1):
-            at = hinges_at + (side * rows + i) * columns
             add_hinges(
                 i,
                 side,
                 model.cell_rest[f, side, i],
                 model.cell_rest[f, side, i - 1],
                 model.hinge_stiffness[f, side, i],
-                pose.strains[at:],
-                pose.strains[at + 2 * rows * columns :],
-                reference[at:],
+                strains.hinge[side, i],
+                strains.openness[side, i],
+                reference.hinge[side, i],
                 damping,
                 wanted,
                 vane,

@@ -1,0 +1,176 @@
+"""The strains of a feather, all measured from rest: found from a pose, kept, and differenced."""
+
+from __future__ import annotations
+
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.copy_kernels import copy_values
+from featherfx.jit.compiled import kernel
+from featherfx.mechanics.model import Model
+from featherfx.mechanics.vane_bending_kernels import angle_and_openness, opening
+from featherfx.mechanics.vane_membrane_kernels import membrane_strain
+
+
+class Strains(NamedTuple):
+    """Strains of one feather; those of a state have leading axes.
+
+    rachis: (n-1, 6) of the elements. barb: (2, n, 2 C) rad, coefficients. cell: (2, n-1, m, 2, 2),
+    e_ww and 2 e_vw of triangles A and B. hinge: (2, n, m) rad, dihedral angles. openness:
+    (2, n, m), of the hinges (vane_bending_kernels).
+    """
+
+    rachis: NDArray[np.float64]
+    barb: NDArray[np.float64]
+    cell: NDArray[np.float64]
+    hinge: NDArray[np.float64]
+    openness: NDArray[np.float64]
+
+    def at(self, *place: int) -> Strains:
+        """Those at a place of the leading axes, the same memory."""
+        return Strains(*(array[place] for array in self))
+
+    def assign(self, other: Strains) -> None:
+        """Set all, in place."""
+        for array, value in zip(self, other, strict=True):
+            array[...] = value
+
+
+def no_strains(model: Model, *lead: int) -> Strains:
+    """Strains of zero with leading axes."""
+    n, m, c = model.rows, model.columns, model.coefficients
+    return Strains(
+        rachis=np.zeros((*lead, n - 1, 6)),
+        barb=np.zeros((*lead, 2, n, 2 * c)),
+        cell=np.zeros((*lead, 2, n - 1, m, 2, 2)),
+        hinge=np.zeros((*lead, 2, n, m)),
+        openness=np.zeros((*lead, 2, n, m)),
+    )
+
+
+@kernel
+def node_index(side, column, columns):
+    """Material point of a barb node; column 0 is the rachis."""
+    return 0 if column == 0 else 2 + side * columns + column
+
+
+@kernel
+def wrapped(angle):
+    """Angle brought to (-pi, pi]."""
+    return angle - 6.283185307179586 * ceil(angle / 6.283185307179586 - 0.5)
+
+
+@kernel
+def strains_of(strains, f, step):
+    """Strains of feather f of a state's: after the last step (0) or the one before (1)."""
+    return Strains(
+        strains.rachis[f, step],
+        strains.barb[f, step],
+        strains.cell[f, step],
+        strains.hinge[f, step],
+        strains.openness[f, step],
+    )
+
+
+@kernel
+def copy_strains(source, target):
+    """All strains of one feather to others."""
+    copy_values(source.rachis, target.rachis)
+    copy_values(source.barb, target.barb)
+    copy_values(source.cell, target.cell)
+    copy_values(source.hinge, target.hinge)
+    copy_values(source.openness, target.openness)
+
+
+@kernel
+def difference_weights(h, before):
+    """(a, b, c) of the backward difference c / h (s - (a s_0 - b s_1) / c) at the end of a step.
+
+    h, before: s, of the step and the one before, 0 for the one-step difference.
+    """
+    if before <= 0.0:
+        return 1.0, 0.0, 1.0
+    r = h / before
+    return 1.0 + r, r * r / (1.0 + r), (1.0 + 2.0 * r) / (1.0 + r)
+
+
+@kernel
+def set_reference(weights, last, before, reference):
+    """reference = (a last - b before) / c, of arrays; weights: of difference_weights."""
+    now, past, out = last.flat, before.flat, reference.flat
+    for s in range(reference.size):
+        out[s] = (weights[0] * now[s] - weights[1] * past[s]) / weights[2]
+
+
+@kernel
+def set_reference_strains(weights, last, before, reference):
+    """As set_reference, of all strains that resist their rate."""
+    set_reference(weights, last.rachis, before.rachis, reference.rachis)
+    set_reference(weights, last.barb, before.barb, reference.barb)
+    set_reference(weights, last.cell, before.cell, reference.cell)
+    set_reference(weights, last.hinge, before.hinge, reference.hinge)
+
+
+@kernel
+def feather_strains(model, f, pose, reference):
+    """All strains of feather f's pose, from its points, coefficients and rachis, in place.
+
+    reference: Strains of before; dihedral angles are those within half a turn of them, so that a
+    fold that closes completely and goes on has no jump.
+    """
+    strains = pose.strains
+    for i in range(pose.rachis.shape[0]):
+        for k in range(6):
+            strains.rachis[i, k] = pose.rachis[i, k] - model.rachis_rest[f, i, k]
+    copy_values(pose.coefficient, strains.barb)
+    _cell_strains(model, f, pose.points, strains.cell)
+    _hinge_strains(model, f, pose.points, reference.hinge, strains)
+
+
+@kernel
+def _cell_strains(model, f, points, strains):
+    """Membrane strains (2, n-1, m, 2, 2)."""
+    columns = strains.shape[2]
+    for side in range(2):
+        for i in range(strains.shape[1]):
+            for j in range(columns):
+                near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+                for half in range(2):
+                    across, shear = 0.0, 0.0
+                    if model.cell_stiffness[f, side, i, j, half, 0] != 0.0:
+                        r, o = (i, i + 1) if half == 0 else (i + 1, i)
+                        across, shear = membrane_strain(
+                            points[r, near],
+                            points[r, far],
+                            points[o, near if half == 0 else far],
+                            model.cell_rest[f, side, i, j, half],
+                        )
+                    strains[side, i, j, half, 0] = across
+                    strains[side, i, j, half, 1] = shear
+
+
+@kernel
+def _hinge_strains(model, f, points, reference, strains):
+    """Dihedral angles and openness; reference: (2, n, m)."""
+    rest, columns = model.cell_rest[f], reference.shape[2]
+    for side in range(2):
+        for i in range(reference.shape[1]):
+            for j in range(columns):
+                angle, openness = 0.0, 1.0
+                if model.hinge_stiffness[f, side, i, j] != 0.0:
+                    near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+                    angle, openness = angle_and_openness(
+                        points[i, near],
+                        points[i, far],
+                        points[i + 1, near],
+                        points[i - 1, far],
+                        opening(rest[side, i, j, 0]),
+                        opening(rest[side, i - 1, j, 1]),
+                    )
+                    before = reference[side, i, j]
+                    angle = wrapped(angle - model.hinge_rest[f, side, i, j] - before) + before
+                strains.hinge[side, i, j] = angle
+                strains.openness[side, i, j] = openness
