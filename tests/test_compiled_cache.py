@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tempfile
 from collections import namedtuple
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numba.core import registry
 
 from featherfx.algebra import copy_kernels
 from featherfx.jit import cache, compiled
+from featherfx.jit.trust import distrust
 
 ROOT = Path(cache.__file__).parents[1]
 
@@ -106,19 +108,20 @@ def run_kernels(tmp_path):
     """Runs RUN in a process of its own, with the kernels in a folder and the type that it calls
     them with in a module there; what it prints."""
 
-    def run(folder, module="trial_types"):
-        folder.mkdir()
+    def run(folder, module="trial_types", before="", **variables):
+        folder.mkdir(exist_ok=True)
         (folder / f"{module}.py").write_text(TYPES)
         (folder / "trial_kernels.py").write_text(KERNELS)
         paths = os.pathsep.join([str(folder), str(ROOT.parent)])
-        names = os.environ | {"FEATHERFX_CACHE": str(tmp_path / "cache"), "PYTHONPATH": paths}
+        names = {"FEATHERFX_CACHE": str(tmp_path / "cache"), "PYTHONPATH": paths} | variables
         done = subprocess.run(
-            [sys.executable, "-c", RUN.replace("TYPES", module)],
-            env=names,
+            [sys.executable, "-c", before + RUN.replace("TYPES", module)],
+            env=os.environ | names,
             capture_output=True,
             text=True,
             check=True,
         )
+        run.stderr = done.stderr
         return done.stdout.split(maxsplit=1)
 
     return run
@@ -151,3 +154,116 @@ def test_fields_in_another_order_are_compiled_anew():
     assert key(named("a", "b")) != key(named("b", "a"))
     nested = [types.Tuple((named(*fields),)) for fields in (("a", "b"), ("b", "a"))]
     assert key(nested[0]) != key(nested[1])
+
+
+ALL, NONE = "(3.0, 3) 9.0 ['mean', 'square', 'total']\n", "(3.0, 3) 9.0 []\n"
+
+
+def cut(file):
+    file.write_bytes(file.read_bytes()[:-100])
+
+
+def flip(file):
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 0x10
+    file.write_bytes(content)
+
+
+def empty(file):
+    file.write_bytes(b"")
+
+
+def other(file):
+    """Sound, but of another kernel."""
+    sizes = {each: each.stat().st_size for each in file.parent.iterdir()}
+    file.write_bytes(max(sizes, key=sizes.get).read_bytes())
+
+
+def folder_instead(file):
+    file.unlink()
+    file.mkdir()
+
+
+@pytest.mark.parametrize("damage", [cut, flip, empty, other])
+def test_damaged_machine_code_is_compiled_anew(run_kernels, tmp_path, damage):
+    assert run_kernels(tmp_path / "here")[1] == ALL
+    for file in sorted((tmp_path / "cache").rglob("*.code"))[1:]:
+        damage(file)
+    healed = run_kernels(tmp_path / "here")
+    assert healed[0] == "4.0"
+    assert healed[1] != NONE
+    assert run_kernels(tmp_path / "here") == ["4.0", NONE]
+    assert not run_kernels.stderr
+
+
+def test_a_folder_in_the_place_of_an_entry_does_not_stop_the_work(run_kernels, tmp_path):
+    run_kernels(tmp_path / "here")
+    for file in (tmp_path / "cache").rglob("*.code"):
+        folder_instead(file)
+    assert run_kernels(tmp_path / "here")[1] == ALL
+    assert run_kernels.stderr.count("InputWarning") == 1
+
+
+FULL_DISK = """
+import resource, signal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+"""
+
+
+def test_a_full_disk_is_named_and_the_work_goes_on(run_kernels, tmp_path):
+    assert run_kernels(tmp_path / "here", before=FULL_DISK)[0] == "4.0"
+    assert run_kernels.stderr.count("InputWarning") == 1
+    assert str(tmp_path / "cache") in run_kernels.stderr
+    assert not list((tmp_path / "cache").rglob("*.*"))
+    assert run_kernels(tmp_path / "here")[1] == ALL
+
+
+needs_posix = pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX")
+
+
+@needs_posix
+def test_a_folder_that_others_can_write_to_is_not_used(run_kernels, tmp_path):
+    shared = tmp_path / "cache"
+    shared.mkdir()
+    shared.chmod(0o777)
+    before = set(Path(tempfile.gettempdir()).glob("featherfx-*"))
+    assert run_kernels(tmp_path / "here")[1] == ALL
+    assert "others can write to" in run_kernels.stderr
+    assert run_kernels.stderr.count("InputWarning") == 1
+    assert not list(shared.iterdir())
+    # nothing is left of the folder that was used instead
+    assert set(Path(tempfile.gettempdir()).glob("featherfx-*")) <= before
+    trusted = {"FEATHERFX_TRUSTED_CACHE": str(shared)}
+    assert run_kernels(tmp_path / "here", **trusted)[1] == ALL
+    assert run_kernels(tmp_path / "here", **trusted)[1] == NONE
+
+
+@needs_posix
+def test_who_may_write_above_a_folder_counts(tmp_path):
+    folder = tmp_path / "above" / "cache"
+    folder.mkdir(parents=True)
+    assert distrust(folder) == ""
+    folder.parent.chmod(0o777)
+    assert str(folder.parent) in distrust(folder)
+    assert str(folder.parent) in distrust(folder / "not" / "yet")
+    # where all may make files but remove only their own, as in /tmp
+    folder.parent.chmod(0o1777)
+    assert distrust(folder) == ""
+    link = tmp_path / "link"
+    link.symlink_to(folder)
+    folder.parent.chmod(0o777)
+    assert str(folder.parent) in distrust(link)
+    folder.parent.chmod(0o755)
+    assert distrust(link) == ""
+
+
+@needs_posix
+def test_a_folder_of_another_user_is_not_trusted(tmp_path):
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    try:
+        os.chown(folder, 54321, 54321)
+    except PermissionError:
+        pytest.skip("only root can give a folder away")
+    assert distrust(folder) == f"{folder} belongs to another user"

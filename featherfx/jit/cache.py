@@ -5,30 +5,42 @@ program that it imports, because numba on its own only watches the file of the f
 asked for, not those of the functions that it calls. Nothing else about a file counts: installed
 anew elsewhere, it finds its machine code. These folders are in $FEATHERFX_CACHE, else in the
 system's own folder for caches of a user (on Linux $XDG_CACHE_HOME/featherfx, else
-~/.cache/featherfx), else in one of its temporary ones.
+~/.cache/featherfx), else in one that is removed when the process ends. Folders that others can
+write to are not used (trust.py), unless $FEATHERFX_TRUSTED_CACHE names them.
+
+Every entry is a file of its own: a checksum, then the key that it is of and the machine code. What
+is damaged, of another key, or of types that are gone counts as missing, and is compiled anew.
 """
 
 from __future__ import annotations
 
 import ast
+import atexit
 import hashlib
 import importlib
 import os
+import pickle
+import shutil
 import tempfile
-from collections.abc import Iterator
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
 import platformdirs
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.serialize import dumps
 
+from featherfx.errors import InputWarning
+from featherfx.files.whole import write_whole
 from featherfx.jit.parts import needs_of
+from featherfx.jit.trust import distrust
 
 ROOT = Path(__file__).resolve().parents[1]
 # how kernels are compiled, and what is stored of them
 COMPILER = tuple(ROOT / "jit" / name for name in ("cache.py", "compiled.py", "parts.py"))
+_CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
 @cache
@@ -52,37 +64,88 @@ def _digest(source: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def _candidates() -> Iterator[Path]:
-    """Folders that may hold the caches of all sources, in order."""
-    asked = os.environ.get("FEATHERFX_CACHE")
-    if asked:
-        yield Path(asked)
-    yield platformdirs.user_cache_path("featherfx", appauthor=False)
-    yield Path(tempfile.gettempdir()) / "featherfx"
-
-
-def _is_usable(folder: Path) -> bool:
-    """Whether machine code may be loaded from a folder, made if need be, and stored there."""
+@cache
+def _fault(folder: Path) -> str:
+    """Why a folder, made if need be, cannot hold machine code; empty if it can."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
+        named = os.environ.get("FEATHERFX_TRUSTED_CACHE")
+        fault = "" if named and Path(named) == folder else distrust(folder)
+        if fault:
+            return f"{fault}; FEATHERFX_TRUSTED_CACHE={folder} would trust it"
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError as error:
+        return f"{folder}: {error.strerror or error}"
+    return "" if os.access(folder, os.W_OK) else f"no permission to write to {folder}"
 
 
 @cache
-def _private_folder() -> Path:
-    """A folder for this process, where no other can be used."""
-    return Path(tempfile.mkdtemp(prefix="featherfx-"))
+def root_folder() -> Path:
+    """Folder that holds the caches of all sources: the one asked for, else the user's own, else one
+    for this process, with a warning that says why."""
+    asked = os.environ.get("FEATHERFX_CACHE")
+    wanted = Path(asked) if asked else platformdirs.user_cache_path("featherfx", appauthor=False)
+    fault = _fault(wanted)
+    if not fault:
+        return wanted
+    folder = Path(tempfile.mkdtemp(prefix="featherfx-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    warnings.warn(
+        f"machine code is not kept, and is compiled anew by every run: {fault}",
+        InputWarning,
+        stacklevel=2,
+    )
+    return folder
 
 
 @cache
 def cache_folder(source: Path) -> Path:
-    """Folder of the compiled kernels of a source file; made if it is not there."""
-    name = _digest(source)
-    folders = (candidate / name for candidate in _candidates())
-    found = next((folder for folder in folders if _is_usable(folder)), None)
-    return _private_folder() / name if found is None else found
+    """Folder of the compiled kernels of a source file."""
+    return root_folder() / _digest(source)
+
+
+@cache
+def _warn_once(message: str) -> None:
+    warnings.warn(message, InputWarning, stacklevel=3)
+
+
+class Entries:
+    """The stored machine code of one kernel: a file per key."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder, self._name = folder, name
+
+    def load(self, key: Any) -> Any:
+        """What was saved under a key; None where nothing sound was."""
+        try:
+            stored = self._file(key).read_bytes()
+        except OSError:
+            return None
+        checksum, content = stored[:_CHECKSUM_BYTES], stored[_CHECKSUM_BYTES:]
+        if hashlib.sha256(content).digest() != checksum:
+            return None
+        try:
+            of, data = pickle.loads(content)
+        except (AttributeError, ImportError):
+            return None  # of types that another version had elsewhere
+        return data if of == key else None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Store under a key. Raises OSError, which names the file."""
+        content = dumps((key, data))
+        whole = hashlib.sha256(content).digest() + content
+        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        write_whole(self._file(key), lambda file: file.write(whole))
+
+    def flush(self) -> None:
+        """Remove what was stored."""
+        for file in self._folder.glob(f"{self._name}.*.code"):
+            file.unlink(missing_ok=True)
+
+    def _file(self, key: Any) -> Path:
+        return (
+            self._folder
+            / f"{self._name}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.code"
+        )
 
 
 class Locator:
@@ -96,7 +159,7 @@ class Locator:
         return cls(function, source)
 
     def ensure_cache_path(self) -> None:
-        Path(self.get_cache_path()).mkdir(parents=True, exist_ok=True)
+        """Entries make the folder when there is something to store."""
 
     def get_cache_path(self) -> str:
         return str(cache_folder(Path(self._py_file).resolve()))
@@ -123,17 +186,6 @@ class Stored(CompileResultCacheImpl):
         return super().rebuild(target, code)
 
 
-class _Index(IndexDataCacheFile):
-    """The types that there is machine code for. Those who call a kernel define some of them: where
-    another version did so in a module that is here no longer, the index starts afresh."""
-
-    def _load_index(self) -> Any:
-        try:
-            return super()._load_index()
-        except (AttributeError, ImportError):
-            return {}
-
-
 class KernelCache(FunctionCache):
     """The stored machine code of one kernel, by types and by the names of their fields."""
 
@@ -141,8 +193,15 @@ class KernelCache(FunctionCache):
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
-        stamp = self._impl.locator.get_source_stamp()
-        self._cache_file = _Index(self._cache_path, self._impl.filename_base, stamp)
+        self._cache_file: Any = Entries(Path(self._cache_path), self._impl.filename_base)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store compiled code; the work goes on where it cannot be stored."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            _warn_once(f"machine code is not kept in {root_folder()} ({reason})")
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return (*super()._index_key(sig, codegen), tuple(_fields(each) for each in sig))
