@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Place, Table, Text
+from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Place, Table, Text, one_of_types
 
 _BASE = Key(
     Text(),
@@ -49,9 +49,8 @@ class Preset:
         return Table(self.keys, f"{self.family} preset")
 
     def schema(self, partial: bool) -> JsonSchema:
-        named = {"type": "string", "minLength": 1}
-        table = self.reference()
-        return {"anyOf": [named, table if partial else {"allOf": [table, self.complete()]}]}
+        parts = [self.reference()] if partial else [self.reference(), self.complete()]
+        return one_of_types(Text().schema(partial), {"type": "object", "allOf": parts})
 
     @property
     def name(self) -> str:
@@ -65,6 +64,7 @@ class Preset:
     def definition(self) -> JsonSchema:
         """JSON Schema of a preset file that may lack any key, to refer to by the family's name."""
         result = self.extended.schema(True) | {"title": f"{self.family} preset"}
+        del result["type"]  # a name may stand for the table
         if self.kinds:
             kinds = [self._only(kind) for kind in self.kinds]
             result["anyOf"] = [{"not": {"required": ["kind"]}}, *kinds]
@@ -96,5 +96,5 @@ def _needed(table: Table) -> JsonSchema:
         if isinstance(key.type, Table):
             within[name] = _needed(key.type)
         elif isinstance(key.type, Preset):
-            within[name] = {"anyOf": [{"type": "string"}, key.type.complete()]}
+            within[name] = key.type.complete()
     return result | ({"properties": within} if within else {})

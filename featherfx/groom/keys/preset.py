@@ -164,4 +164,4 @@ FAMILIES = {
 
 def names_or_list(item: ValueType, most: int) -> Either:
     """One text, or an array of them."""
-    return Either({list: ArrayOf(item, 1, most), str: item})
+    return Either({list: ArrayOf(item, 1, most), str: Text()})

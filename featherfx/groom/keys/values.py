@@ -65,6 +65,16 @@ class Place:
 JsonSchema = dict[str, Any]
 
 
+def one_of_types(*schemas: JsonSchema) -> JsonSchema:
+    """What fits one of several schemas, each for another type of value.
+
+    In one, not as anyOf: keywords apply to values of their own type only, and what does not fit is
+    told by its own message.
+    """
+    types = [schema["type"] for schema in schemas]
+    return {name: each for schema in schemas for name, each in schema.items()} | {"type": types}
+
+
 class ValueType(Protocol):
     """How one value is checked and described.
 
@@ -253,7 +263,7 @@ class Either:
         return " or ".join(part[0] for part in parts), " or ".join(units), "; ".join(ranges)
 
     def schema(self, partial: bool) -> JsonSchema:
-        return {"anyOf": [option.schema(partial) for option in self.options.values()]}
+        return one_of_types(*(option.schema(partial) for option in self.options.values()))
 
 
 @dataclass(frozen=True)
@@ -390,7 +400,7 @@ class Tables:
 
     def schema(self, partial: bool) -> JsonSchema:
         several = ArrayOf(self.table, 0, self.most).schema(partial)
-        return {"anyOf": [several, self.table.schema(partial)]} if self.single else several
+        return one_of_types(several, self.table.schema(partial)) if self.single else several
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,8 @@ changes some values (`wind = { base = "breeze", gust = 0.4 }`).
 `featherfx schema groom|shot|preset` prints the same declarations as a JSON Schema, by which editors
 complete, explain and check the files. Even Better TOML (VS Code) and other editors that use Taplo
 take the schema that a file's first line names: `featherfx schema shot > shot.schema.json`, then
-`#:schema ./shot.schema.json` at the top of the shot. Most presets need a `--family`.
+`#:schema ./shot.schema.json` at the top of the shot. A preset does not say of which family it is:
+`featherfx schema preset --family feather` checks it as one of them, else as any.
 
 A feather's own frame: x leaves the follicle along the rachis, y points to the leading vane, z is
 dorsal. With x forward and z up this is a feather of the right wing; feathers with

@@ -26,11 +26,11 @@ def schema(kind: str, family: str = "") -> JsonSchema:
     head = _HEAD | {"$id": "urn:featherfx:" + name.replace(" ", ":"), "title": f"featherfx {name}"}
     if kind == "preset":
         files = [
-            {"title": each.finished().title, "allOf": [each.reference(), each.complete()]}
+            {"type": "object", "allOf": [each.reference(), each.complete()]}
             for each in FAMILIES.values()
             if family in ("", each.family)
         ]
-        body = {"anyOf": files} if len(files) > 1 else {"allOf": files[0]["allOf"]}
+        body = {"anyOf": files} if len(files) > 1 else files[0]
     else:
         body = {"groom": GROOM_FILE, "shot": SHOT_FILE}[kind].schema(False)
     return head | body | {"$defs": _definitions(body)}
