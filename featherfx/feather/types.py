@@ -28,6 +28,20 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LEADING, TRAILING, RACHIS = 0, 1, 2
+# places of d2 and d3 in a row
+DIRECTORS = (1, 2)
+
+
+def without_directors(points: Array) -> Array:
+    """Material points (..., P, 3), or their rates, without the directors: (..., P - 2, 3)."""
+    return np.delete(points, DIRECTORS, axis=-2)
+
+
+def shifted(points: Array, way: Array) -> Array:
+    """Material points (..., n, P, 3), or their rates, moved by way (..., 3): directors stay."""
+    moved = points + way[..., None, None, :]
+    moved[..., DIRECTORS, :] = points[..., DIRECTORS, :]
+    return moved
 
 
 @dataclass(frozen=True)

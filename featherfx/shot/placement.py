@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
+from featherfx.feather.types import shifted
 from featherfx.groom.types import Groom
 from featherfx.shot.types import Shot
 
@@ -17,13 +18,9 @@ Array = NDArray[np.float64]
 def place(points: Array, position: Array, rotation: Array) -> Array:
     """Material points (n, P, 3) in the feather frame to the world frame.
 
-    position: (3,) m and rotation: (3, 3) of the root. Points 1 and 2 of a row are directors
-    (featherfx/feather/types.py): they turn, but do not move.
+    position: (3,) m and rotation: (3, 3) of the root.
     """
-    placed = points @ rotation.T
-    placed[:, 0] += position
-    placed[:, 3:] += position
-    return np.asarray(placed)
+    return shifted(points @ rotation.T, position)
 
 
 def lay_out(groom: Groom) -> Groom:

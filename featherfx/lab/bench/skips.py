@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.types import without_directors
 from featherfx.lab.bench.skip_scenes import (
     backing_away,
     beat,
@@ -226,7 +227,7 @@ def _errors(
     worst, means = 0.0, []
     for one, other in zip(first, second, strict=True):
         for placement, a, b in zip(shot.groom.feathers, one, other, strict=True):
-            way = np.linalg.norm(np.delete(a - b, (1, 2), axis=1), axis=2) / placement.kind.length
+            way = np.linalg.norm(without_directors(a - b), axis=2) / placement.kind.length
             worst = max(worst, float(way.max()))
             means.append(float(way.mean()))
     return worst, float(np.mean(means))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.feather.build import build_feather
-from featherfx.feather.types import Feather
+from featherfx.feather.types import Feather, without_directors
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.presets import load_preset
@@ -168,7 +168,7 @@ def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _Body) -> Fe
         iterations += report.iterations[0]
     assembly, solve = iteration_seconds(body.repeat(loads, state), float(state.step[0]))
     return FeatherRun(
-        points=np.delete(state.points[0], (1, 2), axis=1),
+        points=without_directors(state.points[0]),
         iterations_per_step=float(iterations / steps),
         steps=int(steps),
         unknowns=body.unknowns,

@@ -29,7 +29,7 @@ from scipy.interpolate import CubicSpline
 
 from featherfx.errors import Problem
 from featherfx.feather.build import build_feather
-from featherfx.feather.types import Feather
+from featherfx.feather.types import Feather, without_directors
 from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial, VaneShape
 from featherfx.lab.declare import Range, out_of_range, require, value
 from featherfx.lab.feathers.feather import barb_strain, feather_kind
@@ -194,8 +194,8 @@ def pull_feather(pull: FullPull) -> Pulled:
         amplitude=amplitude,
         iterations=iterations,
         seconds=seconds,
-        points=np.delete(points, (1, 2), axis=1),
-        rest=np.delete(feather.points, (1, 2), axis=1),
+        points=without_directors(points),
+        rest=without_directors(feather.points),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputWarning, Problem
+from featherfx.feather.types import without_directors
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, part, require, value
 from featherfx.lab.rods.rod import (
     Rod,
@@ -228,7 +229,7 @@ def total_energy(model: Model, loads: Loads, state: State) -> float:
     strains = posed(model, loads, state).now.strains
     elastic = elastic_energy(model, 0, strains, strains, 0.0)
     kinetic = 0.5 * np.einsum("np,npk,npk", model.mass[0], state.velocity[0], state.velocity[0])
-    places = np.delete(state.points[0], (1, 2), axis=1)
+    places = without_directors(state.points[0])
     potential = -np.einsum(
         "np,npk,k", np.delete(model.mass[0], (1, 2), axis=1), places, loads.gravity
     )

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.types import without_directors
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.wall import Wall, outward, wall_of
 from featherfx.solver.state import State
@@ -40,7 +41,7 @@ class Bodies:
         """
         if not self._bodies:
             return False
-        nodes = [np.delete(state.points, (1, 2), axis=2) for state in states]
+        nodes = [without_directors(state.points) for state in states]
         low = np.concatenate([each.min(axis=(1, 2)) for each in nodes]) - margin
         high = np.concatenate([each.max(axis=(1, 2)) for each in nodes]) + margin
         times = np.linspace(start, end, LOOKS)

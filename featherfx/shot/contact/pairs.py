@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.types import without_directors
 from featherfx.solver.contact.list_kernels import PAIR, SIDE, START_GAP, THICKNESS
 from featherfx.solver.contact.surfaces import Skin, list_contacts, no_memory, scene_of
 
@@ -35,7 +36,7 @@ def candidate_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
 
     rest: per feather (n, P, 3) m, world points at rest. lengths: (F,) m.
     """
-    nodes = [np.delete(points, (1, 2), axis=1).reshape(-1, 3) for points in rest]
+    nodes = [without_directors(points).reshape(-1, 3) for points in rest]
     low = np.stack([points.min(axis=0) for points in nodes])
     high = np.stack([points.max(axis=0) for points in nodes])
     found = []

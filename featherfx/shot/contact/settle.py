@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputWarning
+from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.solver.contact.interval import ContactReport, ContactSolver
@@ -116,7 +117,7 @@ def _step(
 def _moves(after: Sequence[State], before: Sequence[State]) -> NDArray[np.float64]:
     """(B,) m, how far any node of each feather moved."""
     moves = [
-        np.abs(np.delete(a.points - b.points, (1, 2), axis=2)).max(axis=(1, 2, 3))
+        np.abs(without_directors(a.points - b.points)).max(axis=(1, 2, 3))
         for a, b in zip(after, before, strict=True)
     ]
     return np.concatenate(moves)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import Feather
+from featherfx.feather.types import Feather, shifted
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
@@ -39,7 +39,7 @@ def rigid_poses(
     """
     members = np.array(list(feathers), dtype=np.int64)
     local = np.stack([feather.points for feather in feathers.values()])
-    world = [_shifted(p, local) + _turned(r, local) for p, r in _rates(motion, members, start, end)]
+    world = [shifted(_turned(r, local), p) for p, r in _rates(motion, members, start, end)]
     return _by_number(members, world)
 
 
@@ -113,9 +113,9 @@ def _seen_from_roots(world: Sequence[Array], roots: Sequence[RootFrames]) -> lis
     """
     (p, r), (p1, r1), (p2, r2) = roots
     back = r.swapaxes(1, 2)
-    y = _turned(back, world[0] - _shifted(p, world[0]))
-    y1 = _turned(back, world[1] - _shifted(p1, y) - _turned(r1, y))
-    y2 = _turned(back, world[2] - _shifted(p2, y) - _turned(r2, y) - 2.0 * _turned(r1, y1))
+    y = _turned(back, shifted(world[0], -p))
+    y1 = _turned(back, shifted(world[1], -p1) - _turned(r1, y))
+    y2 = _turned(back, shifted(world[2], -p2) - _turned(r2, y) - 2.0 * _turned(r1, y1))
     return [y, y1, y2]
 
 
@@ -124,17 +124,10 @@ def _in_world(local: Sequence[Array], roots: Sequence[RootFrames]) -> list[Array
     (p, r), (p1, r1), (p2, r2) = roots
     y, y1, y2 = local
     return [
-        _shifted(p, y) + _turned(r, y),
-        _shifted(p1, y) + _turned(r1, y) + _turned(r, y1),
-        _shifted(p2, y) + _turned(r2, y) + 2.0 * _turned(r1, y1) + _turned(r, y2),
+        shifted(_turned(r, y), p),
+        shifted(_turned(r1, y), p1) + _turned(r, y1),
+        shifted(_turned(r2, y), p2) + 2.0 * _turned(r1, y1) + _turned(r, y2),
     ]
-
-
-def _shifted(vectors: Array, like: Array) -> Array:
-    """Vectors (F, 3) for all material points (F, n, P, 3); directors do not move."""
-    shifts = np.repeat(vectors[:, None, None], like.shape[2], axis=2)
-    shifts[:, :, 1:3] = 0.0
-    return shifts
 
 
 def _turned(matrices: Array, points: Array) -> Array:

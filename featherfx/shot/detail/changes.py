@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.density import linear_weights
-from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.feather.types import LEADING, TRAILING, Feather, shifted, without_directors
 from featherfx.mechanics.batch import has_elastic_clamp
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.detail.guided import Shapes, Turns, overlaps
@@ -90,7 +90,7 @@ class Fades:
         """Move fades on by a sample. poses: by feather and level."""
         for f in feathers:
             before, after = (poses[f, int(level)].points for level in (self.now[f], self.to[f]))
-            apart = float(np.linalg.norm(np.delete(after - before, (1, 2), axis=1), axis=2).max())
+            apart = float(np.linalg.norm(without_directors(after - before), axis=2).max())
             allowed = JUMP * self._lengths[f] / self._per_frame
             self.grown[f] = min(self._most, allowed / max(apart, 1e-30), 1.0 - self.weight[f])
             self.weight[f] += self.grown[f]
@@ -144,8 +144,7 @@ def take_level_up(
     placement = shot.groom.feathers[int(group.members[k])]
     feather, mirrored = group.feathers[k], [placement.mirrored]
     position, rotation = root.positions, root.rotations
-    local = pose.points - position
-    local[:, 1:3] = pose.points[:, 1:3]
+    local = shifted(pose.points, -position)
     given, own = Shapes([drawn], mirrored), Shapes([feather], mirrored)
     taken = given.turns((local @ rotation)[None])
     blend = overlaps(own.stations[0], given.stations[0])

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.errors import InputWarning
+from featherfx.feather.types import shifted, without_directors
 from featherfx.mechanics.model import Loads
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
@@ -84,9 +85,7 @@ class Cycle:
         new.time[flags] = state.time[flags] + duration
         way = (path.samples[:, -1, :3] - old.place)[flags]
         new.centre[flags] += way[:, None]
-        places = np.delete(np.arange(state.points.shape[2]), (1, 2))
-        for f, shift in zip(np.flatnonzero(flags), way, strict=True):
-            new.points[f][:, places] += shift
+        new.points[flags] = shifted(new.points[flags], way)
         return new
 
     def keep(self, state: State, path: RootPath, loads: Loads, usable: Flags) -> None:
@@ -98,7 +97,7 @@ class Cycle:
             self.met |= bool(same.any())
             old = self._kept[0]
             way = state.points - old.state.points - (place - old.place)[:, None, None]
-            apart = np.linalg.norm(np.delete(way, (1, 2), axis=2), axis=3).max(axis=(1, 2))
+            apart = np.linalg.norm(without_directors(way), axis=3).max(axis=(1, 2))
             change = np.where(same & usable, apart, np.inf)
         self._changes.append(change)
         self._kept.append(_Sample(state, inputs, place))

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.types import shifted, without_directors
 from featherfx.mechanics.model import Loads
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
@@ -43,7 +44,7 @@ def at_rest(state: State, path: RootPath, tolerance: float, duration: float) -> 
 
 def _largest(rates: Array) -> Array:
     """(F,) largest length of (F, n, P, 3) rates, directors left out."""
-    lengths = np.linalg.norm(np.delete(rates, (1, 2), axis=2), axis=3)
+    lengths = np.linalg.norm(without_directors(rates), axis=3)
     return np.asarray(lengths.max(axis=(1, 2)))
 
 
@@ -111,10 +112,8 @@ def asleep(state: State, sleeping: Flags, path: RootPath, duration: float) -> St
     way = _way(path)
     moved = sleeping & (way != 0.0).any(axis=1)
     if moved.any():
-        places = np.delete(np.arange(state.points.shape[2]), (1, 2))
-        for f in np.flatnonzero(moved):
-            new.centre[f] += way[f]
-            new.centre[f, 0] = path.samples[f, -1, :3]
-            new.points[f][:, places] += way[f]
-            new.velocity[f][:, places] = way[f] / duration
+        new.centre[moved] += way[moved, None]
+        new.centre[moved, 0] = path.samples[moved, -1, :3]
+        new.points[moved] = shifted(new.points[moved], way[moved])
+        new.velocity[moved] = shifted(new.velocity[moved], way[moved] / duration)
     return new

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Contacts, Loads
 from featherfx.solver.contact.list_kernels import (
     GAP,
@@ -307,5 +308,5 @@ class ContactSolver:
 
 def _largest_moves(after: Array, before: Array) -> Array:
     """(B,) m, how far any node of each body is in one pose (B, n, P, 3) from the other."""
-    away = np.abs(np.delete(after - before, (1, 2), axis=2))
+    away = np.abs(without_directors(after - before))
     return np.asarray(away.max(axis=(1, 2, 3)))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Contacts, Model, no_contacts
 from featherfx.solver.contact.find_kernels import find_contacts
 from featherfx.solver.contact.grids import Grids, grids_of
@@ -170,7 +171,7 @@ def _far(model: Model) -> Array:
 def scene_of(start: Array, ahead: Array, impedance: Array) -> Scene:
     """A scene (B, n, P, 3) whose boxes are yet to be fitted."""
     bodies, rows = start.shape[:2]
-    away = np.linalg.norm(np.delete(ahead - start, (1, 2), axis=2), axis=3)
+    away = np.linalg.norm(without_directors(ahead - start), axis=3)
     return Scene(
         start=start,
         ahead=ahead,
