@@ -36,11 +36,6 @@ ROWS_MISSED = 7.0
 ROWS = (6, 8, 11, 15, 21, 29, 41, 57, 81, 113, 161, 225, 321)
 
 
-def inertial_pressure(kind: FeatherKind, acceleration: float) -> float:
-    """Pa, load on a vane that is accelerated (m/s^2) across its surface."""
-    return kind.vane_material.surface_density * acceleration
-
-
 def barb_deflection(feather: Feather, kind: FeatherKind, pressure: float) -> float:
     """m, how far a pressure (Pa) moves the end of the longest barb; at most the barb's length."""
     vane = kind.vane_material
