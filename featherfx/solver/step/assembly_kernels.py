@@ -122,18 +122,7 @@ def _add_vane(model, f, damping, wanted, work):
     if wanted == FORCES_ONLY:
         return
     barb_jacobians(model.shapes, pose, work.axes, work.jacobian)
-    add_rows(
-        model,
-        f,
-        damping,
-        wanted == WHOLE,
-        pose,
-        work.force,
-        work.stiff,
-        work.jacobian,
-        work.vane,
-        system.band,
-    )
+    add_rows(model, f, damping, wanted == WHOLE, work)
 
 
 @shared_kernel

@@ -7,6 +7,7 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 0 being the rachis point, and zeros up to a multiple of four.
 """
 
+from featherfx.algebra.vec3_kernels import add, cross
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.solver.step.strain_kernels import node_index
@@ -31,15 +32,17 @@ def _add_node_stiffness(i, side, stiff, own):
 
 
 @kernel
-def _add_tension(i, side, points, force, segment, signed, tension, own, along):
-    """Geometric stiffness of the barb's tension: T / l |turn of each segment|^2."""
+def _add_tension(i, side, segment, signed, points, force, vane):
+    """Geometric stiffness of the barb's tension: T / l |turn of each segment|^2.
+
+    segment: m, their length. points, force: (n, P, 3).
+    """
     if not segment > 0.0:
         return
+    tension, own, along = vane.tension, vane.blocks[i, side, OWN], vane.blocks[i, side, ALONG]
     columns, count = tension.shape[0], own.shape[1] // 3
-    start = 3 + side * columns
-    barb_tensions(
-        points[i, 0], points[i, start : start + columns], force[i, start : start + columns], tension
-    )
+    barb = slice(3 + side * columns, 3 + (side + 1) * columns)
+    barb_tensions(points[i, 0], points[i, barb], force[i, barb], tension)
     for j in range(columns):
         value = tension[j] / segment
         if value < 0.0 and not signed:
@@ -128,15 +131,12 @@ def _resultant(barb, u):
     count = u.shape[0] // 3
     x, y, z = barb[5, count:], barb[3, 2 * count :], barb[4]
     v, w = u[count:], u[2 * count :]
-    fx, fy, fz, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    total, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for j in range(count):
-        fx += u[j]
-        fy += v[j]
-        fz += w[j]
-        mx += y[j] * w[j] - z[j] * v[j]
-        my += z[j] * u[j] - x[j] * w[j]
-        mz += x[j] * v[j] - y[j] * u[j]
-    return fx, fy, fz, mx, my, mz
+        force = u[j], v[j], w[j]
+        total = add(total, force)
+        moment = add(moment, cross((x[j], y[j], z[j]), force))
+    return (*total, *moment)
 
 
 @kernel
@@ -194,7 +194,7 @@ def subtract_barb_forces(model, f, damping, pose, reference, force, axes, right)
     rows, count = pose.rotation.shape[0], pose.coefficient.shape[2]
     columns, row_size = axes.shape[2], 6 + 2 * count
     for side in range(2):
-        start = 3 + side * columns
+        barb = slice(3 + side * columns, 3 + (side + 1) * columns)
         for i in range(rows):
             at = i * row_size
             first = at + 6 + side * count
@@ -202,9 +202,9 @@ def subtract_barb_forces(model, f, damping, pose, reference, force, axes, right)
                 axes[side, i],
                 model.shapes,
                 pose.points[i, 0],
-                pose.points[i, start : start + columns],
-                force[i, start : start + columns],
-                right[at : at + 6],
+                pose.points[i, barb],
+                force[i, barb],
+                right[at:],
                 right[first : first + count],
             )
             strain, before = pose.strains.barb[side, i], reference.barb[side, i]
@@ -214,14 +214,15 @@ def subtract_barb_forces(model, f, damping, pose, reference, force, axes, right)
 
 
 @kernel
-def add_rows(model, f, damping, signed, pose, force, stiff, jacobian, vane, band):
-    """Stiffness of feather f's vane and barbs: row by row and side by side.
+def add_rows(model, f, damping, signed, work):
+    """Stiffness of feather f's vane and barbs to the band: row by row and side by side.
 
-    signed: whether tension's geometric stiffness is whole or only its stabilising part. force:
-    (n, P, 3), of all that acts.
+    signed: whether tension's geometric stiffness is whole or only its stabilising part. work: with
+    the forces of all that acts, and the barbs' Jacobians.
     """
-    rows, count = pose.rotation.shape[0], pose.coefficient.shape[2]
+    rows, count = work.now.rotation.shape[0], work.now.coefficient.shape[2]
     row_size = 6 + 2 * count
+    vane, jacobian, band = work.vane, work.jacobian, work.system.band
     blocks, product, tiles = vane.blocks, vane.product, vane.tiles
     for i in range(rows):
         at = i * row_size
@@ -231,18 +232,9 @@ def add_rows(model, f, damping, signed, pose, force, stiff, jacobian, vane, band
             for c in range(count):
                 stiffness = model.barb_stiffness[f, side, i, c]
                 band[at + 6 + shift + c, 0] += stiffness * (1.0 + damping)
-            _add_node_stiffness(i, side, stiff, own)
-            _add_tension(
-                i,
-                side,
-                pose.points,
-                force,
-                model.segment[f, side, i],
-                signed,
-                vane.tension,
-                own,
-                along,
-            )
+            segment, points = model.segment[f, side, i], work.now.points
+            _add_node_stiffness(i, side, work.stiff, own)
+            _add_tension(i, side, segment, signed, points, work.force, vane)
             _tile(barb, tiles)
             _blocks_times(own, along, tiles, product)
             _add_within_row(barb, product, at, shift, band)

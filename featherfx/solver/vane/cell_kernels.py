@@ -5,6 +5,11 @@ whole of it, or, where the whole matrix is indefinite, its stabilising part alon
 compression guard (vane_guard_kernels) adds to the stresses, and J as one more strain.
 """
 
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
 from featherfx.mechanics.vane_membrane_kernels import (
@@ -29,23 +34,40 @@ from featherfx.solver.vane.pairs_kernels import (
     damped_stress,
 )
 
+Array = NDArray[np.float64]
+
+
+class Strip(NamedTuple):
+    """The triangles between two rows of one side.
+
+    rest: (m, 2, 3). stiffness, strains, reference: (m, 2, 2). guard: (2, n-1, m, 2) of all rows, or
+    of size 0.
+    """
+
+    rest: Array
+    stiffness: Array
+    guard: Array
+    strains: Array
+    reference: Array
+
+
 # strains of a triangle: e_ww, 2 e_vw, the guard's J and the one along the normal
 GUARD, NORMAL = 2, 3
 
 
 @kernel
-def _load_cells(half, rest, stiffness, strains, reference, damping, cells):
+def _load_cells(half, strip, damping, cells):
     """Rest values, stresses and stiffnesses of triangles A or B (half) of a strip, to lines.
 
-    rest: (m, 2, 3), stiffness, strains, reference: (m, 2, 2). Triangles without stiffness are not
-    there: all their values are zero.
+    Triangles without stiffness are not there: all their values are zero.
     """
-    for j in range(stiffness.shape[0]):
-        there = stiffness[j, half, 0] != 0.0
+    strains, reference = strip.strains, strip.reference
+    for j in range(strip.stiffness.shape[0]):
+        there = strip.stiffness[j, half, 0] != 0.0
         for k in range(3):
-            cells.rest[k, j] = rest[j, half, k] if there else 0.0
+            cells.rest[k, j] = strip.rest[j, half, k] if there else 0.0
         for k in range(2):
-            value = stiffness[j, half, k] if there else 0.0
+            value = strip.stiffness[j, half, k] if there else 0.0
             cells.weight[k, 0, j] = value * (1.0 + damping)
             cells.weight[k, 1, j] = 0.5 * value * (1.0 + damping)
             cells.stress[k, j] = damped_stress(
@@ -146,19 +168,16 @@ def _add_geometric_stiffness(count, half, factors, low, high):
 
 
 @kernel
-def add_strip(i, side, half, rest, stiffness, guard, strains, reference, damping, wanted, vane):
-    """Triangles A or B (half) between rows i and i + 1.
-
-    rest: (m, 2, 3). stiffness, strains, reference: (m, 2, 2). guard: (2, n-1, m, 2) or of size 0.
-    """
-    columns, cells = stiffness.shape[0], vane.cells
+def add_strip(i, side, half, strip, damping, wanted, vane):
+    """Triangles A or B (half) between rows i and i + 1."""
+    columns, cells, guard = strip.stiffness.shape[0], vane.cells, strip.guard
     count, gradient, stress = lanes(columns), cells.gradient, cells.stress
     own, other = vane.nodes[i + half, side], vane.nodes[i + 1 - half, side]
     on_own, on_other = vane.pull[i + half, side], vane.pull[i + 1 - half, side]
-    _load_cells(half, rest, stiffness, strains, reference, damping, cells)
+    _load_cells(half, strip, damping, cells)
     membrane_gradients(count, own, other, half, cells.rest, gradient)
     if guard.shape[0] > 0:
-        _add_guard(half, guard[side, i], strains, cells)
+        _add_guard(half, guard[side, i], strip.strains, cells)
     for strain in range(2):
         add_forces(count, stress[strain], gradient[strain, 0], 0, on_own)
         add_forces(count, stress[strain], gradient[strain, 1], 1, on_own)

@@ -6,8 +6,8 @@ few kinds of pairs in pairs_kernels are all that triangles and hinges couple.
 """
 
 from featherfx.jit.compiled import kernel
-from featherfx.solver.vane.cell_kernels import add_strip
-from featherfx.solver.vane.hinge_kernels import add_hinges
+from featherfx.solver.vane.cell_kernels import Strip, add_strip
+from featherfx.solver.vane.hinge_kernels import Hinges, add_hinges
 from featherfx.solver.vane.line_kernels import add_lines_to_nodes, nodes_to_lines
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
 
@@ -26,33 +26,25 @@ def add_vane_forces(model, f, damping, wanted, pose, reference, vane, force):
     if wanted != FORCES_ONLY:
         vane.blocks[:] = 0.0
     for side in range(2):
+        rest = model.cell_rest[f, side]
         for i in range(rows - 1):
-            for half in range(2):
-                add_strip(
-                    i,
-                    side,
-                    half,
-                    model.cell_rest[f, side, i],
-                    model.cell_stiffness[f, side, i],
-                    model.cell_guard[f],
-                    strains.cell[side, i],
-                    reference.cell[side, i],
-                    damping,
-                    wanted,
-                    vane,
-                )
-        for i in range(1, rows - 1):
-            add_hinges(
-                i,
-                side,
-                model.cell_rest[f, side, i],
-                model.cell_rest[f, side, i - 1],
-                model.hinge_stiffness[f, side, i],
-                strains.hinge[side, i],
-                strains.openness[side, i],
-                reference.hinge[side, i],
-                damping,
-                wanted,
-                vane,
+            strip = Strip(
+                rest=rest[i],
+                stiffness=model.cell_stiffness[f, side, i],
+                guard=model.cell_guard[f],
+                strains=strains.cell[side, i],
+                reference=reference.cell[side, i],
             )
+            for half in range(2):
+                add_strip(i, side, half, strip, damping, wanted, vane)
+        for i in range(1, rows - 1):
+            hinges = Hinges(
+                above=rest[i],
+                below=rest[i - 1],
+                stiffness=model.hinge_stiffness[f, side, i],
+                angle=strains.hinge[side, i],
+                openness=strains.openness[side, i],
+                reference=reference.hinge[side, i],
+            )
+            add_hinges(i, side, hinges, damping, wanted, vane)
     add_lines_to_nodes(vane.pull, force)

@@ -1,5 +1,10 @@
 """Forces and stiffness of a vane's hinges (vane_bending_kernels), barb by barb."""
 
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_bending_kernels import opening, openness_gradient
 from featherfx.solver.vane.line_kernels import add_forces, add_outer, hinge_gradients, lanes
@@ -13,31 +18,47 @@ from featherfx.solver.vane.pairs_kernels import (
     damped_stress,
 )
 
+Array = NDArray[np.float64]
+
+
+class Hinges(NamedTuple):
+    """The hinges on one barb.
+
+    above, below: (m, 2, 3) rest values of the cells on either side of it. stiffness, angle,
+    openness, reference: (m,), angle and its reference from rest.
+    """
+
+    above: Array
+    below: Array
+    stiffness: Array
+    angle: Array
+    openness: Array
+    reference: Array
+
 
 @kernel
-def _load_hinges(stiffness, strains, reference, damping, cells):
-    """Stresses and stiffnesses of a row of hinges, to lines; stiffness to reference: (m,)."""
-    for j in range(stiffness.shape[0]):
-        value = stiffness[j]
+def _load_hinges(hinges, damping, cells):
+    """Stresses and stiffnesses of a row of hinges, to lines."""
+    for j in range(hinges.stiffness.shape[0]):
+        value = hinges.stiffness[j]
         cells.weight[0, 0, j] = value * (1.0 + damping)
         cells.weight[0, 1, j] = 0.5 * value * (1.0 + damping)
-        cells.stress[0, j] = damped_stress(value, strains[j], reference[j], damping)
+        cells.stress[0, j] = damped_stress(value, hinges.angle[j], hinges.reference[j], damping)
 
 
 @kernel
-def _crush(j, share, angle, lag, stiffness, damping, gradient, shrink, pull, above, below):
-    """Hinge j, of which a triangle is crushed: its strain is the angle times its share.
+def _crush(j, strain, gradient, shrink, pull, above, below):
+    """Hinge j, of which a triangle is crushed: its strain is the angle times its openness.
 
-    lag: angle less its reference. gradient: (4, 3, .) of the angle, in, and of the strain, out.
-    shrink: (4, 3) gradient of the share. pull, above, below: (3, .) forces on the nodes of its
-    barb and of those around it, to which its own are added.
+    strain: (angle, openness, derivatives of the energy by both). gradient: (4, 3, .) of the angle,
+    in, and of the strain, out. shrink: (4, 3) gradient of the openness. pull, above, below: (3, .)
+    forces on the nodes of its barb and of those around it, to which its own are added.
     """
-    by_angle = stiffness * share * share * (angle + damping * lag)
-    by_share = stiffness * share * (angle * angle + damping * lag * lag)
+    angle, openness, by_angle, by_openness = strain
     for k in range(3):
         for node in range(4):
-            force = by_angle * gradient[node, k, j] + by_share * shrink[node, k]
-            gradient[node, k, j] = share * gradient[node, k, j] + angle * shrink[node, k]
+            force = by_angle * gradient[node, k, j] + by_openness * shrink[node, k]
+            gradient[node, k, j] = openness * gradient[node, k, j] + angle * shrink[node, k]
             if node < 2:
                 pull[k, j + node] += force
             elif node == 2:
@@ -47,34 +68,24 @@ def _crush(j, share, angle, lag, stiffness, damping, gradient, shrink, pull, abo
 
 
 @kernel
-def _crush_hinges(i, side, above, below, stiffness, strains, shares, reference, damping, vane):
-    """Hinges of row i of which a triangle is crushed; their stress is left zero.
-
-    above, below: (m, 2, 3) rest values. strains, shares, reference: (m,).
-    """
-    cells, pull, gradient = vane.cells, vane.pull, vane.cells.gradient[0]
+def _crush_hinges(i, side, hinges, damping, vane):
+    """Hinges of row i of which a triangle is crushed; their stress is left zero."""
+    cells, pull, shrink = vane.cells, vane.pull, vane.cells.single[0]
     own, up, down = vane.nodes[i, side], vane.nodes[i + 1, side], vane.nodes[i - 1, side]
-    for j in range(stiffness.shape[0]):
-        if stiffness[j] == 0.0 or shares[j] >= 1.0:
+    on_own, on_up, on_down = pull[i, side], pull[i + 1, side], pull[i - 1, side]
+    for j in range(hinges.stiffness.shape[0]):
+        stiffness, openness = hinges.stiffness[j], hinges.openness[j]
+        if stiffness == 0.0 or openness >= 1.0:
             continue
-        shrink, lag = cells.single[0], strains[j] - reference[j]
-        opens = opening(above[j, 0]), opening(below[j, 1])
+        opens = opening(hinges.above[j, 0]), opening(hinges.below[j, 1])
         openness_gradient(
             own[:, j], own[:, j + 1], up[:, j], down[:, j + 1], opens[0], opens[1], shrink
         )
-        _crush(
-            j,
-            shares[j],
-            strains[j],
-            lag,
-            stiffness[j],
-            damping,
-            gradient,
-            shrink,
-            pull[i, side],
-            pull[i + 1, side],
-            pull[i - 1, side],
-        )
+        angle, lag = hinges.angle[j], hinges.angle[j] - hinges.reference[j]
+        by_angle = stiffness * openness * openness * (angle + damping * lag)
+        by_openness = stiffness * openness * (angle * angle + damping * lag * lag)
+        strain = angle, openness, by_angle, by_openness
+        _crush(j, strain, cells.gradient[0], shrink, on_own, on_up, on_down)
         cells.stress[0, j] = 0.0
 
 
@@ -99,18 +110,15 @@ def _add_hinge_pairs(count, weight, gradient, low, own, high):
 
 
 @kernel
-def add_hinges(i, side, above, below, stiffness, strains, shares, reference, damping, wanted, vane):
-    """Hinges on row i's barb; stiffness to reference: (m,).
-
-    above, below: (m, 2, 3) rest values of the cells on either side of the barb.
-    """
+def add_hinges(i, side, hinges, damping, wanted, vane):
+    """Hinges on row i's barb."""
     cells, nodes, pull = vane.cells, vane.nodes, vane.pull
-    count, weight, gradient = lanes(stiffness.shape[0]), cells.weight[0], cells.gradient[0]
-    _load_hinges(stiffness, strains, reference, damping, cells)
+    count, weight, gradient = lanes(hinges.stiffness.shape[0]), cells.weight[0], cells.gradient[0]
+    _load_hinges(hinges, damping, cells)
     hinge_gradients(
         count, nodes[i, side], nodes[i + 1, side], nodes[i - 1, side], weight[0], gradient
     )
-    _crush_hinges(i, side, above, below, stiffness, strains, shares, reference, damping, vane)
+    _crush_hinges(i, side, hinges, damping, vane)
     stress = cells.stress[0]
     add_forces(count, stress, gradient[0], 0, pull[i, side])
     add_forces(count, stress, gradient[1], 1, pull[i, side])

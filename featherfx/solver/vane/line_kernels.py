@@ -48,13 +48,25 @@ def add_lines_to_nodes(lines, force):
                     force[i, start + j, k] += line[j]
 
 
+@kernel
+def _three(lines, first):
+    """The lines of an array (3, .), from one of their numbers on.
+
+    Loops get such tuples and take their numbers themselves: measured, a function in between that
+    takes or puts three numbers of a tuple makes a loop over hinges four times slower.
+    """
+    return lines[0, first:], lines[1, first:], lines[2, first:]
+
+
 @loop_kernel
-def _membrane_axis(count, start, end, opposite, edge, slant, reach, a, b, c, d, e, f):
-    """membrane_slopes of every cell; a to f: what it returns."""
+def _membrane_axis(count, start, end, opposite, rest, by_across, by_shear):
+    """membrane_slopes of every cell by one axis; by_across, by_shear: lines, node by node."""
     for j in range(count):
-        (a[j], b[j], c[j]), (d[j], e[j], f[j]) = membrane_slopes(
-            start[j], end[j], opposite[j], (edge[j], slant[j], reach[j])
+        across, shear = membrane_slopes(
+            start[j], end[j], opposite[j], (rest[0][j], rest[1][j], rest[2][j])
         )
+        by_across[0][j], by_across[1][j], by_across[2][j] = across
+        by_shear[0][j], by_shear[1][j], by_shear[2][j] = shear
 
 
 @kernel
@@ -64,23 +76,11 @@ def membrane_gradients(count, own, other, shift, rest, gradient):
     own: (3, .) nodes of the barb that holds their edge; other: of the other barb, whose node shift
     further on is opposite. rest: (3, .) of membrane_strain.
     """
-    across, shear = gradient[0], gradient[1]
+    across, shear, known = gradient[0], gradient[1], _three(rest, 0)
     for k in range(3):
-        _membrane_axis(
-            count,
-            own[k],
-            own[k, 1:],
-            other[k, shift:],
-            rest[0],
-            rest[1],
-            rest[2],
-            across[0, k],
-            across[1, k],
-            across[2, k],
-            shear[0, k],
-            shear[1, k],
-            shear[2, k],
-        )
+        by_across = across[0, k], across[1, k], across[2, k]
+        by_shear = shear[0, k], shear[1, k], shear[2, k]
+        _membrane_axis(count, own[k], own[k, 1:], other[k, shift:], known, by_across, by_shear)
 
 
 @kernel
@@ -92,22 +92,20 @@ def _kept(weight, v):
 
 
 @loop_kernel
-def _hinges(
-    count, w, x, y, z, ex, ey, ez, ux, uy, uz, vx, vy, vz, a, b, c, d, e, f, g, h, i, k, m, n
-):
-    """hinge_slopes of every hinge with a weight w; (x, y, z), e, u, v: nodes x_0, x_1, x_2, x_3; a
-    to n: what it returns."""
+def _hinges(count, weight, start, end, above, below, gradient):
+    """hinge_slopes of every hinge with a weight; start to below: lines of x_0 to x_3."""
+    by_start, by_end, by_above, by_below = gradient
     for j in range(count):
-        start = x[j], y[j], z[j]
-        by_start, by_end, by_above, by_below = hinge_slopes(
-            sub((ex[j], ey[j], ez[j]), start),
-            sub((ux[j], uy[j], uz[j]), start),
-            sub((vx[j], vy[j], vz[j]), start),
+        x = start[0][j], start[1][j], start[2][j]
+        a, b, c, d = hinge_slopes(
+            sub((end[0][j], end[1][j], end[2][j]), x),
+            sub((above[0][j], above[1][j], above[2][j]), x),
+            sub((below[0][j], below[1][j], below[2][j]), x),
         )
-        a[j], b[j], c[j] = _kept(w[j], by_start)
-        d[j], e[j], f[j] = _kept(w[j], by_end)
-        g[j], h[j], i[j] = _kept(w[j], by_above)
-        k[j], m[j], n[j] = _kept(w[j], by_below)
+        by_start[0][j], by_start[1][j], by_start[2][j] = _kept(weight[j], a)
+        by_end[0][j], by_end[1][j], by_end[2][j] = _kept(weight[j], b)
+        by_above[0][j], by_above[1][j], by_above[2][j] = _kept(weight[j], c)
+        by_below[0][j], by_below[1][j], by_below[2][j] = _kept(weight[j], d)
 
 
 @kernel
@@ -116,75 +114,41 @@ def hinge_gradients(count, own, above, below, weight, gradient):
 
     own, above, below: (3, .) nodes of the barb and its neighbours.
     """
-    start, end, up, down = gradient[0], gradient[1], gradient[2], gradient[3]
-    _hinges(
-        count,
-        weight,
-        own[0],
-        own[1],
-        own[2],
-        own[0, 1:],
-        own[1, 1:],
-        own[2, 1:],
-        above[0],
-        above[1],
-        above[2],
-        below[0, 1:],
-        below[1, 1:],
-        below[2, 1:],
-        start[0],
-        start[1],
-        start[2],
-        end[0],
-        end[1],
-        end[2],
-        up[0],
-        up[1],
-        up[2],
-        down[0],
-        down[1],
-        down[2],
-    )
+    g = gradient
+    by_nodes = _three(g[0], 0), _three(g[1], 0), _three(g[2], 0), _three(g[3], 0)
+    start, end, up, down = _three(own, 0), _three(own, 1), _three(above, 0), _three(below, 1)
+    _hinges(count, weight, start, end, up, down, by_nodes)
 
 
 @loop_kernel
-def _forces(count, stress, gx, gy, gz, x, y, z):
-    """(x, y, z) += stress g."""
+def _forces(count, stress, gradient, force):
+    """force += stress gradient."""
     for j in range(count):
-        x[j] += stress[j] * gx[j]
-        y[j] += stress[j] * gy[j]
-        z[j] += stress[j] * gz[j]
+        force[0][j] += stress[j] * gradient[0][j]
+        force[1][j] += stress[j] * gradient[1][j]
+        force[2][j] += stress[j] * gradient[2][j]
 
 
 @kernel
 def add_forces(count, stress, gradient, shift, force):
     """force (3, .) of the node shift further on += stress (.) times gradient (3, .)."""
-    _forces(
-        count,
-        stress,
-        gradient[0],
-        gradient[1],
-        gradient[2],
-        force[0, shift:],
-        force[1, shift:],
-        force[2, shift:],
-    )
+    _forces(count, stress, _three(gradient, 0), _three(force, shift))
 
 
 @loop_kernel
-def _outer(count, w, ax, ay, az, bx, by, bz, xx, xy, xz, yx, yy, yz, zx, zy, zz):
-    """w a b^T, added: xy is b's x times a's y."""
+def _outer(count, weight, left, right, x, y, z):
+    """weight left right^T, added to rows x, y, z of right: y[0] is right's y times left's x."""
     for j in range(count):
-        x, y, z = w[j] * bx[j], w[j] * by[j], w[j] * bz[j]
-        xx[j] += x * ax[j]
-        xy[j] += x * ay[j]
-        xz[j] += x * az[j]
-        yx[j] += y * ax[j]
-        yy[j] += y * ay[j]
-        yz[j] += y * az[j]
-        zx[j] += z * ax[j]
-        zy[j] += z * ay[j]
-        zz[j] += z * az[j]
+        rx, ry, rz = weight[j] * right[0][j], weight[j] * right[1][j], weight[j] * right[2][j]
+        x[0][j] += rx * left[0][j]
+        x[1][j] += rx * left[1][j]
+        x[2][j] += rx * left[2][j]
+        y[0][j] += ry * left[0][j]
+        y[1][j] += ry * left[1][j]
+        y[2][j] += ry * left[2][j]
+        z[0][j] += rz * left[0][j]
+        z[1][j] += rz * left[1][j]
+        z[2][j] += rz * left[2][j]
 
 
 @kernel
@@ -198,21 +162,11 @@ def add_outer(count, weight, left, right, shift, block):
     _outer(
         count,
         weight,
-        left[0],
-        left[1],
-        left[2],
-        right[0],
-        right[1],
-        right[2],
-        block[0, shift:],
-        block[0, y:],
-        block[0, z:],
-        block[1, shift:],
-        block[1, y:],
-        block[1, z:],
-        block[2, shift:],
-        block[2, y:],
-        block[2, z:],
+        _three(left, 0),
+        _three(right, 0),
+        (block[0, shift:], block[0, y:], block[0, z:]),
+        (block[1, shift:], block[1, y:], block[1, z:]),
+        (block[2, shift:], block[2, y:], block[2, z:]),
     )
 
 
