@@ -15,15 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.values import (
-    ArrayOf,
-    Default,
-    Number,
-    Table,
-    Text,
-    keys_of,
-    vector,
-)
+from featherfx.groom.keys.values import ArrayOf, Default, Number, Table, Text, keys_of, vector
 
 Array = NDArray[np.float64]
 
@@ -169,9 +161,7 @@ class FeatherKind:
         VaneMaterial, Preset("material/vane", keys_of(VaneMaterial)), "Material of both vanes."
     ]
     rachis_material: Annotated[
-        RachisMaterial,
-        Preset("material/rachis", keys_of(RachisMaterial)),
-        "Material of the shaft.",
+        RachisMaterial, Preset("material/rachis", keys_of(RachisMaterial)), "Material of the shaft."
     ]
     rachis: Annotated[RachisShape, "Shape of the shaft at rest."]
     leading: Annotated[VaneShape, "The leading vane."]
@@ -247,9 +237,7 @@ class Layout:
         "Most that a feather of a region is raised and rolled about its root beyond its tilt.",
     ] = 20.0
     most_tilt_placed: Annotated[
-        float,
-        Number(0, 90, "deg"),
-        "The same for feathers that no region made, as those of rows.",
+        float, Number(0, 90, "deg"), "The same for feathers that no region made, as those of rows."
     ] = 20.0
     most_lift: Annotated[float, Number(0, 0.1, "m"), "Most that a root is lifted off the skin."] = (
         5e-4

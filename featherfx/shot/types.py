@@ -174,9 +174,7 @@ class Force:
     column: Annotated[float, _PART, _COLUMN] = 0.0
     side: Annotated[str, _VANES, _VANE] = "leading"
     span: Annotated[
-        tuple[float, float],
-        ArrayOf(_PART, 2, 2),
-        "Of a line: first and last share that it covers.",
+        tuple[float, float], ArrayOf(_PART, 2, 2), "Of a line: first and last share that it covers."
     ] = (0.0, 1.0)
     keys: Annotated[
         tuple[tuple[float, float], ...],

@@ -72,10 +72,7 @@ class Preset:
 
     def _only(self, kind: str) -> JsonSchema:
         names: JsonSchema = {name: {} for name in ("base", *self.kinds[kind])}
-        return {
-            "properties": names | {"kind": {"enum": [kind]}},
-            "additionalProperties": False,
-        }
+        return {"properties": names | {"kind": {"enum": [kind]}}, "additionalProperties": False}
 
     def complete(self) -> JsonSchema:
         """JSON Schema of what a preset file must hold besides: a base, or all without default."""

@@ -222,9 +222,7 @@ GROOM = {
     "feather": Key(Tables(Table(FEATHER_ENTRY), MOST_FEATHERS), "Feathers placed one by one.", ()),
     "row": Key(Tables(Table(ROW), 10_000), "Rows of feathers.", ()),
     "table": Key(
-        Tables(Table(TABLE), 1000, single=True),
-        "Feathers from files, one table or several.",
-        (),
+        Tables(Table(TABLE), 1000, single=True), "Feathers from files, one table or several.", ()
     ),
     "usd": Key(
         Tables(Table(USD), 1000, single=True),

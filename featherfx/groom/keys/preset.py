@@ -141,7 +141,7 @@ MOTIONS: dict[str, dict[str, Key]] = {
         "keyframes": Key(
             ArrayOf(Table(KEYFRAME, "table of a keyframe"), 1, 100_000),
             "Keyframes, interpolated smoothly.",
-        ),
+        )
     },
 }
 

@@ -10,15 +10,7 @@ from typing import Any
 
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
-from featherfx.groom.keys.values import (
-    REQUIRED,
-    Key,
-    Place,
-    Problems,
-    Table,
-    expected,
-    nearest,
-)
+from featherfx.groom.keys.values import REQUIRED, Key, Place, Problems, Table, expected, nearest
 from featherfx.groom.read.toml_file import load_toml
 
 ENVIRONMENT_VARIABLE = "FEATHERFX_PRESETS"

@@ -130,6 +130,12 @@ def _rotation(entry: dict[str, Any], place: Place) -> Array | None:
     return frames_from(direction, up)
 
 
+def belonging(entry: dict[str, Any]) -> dict[str, Any]:
+    """What a draft takes from its table as it stands there."""
+    as_they_are = {name: entry[name] for name in ("region", "joint", "width", "roll")}
+    return as_they_are | {"left": entry["side"] == "left"}
+
+
 def single(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]:
     """The drafts of one [[feather]] (two when mirrored, none after adding problems)."""
     rotation = _rotation(entry, place)
@@ -141,13 +147,9 @@ def single(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]
         choice=choice,
         position=np.array(entry["position"]),
         rotation=rotation,
-        region=entry["region"],
-        joint=entry["joint"],
-        left=entry["side"] == "left",
         scale=entry["scale"],
-        width=entry["width"],
-        roll=entry["roll"],
         place=place,
+        **belonging(entry),
     )
     return with_mirror_images([draft], place) if entry["mirror"] else [draft]
 
@@ -216,11 +218,7 @@ def _row_choices(entry: dict[str, Any], changes: tuple[int, ...], place: Place) 
 
 
 def row(
-    entry: dict[str, Any],
-    place: Place,
-    store: KindStore,
-    folder: Path,
-    read: CurveReader | None,
+    entry: dict[str, Any], place: Place, store: KindStore, folder: Path, read: CurveReader | None
 ) -> list[Draft]:
     """The drafts of one [[row]], its mirror image last; none after adding problems.
 
@@ -242,15 +240,11 @@ def row(
             choice=choices[number],
             position=frames[0][number],
             rotation=frames[1][number],
-            region=entry["region"],
-            joint=entry["joint"],
-            left=entry["side"] == "left",
             scale=float(scales[number]),
-            width=entry["width"],
-            roll=entry["roll"],
             place=place,
             layer=entry["layer"],
             stack=(number + 1) * int(np.sign(entry["overlap"])),
+            **belonging(entry),
         )
         for number in range(count)
     ]

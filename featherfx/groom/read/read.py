@@ -32,9 +32,7 @@ _SIDES = {"left": 1, "right": -1, "middle": 0}
 
 
 def read_groom(
-    path: str | Path,
-    preset_folders: Iterable[str | Path] = (),
-    readers: GroomReaders | None = None,
+    path: str | Path, preset_folders: Iterable[str | Path] = (), readers: GroomReaders | None = None
 ) -> Groom:
     """The groom that a TOML file, or a scene that the readers read, describes.
 

@@ -62,10 +62,7 @@ def tangents(corners: Array, mirrored: bool = False) -> Array:
 
 
 def bind(
-    roots: Array,
-    points: Array,
-    triangles: Indices,
-    search: tuple[Array, Array] | None = None,
+    roots: Array, points: Array, triangles: Indices, search: tuple[Array, Array] | None = None
 ) -> Binding:
     """Bind roots (F, 3) m to the triangles (T, 3), not flat, of a skin with points (V, 3) m.
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from fnmatch import fnmatchcase
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +21,15 @@ from featherfx.groom.read.read import collect_groom, groom_of
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
 from featherfx.shot.read.keys import SHOT_FILE
-from featherfx.shot.read.loads import read_details, read_forces, read_grips, read_shelters
 from featherfx.shot.read.scenes import read_colliders, read_level_of_detail, read_skin, read_wind
 from featherfx.shot.read.sources import SceneReaders
-from featherfx.shot.types import Contact, Motion, Quality, Shot, Wind
+from featherfx.shot.types import Contact, Detail, Force, Grip, Motion, Quality, Shelter, Shot, Wind
+
+Entries = list[tuple[Place, dict[str, Any]]]
 
 
 def read_shot(
-    path: str | Path,
-    preset_folders: Iterable[str | Path] = (),
-    readers: SceneReaders | None = None,
+    path: str | Path, preset_folders: Iterable[str | Path] = (), readers: SceneReaders | None = None
 ) -> Shot:
     """The shot that a TOML file describes, with its groom as its files have it.
 
@@ -44,9 +45,7 @@ def read_shot(
 
 
 def check_file(
-    path: str | Path,
-    preset_folders: Iterable[str | Path] = (),
-    readers: SceneReaders | None = None,
+    path: str | Path, preset_folders: Iterable[str | Path] = (), readers: SceneReaders | None = None
 ) -> list[Problem]:
     """What is wrong with a shot, groom or preset file; empty when nothing is."""
     problems = Problems()
@@ -95,9 +94,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     motion, wind, quality = (
         _preset(name, raw, parts, place, library) for name in ("motion", "wind", "quality")
     )
-    grips, forces = read_grips(parts["grip"], groom), read_forces(parts["force"], groom)
-    details = read_details(parts["detail"], groom)
-    shelters = read_shelters(parts["shelter"], groom)
+    loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
     contact = _contact(parts["contact"]) if sound else None
     if sound and parts["cycle"] and contact is not None:
@@ -106,10 +103,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     _check_keyframes(motion, groom, place.child("motion"))
     if not sound or groom is None:
         return None
-    colliders = read_colliders(parts, place, readers)
-    skin = read_skin(raw, parts, groom, place, readers)
-    wind_source = read_wind(parts, place, readers)
-    level_of_detail = read_level_of_detail(parts, place, readers)
+    scenes = _scenes(raw, parts, groom, place, readers)
     if len(problems):
         return None
     first, last = parts["frames"]
@@ -120,20 +114,30 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         groom=groom,
         first_frame=first,
         last_frame=last,
-        motion=motion if skin is None else Motion("skin", {}),
+        motion=motion if scenes["surfaces"] is None else Motion("skin", {}),
         wind=wind,
         quality=quality,
         gravity=np.array(parts["gravity"]),
-        grips=grips,
-        forces=forces,
-        details=details,
-        surfaces=skin,
-        wind_source=wind_source,
-        colliders=colliders,
         contact=contact,
-        level_of_detail=level_of_detail,
-        shelters=shelters,
+        **loads,
+        **scenes,
     )
+
+
+def _scenes(
+    raw: dict[str, Any],
+    parts: dict[str, Any],
+    groom: Groom,
+    place: Place,
+    readers: SceneReaders | None,
+) -> dict[str, Any]:
+    """Fields of a shot that stand in scenes."""
+    return {
+        "colliders": read_colliders(parts, place, readers),
+        "surfaces": read_skin(raw, parts, groom, place, readers),
+        "wind_source": read_wind(parts, place, readers),
+        "level_of_detail": read_level_of_detail(parts, place, readers),
+    }
 
 
 def _contact(values: dict[str, Any] | None) -> Contact | None:
@@ -214,3 +218,69 @@ def _preset(
     if family == "wind":
         return Wind(**values | {"direction": np.array(values["direction"])})
     return Motion(values.pop("kind"), values)
+
+
+def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
+    """Fields of a shot that are about some of its feathers; problems where these are not there."""
+    grips, forces, details, shelters = (
+        parts[name] for name in ("grip", "force", "detail", "shelter")
+    )
+    _check_ids(grips, groom)
+    _check_grips(grips)
+    _check_ids(forces, groom)
+    _check_forces(forces)
+    _check_patterns([*details, *shelters], groom)
+    return {
+        "grips": tuple(
+            Grip(**entry | {"displacement": np.array(entry["displacement"])}) for _, entry in grips
+        ),
+        "forces": tuple(
+            Force(**entry | {"force": np.array(entry["force"])}) for _, entry in forces
+        ),
+        "details": tuple(Detail(**entry) for _, entry in details),
+        "shelters": tuple(Shelter(**entry) for _, entry in shelters),
+    }
+
+
+def _check_grips(entries: Entries) -> None:
+    for at, entry in entries:
+        if entry["end"] <= entry["start"]:
+            start = entry["start"]
+            at.child("end").fail(f"{entry['end']:g} is not later than start = {start:g} s")
+
+
+def _check_forces(entries: Entries) -> None:
+    for at, entry in entries:
+        first, last = entry["span"]
+        if last <= first:
+            at.child("span").fail(f"{last:g} is not above {first:g}, allowed: [first, last]")
+        for index, (before, after) in enumerate(pairwise(entry["keys"])):
+            if after[0] <= before[0]:
+                message = f"{after[0]:g} s is not later than {before[0]:g} s of the key before"
+                at.child("keys").item(index + 1).fail(message)
+
+
+def _check_patterns(entries: Entries, groom: Groom | None) -> None:
+    feathers = groom.feathers if groom is not None else ()
+    known = {
+        "feathers": {feather.id for feather in feathers},
+        "region": {feather.region for feather in feathers},
+        "kind": {feather.kind.name for feather in feathers},
+    }
+    for at, entry in entries:
+        for key, names in known.items():
+            pattern, what = entry[key], "feather" if key == "feathers" else key
+            if names and not any(fnmatchcase(each, pattern) for each in names):
+                message = f"no {what} of the groom fits '{pattern}', {nearest(pattern, names)}"
+                at.child(key).fail(message)
+
+
+def _check_ids(entries: Entries, groom: Groom | None) -> None:
+    ids = {feather.id for feather in groom.feathers} if groom is not None else set()
+    for at, entry in entries:
+        name = entry["feather"]
+        if groom is not None and name not in ids:
+            meant = nearest(name, ids)
+            if not meant.startswith("did"):
+                meant = "its ids are like " + ", ".join(sorted(ids)[:3])
+            at.child("feather").fail(f"no feather '{name}' in the groom, {meant}")
