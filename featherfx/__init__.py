@@ -8,6 +8,7 @@ show them at work.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from featherfx._version import __version__
@@ -16,8 +17,11 @@ if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
     from featherfx.baking.pipeline import bake, check, export, export_groom, join, plan
 
-_API = ("build", "read_groom", "read_quality", "read_shot", "simulate")
-_PIPELINE = ("bake", "check", "export", "export_groom", "join", "plan")
+_HOMES = dict.fromkeys(
+    ("build", "read_groom", "read_quality", "read_shot", "simulate"), "featherfx.api"
+) | dict.fromkeys(
+    ("bake", "check", "export", "export_groom", "join", "plan"), "featherfx.baking.pipeline"
+)
 __all__ = [
     "__version__",
     "bake",
@@ -35,12 +39,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name in _API:
-        from featherfx import api
-
-        return getattr(api, name)
-    if name in _PIPELINE:
-        from featherfx.baking import pipeline
-
-        return getattr(pipeline, name)
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'featherfx' has no attribute '{name}'")

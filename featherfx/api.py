@@ -113,5 +113,5 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
         curves=reader("skin", "read_curves", lambda folder, entry, *_: folder / entry["usd"]),
         meshes=reader("scenes", "open_meshes", itself),
         wind=reader("scenes", "open_wind", itself),
-        camera=reader("camera", "open_camera", itself),
+        camera=reader("scenes", "open_camera", itself),
     )

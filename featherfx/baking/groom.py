@@ -16,11 +16,10 @@ from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import feather_of, repeated_shapes
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
-from featherfx.usd.read.inputs import refuse_inputs
+from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.write.instances import write_instances
-from featherfx.usd.write.names import unique_prim_names
 from featherfx.usd.write.options import StageOptions, WriteOptions, check_least
-from featherfx.usd.write.output import check_output, output_files
+from featherfx.usd.write.output import check_output, output_files, unique_prim_names
 from featherfx.usd.write.write import CacheWriter
 
 

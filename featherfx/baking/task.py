@@ -21,12 +21,9 @@ from featherfx.shot.fingerprint import program_digest, shot_settings
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
-from featherfx.usd.read.inputs import refuse_inputs
-from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.scene import stage_space
-from featherfx.usd.write.names import prim_name, unique_prim_names
+from featherfx.usd.read.stage import open_stage, refuse_inputs, stage_space
 from featherfx.usd.write.options import StageOptions, WriteOptions, check_least
-from featherfx.usd.write.output import check_output, output_files
+from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
 from featherfx.usd.write.resume import is_finished
 
 Options = TypeVar("Options", bound=StageOptions)

@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 
 from featherfx.cli.options import presets_option
-from featherfx.cli.program import Command, Group
+from featherfx.cli.program import Command, CommandGroup
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def presets() -> None:
     """List presets and show what they hold."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import traceback
 import warnings
 from typing import Any
 
@@ -51,16 +52,16 @@ class Command(_WithExamples):
         self.params.append(_verbose_option())
 
 
-class Group(_WithExamples, click.Group):
+class CommandGroup(_WithExamples, click.Group):
     """A group of such commands."""
 
     command_class = Command
 
 
-class Program(Group):
+class Program(CommandGroup):
     """The outermost group. Exit codes: 0 done, 1 wrong input or failed work, 2 wrong usage."""
 
-    group_class = Group
+    group_class = CommandGroup
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -80,8 +81,6 @@ class Program(Group):
 
     def _fail(self, ctx: click.Context, message: str, error: BaseException) -> None:
         if ctx.meta.get(_VERBOSE):
-            import traceback
-
             click.echo("".join(traceback.format_exception(error)), err=True)
         for line in message.splitlines():
             click.echo(f"featherfx: {line}", err=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from featherfx.render.colour import Bar, Legend, ramp_colours
 
@@ -24,7 +25,7 @@ def label(picture: Picture, text: str) -> Picture:
     return np.asarray(image)
 
 
-def sheet(pictures: Sequence[Picture]) -> Picture:
+def contact_sheet(pictures: Sequence[Picture]) -> Picture:
     """Pictures of one size side by side in rows, nearly as many rows as the sheet is square."""
     columns = min(len(pictures), max(1, math.ceil(math.sqrt(len(pictures)))))
     height, width = pictures[0].shape[:2]
@@ -57,8 +58,6 @@ def add_key(picture: Picture, key: Bar | Legend | None) -> Picture:
 
 
 def _draw_bar(image: Any, draw: Any, key: Bar, size: int) -> None:
-    from PIL import Image
-
     width = image.width
     length, left = int(0.5 * width), int(0.25 * width)
     share = np.linspace(0, 1, length)
@@ -102,8 +101,6 @@ def _draw_legend(draw: Any, key: Legend, size: int, width: int) -> None:
 
 
 def _canvas(picture: Picture) -> tuple[Any, Any]:
-    from PIL import Image, ImageDraw
-
     image = Image.fromarray(picture)
     return image, ImageDraw.Draw(image)
 
@@ -113,6 +110,4 @@ def _text_size(height: int) -> int:
 
 
 def _font(size: float) -> Any:
-    from PIL import ImageFont
-
     return ImageFont.load_default(size)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.render.scene import Pose, Scene
+from featherfx.render.scene import DrawnPose, DrawnScene
 from featherfx.usd.space import StageSpace
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ _FIXED = {
 
 
 @dataclass(frozen=True)
-class Camera:
+class PictureCamera:
     """eye: (3,). right, up, back: unit (3,). tangent: of half the vertical angle of view."""
 
     eye: Array
@@ -48,8 +48,8 @@ class Camera:
 
 
 def choose_camera(
-    scene: Scene, poses: Sequence[Pose], view: str, up_axis: str, size: tuple[int, int]
-) -> Camera:
+    scene: DrawnScene, poses: Sequence[DrawnPose], view: str, up_axis: str, size: tuple[int, int]
+) -> PictureCamera:
     """A camera of a view (one of featherfx.render.picture.VIEWS) that frames all poses."""
     world_up = StageSpace(1.0, up_axis).directions(np.array([0.0, 0.0, 1.0]))
     if view == "auto":
@@ -60,7 +60,9 @@ def choose_camera(
     return _framing(right, up, np.concatenate([pose.points for pose in poses]), size)
 
 
-def _three_quarter(scene: Scene, poses: Sequence[Pose], world_up: Array) -> tuple[Array, Array]:
+def _three_quarter(
+    scene: DrawnScene, poses: Sequence[DrawnPose], world_up: Array
+) -> tuple[Array, Array]:
     """(right, up) of a view that sees the vanes from their broad side, a little from aside."""
     areas = []
     for pose in poses:
@@ -89,7 +91,7 @@ def _three_quarter(scene: Scene, poses: Sequence[Pose], world_up: Array) -> tupl
     return right, across / np.linalg.norm(across)
 
 
-def _framing(right: Array, up: Array, points: Array, size: tuple[int, int]) -> Camera:
+def _framing(right: Array, up: Array, points: Array, size: tuple[int, int]) -> PictureCamera:
     """The nearest camera of given axes from which all points are in the picture."""
     back = np.cross(right, up)
     tangent, aspect = math.tan(_ANGLE / 2), size[0] / size[1]
@@ -99,4 +101,4 @@ def _framing(right: Array, up: Array, points: Array, size: tuple[int, int]) -> C
     needed = np.maximum(np.abs(y) / tangent, np.abs(x) / (tangent * aspect))
     distance = max(float((z + _MARGIN * needed).max()), 1e-9)
     eye = centre[0] * right + centre[1] * up + (centre[2] + distance) * back
-    return Camera(eye, right, up, back, tangent)
+    return PictureCamera(eye, right, up, back, tangent)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.render.scene import Pose, Scene
+from featherfx.render.scene import DrawnPose, DrawnScene
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Legend:
 
 
 def face_colours(
-    scene: Scene, poses: Sequence[Pose], mode: str
+    scene: DrawnScene, poses: Sequence[DrawnPose], mode: str
 ) -> tuple[list[Array], Bar | Legend | None]:
     """Base colours (T, 3) of each pose, 0 to 1, and the key that explains them."""
     if mode == "region":
@@ -71,7 +71,7 @@ def ramp_colours(ramp: Array, share: Array) -> Array:
     return np.stack([np.interp(share, steps, ramp[:, k]) for k in range(3)], axis=-1)
 
 
-def _by_region(scene: Scene, count: int) -> tuple[list[Array], Legend]:
+def _by_region(scene: DrawnScene, count: int) -> tuple[list[Array], Legend]:
     names = sorted(set(scene.regions))
     palette = [tuple(_CATEGORIES[k % len(_CATEGORIES)]) for k in range(len(names))]
     of_feather = np.array([palette[names.index(region)] for region in scene.regions])
@@ -81,7 +81,7 @@ def _by_region(scene: Scene, count: int) -> tuple[list[Array], Legend]:
 
 
 def _by_value(
-    scene: Scene, values: list[Array], title: str, ramp: Array, symmetric: bool
+    scene: DrawnScene, values: list[Array], title: str, ramp: Array, symmetric: bool
 ) -> tuple[list[Array], Bar]:
     shown = ~scene.rachis & (scene.apex >= 0)
     low, high = _limits(np.concatenate([v[shown] for v in values]), symmetric)
@@ -103,7 +103,7 @@ def _limits(values: Array, symmetric: bool) -> tuple[float, float]:
     return (low, high) if high - low > 0.1 else (low - 1.0, high + 1.0)
 
 
-def _barb_angle(scene: Scene, pose: Pose) -> Array:
+def _barb_angle(scene: DrawnScene, pose: DrawnPose) -> Array:
     """(T,) deg, between the barb and the shaft at the same height of the feather."""
     angle = np.zeros(len(scene.triangles))
     for feather in range(len(scene.regions)):

@@ -6,13 +6,11 @@ import importlib.util
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import write_all
 
+COLOURS = ("shaded", "barb", "region", "strain")
+VIEWS = ("auto", "top", "side", "front")
 _MOST_PIXELS = 8192
 
 
@@ -37,34 +35,10 @@ def render(
     path, output = Path(path), Path(output)
     size = size or ((480, 320) if sheet else (1280, 720))
     _check(path, output, size, colour, view)
-    from featherfx.render.annotate import add_key, label
-    from featherfx.render.annotate import sheet as contact_sheet
-    from featherfx.render.camera import choose_camera
-    from featherfx.render.colour import face_colours
-    from featherfx.render.scene import load_pose, load_scene
-    from featherfx.render.trace import Tracer
-    from featherfx.usd.read.read import Cache
+    # what it imports is checked
+    from featherfx.render.draw import draw
 
-    cache = Cache(path)
-    times = _times(path, cache, frames, sheet)
-    scene = load_scene(cache)
-    poses = [load_pose(cache, scene.triangles, time) for time in times]
-    camera = choose_camera(scene, poses, view, cache.up_axis, size)
-    colours, key = face_colours(scene, poses, colour)
-    tracer = Tracer(scene, camera, size)
-    pictures = [
-        tracer.picture(pose, base, stripes=colour in ("shaded", "region"))
-        for pose, base in zip(poses, colours, strict=True)
-    ]
-    if sheet:
-        labelled = [label(p, _name(t)) for p, t in zip(pictures, times, strict=True)]
-        return [_save(add_key(contact_sheet(labelled), key), output)]
-    if len(times) == 1:
-        return [_save(add_key(pictures[0], key), output)]
-    return [
-        _save(add_key(picture, key), output.with_suffix(f".{_number(time)}{output.suffix}"))
-        for picture, time in zip(pictures, times, strict=True)
-    ]
+    return draw(path, output, frames, size, colour, sheet, view)
 
 
 def _check(path: Path, output: Path, size: tuple[int, int], colour: str, view: str) -> None:
@@ -89,64 +63,3 @@ def _check(path: Path, output: Path, size: tuple[int, int], colour: str, view: s
         problems.append(Problem(str(path), "", "file does not exist"))
     if problems:
         raise InputError(*problems)
-
-
-def _times(
-    path: Path, cache: Any, frames: Sequence[float] | None, sheet: bool
-) -> list[float | None]:
-    """The time codes to draw; None stands for the rest pose of a file without time."""
-    first, last = cache.frames
-    if not cache.has_frames:
-        if frames:
-            raise InputError(
-                Problem(str(path), "frame", "the file has no frames, only a rest pose")
-            )
-        return [None]
-    if frames is None:
-        if not sheet:
-            return [first]
-        whole = np.arange(first, last + 1)
-        chosen = np.unique(np.round(np.linspace(0, len(whole) - 1, min(9, len(whole)))).astype(int))
-        return [float(code) for code in whole[chosen]]
-    if not len(frames):
-        raise InputError(Problem(str(path), "frame", "no frame was chosen"))
-    outside = [code for code in frames if not first <= code <= last]
-    if outside:
-        raise InputError(
-            *(
-                Problem(
-                    str(path), "frame", f"{code:g} is out of range; allowed {first:g} to {last:g}"
-                )
-                for code in outside
-            )
-        )
-    return [float(code) for code in frames]
-
-
-def _name(time: float | None) -> str:
-    return "rest" if time is None else f"frame {time:g}"
-
-
-def _number(time: float | None) -> str:
-    if time is None:
-        return "rest"
-    return f"{int(time):04d}" if time == int(time) else f"{time:08.3f}"
-
-
-def _save(picture: Any, output: Path) -> Path:
-    """Write a PNG in one piece."""
-    from PIL import Image
-
-    def store(path: Path) -> None:
-        Image.fromarray(picture).save(path, format="PNG", optimize=True)
-
-    try:
-        write_all([(output, store)])
-    except OSError as error:
-        message = f"cannot be written: {error.strerror}"
-        raise InputError(Problem(str(output), "", message)) from error
-    return output
-
-
-COLOURS = ("shaded", "barb", "region", "strain")
-VIEWS = ("auto", "top", "side", "front")

@@ -15,7 +15,7 @@ Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Pose:
+class DrawnPose:
     """One time. points, normals: (V, 3). barbs: (T, 3) barb directions, zero where unknown."""
 
     points: Array
@@ -24,7 +24,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Scene:
+class DrawnScene:
     """The constant part of all meshes.
 
     triangles: (T, 3). rachis: (T,) bool. owner: (T,) feather. regions: per feather. apex: (T,)
@@ -39,14 +39,14 @@ class Scene:
     regions: tuple[str, ...]
     apex: Indices
     along_feather: Array
-    rest: Pose
+    rest: DrawnPose
 
     @property
     def extent_of_rest(self) -> float:
         return float(np.ptp(self.rest.points, axis=0).max())
 
 
-def load_scene(cache: Cache) -> Scene:
+def load_scene(cache: Cache) -> DrawnScene:
     """The scene of a cache."""
     counts = [len(cache.pose(k).points) for k in range(len(cache.feathers))]
     offsets = np.cumsum([0, *counts[:-1]])
@@ -57,12 +57,12 @@ def load_scene(cache: Cache) -> Scene:
     authored = [f.rest is not None for f in cache.feathers]
     if all(authored):
         points = np.concatenate([np.asarray(f.rest, dtype=float) for f in cache.feathers])
-        rest = Pose(points, rest.normals, rest.barbs)
+        rest = DrawnPose(points, rest.normals, rest.barbs)
     heights = [
         np.zeros(n) if f.st is None else f.st[:, 1]
         for f, n in zip(cache.feathers, counts, strict=True)
     ]
-    return Scene(
+    return DrawnScene(
         triangles=triangles,
         rachis=np.concatenate([f.side == RACHIS for f in cache.feathers]),
         owner=np.repeat(np.arange(len(counts)), [len(f.triangles) for f in cache.feathers]),
@@ -73,7 +73,7 @@ def load_scene(cache: Cache) -> Scene:
     )
 
 
-def load_pose(cache: Cache, triangles: Indices, time: float | None) -> Pose:
+def load_pose(cache: Cache, triangles: Indices, time: float | None) -> DrawnPose:
     """All feathers at a time code; None is the rest pose (first sample where none is authored)."""
     poses = [cache.pose(k, time) for k in range(len(cache.feathers))]
     points = np.concatenate([p.points for p in poses]).astype(float)
@@ -81,7 +81,9 @@ def load_pose(cache: Cache, triangles: Indices, time: float | None) -> Pose:
         np.zeros((len(f.triangles), 3)) if p.barb_direction is None else p.barb_direction
         for p, f in zip(poses, cache.feathers, strict=True)
     ]
-    return Pose(points, _normals(poses, points, triangles), np.concatenate(barbs).astype(float))
+    return DrawnPose(
+        points, _normals(poses, points, triangles), np.concatenate(barbs).astype(float)
+    )
 
 
 def _normals(poses: list[CachedPose], points: Array, triangles: Indices) -> Array:
@@ -94,7 +96,7 @@ def _normals(poses: list[CachedPose], points: Array, triangles: Indices) -> Arra
     return summed / np.where(length > 0, length, 1)
 
 
-def _apex(rest: Pose, triangles: Indices) -> Indices:
+def _apex(rest: DrawnPose, triangles: Indices) -> Indices:
     """The corner opposite to the edge that runs along the barb direction."""
     corners = rest.points[triangles]
     # Edge k is opposite to corner k.

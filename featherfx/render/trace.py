@@ -11,10 +11,12 @@ import math
 from typing import Any
 
 import numpy as np
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
-from featherfx.render.camera import Camera
-from featherfx.render.scene import Pose, Scene
+from featherfx.render.camera import PictureCamera
+from featherfx.render.scene import DrawnPose, DrawnScene
 
 Array = NDArray[np.float64]
 
@@ -28,16 +30,13 @@ _TOP, _BOTTOM = np.array([0.98, 0.98, 0.99]), np.array([0.80, 0.81, 0.83])
 class Tracer:
     """Renders poses of a scene with one camera. size: (width, height) in pixels."""
 
-    def __init__(self, scene: Scene, camera: Camera, size: tuple[int, int]) -> None:
+    def __init__(self, scene: DrawnScene, camera: PictureCamera, size: tuple[int, int]) -> None:
         self._scene, self._camera, self._size = scene, camera, size
         light = 0.55 * camera.back + 0.65 * camera.up - 0.5 * camera.right
         self._light = light / np.linalg.norm(light)
 
-    def picture(self, pose: Pose, colours: Array, stripes: bool) -> NDArray[np.uint8]:
+    def picture(self, pose: DrawnPose, colours: Array, stripes: bool) -> NDArray[np.uint8]:
         """(height, width, 3) of one pose. colours: (T, 3), 0 to 1. stripes: barbs and light."""
-        from embreex import rtcore_scene
-        from embreex.mesh_construction import TriangleMesh
-
         height = self._size[1]
         # Single precision rays: an origin near the feathers keeps far-off scenes exact.
         points = (pose.points - self._camera.eye).astype(np.float32)
@@ -53,7 +52,7 @@ class Tracer:
         return np.round(255 * np.clip(linear, 0, 1)).astype(np.uint8)
 
     def _strip(
-        self, accelerated: Any, pose: Pose, colours: Array, spacing: Array | None, rows: range
+        self, accelerated: Any, pose: DrawnPose, colours: Array, spacing: Array | None, rows: range
     ) -> Array:
         width, height = self._size
         steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
@@ -72,7 +71,7 @@ class Tracer:
         return blocks.mean(axis=(1, 3))
 
     def _shade(
-        self, accelerated: Any, pose: Pose, colours: Array, spacing: Array | None, rays: Array,
+        self, accelerated: Any, pose: DrawnPose, colours: Array, spacing: Array | None, rays: Array,
         hits: dict[str, Any],
     ) -> Array:  # fmt: skip
         face, u, v = hits["primID"], hits["u"].astype(float), hits["v"].astype(float)
@@ -98,7 +97,7 @@ class Tracer:
         brightness = 0.46 + 0.12 * sky + 0.16 * facing + 0.36 * lit
         return np.minimum(colour * brightness[:, None], 1.0)
 
-    def _row_spacing(self, pose: Pose) -> Array:
+    def _row_spacing(self, pose: DrawnPose) -> Array:
         """(T,) distance from the barb edge to its opposite corner; 0 where no barbs are drawn."""
         scene = self._scene
         corners = pose.points[scene.triangles]

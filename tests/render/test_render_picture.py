@@ -14,7 +14,7 @@ from featherfx.errors import InputError
 from featherfx.render.camera import choose_camera
 from featherfx.render.colour import Bar, Legend, face_colours, strain_across_barbs
 from featherfx.render.picture import COLOURS, VIEWS, render
-from featherfx.render.scene import Pose, load_pose, load_scene
+from featherfx.render.scene import DrawnPose, load_pose, load_scene
 from featherfx.render.trace import Tracer
 from featherfx.usd.read.read import Cache
 from featherfx.usd.write.options import WriteOptions
@@ -127,7 +127,7 @@ def test_rigid_motion_shows_no_strain_and_a_bend_does(cache):
     source = Cache(cache)
     scene = load_scene(source)
     pose = load_pose(source, scene.triangles, 5.0)
-    stretched = Pose(pose.points * (1.02, 1, 1), pose.normals, pose.barbs)
+    stretched = DrawnPose(pose.points * (1.02, 1, 1), pose.normals, pose.barbs)
     keys = [face_colours(scene, [p], "strain")[1] for p in (pose, stretched)]
     assert keys[0].high < 0.01
     # Barbs at 45 degrees see half of (1.02^2 - 1) / 2 = 2.02 %, less the tilt of the feather.

@@ -16,7 +16,7 @@ from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_faults
 from featherfx.usd.read.animated_mesh import open_mesh
-from featherfx.usd.read.scene import open_scene
+from featherfx.usd.read.stage import open_scene
 
 PIGEON = Path(__file__).resolve().parents[2] / "samples/pigeon"
 

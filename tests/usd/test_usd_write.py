@@ -17,8 +17,8 @@ from featherfx.usd.read.read import Cache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write import write
-from featherfx.usd.write.names import unique_prim_names
 from featherfx.usd.write.options import WriteOptions
+from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.write import CacheWriter
 

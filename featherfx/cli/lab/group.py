@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from featherfx.cli.lab.report import report
-from featherfx.cli.program import Command, Group
+from featherfx.cli.program import Command, CommandGroup
 
 EXPERIMENTS = {
     "rod": "Bend a rod by its weight and a force at its tip.",
@@ -24,7 +24,7 @@ EXPERIMENTS = {
 }
 
 
-class Lab(Group):
+class Lab(CommandGroup):
     """Lists its commands without their options, which are made when a command is called."""
 
     def resolve_command(

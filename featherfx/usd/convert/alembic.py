@@ -8,6 +8,7 @@ stay those of the stage, since Alembic has no place to tell them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -58,14 +59,12 @@ def export_alembic(
 
 def _library() -> Any:
     try:
-        import alembic3d
-        import alembic3d.Abc
-        import alembic3d.AbcCoreAbstract
-        import alembic3d.AbcGeom
+        for name in ("Abc", "AbcCoreAbstract", "AbcGeom"):
+            import_module(f"alembic3d.{name}")
+        return import_module("alembic3d")
     except ImportError as error:
         message = 'Alembic needs alembic3d; pip install "featherfx[alembic]"'
         raise InputError(Problem("alembic3d", "", message)) from error
-    return alembic3d
 
 
 def _codes(cache: Cache, frames: tuple[float, float] | None) -> list[float | None]:
@@ -153,13 +152,9 @@ def _vectors(values: Any) -> Any:
 
 
 def _ints(values: Any) -> Any:
-    import imath
-
-    return imath.IntArrayFromBuffer(np.ascontiguousarray(np.ravel(values), dtype=np.int32))
+    return _array("Int", np.ravel(values), np.int32)
 
 
-def _array(kind: str, values: Any) -> Any:
-    import imath
-
-    make = getattr(imath, f"{kind}ArrayFromBuffer")
-    return make(np.ascontiguousarray(values, dtype=np.float32))
+def _array(kind: str, values: Any, dtype: Any = np.float32) -> Any:
+    make = getattr(import_module("imath"), f"{kind}ArrayFromBuffer")
+    return make(np.ascontiguousarray(values, dtype=dtype))

@@ -14,16 +14,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Kind, Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.usd import arrays
-from featherfx.usd.read.inputs import refuse_inputs
 from featherfx.usd.read.read import Cache, CachedFeather
-from featherfx.usd.write.output import check_output
+from featherfx.usd.read.stage import refuse_inputs
+from featherfx.usd.space import StageSpace
+from featherfx.usd.write.output import check_output, prim_name
+from featherfx.usd.write.prims import author_primvars, define_polylines, labels
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.resume import layer_metadata
+from featherfx.usd.write.stage import StageInfo, author_metadata, define_root, new_layer
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -64,11 +67,12 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
     cache = Cache(path)
     refuse_inputs([target], [Path(path)])
     grids = [_grid(path, feather, cache.pose(k)) for k, feather in enumerate(cache.feathers)]
-    layer = Sdf.Layer.CreateAnonymous(".usda")
+    frames = cache.frames if cache.has_frames else None
+    space = StageSpace(cache.meters_per_unit, cache.up_axis)
+    info = StageInfo(prim_name(target.stem), space, frames, cache.frames_per_second)
+    layer, codes, root = new_layer(info), cache.codes(), info.root_path
     stage = Usd.Stage.Open(layer)
-    _author_stage(stage, cache, target)
-    codes = cache.codes()
-    root = stage.GetDefaultPrim().GetPath()
+    define_root(stage, info)
     for index, (feather, grid) in enumerate(zip(cache.feathers, grids, strict=True)):
         name = feather.path.rpartition("/")[2]
         curve = _define(stage, root.AppendChild(name), feather, grid)
@@ -78,24 +82,9 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
         if any(not np.array_equal(pose, rest) for pose in poses):
             for code, pose in zip(codes, poses, strict=True):
                 _author_pose(curve, grid, pose, Usd.TimeCode(code))
-    layer.customLayerData = {"featherfx": {**layer_metadata(Path(path)), "layout": "condensed"}}
+    author_metadata(layer, {**layer_metadata(Path(path)), "layout": "condensed"})
     publish([(layer, target)])
     return len(cache.feathers)
-
-
-def _author_stage(stage: Any, cache: Cache, target: Path) -> None:
-    from featherfx.usd.write.names import prim_name
-
-    root = UsdGeom.Xform.Define(stage, f"/{prim_name(target.stem)}").GetPrim()
-    Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
-    stage.SetDefaultPrim(root)
-    UsdGeom.SetStageMetersPerUnit(stage, cache.meters_per_unit)
-    UsdGeom.SetStageUpAxis(stage, cache.up_axis)
-    stage.SetTimeCodesPerSecond(cache.frames_per_second)
-    stage.SetFramesPerSecond(cache.frames_per_second)
-    if cache.has_frames:
-        stage.SetStartTimeCode(cache.frames[0])
-        stage.SetEndTimeCode(cache.frames[1])
 
 
 def _grid(path: str | Path, feather: CachedFeather, pose: Any) -> _Grid:
@@ -138,16 +127,10 @@ def _leading_is_right(grid: _Grid, feather: CachedFeather, pose: Any) -> bool:
 
 
 def _define(stage: Any, path: Any, feather: CachedFeather, grid: _Grid) -> Any:
-    curve = UsdGeom.BasisCurves.Define(stage, path)
     rows, columns = grid.nodes.shape[1], grid.nodes.shape[2] - 1
-    curve.CreateTypeAttr(UsdGeom.Tokens.linear)
-    curve.CreateWrapAttr(UsdGeom.Tokens.nonperiodic)
-    curve.CreateCurveVertexCountsAttr(arrays.ints([rows]))
+    curve = define_polylines(stage, path, [rows])
+    author_primvars(curve.GetPrim(), **labels(feather.id, feather.kind, feather.region))
     primvars = UsdGeom.PrimvarsAPI(curve)
-    labels = {"featherId": feather.id, "featherKind": feather.kind, "region": feather.region}
-    for name, value in labels.items():
-        primvar = primvars.CreatePrimvar(name, Sdf.ValueTypeNames.StringArray, "constant")
-        primvar.Set(Vt.StringArray([value]))
     for name in NAMES:
         kind = Sdf.ValueTypeNames.Point3fArray
         primvars.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex, columns)

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+import trimesh
 from pxr import Sdf
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import into, write_all
-from featherfx.usd.read.inputs import refuse_inputs
-from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.read import Cache
+from featherfx.usd.read.stage import open_stage, refuse_inputs
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import check_output, folder_problems
 from featherfx.usd.write.publish import publish
@@ -108,8 +108,6 @@ def _numbered(output: Path, code: float | None) -> Path:
 
 
 def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
-    import trimesh
-
     matrix = _to_gltf(cache) if as_gltf else np.eye(3)
     scene = trimesh.Scene()
     for index, feather in enumerate(cache.feathers):

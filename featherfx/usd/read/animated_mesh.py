@@ -17,10 +17,11 @@ from pxr import Usd, UsdGeom
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd import arrays
-from featherfx.usd.read.scene import (
+from featherfx.usd.read.skinning import find_skinning
+from featherfx.usd.read.stage import (
     DEFAULT,
     EARLIEST,
-    Scene,
+    SourceScene,
     codes_of,
     find_prim,
     rest_code,
@@ -29,7 +30,6 @@ from featherfx.usd.read.scene import (
     transform_fault,
     transformed,
 )
-from featherfx.usd.read.skinning import find_skinning
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -45,7 +45,7 @@ class AnimatedMesh:
     where nothing does.
     """
 
-    def __init__(self, scene: Scene, mesh: Any, rest: float | None, skinning: Any) -> None:
+    def __init__(self, scene: SourceScene, mesh: Any, rest: float | None, skinning: Any) -> None:
         self._scene, self._mesh, self._skinning = scene, mesh, skinning
         self.path = str(mesh.GetPath())
         self.triangles, self.face, self.st = triangles_of(mesh)
@@ -111,7 +111,9 @@ class AnimatedMesh:
         return bool(np.linalg.det(self._scene.matrix(prim, code)[:3, :3]) < 0.0)
 
 
-def open_mesh(scene: Scene, path: str, rest: float | None, place: Place) -> AnimatedMesh | None:
+def open_mesh(
+    scene: SourceScene, path: str, rest: float | None, place: Place
+) -> AnimatedMesh | None:
     """A mesh by its prim path; None after adding problems, which name the prim.
 
     rest: time code of the rest pose; None: the bind pose of a skinned mesh, the default values or,

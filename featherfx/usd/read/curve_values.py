@@ -11,7 +11,7 @@ from pxr import Gf, UsdGeom
 
 from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.values import Place
-from featherfx.usd.read.scene import EARLIEST
+from featherfx.usd.read.stage import EARLIEST
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from featherfx.groom.keys.values import Place, Problems
-from featherfx.usd.read.scene import Scene
 from featherfx.usd.read.skinning import Skinning, find_skinning
+from featherfx.usd.read.stage import SourceScene
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
 def _skinning(mesh: Any) -> Skinning | None:
     """What a skeleton does to a mesh; None where none moves it, or it cannot."""
     stage = mesh.GetPrim().GetStage()
-    scene = Scene(Path(stage.GetRootLayer().realPath), stage, np.eye(4))
+    scene = SourceScene(Path(stage.GetRootLayer().realPath), stage, np.eye(4))
     return find_skinning(scene, mesh, Place("", "", Problems()))
 
 

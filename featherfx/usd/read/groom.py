@@ -16,8 +16,8 @@ from featherfx.groom.read.condensed import BarbCurves
 from featherfx.groom.read.drawn import DrawnFeather
 from featherfx.groom.read.rachis_curve import BASES, spline_points
 from featherfx.usd.read.curve_values import Values
-from featherfx.usd.read.scene import (
-    Scene,
+from featherfx.usd.read.stage import (
+    SourceScene,
     broken_note,
     find_prim,
     open_scene,
@@ -74,7 +74,7 @@ def read_feathers(
     return (path, feathers) if len(place.problems) == count else None
 
 
-def _sources(scene: Scene, root: Any) -> Iterator[Any]:
+def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
     """Curves and instancers at a prim or below; what is a prototype only counts as instanced."""
     found = [
         prim
@@ -93,7 +93,7 @@ def _sources(scene: Scene, root: Any) -> Iterator[Any]:
 
 
 def _feathers(
-    scene: Scene, prim: Any, entry: dict[str, Any], place: Place
+    scene: SourceScene, prim: Any, entry: dict[str, Any], place: Place
 ) -> Iterator[DrawnFeather]:
     fault = transform_fault(scene, prim)
     if fault:
@@ -228,7 +228,7 @@ def _up(source: tuple[Values, int, int], matrix: Array) -> Array | None:
 
 
 def _instances(
-    scene: Scene, prim: Any, entry: dict[str, Any], place: Place
+    scene: SourceScene, prim: Any, entry: dict[str, Any], place: Place
 ) -> Iterator[DrawnFeather]:
     """Feathers of a point instancer: each instance of a template that holds curves, or a kind."""
     instancer, at = UsdGeom.PointInstancer(prim), place.child(str(prim.GetPath()))
@@ -266,7 +266,7 @@ def _instances(
         yield from _instanced(templates[number], whole, scene.meters_per_unit, label, name, of)
 
 
-def _template(scene: Scene, path: Any, entry: dict[str, Any], at: Place, place: Place) -> Any:
+def _template(scene: SourceScene, path: Any, entry: dict[str, Any], at: Place, place: Place) -> Any:
     """[(curve, matrix to the prototype's space)] and values; None where there is no such prim."""
     prim = find_prim(scene, str(path), at.child("prototypes"))
     if prim is None:

@@ -15,7 +15,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING
 from featherfx.usd import arrays
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
-from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.stage import open_stage
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]

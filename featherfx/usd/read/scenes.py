@@ -1,4 +1,4 @@
-"""Meshes by path, name or collection, and winds, out of USD stages."""
+"""Meshes by path, name or collection, winds and cameras, out of USD stages."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
+from scipy.spatial import cKDTree
 
 from featherfx.groom.keys.values import Place
+from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
-from featherfx.usd.read.scene import (
+from featherfx.usd.read.stage import (
     DEFAULT,
     EARLIEST,
-    Scene,
+    SourceScene,
     find_prim,
     open_scene,
     prims_below,
@@ -51,7 +53,7 @@ def open_meshes(
     return found if len(place.problems) == count else None
 
 
-def _by_name(scene: Scene, pattern: str, place: Place) -> list[str]:
+def _by_name(scene: SourceScene, pattern: str, place: Place) -> list[str]:
     found = [
         str(prim.GetPath())
         for prim in prims_below(scene, scene.stage.GetPseudoRoot())
@@ -62,7 +64,7 @@ def _by_name(scene: Scene, pattern: str, place: Place) -> list[str]:
     return found
 
 
-def _by_collection(scene: Scene, collection: str, place: Place) -> list[str]:
+def _by_collection(scene: SourceScene, collection: str, place: Place) -> list[str]:
     at = place.child("collection")
     owner, _, name = collection.partition(".collection:")
     prim = find_prim(scene, owner, at)
@@ -89,7 +91,7 @@ def _is_mesh(prim: Any) -> bool:
 class UniformWind:
     """One vector attribute, as a wind that is the same everywhere."""
 
-    def __init__(self, scene: Scene, prim: Any, attribute: Any) -> None:
+    def __init__(self, scene: SourceScene, prim: Any, attribute: Any) -> None:
         self._scene, self._prim, self._attribute = scene, prim, attribute
         self.path = str(prim.GetPath())
         self.sampled = sampled_range(prim, [attribute])
@@ -113,7 +115,7 @@ class UniformWind:
 class SampledWind:
     """Points with velocities: the wind between them is the mean of the nearest by 1/distance^2."""
 
-    def __init__(self, scene: Scene, prim: Any) -> None:
+    def __init__(self, scene: SourceScene, prim: Any) -> None:
         self._scene, self._prim = scene, prim
         self._base = UsdGeom.PointBased(prim)
         moving = [self._base.GetPointsAttr(), self._base.GetVelocitiesAttr()]
@@ -141,8 +143,6 @@ class SampledWind:
         return np.asarray(np.einsum("nk,nkc->nc", weights, velocities[near]))
 
     def _field(self, code: float) -> tuple[Any, Array]:
-        from scipy.spatial import cKDTree
-
         time = Usd.TimeCode(code)
         matrix = self._scene.matrix(self._prim, time)
         points = np.array(self._base.GetPointsAttr().Get(time), dtype=np.float64)
@@ -165,7 +165,7 @@ def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | 
     return _sampled(scene, prim, place.child("prim"))
 
 
-def _uniform(scene: Scene, prim: Any, name: str, at: Place) -> UniformWind | None:
+def _uniform(scene: SourceScene, prim: Any, name: str, at: Place) -> UniformWind | None:
     if not Sdf.Path.IsValidNamespacedIdentifier(name) or not prim.GetAttribute(name):
         vectors = [a.GetName() for a in prim.GetAuthoredAttributes() if _is_vector(a.Get(EARLIEST))]
         known = ", ".join(vectors) or "none"
@@ -187,7 +187,7 @@ def _is_vector(value: Any) -> bool:
     return array.shape in ((3,), (1, 3)) and bool(np.isfinite(array).all())
 
 
-def _sampled(scene: Scene, prim: Any, at: Place) -> SampledWind | None:
+def _sampled(scene: SourceScene, prim: Any, at: Place) -> SampledWind | None:
     if not prim.IsA(UsdGeom.PointBased):
         at.fail(f"{prim.GetPath()} holds no points; give attribute for one vector")
         return None
@@ -204,3 +204,61 @@ def _sampled(scene: Scene, prim: Any, at: Place) -> SampledWind | None:
             at.fail(f"{where}: values that are not finite")
             return None
     return SampledWind(scene, prim)
+
+
+class SceneCamera:
+    """A camera prim as featherfx.shot.detail.view.Camera."""
+
+    def __init__(self, scene: SourceScene, prim: Any) -> None:
+        self._scene, self._prim = scene, prim
+
+    @property
+    def time_codes_per_second(self) -> float:
+        return self._scene.time_codes_per_second
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        return str(self._prim.GetPath()), self._scene.files
+
+    def view(self, code: float) -> View:
+        """In metres, z up, at a time code; transforms and lens may be animated."""
+        time = Usd.TimeCode(code)
+        camera = UsdGeom.Camera(self._prim).GetCamera(time)
+        matrix = self._scene.matrix(self._prim, time)
+        axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=1, keepdims=True)
+        window = camera.frustum.GetWindow()
+        size, middle = window.GetSize(), window.GetMidpoint()
+        orthographic = camera.projection == Gf.Camera.Orthographic
+        # the window of an orthographic camera is in scene units
+        unit = self._scene.meters_per_unit if orthographic else 1.0
+        return View(
+            eye=matrix[3, :3].copy(),
+            right=axes[0],
+            up=axes[1],
+            back=axes[2],
+            width=unit * float(size[0]),
+            height=unit * float(size[1]),
+            shift=(unit * float(middle[0]), unit * float(middle[1])),
+            orthographic=orthographic,
+        )
+
+
+def open_camera(path: Path, prim: str, place: Place) -> SceneCamera | None:
+    """The camera at a prim path of a file; None after adding problems."""
+    scene = open_scene(path, place.child("usd"))
+    at = place.child("prim")
+    found = None if scene is None else find_prim(scene, prim, at)
+    if scene is None or found is None:
+        return None
+    if not found.IsA(UsdGeom.Camera):
+        cameras = [str(p.GetPath()) for p in scene.stage.Traverse() if p.IsA(UsdGeom.Camera)]
+        at.fail(f"{prim} is no camera; cameras of {path}: {', '.join(cameras[:8]) or 'none'}")
+        return None
+    camera = UsdGeom.Camera(found)
+    for attribute in (camera.GetHorizontalApertureAttr(), camera.GetVerticalApertureAttr()):
+        for code in [Usd.TimeCode.EarliestTime(), *map(Usd.TimeCode, attribute.GetTimeSamples())]:
+            value = attribute.Get(code)
+            if not (np.isfinite(value) and value > 0.0):
+                at.fail(f"{attribute.GetPath()} is {value:g}, expects a number above 0")
+                return None
+    return SceneCamera(scene, found)

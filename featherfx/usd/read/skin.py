@@ -16,10 +16,10 @@ from featherfx.groom.read.rachis_curve import spline_points
 from featherfx.groom.skin.faults import skin_faults
 from featherfx.usd import arrays
 from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
-from featherfx.usd.read.scene import (
+from featherfx.usd.read.stage import (
     DEFAULT,
     EARLIEST,
-    Scene,
+    SourceScene,
     find_prim,
     open_scene,
     prims_below,
@@ -34,7 +34,7 @@ Indices = NDArray[np.int64]
 
 def read_skin(
     skin: dict[str, Any], paths: tuple[str, ...], folder: Path, place: Place
-) -> dict[str, Skin] | None:
+) -> dict[str, SkinMesh] | None:
     """Meshes by their paths, of the file that checked keys of [skin] name; None after problems.
 
     Warns of holes and of faces that pass through each other.
@@ -47,7 +47,7 @@ def read_skin(
         mesh = open_mesh(scene, path, skin["rest"], place.child("prim"))
         if mesh is None:
             continue
-        found[path] = Skin(scene, mesh)
+        found[path] = SkinMesh(scene, mesh)
         problems, doubts = skin_faults(mesh.rest, mesh.triangles, mesh.face)
         for message in problems:
             place.child("prim").fail(f"{path} in {scene.path}: {message}")
@@ -56,10 +56,10 @@ def read_skin(
     return found if len(found) == len(paths) else None
 
 
-class Skin:
+class SkinMesh:
     """A mesh as featherfx.groom.skin.points.SkinSource describes it."""
 
-    def __init__(self, scene: Scene, mesh: AnimatedMesh) -> None:
+    def __init__(self, scene: SourceScene, mesh: AnimatedMesh) -> None:
         self._scene, self._prim = scene, scene.stage.GetPrimAtPath(mesh.path)
         self.path, self.points = mesh.path, mesh.rest
         self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st
@@ -178,7 +178,7 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
     return None if line is None else [line]
 
 
-def _curves(scene: Scene, prims: tuple[str, ...], place: Place) -> list[Array] | None:
+def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Array] | None:
     found: list[Array] = []
     for path in prims:
         root = find_prim(scene, path, place)
@@ -193,7 +193,7 @@ def _curves(scene: Scene, prims: tuple[str, ...], place: Place) -> list[Array] |
     return found
 
 
-def _polylines(scene: Scene, curves: Any) -> list[Array]:
+def _polylines(scene: SourceScene, curves: Any) -> list[Array]:
     code = rest_code(curves.GetPointsAttr())
     points = arrays.to_numpy(curves.GetPointsAttr().Get(code)).astype(np.float64)
     counts = arrays.to_numpy(curves.GetCurveVertexCountsAttr().Get(code)).astype(np.int64)
@@ -205,7 +205,7 @@ def _polylines(scene: Scene, curves: Any) -> list[Array]:
     return [each for each in drawn if len(each) > 1]
 
 
-def joint_line(scene: Scene, prim: Any, names: tuple[str, ...], place: Place) -> Array | None:
+def joint_line(scene: SourceScene, prim: Any, names: tuple[str, ...], place: Place) -> Array | None:
     """(k, 3) m, places of joints in the bind pose of a skeleton; None after adding problems.
 
     names: paths as the skeleton has them, or their last parts where these are unique.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdSkel, Vt
 
 from featherfx.groom.keys.values import Place
-from featherfx.usd.read.scene import DEFAULT, EARLIEST, Scene
+from featherfx.usd.read.stage import DEFAULT, EARLIEST, SourceScene
 
 Floats = NDArray[np.float32]
 
@@ -81,7 +81,7 @@ class Skinning:
         return Vt.Vec3fArray.FromNumpy(points)
 
 
-def find_skinning(scene: Scene, mesh: Any, place: Place) -> Skinning | None:
+def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
     """The skinning of a mesh, None where no skeleton moves it or after adding a problem."""
     root = UsdSkel.Root.Find(mesh.GetPrim())
     if not root:

@@ -15,7 +15,7 @@ from featherfx.usd.arrays import Floats
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.chunk import open_chunk
 from featherfx.usd.write.layout import CacheLayers, Clips, finish_layers
-from featherfx.usd.write.names import prim_name
+from featherfx.usd.write.output import prim_name
 from featherfx.usd.write.parts import ChunkRecord, Parts
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import RATES, AnimatedPrims

@@ -1,29 +1,78 @@
-"""The prims of a cache, with all of them that never changes."""
+"""The prims of a cache, with all of them that never changes.
+
+What is drawn is a variant set of the root prim:
+
+    variant   feathers (meshes)   barbs (curves)   rachises (curves)
+    vane      drawn               hidden           guide
+    barbs     proxy               render           render
+    rachis    hidden              hidden           drawn
+
+Prims and their samples are the same in every variant; only purpose and visibility of the scopes
+above them change. Both are inherited, so that nothing is said of single feathers.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write.curves import define_barbs, define_rachis
-from featherfx.usd.write.material import define_materials
-from featherfx.usd.write.mesh import MeshValues, define_mesh
-from featherfx.usd.write.names import unique_prim_names
+from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.poses import BARB, MESH, RACHIS, PosedFeather
-from featherfx.usd.write.representations import define_representations
-from featherfx.usd.write.samples import AnimatedPrims
-from featherfx.usd.write.stage import (
-    BARBS,
-    FEATHERS,
-    MATERIALS,
-    RACHISES,
-    StageInfo,
-    define_root,
-    define_scopes,
+from featherfx.usd.write.prims import (
+    MeshValues,
+    define_barbs,
+    define_materials,
+    define_mesh,
+    define_rachis,
 )
+from featherfx.usd.write.samples import AnimatedPrims
+from featherfx.usd.write.stage import BARBS, FEATHERS, MATERIALS, RACHISES, StageInfo, define_root
+
+
+def define_scopes(stage: Any, info: StageInfo, with_barbs: bool) -> None:
+    """The groups under the root."""
+    for name in (FEATHERS, RACHISES, *([BARBS] if with_barbs else []), MATERIALS):
+        UsdGeom.Scope.Define(stage, info.root_path.AppendChild(name))
+
+
+SET, DEFAULT = "representation", "vane"
+
+_DRAWN, _HIDDEN = UsdGeom.Tokens.default_, None
+_VARIANTS = {
+    "vane": {FEATHERS: _DRAWN, BARBS: _HIDDEN, RACHISES: UsdGeom.Tokens.guide},
+    "barbs": {
+        FEATHERS: UsdGeom.Tokens.proxy,
+        BARBS: UsdGeom.Tokens.render,
+        RACHISES: UsdGeom.Tokens.render,
+    },
+    "rachis": {FEATHERS: _HIDDEN, BARBS: _HIDDEN, RACHISES: _DRAWN},
+}
+
+
+def define_representations(stage: Any, info: StageInfo, with_barbs: bool) -> None:
+    """The variant set, with DEFAULT selected; no variant "barbs" where a cache has none."""
+    variants = stage.GetPrimAtPath(info.root_path).GetVariantSets().AddVariantSet(SET)
+    for name, purposes in _VARIANTS.items():
+        if name == "barbs" and not with_barbs:
+            continue
+        variants.AddVariant(name)
+        variants.SetVariantSelection(name)
+        with variants.GetVariantEditContext():
+            for scope, purpose in purposes.items():
+                prim = stage.GetPrimAtPath(info.root_path.AppendChild(scope))
+                if prim:
+                    _author(UsdGeom.Imageable(prim), purpose)
+    variants.SetVariantSelection(DEFAULT)
+
+
+def _author(scope: Any, purpose: str | None) -> None:
+    if purpose is None:
+        scope.CreateVisibilityAttr(UsdGeom.Tokens.invisible)
+    else:
+        scope.CreatePurposeAttr(purpose)
 
 
 def animated_prims(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
+from featherfx.algebra.rotation import frames_to_quats
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.shot.placement import place
@@ -18,12 +19,10 @@ from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.layout import finish_layers, new_layers
-from featherfx.usd.write.material import define_materials
-from featherfx.usd.write.mesh import MeshValues, define_mesh
-from featherfx.usd.write.names import prim_name, unique_prim_names
 from featherfx.usd.write.options import StageOptions
-from featherfx.usd.write.output import check_output
+from featherfx.usd.write.output import check_output, prim_name, unique_prim_names
 from featherfx.usd.write.poses import MESH, posed_feathers
+from featherfx.usd.write.prims import MeshValues, define_materials, define_mesh
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import MATERIALS, StageInfo, define_root
@@ -122,7 +121,9 @@ def _author_instances(
     positions = space.positions(np.array([p.position for p in placements]))
     to_stage = space.directions(np.eye(3)).T
     rotations = to_stage @ np.array([p.rotation for p in placements]) @ to_stage.T
-    orientations = quaternions(rotations)
+    orientations = frames_to_quats(rotations)
+    # the real part is not negative
+    orientations = np.where(orientations[:, :1] < 0.0, -orientations, orientations)
     instancer.CreateProtoIndicesAttr(arrays.ints(np.array(chosen)))
     instancer.CreatePositionsAttr(arrays.vec3f(positions))
     instancer.CreateScalesAttr(arrays.vec3f(np.repeat([[p.size] for p in placements], 3, axis=1)))
@@ -150,14 +151,6 @@ def stable_number(name: str) -> int:
     """A number from 0 to 2^63 - 1 made from an id, so that it stays when others come or go."""
     digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1
-
-
-def quaternions(rotations: Array) -> Array:
-    """(N, 4) unit quaternions, real part first and not negative, of rotations (N, 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(rotations).as_quat(canonical=True).T
-    return np.stack([w, x, y, z], axis=1)
 
 
 def _half(values: Array) -> Any:

@@ -15,8 +15,8 @@ import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import Problem
-from featherfx.usd import arrays
 from featherfx.usd.types import OutputError
+from featherfx.usd.write.layout import author_extents_hint
 from featherfx.usd.write.output import check_output
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.resume import layer_metadata
@@ -80,7 +80,5 @@ def _root_layer(layers: Sequence[Any], shares: Sequence[Path], metadata: Any) ->
     prim = Sdf.Path.absoluteRootPath.AppendChild(first.defaultPrim)
     name = prim.AppendProperty(UsdGeom.Tokens.extentsHint)
     hints = np.stack([np.asarray(layer.GetAttributeAtPath(name).default) for layer in layers])
-    Sdf.JustCreatePrimAttributeInLayer(root, name, Sdf.ValueTypeNames.Float3Array)
-    corners = [hints[:, 0].min(axis=0), hints[:, 1].max(axis=0)]
-    root.GetAttributeAtPath(name).default = arrays.vec3f(corners)
+    author_extents_hint(root, prim, [hints[:, 0].min(axis=0), hints[:, 1].max(axis=0)])
     return root

@@ -87,7 +87,7 @@ def finish_layers(
         layers.topology.subLayerPaths.append(f"./{files[0].name}")
     if clips is not None:
         _author_clips(layers.root, path.parent, clips)
-    _author_extents_hint(layers.root, info, extent)
+    author_extents_hint(layers.root, info.root_path, extent)
     author_metadata(layers.root, info.metadata)
     ordered = [layers.animation, layers.topology, layers.root][-len(files) :]
     return list(zip(ordered, files, strict=True))
@@ -109,9 +109,10 @@ def _author_clips(layer: Any, folder: Path, clips: Clips) -> None:
         spec.SetInfo("clips", {clips.name: values | {"primPath": str(scope)}})
 
 
-def _author_extents_hint(layer: Any, info: StageInfo, extent: Any) -> None:
-    path = info.root_path.AppendProperty(UsdGeom.Tokens.extentsHint)
+def author_extents_hint(layer: Any, root: Any, extent: Any) -> None:
+    """(2, 3) stage units, of everything below the root prim, in a layer that has it."""
+    path = root.AppendProperty(UsdGeom.Tokens.extentsHint)
     Sdf.JustCreatePrimAttributeInLayer(layer, path, Sdf.ValueTypeNames.Float3Array)
     layer.GetAttributeAtPath(path).default = arrays.vec3f(np.asarray(extent))
     schemas = Sdf.TokenListOp.Create(prependedItems=["GeomModelAPI"])
-    layer.GetPrimAtPath(info.root_path).SetInfo("apiSchemas", schemas)
+    layer.GetPrimAtPath(root).SetInfo("apiSchemas", schemas)

@@ -21,7 +21,7 @@ from featherfx.usd.types import (
     FeatherEntry,
 )
 from featherfx.usd.write import surface_kernels
-from featherfx.usd.write.primvars import BARB_DIRECTION
+from featherfx.usd.write.prims import BARB_DIRECTION
 from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenMesh
 
 Array = NDArray[np.float64]

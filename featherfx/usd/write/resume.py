@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pxr import Sdf, Tf
+
 from featherfx.errors import Problem
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import clips_folder, output_files, parts_folder
@@ -42,8 +44,6 @@ def baked_settings(path: Path) -> dict[str, str]:
 
 def layer_metadata(path: Path) -> dict[str, Any]:
     """What featherfx wrote of itself into a root file; empty where there is none."""
-    from pxr import Sdf, Tf
-
     try:
         layer = Sdf.Layer.OpenAsAnonymous(str(path), metadataOnly=True)
     except Tf.ErrorException:

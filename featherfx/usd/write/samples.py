@@ -13,7 +13,7 @@ from pxr import Sdf
 
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS
 from featherfx.usd.write.poses import BARB, MESH, RACHIS, Key, PosedFeather, WrittenPose
-from featherfx.usd.write.primvars import BARB_DIRECTION
+from featherfx.usd.write.prims import BARB_DIRECTION
 
 _TYPES = {
     "points": Sdf.ValueTypeNames.Point3fArray,

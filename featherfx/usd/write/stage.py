@@ -24,7 +24,7 @@ class StageInfo:
 
     root: str
     space: StageSpace
-    frames: tuple[int, int] | None
+    frames: tuple[float, float] | None
     frames_per_second: float
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
@@ -58,9 +58,3 @@ def define_root(stage: Any, info: StageInfo, kind: str = Kind.Tokens.component) 
     root = UsdGeom.Xform.Define(stage, info.root_path).GetPrim()
     Usd.ModelAPI(root).SetKind(kind)
     return root
-
-
-def define_scopes(stage: Any, info: StageInfo, with_barbs: bool) -> None:
-    """The groups under the root."""
-    for name in (FEATHERS, RACHISES, *([BARBS] if with_barbs else []), MATERIALS):
-        UsdGeom.Scope.Define(stage, info.root_path.AppendChild(name))

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
 from featherfx.errors import Problem, SimulationError
 from featherfx.files.background import Background
 from featherfx.shot.types import Frame, sample_number
 from featherfx.usd.space import StageSpace
-from featherfx.usd.types import ACCELERATIONS, FeatherEntry, OutputError
-from featherfx.usd.write.arguments import check_arguments
+from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
 from featherfx.usd.write.assemble import assemble
 from featherfx.usd.write.chunk import ChunkWriter, WrittenChunk
 from featherfx.usd.write.define import animated_prims, define_prims
 from featherfx.usd.write.layout import new_layers
-from featherfx.usd.write.names import prim_name
-from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.output import check_output, chosen_layout, parts_folder
+from featherfx.usd.write.options import UP_AXES, WriteOptions
+from featherfx.usd.write.output import check_output, chosen_layout, parts_folder, prim_name
 from featherfx.usd.write.parts import Parts, Save
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.stage import StageInfo
@@ -73,7 +74,7 @@ class CacheWriter:
     ) -> None:
         self._path = check_output(path, options.overwrite, options.layout)
         check_arguments(self._path, feathers, frames, frames_per_second, options)
-        space = StageSpace.of(options)
+        self._frames, space = frames, StageSpace.of(options)
         self._feathers, self._subframes = tuple(feathers), options.subframes
         self._accelerations = options.accelerations
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
@@ -153,7 +154,7 @@ class CacheWriter:
         a chunk ends. Raises SimulationError if a value is not finite, ValueError for a frame out
         of turn or of other feathers.
         """
-        frames = self._info.frames
+        frames = self._frames
         if frames is None or self._next == self._samples or frame.number != self._code:
             raise ValueError(f"frame {frame.number:g} is out of turn; the cache holds {frames}")
         if len(frame.points) != len(self._feathers):
@@ -180,8 +181,8 @@ class CacheWriter:
     @property
     def _code(self) -> float:
         """Time code of the next sample."""
-        assert self._info.frames is not None
-        return sample_number(self._info.frames[0], self._next, self._subframes)
+        assert self._frames is not None
+        return sample_number(self._frames[0], self._next, self._subframes)
 
     def _settings_of_stage(self, chunk: int) -> dict[str, str]:
         """What tells one cache without settings from another of the same name."""
@@ -190,7 +191,7 @@ class CacheWriter:
         return {"stage": repr(values)}
 
     def _finish(self) -> None:
-        frames = self._info.frames
+        frames = self._frames
         self._committing.close()
         if frames is not None and self._next < self._samples:
             message = f"not written: frames {self._code:g} to {frames[1]} never came"
@@ -208,3 +209,40 @@ class CacheWriter:
         for index in bad:
             reason = "a position or velocity is not finite, or too large for single precision"
             raise SimulationError(self._feathers[index].id, time, reason)
+
+
+def check_arguments(
+    path: Path,
+    feathers: Sequence[FeatherEntry],
+    frames: tuple[int, int] | None,
+    frames_per_second: float,
+    options: WriteOptions,
+) -> None:
+    """Raise OutputError with every problem."""
+    wrong: list[tuple[str, str]] = []
+    if not feathers:
+        wrong.append(("feathers", "none given; a cache holds at least one"))
+    seen: set[str] = set()
+    for entry in feathers:
+        if entry.id in seen:
+            wrong.append(("feathers", f"id '{entry.id}' is used twice; ids are unique"))
+        seen.add(entry.id)
+        expected = entry.feather.points.shape
+        if np.shape(entry.rest_points) != expected:
+            shape = np.shape(entry.rest_points)
+            wrong.append(("feathers", f"'{entry.id}': rest points {shape}, not {expected}"))
+    if frames is not None and frames[0] > frames[1]:
+        wrong.append(("frames", f"first frame {frames[0]} is after the last, {frames[1]}"))
+    values = {"frames_per_second": frames_per_second, "meters_per_unit": options.meters_per_unit}
+    for key, value in {**values, "chunk": options.chunk, "subframes": options.subframes}.items():
+        if value is not None and not (math.isfinite(value) and value > 0):
+            wrong.append((key, f"{value} is not a finite number above 0"))
+    if options.up_axis not in (None, *UP_AXES):
+        wrong.append(("up_axis", f"'{options.up_axis}' is not one of {', '.join(UP_AXES)}"))
+    wrong += [
+        ("diagnostics", f"'{name}' is not one of {', '.join(DIAGNOSTICS)}")
+        for name in options.diagnostics
+        if name not in DIAGNOSTICS
+    ]
+    if wrong:
+        raise OutputError(*(Problem(str(path), key, message) for key, message in wrong))

@@ -1,29 +1,32 @@
-"""USD stages that others made, as sources: opened, measured, and their prims found by path."""
+"""USD stages that others made, as sources: opened as they stand on the disk, measured, and their
+prims found by path. No output takes the place of a file that it is made from.
+"""
 
 from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Tf, Usd, UsdGeom
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdUtils
 
-from featherfx.errors import InputError, InputWarning
+from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.values import Place
-from featherfx.usd.read.opening import open_stage
+from featherfx.usd.types import OutputError
 
 Array = NDArray[np.float64]
 
+_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 DEFAULT, EARLIEST = Usd.TimeCode.Default(), Usd.TimeCode.EarliestTime()
 
 
 @dataclass(frozen=True)
-class Scene:
+class SourceScene:
     """An open stage. path: its file. to_world: (3, 3), stage to world (metres, z up), row vectors.
 
     time_codes_per_second: of the stage.
@@ -113,7 +116,29 @@ def transformed(points: Array, matrix: Array) -> Array:
     return np.asarray(points @ matrix[:3, :3] + matrix[3, :3])
 
 
-def open_scene(path: Path, place: Place) -> Scene | None:
+def open_stage(path: str | Path) -> Any:
+    """Open a USD file with all payloads. Raises InputError if that fails."""
+    if not Path(path).is_file():
+        fault = "is a folder" if Path(path).is_dir() else "file does not exist"
+        raise InputError(Problem(str(path), "", fault))
+    if not os.access(path, os.R_OK):
+        raise InputError(Problem(str(path), "", "no permission to read it"))
+    opened = str(path)
+    try:
+        stage = Usd.Stage.Open(opened)
+        # USD keeps layers that are open elsewhere in this process; the file may be newer. Layers
+        # with edits that are not saved belong to the host, and are read as they stand there.
+        for layer in stage.GetUsedLayers():
+            if not layer.dirty:
+                opened = layer.realPath or opened
+                layer.Reload()
+    except Tf.ErrorException as error:
+        reason = "; ".join(str(part.commentary) for part in error.args)
+        raise InputError(Problem(opened, "", f"USD cannot open it: {reason}")) from error
+    return stage
+
+
+def open_scene(path: Path, place: Place) -> SourceScene | None:
     """Open a stage with its payloads; None after adding a problem at the place that names it."""
     try:
         stage = open_stage(path)
@@ -137,10 +162,10 @@ def open_scene(path: Path, place: Place) -> Scene | None:
     turn = np.eye(3)
     if str(UsdGeom.GetStageUpAxis(stage)) == "Y":
         turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-    return Scene(path, stage, scale * turn)
+    return SourceScene(path, stage, scale * turn)
 
 
-def find_prim(scene: Scene, path: str, place: Place) -> Any:
+def find_prim(scene: SourceScene, path: str, place: Place) -> Any:
     """The prim at a path, also within an instance; None after adding a problem."""
     if not Sdf.Path.IsValidPathString(path) or not Sdf.Path(path).IsAbsolutePath():
         place.fail(f"'{path}' is no absolute prim path such as /Bird/body")
@@ -162,12 +187,12 @@ def find_prim(scene: Scene, path: str, place: Place) -> Any:
     return None
 
 
-def broken_note(scene: Scene) -> str:
+def broken_note(scene: SourceScene) -> str:
     """What may be the reason that a prim is not there, as the end of a message."""
     return "".join(f"; {file}: {why}" for file, why in broken_files(scene.stage).items())
 
 
-def _absent(scene: Scene, path: Any) -> str:
+def _absent(scene: SourceScene, path: Any) -> str:
     parent = path.GetParentPath()
     while parent and not scene.stage.GetPrimAtPath(parent):
         parent = parent.GetParentPath()
@@ -181,7 +206,7 @@ def _absent(scene: Scene, path: Any) -> str:
     return f"no prim {path} in {scene.path}"
 
 
-def prims_below(scene: Scene, prim: Any) -> Iterator[Any]:
+def prims_below(scene: SourceScene, prim: Any) -> Iterator[Any]:
     """A prim and all below it, also within instances, but not below point instancers."""
     walk = iter(Usd.PrimRange(prim, Usd.TraverseInstanceProxies()))
     for each in walk:
@@ -222,7 +247,7 @@ def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] |
     return (min(each[0] for each in moving), max(each[-1] for each in moving)) if moving else None
 
 
-def transform_fault(scene: Scene, prim: Any) -> str:
+def transform_fault(scene: SourceScene, prim: Any) -> str:
     """Where the transforms of a prim are not finite, at any of their samples; empty if nowhere."""
     transforms = _transforms(prim)
     times = sorted({time for each in transforms for time in each.GetTimeSamples()})
@@ -241,3 +266,32 @@ def _transforms(prim: Any) -> list[Any]:
             found += [op.GetAttr() for op in UsdGeom.Xformable(prim).GetOrderedXformOps()]
         prim = prim.GetParent()
     return found
+
+
+def refuse_inputs(outputs: Sequence[Path], inputs: Iterable[Path]) -> None:
+    """Raise OutputError for every output that is an input, or a layer that one is made of.
+
+    inputs: files that were read, USD or not.
+    """
+    existing = [path for path in outputs if path.is_file()]
+    if not existing:
+        return
+    files = [file for path in dict.fromkeys(inputs) for file in _files_of(path) if file.is_file()]
+    problems = [
+        Problem(str(path), "", "is an input of this work; choose another name")
+        for path in existing
+        if any(os.path.samefile(path, file) for file in files)
+    ]
+    if problems:
+        raise OutputError(*problems)
+
+
+def _files_of(path: Path) -> list[Path]:
+    """A file, and what it names if it is a USD file: layers at any depth, clips, textures."""
+    if path.suffix.lower() not in _SUFFIXES:
+        return [path]
+    try:
+        layers, assets, _ = UsdUtils.ComputeAllDependencies(str(path))
+    except Tf.ErrorException:
+        return [path]  # what a broken file names is not read either
+    return [path, *(Path(layer.realPath) for layer in layers), *map(Path, assets)]
