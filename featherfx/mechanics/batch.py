@@ -38,7 +38,7 @@ class _Constants(NamedTuple):
 
 
 # G of the compression guard over b A k (vane_guard_kernels)
-GUARD_SHARE = 1.0 / 2592.0
+GUARD_SCALE = 1.0 / 2592.0
 # least compliance of an elastic clamp, in that of the barb it holds
 LEAST_CLAMP = 1e-6
 
@@ -104,8 +104,8 @@ def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: 
         hinge_rest=hinge_rest,
         hinge_stiffness=hinge_stiffness,
         mass=_mass(feather, kind, cell_area, length),
-        shaft_area=feather.width * _row_share(length),
-        cell_guard=GUARD_SHARE * vane.compression_guard * vane.thickness * cell_area,
+        shaft_area=feather.width * _row_length(length),
+        cell_guard=GUARD_SCALE * vane.compression_guard * vane.thickness * cell_area,
     )
 
 
@@ -115,12 +115,12 @@ def row_frames(points: Array) -> Array:
     return np.stack([np.cross(second, third), second, third], axis=-1)
 
 
-def _row_share(length: Array) -> Array:
+def _row_length(length: Array) -> Array:
     """(n,) length of rachis that each row stands for."""
-    share = np.zeros(len(length) + 1)
-    share[:-1] += 0.5 * length
-    share[1:] += 0.5 * length
-    return share
+    own = np.zeros(len(length) + 1)
+    own[:-1] += 0.5 * length
+    own[1:] += 0.5 * length
+    return own
 
 
 def _rachis_rest(centre: Array, frames: Array, length: Array) -> Array:
@@ -150,13 +150,13 @@ def _mass(feather: Feather, kind: FeatherKind, cell_area: Array, length: Array) 
     """(n, P) lumped masses; directors carry the shaft's rotary inertia."""
     columns = feather.columns
     mass = np.zeros(feather.points.shape[:2])
-    share = _row_share(length)
+    own = _row_length(length)
     line, about_second, about_third = shaft_mass(
         feather.width, feather.height, kind.rachis_material
     )
-    mass[:, 0] = line * share
-    mass[:, 1] = about_third * share
-    mass[:, 2] = about_second * share
+    mass[:, 0] = line * own
+    mass[:, 1] = about_third * own
+    mass[:, 2] = about_second * own
     third = cell_area * kind.vane_material.surface_density / 3.0
     for side in range(2):
         node = np.zeros((feather.rows, columns + 1))

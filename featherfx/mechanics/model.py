@@ -23,7 +23,7 @@ class Model(NamedTuple):
     clamp: (F, 2, n, 4) rest direction of the barbs in the row frame, quaternions.
     joints: (F, 2, n, m, 4) rest turns between segments; the first is the identity.
     segment: (F, 2, n) m, length of the barbs' segments.
-    shapes: (C, m) share of each curvature shape that falls on each joint.
+    shapes: (C, m) part of each curvature shape that falls on each joint.
     barb_stiffness: (F, 2, n, 2 C) N m, normal then in-plane; 1 where there is no barb.
     cell_rest: (F, 2, n-1, m, 2, 3) 1/s, p, 1/h of triangles A and B (vane_membrane_kernels).
     cell_stiffness: (F, 2, n-1, m, 2, 2) N m, b A E_ww and b A E_vw; 0 where there is no triangle.

@@ -49,13 +49,13 @@ def barb_deflection(feather: Feather, kind: FeatherKind, pressure: float) -> flo
 
 # What the grid may miss, over the tolerance of a single step: steps within the tolerance add up to
 # trajectories that err by ten times as much (docs/benchmarks.md), so a finer grid would not show.
-GRID_SHARE = 3.0
+GRID_SCALE = 3.0
 
 
 def coefficients_for(feather: Feather, kind: FeatherKind, pressure: float, tolerance: float) -> int:
     """Fewest coefficients whose error stays below a tolerance (m) under a pressure (Pa).
 
-    tolerance: of what the grid may miss, see GRID_SHARE.
+    tolerance: of what the grid may miss, see GRID_SCALE.
     """
     deflection = barb_deflection(feather, kind, pressure)
     for count, missed in enumerate(MISSED):

@@ -25,7 +25,7 @@ from featherfx.lab.bench.shake import (
     trajectory_error,
 )
 from featherfx.lab.bench.tables import Row, Table
-from featherfx.mechanics.resolution import GRID_SHARE, coefficients_for
+from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.groups import NEWTON_SHARE
 
@@ -188,7 +188,7 @@ def preset_shake(kind: FeatherKind, name: str) -> Shake:
     if coefficients == CHOSEN_BY_SOLVER:
         feather = build_feather(kind, values["rows"], values["columns"])
         pressure = kind.vane_material.surface_density * ACCELERATION
-        coefficients = coefficients_for(feather, kind, pressure, GRID_SHARE * values["tolerance"])
+        coefficients = coefficients_for(feather, kind, pressure, GRID_SCALE * values["tolerance"])
     return Shake(
         rows=values["rows"],
         columns=values["columns"],

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
-from featherfx.mechanics.resolution import GRID_SHARE, coefficients_for, rachis_deflection, rows_for
+from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rachis_deflection, rows_for
 from featherfx.shot.detail.guides import GuideRule
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.roots import Roots, sampled_rates
@@ -143,7 +143,7 @@ def _simulated_rows(
         sag = max(sag, min(reach.get(placement.id, 0.0), kind.length))
         if placement.id in forced:
             sag = kind.length
-        rows.append(rows_for(sag, GRID_SHARE * quality.tolerance, quality.rows))
+        rows.append(rows_for(sag, GRID_SCALE * quality.tolerance, quality.rows))
     return rows
 
 
@@ -161,7 +161,7 @@ def barb_coefficients(
     quality = shot.quality
     if loads is None or quality.coefficients != CHOSEN_BY_SOLVER:
         return [quality.coefficients] * len(feathers)
-    allowed, pulled = GRID_SHARE * quality.tolerance, _pulled(shot)
+    allowed, pulled = GRID_SCALE * quality.tolerance, _pulled(shot)
     chosen: dict[tuple[int, int], int] = {}
     counts = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):

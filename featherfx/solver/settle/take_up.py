@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
+from featherfx.algebra.rotation_kernels import conjugate, multiply, normalised
 from featherfx.mechanics.model import Model
 from featherfx.solver.state import State
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose
@@ -65,10 +66,8 @@ def carry_to(model: Model, state: State, path: RootPath) -> None:
 
 
 def _carry(f: int, state: State, path: RootPath) -> None:
-    from scipy.spatial.transform import Rotation
-
-    before, after = quats_to_frames(np.stack([state.rotation[f, 0], path.base[f]]))
-    turn = after @ before.T
+    move = multiply(path.base[f], conjugate(state.rotation[f, 0]))
+    turn = quats_to_frames(np.array(move))
     old, new = state.centre[f, 0].copy(), path.samples[f, 0, :3]
     state.centre[f] = new + (state.centre[f] - old) @ turn.T
     directors = state.points[f, :, 1:3] @ turn.T
@@ -76,8 +75,6 @@ def _carry(f: int, state: State, path: RootPath) -> None:
     state.points[f, :, 1:3] = directors
     for rate in (state.velocity, state.acceleration, state.smoothed, state.spin):
         rate[f] = rate[f] @ turn.T
-    rows = Rotation.from_matrix(turn) * Rotation.from_quat(np.roll(state.rotation[f], -1, axis=-1))
-    turns = np.roll(rows.as_quat(), 1, axis=-1)
-    # the signs of neighbours belong together (rachis_kernels), the root's follows theirs
-    state.rotation[f] = turns
-    state.rotation[f, 0] = np.copysign(1.0, turns[0] @ path.base[f]) * path.base[f]
+    # the signs of neighbours belong together (rachis_kernels)
+    state.rotation[f] = [normalised(multiply(move, row)) for row in state.rotation[f]]
+    state.rotation[f, 0] = path.base[f]

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 STATIC = 1e4  # s, a step after which hardly any inertia is left
 DEPTH, MIXED, RIDGE = 6, 0.3, 1e-10
-# share of all areas that counts as no change; mixing steps; as many as may pass without progress
+# part of all areas that counts as no change; mixing steps; as many as may pass without progress
 SETTLED, MIXINGS, PATIENCE = 1e-5, 60, 12
 ITERATIONS = 25  # of Newton, a step
 # short steps: the first and the shortest (s), their number

@@ -27,7 +27,7 @@ from featherfx.mechanics.node_kernels import dead_energy, grip_energy
 from featherfx.solver.step.energy_kernels import elastic_energy
 from featherfx.solver.step.strain_kernels import strains_of
 
-# growth that round-off and Newton's tolerance may cause, share of the energy that there is, and
+# growth that round-off and Newton's tolerance may cause, part of the energy that there is, and
 # rounding of a strain (1 or rad)
 ROUNDING, STRAIN = 1e-8, 1e-11
 # m over m, by which a path may leave the even motion that it is taken for

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded, eigh
+from scipy.linalg.blas import dsbmv
+from scipy.sparse import diags_array
+from scipy.sparse.linalg import eigsh
 
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, no_loads
@@ -51,8 +55,6 @@ def _band(model: Model, inertia: float, state: State, work: Work) -> Array:
 
 def first_frequency(model: Model, feather: int) -> float:
     """Lowest natural angular frequency (rad/s) of one held feather, by inverse iteration."""
-    from scipy.linalg import cho_solve_banded, cholesky_banded
-
     stiffness, mass = rest_bands(model, feather)
     factor = cholesky_banded(stiffness.T, lower=True)
     x = np.ones(len(stiffness))
@@ -69,14 +71,10 @@ def first_frequency(model: Model, feather: int) -> float:
 
 def frequencies(model: Model, feather: int, count: int) -> Array:
     """(count,) lowest natural frequencies of one held feather, Hz, ascending."""
-    from scipy.linalg import eigh
-    from scipy.sparse import diags_array
-    from scipy.sparse.linalg import eigsh
-
-    stiffness, mass = (_sparse(band, diags_array) for band in rest_bands(model, feather))
+    stiffness, mass = (_sparse(band) for band in rest_bands(model, feather))
     size = mass.shape[0]
     if size <= SMALL:
-        # compliance rather than stiffness, so that rounding is a share of the lowest mode's
+        # compliance rather than stiffness, so that rounding is a part of the lowest mode's
         last = (size - count, size - 1)
         flexible = eigh(
             mass.toarray(), stiffness.toarray(), eigvals_only=True, subset_by_index=last
@@ -88,18 +86,16 @@ def frequencies(model: Model, feather: int, count: int) -> Array:
     return np.sqrt(np.sort(values)) / (2.0 * np.pi)
 
 
-def _sparse(band: Array, diagonals):
+def _sparse(band: Array):
     size, width = band.shape
     lower = [band[: size - d, d] for d in range(min(width, size))]
     offsets = [-d for d in range(len(lower))]
     upper = lower[1:]
-    return diagonals(lower + upper, offsets=offsets + [-o for o in offsets[1:]]).tocsc()
+    return diags_array(lower + upper, offsets=offsets + [-o for o in offsets[1:]]).tocsc()
 
 
 def _times(band: Array, x: Array) -> Array:
     """Symmetric band times vector."""
-    from scipy.linalg.blas import dsbmv
-
     width = min(band.shape[1], len(x))
     return np.asarray(dsbmv(width - 1, 1.0, band[:, :width].T, x, lower=1))
 

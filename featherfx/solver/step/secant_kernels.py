@@ -68,5 +68,5 @@ def solve_corrected(band, count, secants, x):
     solve_factored(band, x)
     for i in range(count):
         pair = secants[i]
-        share = pair[SUMS, 0] - _dot(pair[CHANGE], x) / pair[SUMS, 1]
-        _add_scaled(share, pair[STEP], x)
+        factor = pair[SUMS, 0] - _dot(pair[CHANGE], x) / pair[SUMS, 1]
+        _add_scaled(factor, pair[STEP], x)
