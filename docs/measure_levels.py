@@ -20,7 +20,7 @@ import numpy as np
 
 from featherfx.api import read_shot
 from featherfx.errors import InputWarning
-from featherfx.lab.bench.skip_scenes import backing_away
+from featherfx.lab.bench.skips import backing_away
 from featherfx.shot.detail.changes import Fades
 from featherfx.shot.share import share_of
 from featherfx.shot.simulate import simulate

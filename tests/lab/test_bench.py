@@ -7,11 +7,11 @@ import pytest
 from click.testing import CliRunner
 
 from featherfx.cli.main import main
-from featherfx.lab.bench import experiments, extent, report, scaling, shake, tables
+from featherfx.lab.bench import experiments, report, shake
 from featherfx.lab.bench.factorisation import factorisation_seconds
 
 COARSE = shake.Shake(rows=9, columns=3, coefficients=1, step=1.0 / 48.0, duration=0.25)
-TINY = extent.Extent(
+TINY = experiments.Extent(
     grids=((6, 2),),
     coefficients=(1,),
     steps=(24,),
@@ -94,14 +94,13 @@ def test_factorisation_is_timed():
 def test_front_of_settings():
     pairs = [(1.0, 5.0), (2.0, 6.0), (3.0, 2.0), (3.0, 1.0), (9.0, 1.0)]
     rows = [{"cost": cost, "error": error} for cost, error in pairs]
-    assert tables.pareto(rows, "cost", "error") == [rows[0], rows[3]]
+    assert report.pareto(rows, "cost", "error") == [rows[0], rows[3]]
 
 
 def test_tables_and_files(tmp_path, monkeypatch):
     small = replace(COARSE, duration=1.0 / 24.0)
-    for module, name in ((experiments, "PRODUCTION"), (scaling, "PRODUCTION")):
-        monkeypatch.setattr(module, name, small)
-    monkeypatch.setattr(experiments, "HERO", small)
+    for name in ("PRODUCTION", "HERO"):
+        monkeypatch.setattr(experiments, name, small)
     monkeypatch.setattr(
         experiments, "preset_shake", lambda kind, name: replace(COARSE, duration=0.5)
     )

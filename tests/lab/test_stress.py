@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError, SimulationError
-from featherfx.lab.bench import records as stress_records
 from featherfx.lab.bench import stress
 from featherfx.lab.bench.cases import draw_case
 from featherfx.mechanics.model import no_loads
@@ -63,26 +62,26 @@ def test_cases_are_drawn_again_from_their_seed():
 
 
 def test_summary_counts_every_case_once(outcomes):
-    counts = stress_records.summary([stress.as_record(o) for o in outcomes])
+    counts = stress.summary([stress.as_record(o) for o in outcomes])
     assert counts["ok"] + counts["sub_stepped"] + counts["stopped"] == counts["cases"] == len(SEEDS)
     assert len(counts["worst"]) == stress.WORST
 
 
 def test_records_outlive_a_run_that_was_killed_while_writing(tmp_path, outcomes):
     for outcome in outcomes[:3]:
-        stress_records.append_record(tmp_path, stress.as_record(outcome))
-    path = tmp_path / stress_records.FILE
+        stress.append_record(tmp_path, stress.as_record(outcome))
+    path = tmp_path / stress.FILE
     path.write_text(path.read_text() + '{"seed": 10')
-    records = stress_records.read_records(tmp_path)
+    records = stress.read_records(tmp_path)
     assert list(records) == [o.seed for o in outcomes[:3]]
-    assert records == stress_records.read_records(tmp_path)
+    assert records == stress.read_records(tmp_path)
     assert records[outcomes[0].seed]["iterations"] == outcomes[0].iterations
 
 
 def test_a_file_that_holds_something_else_is_named(tmp_path):
-    (tmp_path / stress_records.FILE).write_text("1,2\n")
+    (tmp_path / stress.FILE).write_text("1,2\n")
     with pytest.raises(InputError, match="line 1"):
-        stress_records.read_records(tmp_path)
+        stress.read_records(tmp_path)
 
 
 def test_a_case_may_not_take_more_iterations_than_its_limit():

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from featherfx.cli.main import main
 from featherfx.errors import InputError, SimulationError
-from featherfx.lab.studies import drawing, registry, report, runs
+from featherfx.lab.studies import registry, report, runs, study
 from featherfx.lab.studies.study import (
     Later,
     Study,
@@ -51,11 +51,11 @@ def test_one_number_that_differs_makes_a_study_differ():
 
 
 def test_registry_names_are_unique_and_lead_to_functions():
-    names = [study.name for study in registry.STUDIES]
+    names = [each.name for each in registry.STUDIES]
     assert len(set(names)) == len(names)
-    for study in registry.STUDIES:
-        assert isinstance(study.run, Later)
-        assert callable(getattr(importlib.import_module(study.run.module), study.run.name))
+    for each in registry.STUDIES:
+        assert isinstance(each.run, Later)
+        assert callable(getattr(importlib.import_module(each.run.module), each.run.name))
 
 
 def trial(folder):
@@ -66,7 +66,7 @@ def trial(folder):
         compared("length <of> a | b", 1.0, 2.0, 0.1, unit="m", note="too short"),
         reported("n", 3),
     ]
-    return StudyResult(rows, drawing.draw(folder / "trial.png", "A line & more.", paint))
+    return StudyResult(rows, study.draw(folder / "trial.png", "A line & more.", paint))
 
 
 def broken(folder):
@@ -103,7 +103,7 @@ def test_report_holds_every_number_and_picture(tmp_path):
 
 
 def test_without_matplotlib_there_are_tables_and_it_says_so(tmp_path, monkeypatch):
-    for module in (drawing, report):
+    for module in (study, report):
         monkeypatch.setattr(module, "can_plot", lambda: False)
     done = entries(tmp_path, trial)
     assert done[0].result.figures == ()
@@ -152,7 +152,7 @@ def test_kernels_are_compiled_before_the_first_study(tmp_path):
 def test_pictures_make_their_folder(tmp_path):
     pytest.importorskip("matplotlib")
     file = tmp_path / "new" / "picture.png"
-    assert drawing.draw(file, "x", lambda canvas: canvas.subplots())[0].file == file
+    assert study.draw(file, "x", lambda canvas: canvas.subplots())[0].file == file
     assert file.read_bytes().startswith(b"\x89PNG")
 
 

@@ -16,11 +16,11 @@ from featherfx.lab.vane.mesoscale import (
     fitted_bands,
     longitudinal_stress,
     pull_bands,
+    run_size_effect,
     transverse_stress,
     whole_periods,
 )
 from featherfx.lab.vane.sample import Moduli, Sample, isotropic, strains
-from featherfx.lab.vane.size_effect import run_size_effect
 from featherfx.lab.vane.statics import Statics
 from featherfx.lab.vane.traction import Traction, pull_test
 

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from featherfx.cli.lab.options_from import Experiment, command_from
+from featherfx.cli.lab.report import report
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.whole import write_text
 from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
@@ -31,8 +32,7 @@ from featherfx.lab.vane.angles import AnglesTest, angle_slopes, shear_bands
 from featherfx.lab.vane.calibrate import CalibrateTest, calibrate, check_name, save_preset
 from featherfx.lab.vane.curves import read_curves
 from featherfx.lab.vane.locking import LockingTest, run_locking
-from featherfx.lab.vane.mesoscale import BandTest, run_bands
-from featherfx.lab.vane.size_effect import run_size_effect
+from featherfx.lab.vane.mesoscale import BandTest, run_bands, run_size_effect
 from featherfx.lab.vane.traction import Traction, run_traction
 
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -251,4 +251,7 @@ EXPERIMENTS = {
         AnglesTest, _angles, "-o angles.png --pictures bands.png", more=(BAND_PICTURE, PICTURE)
     ),
 }
-COMMANDS = {name: command_from(name, each) for name, each in EXPERIMENTS.items()}
+COMMANDS: dict[str, click.Command] = {
+    **{name: command_from(name, each) for name, each in EXPERIMENTS.items()},
+    "report": report,
+}

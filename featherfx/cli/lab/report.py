@@ -9,11 +9,13 @@ import click
 
 from featherfx._version import __version__
 from featherfx.cli.program import Command
+from featherfx.lab.studies import report as pages
+from featherfx.lab.studies.registry import studies
+from featherfx.lab.studies.runs import Entry, run_all
 
 
 @click.command(
     cls=Command,
-    short_help="Run all studies; one page with our numbers beside the published ones.",
     epilog="""
     featherfx lab report -o validation
     featherfx lab report -o validation --only elastica --only ribbon_hanging
@@ -45,10 +47,6 @@ def report(output: Path, only: tuple[str, ...], markdown: Path | None, jobs: int
     Figures need matplotlib (extra "plots"); without it there are tables. Exit code 0 also where
     numbers differ: the page says so.
     """
-    from featherfx.lab.studies import report as pages
-    from featherfx.lab.studies.registry import studies
-    from featherfx.lab.studies.runs import Entry, run_all
-
     chosen = studies(only)
     output.mkdir(parents=True, exist_ok=True)
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from itertools import product
+from time import process_time
 
 from featherfx.errors import SimulationError
 from featherfx.feather.build import build_feather
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind
-from featherfx.lab.bench.extent import HERO, PRODUCTION, Extent
 from featherfx.lab.bench.factorisation import factorisation_seconds
-from featherfx.lab.bench.scaling import batches_table, fastest, rows_table, threads_table
+from featherfx.lab.bench.report import Row, Table
 from featherfx.lab.bench.shake import (
     ACCELERATION,
+    EULER,
     Method,
     Run,
     Shake,
@@ -24,7 +25,6 @@ from featherfx.lab.bench.shake import (
     swan_primary,
     trajectory_error,
 )
-from featherfx.lab.bench.tables import Row, Table
 from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.groups import NEWTON_SHARE
@@ -253,3 +253,128 @@ def _front_row(kind: FeatherKind, name: str, method: Method, shake: Shake, refer
         "steps": steps,
         "iterations a step": iterations,
     }
+
+
+HERO = Shake(rows=41, columns=10, coefficients=2)
+PRODUCTION = Shake(rows=21, columns=6, coefficients=2)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much is measured.
+
+    grids (rows, columns), coefficients, steps (1/s), radii: of the front. tolerances: share of the
+    length, with error control. reference: shake of the reference. batches: feathers at a time.
+    duration: s, of the timed runs.
+    """
+
+    grids: tuple[tuple[int, int], ...]
+    coefficients: tuple[int, ...]
+    steps: tuple[int, ...]
+    radii: tuple[float, ...]
+    tolerances: tuple[float, ...]
+    reference: Shake
+    batches: tuple[int, ...]
+    duration: float
+
+
+QUICK = Extent(
+    grids=((11, 4), (21, 6)),
+    coefficients=(1, 2),
+    steps=(24, 96, 384),
+    radii=(0.0, 0.8, EULER),
+    tolerances=(1e-2, 1e-3),
+    reference=Shake(rows=81, columns=6, coefficients=3, step=1.0 / 1536.0, radius=0.8),
+    batches=(1, 10, 100),
+    duration=0.25,
+)
+FULL = Extent(
+    grids=((6, 4), (11, 4), (21, 6), (41, 10)),
+    coefficients=(0, 1, 2, 3),
+    steps=(24, 96, 384),
+    radii=(0.0, 0.5, 0.8, EULER),
+    tolerances=(1e-2, 3e-3, 1e-3, 3e-4, 1e-4),
+    reference=Shake(rows=161, columns=10, coefficients=3, step=1.0 / 3072.0, radius=0.8),
+    batches=(1, 10, 100, 1000),
+    duration=0.5,
+)
+
+
+REPEATS = 3
+
+
+def fastest(method: Method, kind: FeatherKind, shake: Shake, repeats: int = REPEATS) -> Run:
+    """The fastest of several equal runs: what the machine does when nobody disturbs it."""
+    return min((method(kind, shake) for _ in range(repeats)), key=lambda run: run.seconds)
+
+
+def threads_table(kind: FeatherKind, extent: Extent, jobs: int) -> Table:
+    """32 feathers on one thread and on several."""
+    shake = replace(PRODUCTION, count=32, duration=extent.duration)
+    rows: list[Row] = []
+    for threads in sorted({1, 2, jobs}):
+        begin = process_time()
+        run = fastest(barb_curvature, kind, replace(shake, jobs=threads))
+        processor = (process_time() - begin) / (REPEATS * run.steps)
+        first = rows[0]["ms a frame of 1/96 s"] if rows else 1e3 * run.step_seconds
+        rows.append(
+            {
+                "threads": threads,
+                "ms a frame of 1/96 s": 1e3 * run.step_seconds,
+                "times one thread": first / (1e3 * run.step_seconds),
+                "processor ms a frame": 1e3 * processor,
+            }
+        )
+    note = (
+        "32 production feathers; wall time of the best of three runs, processor time of all threads"
+        " in the mean. Where other work takes the cores, only the latter tells what threads cost."
+    )
+    return Table("threads", "Threads", note, rows)
+
+
+def batches_table(kind: FeatherKind, extent: Extent) -> Table:
+    """Time per feather against their number."""
+    rows = _scaling(
+        extent.batches,
+        lambda count: replace(PRODUCTION, count=count, duration=8.0 / 96.0),
+        kind,
+        "feathers",
+    )
+    note = "Production feathers on one thread, eight steps of 1/96 s; time of a step per feather."
+    return Table("batches", "Time per feather", note, rows)
+
+
+def rows_table(kind: FeatherKind, extent: Extent) -> Table:
+    """Cost against the number of rows."""
+    rows = _scaling(
+        (11, 21, 41, 81, 161),
+        lambda count: replace(PRODUCTION, rows=count, duration=8.0 / 96.0),
+        kind,
+        "rows",
+    )
+    note = "Six columns, two coefficients, eight steps of 1/96 s; time of an iteration per row."
+    return Table("rows", "Cost against rows", note, rows)
+
+
+def _scaling(
+    counts: tuple[int, ...],
+    shake: Callable[[int], Shake],
+    kind: FeatherKind,
+    unit: str,
+) -> list[Row]:
+    """Time of a step at several sizes, and per unit of size and iteration."""
+    rows: list[Row] = []
+    for count in counts:
+        run = fastest(barb_curvature, kind, shake(count))
+        each = run.seconds / run.iterations / count if unit == "rows" else run.step_seconds / count
+        base = rows[0]["microseconds each"] if rows else 1e6 * each
+        rows.append(
+            {
+                unit: count,
+                "iterations a step": run.step_iterations,
+                "ms a step": 1e3 * run.step_seconds,
+                "microseconds each": 1e6 * each,
+                "share of the first": 1e6 * each / base,
+            }
+        )
+    return rows

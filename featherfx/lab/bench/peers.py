@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.lab.bench.report import machine
-from featherfx.lab.bench.tables import (
+from featherfx.lab.bench.report import (
     Row,
     Table,
     as_csv,
     as_markdown,
     can_plot,
+    machine,
     work_precision_plot,
 )
 from featherfx.lab.feathers.strip import (

@@ -17,8 +17,7 @@ from featherfx.lab.feathers.full_feather import (
     Pulled,
     pull_feather,
 )
-from featherfx.lab.studies.drawing import draw
-from featherfx.lab.studies.study import Figure, Row, StudyResult, bounded, reported
+from featherfx.lab.studies.study import Figure, Row, StudyResult, bounded, draw, reported
 
 # s; one feather in the reference, on its authors' machine
 REFERENCE_SECONDS = 300.0

@@ -14,8 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from featherfx.lab.bench.report import machine
-from featherfx.lab.bench.tables import can_plot
+from featherfx.lab.bench.report import can_plot, machine
 from featherfx.lab.studies.runs import Entry
 from featherfx.lab.studies.study import Row, StudyResult
 

@@ -22,8 +22,7 @@ from featherfx.lab.ribbons.experiments import (
 from featherfx.lab.rods.experiments import bend
 from featherfx.lab.rods.oracles import heavy_elastica
 from featherfx.lab.rods.rod import Rod
-from featherfx.lab.studies.drawing import draw
-from featherfx.lab.studies.study import Row, StudyResult, bounded, compared, reported
+from featherfx.lab.studies.study import Row, StudyResult, bounded, compared, draw, reported
 
 # the published curve spans slopes from linear theory to a strip that hangs down
 LOADS = 10.0 ** np.arange(-3.0, 5.01, 0.5)

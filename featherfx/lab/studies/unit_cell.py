@@ -25,8 +25,7 @@ from featherfx.lab.networks.unit_cell import (
     cell_network,
     cell_of,
 )
-from featherfx.lab.studies.drawing import draw
-from featherfx.lab.studies.study import StudyResult, bounded, compared, reported
+from featherfx.lab.studies.study import StudyResult, bounded, compared, draw, reported
 
 PRESET = "swan_primary"
 SEGMENTS = (4, 8, 16, 32)

@@ -22,11 +22,11 @@ from featherfx.lab.vane.mesoscale import (
     fitted_bands,
     longitudinal_stress,
     pull_bands,
+    run_size_effect,
     transverse_stress,
     whole_periods,
 )
 from featherfx.lab.vane.sample import Moduli, Sample, strains
-from featherfx.lab.vane.size_effect import run_size_effect
 from featherfx.lab.vane.traction import Traction, pull_test
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads

@@ -11,13 +11,10 @@ minimum t is zero and the convergence quadratic.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from featherfx.lab.vane.statics import Pose, Statics
+from featherfx.lab.vane.system import MembraneSystem
 
 Array = NDArray[np.float64]
 
@@ -47,33 +44,35 @@ def tensile(stresses: Array) -> Array:
     )
 
 
-def descend(statics: Statics, pose: Pose, shift: Array) -> tuple[Array, int] | None:
-    """Positions (N, 2) of a minimum and the iterations taken, or None. Raises
-    NoEquilibrium.
+def descend(
+    system: MembraneSystem, positions: Array, shift: Array, accuracy: float
+) -> tuple[Array, int] | None:
+    """Positions (N, 2) of a minimum and the iterations taken, or None. Raises NoEquilibrium.
 
-    pose: where it begins. shift: (N, 2) m, of the held nodes; zero elsewhere.
+    positions: where it begins. shift: (N, 2) m, of the held nodes; zero elsewhere. accuracy: share
+    of the energy that a step must win to be followed by another.
     """
-    positions, weight = pose.positions, 0.0
+    weight = 0.0
     for iteration in range(LIMIT):
-        stresses = statics.stresses(positions)
-        step, gain, weight = _direction(statics, positions, stresses, weight, shift)
-        length = 1.0 if iteration == 0 else _length(statics, positions, step, gain)
+        stresses = system.stresses(positions)
+        step, gain, weight = _direction(system, positions, stresses, weight, shift)
+        length = 1.0 if iteration == 0 else _length(system, positions, step, gain)
         positions = positions + length * step
         shift = np.zeros_like(shift)
-        close = np.abs(step).max() < CLOSE * statics.size
-        if iteration and (close or gain < statics.accuracy * statics.energy(positions)):
+        close = np.abs(step).max() < CLOSE * system.size
+        if iteration and (close or gain < accuracy * system.energy(positions)):
             return positions, iteration + 1
     return None
 
 
 def _direction(
-    statics: Statics, positions: Array, stresses: Array, weight: float, shift: Array
+    system: MembraneSystem, positions: Array, stresses: Array, weight: float, shift: Array
 ) -> tuple[Array, float, float]:
     """Newton's step, what it would win (J, twice), and the weight t that it took."""
     convex = tensile(stresses)
     weight = max(0.0, weight - LESS)
     while True:
-        found = statics.solve(positions, stresses + weight * (convex - stresses), shift)
+        found = system.solve(positions, stresses + weight * (convex - stresses), shift)
         if found is not None or weight >= 1.0:
             break
         weight = min(1.0, weight + MORE) if weight > 0.0 else FIRST
@@ -83,13 +82,13 @@ def _direction(
     return step, -float((forces * step).sum()), weight
 
 
-def _length(statics: Statics, positions: Array, step: Array, gain: float) -> float:
-    energy, length = statics.energy(positions), 1.0
+def _length(system: MembraneSystem, positions: Array, step: Array, gain: float) -> float:
+    energy, length = system.energy(positions), 1.0
     if gain < 1e-13 * abs(energy):
         return length
     while length > SHORTEST:
         trial = positions + length * step
-        if statics.upright(trial) and statics.energy(trial) <= energy - ARMIJO * length * gain:
+        if system.upright(trial) and system.energy(trial) <= energy - ARMIJO * length * gain:
             break
         length *= 0.5
     return length

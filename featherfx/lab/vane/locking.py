@@ -109,7 +109,7 @@ def _stress(ratio: float, elements: int, mesh: Meshing, model: Model) -> tuple[f
     free = mesh == "unaligned"
     test = _test(ratio, elements, mesh, model)
     pulled = pull_test(test, folding=free, accuracy=ACCURACY if free else 1e-10)
-    turned = pulled.statics.turned(pulled.pose.positions)
+    turned = pulled.statics.system.turned(pulled.pose.positions)
     return float(pulled.stress[-1]), len(pulled.statics.membrane.nodes), turned
 
 

@@ -15,27 +15,31 @@ E_B w^3 / 12 per thickness.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import Problem
+from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import Range, out_of_range, part, require, value
+from featherfx.lab.vane.descent import NoEquilibrium
 from featherfx.lab.vane.elements import Order, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_mesh, corner_rows
 from featherfx.lab.vane.sample import (
     FORM,
     Moduli,
     Sample,
+    displacement,
     isotropic,
     sample_problems,
     slope,
     strain_problems,
     strains,
+    stress,
 )
-from featherfx.lab.vane.statics import Statics
+from featherfx.lab.vane.statics import MembranePose, Statics
 from featherfx.lab.vane.traction import Pulled, clamped, pull
 
 Array = NDArray[np.float64]
@@ -242,3 +246,67 @@ def _stretch_of(target: Array) -> Array:
 
 def _distinct(values: Array, tiny: float) -> Array:
     return values[np.concatenate([[True], np.diff(values) > tiny])]
+
+
+RATIO, BARB, FRACTION = 6.2e4, 2.43e9, 0.14
+SIZE = 13e-3
+COUNTS = (8, 12, 16, 25)
+STRAIN, STEPS = -0.03, 3
+# sideways deflection of the start from which the barbs are let go, as a share of the height
+PUSH = 0.02
+
+
+@dataclass(frozen=True)
+class SizeEffect:
+    """counts: (k,) N, width over barb spacing. strain: (n,). stress_over_barb_modulus:
+    (k, n). constant, quadratic: of the fit constant + quadratic / N^2 to the last stresses; the
+    constant is what the barbules hold. unexplained: 1 - R^2 of that fit."""
+
+    counts: tuple[int, ...]
+    strain: Array
+    stress_over_barb_modulus: Array
+    constant: float
+    quadratic: float
+    unexplained: float
+
+
+def run_size_effect(counts: Sequence[int] = COUNTS, fraction: float = FRACTION) -> SizeEffect:
+    """Press square samples of N barbs each. Raises InputError for fewer than 4 barbs or 3 N."""
+    wrong = [n for n in counts if not 4 <= n <= 60]
+    require(*(Problem("", "counts", f"{n} is not allowed, must be 4 to 60") for n in wrong))
+    require(*([Problem("", "counts", "needs three or more")] if len(set(counts)) < 3 else []))
+    strain = STRAIN * np.arange(1, STEPS + 1) / STEPS
+    stresses = np.array([_press(n, fraction, strain) for n in counts]) / BARB
+    last, inverse = stresses[:, -1], np.array(counts, dtype=float) ** -2
+    quadratic, constant = np.polyfit(inverse, last, 1)
+    left = float(np.var(last - constant - quadratic * inverse) / np.var(last))
+    return SizeEffect(tuple(counts), strain, stresses, float(constant), float(quadratic), left)
+
+
+def _press(count: int, fraction: float, strain: Array) -> Array:
+    """(n,) Pa."""
+    sample = Sample(90.0, SIZE, SIZE)
+    bands = Bands(fraction, SIZE / count, BARB, BARB / RATIO)
+    mesh, moduli = band_mesh(sample, bands)
+    body = membrane(sample, mesh, moduli, 2)
+    statics = Statics(body, clamped(sample, body))
+    rest = body.points
+    top = rest[:, 1] >= sample.height
+    # the straight sample is an equilibrium too, an unstable one: start aside of it
+    share = rest[:, 1] / sample.height
+    aside = PUSH * sample.height * np.sin(np.pi * share) ** 2
+    pose: MembranePose = statics.rest()
+    first = displacement(float(strain[0]), sample.height)
+    begin = rest + np.column_stack([aside, first * share])
+    pose = MembranePose(begin, statics.system.stresses(begin), pose.tensions)
+    found = []
+    for each in strain:
+        moved = displacement(float(each), sample.height)
+        try:
+            pose = statics.descend(pose, rest + np.outer(top, [0.0, moved]))
+        except NoEquilibrium as error:
+            message = f"{count}: no equilibrium at the strain {each:g}: {error}"
+            raise InputError(Problem("", "counts", message)) from error
+        force = float(statics.forces(pose)[top, 1].sum())
+        found.append(stress(force, moved, sample))
+    return np.array(found)

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.lab.studies.drawing import draw
-from featherfx.lab.studies.study import Figure
+from featherfx.lab.studies.study import Figure, draw
 from featherfx.lab.vane.angles import AngleSlopes, ShearBand
 from featherfx.lab.vane.locking import Locking
-from featherfx.lab.vane.size_effect import SizeEffect
+from featherfx.lab.vane.mesoscale import SizeEffect
 from featherfx.lab.vane.traction import Meshing, Pulled, TractionResult
 
 Array = NDArray[np.float64]
@@ -117,7 +116,7 @@ def band_picture(file: Path, bands: Sequence[ShearBand]) -> tuple[Figure, ...]:
 
 def _shear(pulled: Pulled) -> Array:
     """(M,) size of 2 e_vw in each element."""
-    strain = pulled.statics.strains(pulled.pose.positions)
+    strain = pulled.statics.system.strains(pulled.pose.positions)
     mean: Array = np.abs(strain[..., 2]).mean(axis=1)
     return mean
 

@@ -23,13 +23,11 @@ from scipy.sparse.linalg import splu
 from featherfx.lab.vane.chain_kernels import chain_system
 from featherfx.lab.vane.descent import NoEquilibrium, descend
 from featherfx.lab.vane.elements import Membrane
-from featherfx.lab.vane.pattern import Pattern, factorised
-from featherfx.lab.vane.sample_kernels import predicted_strains, sample_strains, sample_system
+from featherfx.lab.vane.system import MembraneSystem, factorised
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-UNIT = np.array([1.0, 0.0, 1.0])
 # a step of Newton's below this share of the sample's size is the last one
 CLOSE = 1e-8
 ITERATIONS = 25
@@ -40,7 +38,7 @@ ASTRAY = 1.0
 
 
 @dataclass(frozen=True)
-class Pose:
+class MembranePose:
     """Changing data: positions (N, 2) m, stresses (M, Q, 3) Pa of the stiffness, tensions (S,) of
     the chains (N, times their scale), the iterations spent so far, and how often the pose had to
     be found by descent."""
@@ -64,76 +62,34 @@ class Statics:
     def __init__(
         self, membrane: Membrane, held: Bools, *, folding: bool = False, accuracy: float = 1e-10
     ) -> None:
-        self.membrane, self.held = membrane, held
-        self.folding, self.accuracy = folding, accuracy
-        free = np.repeat(~held, 2)
-        self._free = np.flatnonzero(free)
+        self.system = MembraneSystem(membrane, held, folding=folding)
+        self.membrane, self._accuracy = membrane, accuracy
         self._chains = membrane.chains[~held[membrane.chains].all(axis=1)]
         ends = membrane.points[self._chains]
         self._inverse = 1.0 / np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         stiff = membrane.moduli.max() * membrane.volume.max() ** (1 / 3)
         self._scale = stiff / self._inverse.mean() if len(self._chains) else 1.0
-        self.size = float(np.ptp(membrane.points, axis=0).max())
-        self._pattern = Pattern(membrane.nodes, free)
-        count = membrane.nodes.shape[1]
-        self._scratch = (*_scratch(), np.zeros(3), np.zeros((2 * count, 3)))
-        self._blocks = np.zeros((len(membrane.nodes), 2 * count, 2 * count))
 
     @property
     def unknowns(self) -> int:
-        return len(self._free) + len(self._chains)
+        return len(self.system.free) + len(self._chains)
 
-    def rest(self) -> Pose:
+    def rest(self) -> MembranePose:
         """The undeformed pose."""
         shape = (*self.membrane.volume.shape, 3)
-        return Pose(self.membrane.points.copy(), np.zeros(shape), np.zeros(len(self._chains)))
-
-    def strains(self, positions: Array) -> Array:
-        """(M, Q, 3) e_vv, e_ww, 2 e_vw at positions (N, 2)."""
-        part = self.membrane
-        strain = np.zeros((*part.volume.shape, 3))
-        sample_strains(
-            positions, part.nodes, part.along, part.across, UNIT, np.zeros((3, 3)), strain
+        return MembranePose(
+            self.membrane.points.copy(), np.zeros(shape), np.zeros(len(self._chains))
         )
-        return strain
 
-    def energy(self, positions: Array) -> float:
-        """J."""
-        return self._system(positions, self.rest().stresses)[0]
-
-    def forces(self, pose: Pose) -> Array:
+    def forces(self, pose: MembranePose) -> Array:
         """(N, 2) N, on the nodes: on held ones, what holds them; on free ones, the residual."""
-        forces = self._system(pose.positions, pose.stresses)[1]
+        forces = self.system.assembled(pose.positions, pose.stresses)[1]
         if len(self._chains):
             _, jacobian = self._chain(pose)
             forces += (jacobian.T @ pose.tensions).reshape(-1, 2)
         return forces
 
-    def stresses(self, positions: Array) -> Array:
-        """(M, Q, 3) Pa, vv, ww, vw at positions (N, 2)."""
-        return self.strains(positions) * self.membrane.moduli[:, None]
-
-    def solve(self, positions: Array, stresses: Array, shift: Array) -> tuple[Array, Array] | None:
-        """Newton's step (N, 2) and the forces (N, 2), N, without chains; None if not definite.
-
-        stresses: (M, Q, 3) Pa, of the stiffness. shift: (N, 2) m, of the held nodes.
-        """
-        _, forces, stiffness = self._system(positions, stresses)
-        factor = factorised(self._pattern.inner(stiffness))
-        definite = np.array_equal(factor.perm_r, factor.perm_c) and factor.U.diagonal().min() > 0.0
-        if not definite:
-            return None
-        load = -forces.ravel() - self._pattern.matrix(stiffness) @ shift.ravel()
-        step = shift.ravel().copy()
-        step[self._free] = factor.solve(load[self._free])
-        return step.reshape(-1, 2), forces
-
-    def stable(self, pose: Pose) -> bool:
-        """Whether every small motion costs energy (membranes without chains)."""
-        still = np.zeros_like(pose.positions)
-        return self.solve(pose.positions, self.stresses(pose.positions), still) is not None
-
-    def move(self, pose: Pose, target: Array) -> Pose:
+    def move(self, pose: MembranePose, target: Array) -> MembranePose:
         """Equilibrium with the held nodes at target (N, 2) m; other entries are not read.
 
         Raises NoEquilibrium.
@@ -148,10 +104,10 @@ class Statics:
             pose = self.descend(pose, start + part / PARTS * (target - start))
         return pose
 
-    def descend(self, pose: Pose, target: Array) -> Pose:
+    def descend(self, pose: MembranePose, target: Array) -> MembranePose:
         """As move, downhill all the way, so that the equilibrium is stable; without chains."""
-        shift = np.where(self.held[:, None], target - pose.positions, 0.0)
-        found = descend(self, pose, shift)
+        shift = np.where(self.system.held[:, None], target - pose.positions, 0.0)
+        found = descend(self.system, pose.positions, shift, self._accuracy)
         if found is None:
             raise NoEquilibrium("the energy falls without coming to rest")
         positions, spent = found
@@ -159,25 +115,12 @@ class Statics:
         return replace(
             pose,
             positions=positions,
-            stresses=self.stresses(positions),
+            stresses=self.system.stresses(positions),
             iterations=pose.iterations + spent,
             descents=pose.descents + 1,
         )
 
-    def upright(self, positions: Array) -> bool:
-        """Whether no element is turned over at positions (N, 2), or may be."""
-        return self.folding or self.turned(positions) == 0
-
-    def turned(self, positions: Array) -> int:
-        """How many strain points are turned over at positions (N, 2)."""
-        images = [
-            np.einsum("mqk,mkx->mqx", each, positions[self.membrane.nodes])
-            for each in (self.membrane.along, self.membrane.across)
-        ]
-        area = images[0][..., 0] * images[1][..., 1] - images[0][..., 1] * images[1][..., 0]
-        return int((area <= 0.0).sum())
-
-    def _halved(self, pose: Pose, target: Array, halvings: int) -> Pose:
+    def _halved(self, pose: MembranePose, target: Array, halvings: int) -> MembranePose:
         try:
             return self._newton(pose, target)
         except NoEquilibrium:
@@ -186,15 +129,15 @@ class Statics:
         half = 0.5 * (pose.positions + target)
         return self._halved(self._halved(pose, half, halvings - 1), target, halvings - 1)
 
-    def _newton(self, pose: Pose, target: Array) -> Pose:
-        shift = np.where(self.held[:, None], target - pose.positions, 0.0)
+    def _newton(self, pose: MembranePose, target: Array) -> MembranePose:
+        shift = np.where(self.system.held[:, None], target - pose.positions, 0.0)
         last = np.inf
         for iteration in range(ITERATIONS):
             step, tensions = self._step(pose, shift)
-            size = float(np.abs(step).max()) / self.size
+            size = float(np.abs(step).max()) / self.system.size
             if not size < ASTRAY:
                 raise NoEquilibrium("the iterations diverge")
-            stresses = self._predicted(pose.positions, step)
+            stresses = self.system.predicted_stresses(pose.positions, step)
             moved = replace(pose, positions=pose.positions + step, stresses=stresses)
             pose = replace(moved, tensions=tensions, iterations=pose.iterations + 1)
             if iteration and size < CLOSE and last < 1e3 * CLOSE:
@@ -203,14 +146,14 @@ class Statics:
             shift, last = np.zeros_like(shift), size
         raise NoEquilibrium(f"no convergence in {ITERATIONS} iterations")
 
-    def _step(self, pose: Pose, shift: Array) -> tuple[Array, Array]:
-        _, forces, stiffness = self._system(pose.positions, pose.stresses)
-        load = -forces.ravel() - self._pattern.matrix(stiffness) @ shift.ravel()
+    def _step(self, pose: MembranePose, shift: Array) -> tuple[Array, Array]:
+        _, forces, stiffness = self.system.assembled(pose.positions, pose.stresses)
+        load = -forces.ravel() - self.system.pattern.matrix(stiffness) @ shift.ravel()
         step = shift.ravel().copy()
         if not len(self._chains):
             try:
-                step[self._free] = factorised(self._pattern.inner(stiffness)).solve(
-                    load[self._free]
+                step[self.system.free] = factorised(self.system.pattern.inner(stiffness)).solve(
+                    load[self.system.free]
                 )
             except RuntimeError as error:
                 raise NoEquilibrium("the stiffness is singular") from error
@@ -218,23 +161,23 @@ class Statics:
         return self._chained_step(pose, stiffness, load, step)
 
     def _chained_step(
-        self, pose: Pose, stiffness: Array, load: Array, step: Array
+        self, pose: MembranePose, stiffness: Array, load: Array, step: Array
     ) -> tuple[Array, Array]:
         excess, jacobian = self._chain(pose)
-        inner = self._pattern.inner(stiffness) + self._tension_stiffness(pose)
-        coupled = jacobian[:, self._free]
+        inner = self.system.pattern.inner(stiffness) + self._tension_stiffness(pose)
+        coupled = jacobian[:, self.system.free]
         system = bmat([[inner, coupled.T], [coupled, None]], format="csc")
         turn = self._tension_stiffness(pose, whole=True) @ step
-        right = np.concatenate([(load - turn)[self._free], -excess - jacobian @ step])
+        right = np.concatenate([(load - turn)[self.system.free], -excess - jacobian @ step])
         try:
             found = splu(system).solve(right)
         except RuntimeError as error:
             raise NoEquilibrium("the constraints contradict each other") from error
-        count = len(self._free)
-        step[self._free] = found[:count]
+        count = len(self.system.free)
+        step[self.system.free] = found[:count]
         return step.reshape(-1, 2), found[count:]
 
-    def _chain(self, pose: Pose) -> tuple[Array, csr_matrix]:
+    def _chain(self, pose: MembranePose) -> tuple[Array, csr_matrix]:
         count = len(self._chains)
         excess, table = np.zeros(count), np.zeros((count, 4))
         line, ends = np.zeros(6), np.zeros((2, 3))
@@ -245,7 +188,7 @@ class Statics:
         jacobian = csr_matrix((self._scale * table.ravel(), (rows, columns)), shape)
         return self._scale * excess, jacobian
 
-    def _tension_stiffness(self, pose: Pose, whole: bool = False) -> csc_matrix:
+    def _tension_stiffness(self, pose: MembranePose, whole: bool = False) -> csc_matrix:
         """Second variation of the tensions: t / s^2 |dx_1 - dx_0|^2."""
         value = self._scale * pose.tensions * self._inverse**2
         a, b = self._chains.T
@@ -259,35 +202,8 @@ class Statics:
         rows = np.concatenate([each[1][0] for each in parts])
         columns = np.concatenate([each[1][1] for each in parts])
         matrix = csc_matrix((values, (rows, columns)), (size, size))
-        return matrix if whole else matrix[self._free][:, self._free]
-
-    def _system(self, positions: Array, stresses: Array) -> tuple[float, Array, Array]:
-        part = self.membrane
-        forces = np.zeros_like(positions)
-        energy = sample_system(
-            *(positions, part.nodes, part.along, part.across, part.volume, part.moduli),
-            *(stresses, UNIT, self._scratch, forces, self._blocks),
-        )
-        return energy, forces, self._pattern.sum(self._blocks)
-
-    def _predicted(self, positions: Array, step: Array) -> Array:
-        part = self.membrane
-        strain = np.zeros((*part.volume.shape, 3))
-        predicted_strains(
-            positions, step, part.nodes, part.along, part.across, UNIT, _scratch(), strain
-        )
-        return strain * part.moduli[:, None]
+        return matrix if whole else matrix[self.system.free][:, self.system.free]
 
     def _check(self, positions: Array) -> None:
-        if not self.upright(positions):
+        if not self.system.upright(positions):
             raise NoEquilibrium("elements are turned over")
-
-
-def _scratch() -> tuple[Array, ...]:
-    return (
-        np.zeros((3, 3)),
-        np.zeros((3, 3)),
-        np.zeros((2, 3, 3)),
-        np.zeros(6),
-        np.zeros((3, 2, 2)),
-    )

@@ -33,7 +33,7 @@ from featherfx.lab.vane.sample import (
     strains,
     stress,
 )
-from featherfx.lab.vane.statics import Pose, Statics
+from featherfx.lab.vane.statics import MembranePose, Statics
 
 Array = NDArray[np.float64]
 Meshing = Literal["aligned", "unaligned"]
@@ -102,7 +102,7 @@ class Pulled:
 
     strain: Array
     stress: Array
-    pose: Pose
+    pose: MembranePose
     statics: Statics
 
     @property
@@ -179,7 +179,9 @@ def clamped(sample: Sample, body: Membrane) -> NDArray[np.bool_]:
     return (height <= 0.0) | (height >= sample.height)
 
 
-def pull(sample: Sample, statics: Statics, strain: Array, pose: Pose | None = None) -> Pulled:
+def pull(
+    sample: Sample, statics: Statics, strain: Array, pose: MembranePose | None = None
+) -> Pulled:
     """Pull through the strains (n,), from `pose` or from rest. Raises InputError."""
     pose = pose or statics.rest()
     rest = statics.membrane.points

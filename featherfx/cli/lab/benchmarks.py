@@ -1,0 +1,87 @@
+"""The work of `featherfx bench`, imported when it is asked for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+
+from featherfx._version import __version__
+from featherfx.baking.pipeline import read_shot
+from featherfx.cli.bench import BenchOptions
+from featherfx.cli.progress import Progress
+from featherfx.lab.bench import experiments, peers
+from featherfx.lab.bench.report import Table, page, write, write_files
+from featherfx.lab.bench.skips import skips_table
+from featherfx.lab.bench.stress import (
+    Outcome,
+    append_record,
+    as_record,
+    read_records,
+    run_seeds,
+    summary,
+)
+
+TABLES, PEER_TABLES = 8, 2
+QUICK_ROWS, MOST_ROWS = 40, 200
+
+
+def run_benchmarks(options: BenchOptions) -> None:
+    """Measure, and print the page or write the files. Exit code 1 if a case breaks a promise."""
+    if options.peers:
+        _beside_peers(options)
+        return
+    tables: list[Table] = []
+    outcome, output, jobs = None, options.output, options.jobs or os.cpu_count() or 1
+    if options.skips:
+        shots = [read_shot(path) for path in options.skips]
+        with Progress("skips") as progress:
+            rest = (options.only, options.frames, options.every)
+            tables.append(skips_table(shots, progress, *rest))
+    elif options.stress:
+        rows = QUICK_ROWS if options.quick else MOST_ROWS
+        outcome = _stress(options.seeds, jobs, rows, output)
+    else:
+        extent = experiments.QUICK if options.quick else experiments.FULL
+        with Progress("tables") as progress:
+            for table in experiments.all_tables(extent, jobs):
+                tables.append(table)
+                if output is not None:
+                    write(output, tables, None, __version__)
+                progress(len(tables), TABLES)
+    if output is None:
+        click.echo(page(tables, outcome, __version__))
+    else:
+        for file in write(output, tables, outcome, __version__):
+            click.echo(file)
+    if outcome is not None and outcome["violations"]:
+        click.get_current_context().exit(1)
+
+
+def _beside_peers(options: BenchOptions) -> None:
+    tables = []
+    with Progress("tables") as progress:
+        for table in peers.peer_tables(peers.QUICK if options.quick else peers.FULL):
+            tables.append(table)
+            progress(len(tables), PEER_TABLES)
+    if options.output is None:
+        click.echo(peers.peer_page(tables, __version__))
+        return
+    for file in write_files(options.output, peers.peer_files(tables, __version__)):
+        click.echo(file)
+
+
+def _stress(seeds: range, jobs: int, most_rows: int, folder: Path | None) -> dict[str, Any]:
+    """Run the cases that the folder does not have yet; the summary of all that it then has."""
+    records = read_records(folder) if folder is not None else {}
+
+    def keep(outcome: Outcome) -> None:
+        records[outcome.seed] = as_record(outcome)
+        if folder is not None:
+            append_record(folder, records[outcome.seed])
+
+    with Progress("cases") as progress:
+        run_seeds([s for s in seeds if s not in records], jobs, most_rows, progress, keep)
+    return summary([records[seed] for seed in sorted(records)])
