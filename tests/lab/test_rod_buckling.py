@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.special import jv
 
-from featherfx.lab.rods.rod import Rod, clamped, rod_loads, rod_model, row_share
+from featherfx.lab.rods.rod import Rod, clamped, rod_loads, rod_model, tributary_length
 from featherfx.solver.solver import Settings, Solver
 
 pytestmark = pytest.mark.verification
@@ -75,7 +75,7 @@ def test_lateral_buckling_of_a_ribbon_under_its_weight():
 
     def stiffness(weight):
         forces = np.zeros((rod.segments + 1, 3))
-        forces[:, 2] = -weight * row_share(rod)
+        forces[:, 2] = -weight * tributary_length(rod)
         return stiffness_across(rod, None, forces, 1)[0]
 
     assert critical(stiffness, 0.95 * expected, 0.99 * expected) == pytest.approx(
@@ -150,7 +150,7 @@ def test_out_of_plane_buckling_of_a_curved_hanging_rod():
         nonlocal state
         for part in np.linspace(0.3, 1.0, 6) if state is None else (1.0,):
             forces = np.zeros((rod.segments + 1, 3))
-            forces[:, 0] = part * weight * ei / length**3 * row_share(rod)
+            forces[:, 0] = part * weight * ei / length**3 * tributary_length(rod)
             value, state = stiffness_across(rod, state, forces, 2)
         return value
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
+from featherfx.cli.lab.show import plain
+from featherfx.lab.declare import out_of_range
 from featherfx.lab.vane.angles import band_width, fit_shear, tilted_sample
 from featherfx.lab.vane.elements import membrane
 from featherfx.lab.vane.locking import run_locking
@@ -12,7 +14,6 @@ from featherfx.lab.vane.mesoscale import (
     Bands,
     SwanBands,
     band_mesh,
-    bands_problems,
     fitted_bands,
     longitudinal_stress,
     pull_bands,
@@ -112,9 +113,9 @@ def test_stress_in_compression_is_quadratic_in_the_width():
     found = run_size_effect((6, 8, 10))
     assert found.unexplained < 0.01
     assert found.quadratic < 0.0
-    assert np.all(np.diff(-found.stress[:, -1]) < 0.0)
+    assert np.all(np.diff(-found.stress_over_barb_modulus[:, -1]) < 0.0)
     # far below even compression: the barbs give way by bending
-    assert -found.stress.min() < 0.1 * 0.14 * 0.03
+    assert -found.stress_over_barb_modulus.min() < 0.1 * 0.14 * 0.03
 
 
 def test_locking_study():
@@ -123,7 +124,7 @@ def test_locking_study():
     assert found.error("unaligned", 1e4)[0][1] > 10.0
     assert found.error("unaligned", 1.0)[0][1] < 1e-2
     assert found.error("aligned", np.inf)[-1][1] < 0.03
-    values = found.as_json()
+    values = plain(found)
     assert {point["mesh"] for point in values["points"]} == {"aligned", "unaligned"}
     with pytest.raises(InputError, match="ratio"):
         run_locking((0.5,))
@@ -131,7 +132,7 @@ def test_locking_study():
 
 def test_bands_out_of_range():
     wrong = Bands(1.2, 0.5, 0.0, np.nan)
-    keys = [problem.key for problem in bands_problems(wrong)]
+    keys = [problem.key for problem in out_of_range(wrong)]
     assert keys == ["barb_fraction", "barb_spacing", "barb", "barbule"]
     with pytest.raises(InputError):
         run_size_effect((2, 8, 12))

@@ -78,7 +78,7 @@ def test_forces_are_the_energy_gradient(order):
     pose = statics.rest()
     forces = statics.forces(type(pose)(bent, pose.stresses, pose.tensions))
     checked = approx_fprime(
-        bent.ravel(), lambda each: statics.energy(each.reshape(-1, 2)), 1e-9
+        bent.ravel(), lambda each: statics.system.energy(each.reshape(-1, 2)), 1e-9
     ).reshape(-1, 2)
     assert forces == pytest.approx(checked, abs=1e-4 * np.abs(checked).max())
 
@@ -89,7 +89,7 @@ def test_rigid_motion_costs_nothing():
     statics = Statics(body, clamped(sample, body))
     turned = body.points @ np.array([[0.6, 0.8], [-0.8, 0.6]]) + [0.3, -0.1]
     soft = SWAN.across * sample.thickness * sample.width * sample.height
-    assert statics.energy(turned) < 1e-15 * SWAN.along / SWAN.across * soft
+    assert statics.system.energy(turned) < 1e-15 * SWAN.along / SWAN.across * soft
 
 
 @pytest.mark.verification

@@ -208,10 +208,10 @@ def _rotation(vector: Array) -> Array:
 
 def _path(position: Array, move: Array | float, frame: Array, spin: Array | float) -> RootPath:
     """A path at constant velocity: move (3,) m and spin (3,) rad within the frame."""
-    share = np.linspace(0.0, 1.0, PATH_SAMPLES)[:, None]
+    progress = np.linspace(0.0, 1.0, PATH_SAMPLES)[:, None]
     samples = np.zeros((1, PATH_SAMPLES, 6))
-    samples[0, :, :3] = position + share * np.broadcast_to(move, 3)
-    samples[0, :, 3:] = share * np.broadcast_to(spin, 3)
+    samples[0, :, :3] = position + progress * np.broadcast_to(move, 3)
+    samples[0, :, 3:] = progress * np.broadcast_to(spin, 3)
     return RootPath(samples, frames_to_quats(frame)[None])
 
 

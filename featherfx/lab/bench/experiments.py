@@ -175,8 +175,8 @@ def front_shakes(extent: Extent) -> Iterator[Shake]:
         for step, radius in steps:
             yield Shake(rows, columns, coefficients, step, radius=radius)
     control = product(extent.grids, extent.tolerances, (0.5, 0.8))
-    for (rows, columns), share, radius in control:
-        tolerance = share * swan_primary().length
+    for (rows, columns), ratio, radius in control:
+        tolerance = ratio * swan_primary().length
         newton = min(1e-6, 1e-3 * tolerance)
         yield Shake(rows, columns, 2, 0.0, tolerance, radius, newton)
 

@@ -217,6 +217,6 @@ def trajectory_error(run: Run, reference: Run, length: float) -> float:
 def _interpolated(station: Array, values: Array, place: float) -> Array:
     """(T, 3) values (T, K, 3) at a place between the stations (K,)."""
     after = min(max(int(np.searchsorted(station, place)), 1), len(station) - 1)
-    share = (place - station[after - 1]) / (station[after] - station[after - 1])
-    result: Array = (1.0 - share) * values[:, after - 1] + share * values[:, after]
+    weight = (place - station[after - 1]) / (station[after] - station[after - 1])
+    result: Array = (1.0 - weight) * values[:, after - 1] + weight * values[:, after]
     return result

@@ -43,14 +43,14 @@ class Curve:
 
 
 def interpolation(ribbon: Ribbon, links: int) -> Array:
-    """(N, elements + 1) shares of the stations' values in those of the joints."""
+    """(N, elements + 1) weights of the stations' values in those of the joints."""
     place = (np.arange(links * ribbon.elements) + 0.5) / links
     low = place.astype(np.int64)
-    shares = np.zeros((len(place), ribbon.elements + 1))
+    weights = np.zeros((len(place), ribbon.elements + 1))
     rows = np.arange(len(place))
-    shares[rows, low] = 1.0 - (place - low)
-    shares[rows, low + 1] = place - low
-    return shares
+    weights[rows, low] = 1.0 - (place - low)
+    weights[rows, low + 1] = place - low
+    return weights
 
 
 def link_lengths(ribbon: Ribbon, links: int) -> Array:
@@ -60,11 +60,11 @@ def link_lengths(ribbon: Ribbon, links: int) -> Array:
 
 def _about(axis: int, angle: float) -> Array:
     first, second = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.eye(3)
+    rotation = np.eye(3)
     cosine, sine = np.cos(angle), np.sin(angle)
-    turn[first, first] = turn[second, second] = cosine
-    turn[second, first], turn[first, second] = sine, -sine
-    return turn
+    rotation[first, first] = rotation[second, second] = cosine
+    rotation[second, first], rotation[first, second] = sine, -sine
+    return rotation
 
 
 def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS) -> Curve:
@@ -73,25 +73,25 @@ def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS
     frame: (3, 3) columns across, normal, along at the clamp.
     """
     size = ribbon.elements + 1
-    shares = interpolation(ribbon, links)
-    curvature, ruling = shares @ unknowns[:size], shares @ unknowns[size:]
+    weights = interpolation(ribbon, links)
+    curvature, ruling = weights @ unknowns[:size], weights @ unknowns[size:]
     count = len(curvature)
     steps = link_lengths(ribbon, links)
     points, frames = np.zeros((count + 1, 3)), np.empty((count + 1, 3, 3))
     joints, axes = np.empty((count, 3)), np.empty((count, 3, 3))
-    turn, place = np.array(frame, dtype=float), np.zeros(3)
-    frames[0] = turn
+    local, place = np.array(frame, dtype=float), np.zeros(3)
+    frames[0] = local
     for k in range(count):
         step = steps[k]
         half = _about(2, 0.5 * step * curvature[k] * ruling[k])
-        joints[k] = place + 0.5 * step * turn[:, 2]
-        axes[k, 0] = turn[:, 2]
-        turn = turn @ half
-        axes[k, 1] = turn[:, 0]
-        turn = turn @ _about(0, step * curvature[k]) @ half
-        axes[k, 2] = turn[:, 2]
-        place = joints[k] + 0.5 * step * turn[:, 2]
-        points[k + 1], frames[k + 1] = place, turn
+        joints[k] = place + 0.5 * step * local[:, 2]
+        axes[k, 0] = local[:, 2]
+        local = local @ half
+        axes[k, 1] = local[:, 0]
+        local = local @ _about(0, step * curvature[k]) @ half
+        axes[k, 2] = local[:, 2]
+        place = joints[k] + 0.5 * step * local[:, 2]
+        points[k + 1], frames[k + 1] = place, local
     return Curve(points, frames, joints, axes)
 
 
@@ -140,18 +140,18 @@ def _to_unknowns(
 ) -> tuple[Array, Array]:
     """Gradient and Hessian by hinge angles carried over to curvature and ruling."""
     size = ribbon.elements + 1
-    shares = interpolation(ribbon, links)
-    c, t = shares @ unknowns[:size], shares @ unknowns[size:]
+    weights = interpolation(ribbon, links)
+    c, t = weights @ unknowns[:size], weights @ unknowns[size:]
     step = link_lengths(ribbon, links)[:, None]
     # angles (twist / 2, bend, twist / 2) by (c, t) of the joint
     by_c = step * np.stack([0.5 * t, np.ones_like(t), 0.5 * t], axis=1)
     by_t = step * np.stack([0.5 * c, np.zeros_like(c), 0.5 * c], axis=1)
-    lines = [(by[:, :, None] * shares[:, None, :]).reshape(-1, size) for by in (by_c, by_t)]
+    lines = [(by[:, :, None] * weights[:, None, :]).reshape(-1, size) for by in (by_c, by_t)]
     jacobian = np.concatenate(lines, axis=1)
     gradient = jacobian.T @ slope.ravel()
     matrix = jacobian.T @ hessian @ jacobian
     # the twist is a product of two unknowns
-    mixed = shares.T @ (0.5 * step * (slope[:, :1] + slope[:, 2:]) * shares)
+    mixed = weights.T @ (0.5 * step * (slope[:, :1] + slope[:, 2:]) * weights)
     matrix[:size, size:] += mixed
     matrix[size:, :size] += mixed.T
     return gradient, matrix

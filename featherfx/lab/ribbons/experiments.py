@@ -17,7 +17,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import part, value
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon
-from featherfx.lab.rods.rod import Rod, rod_loads, rod_model, row_share
+from featherfx.lab.rods.rod import Rod, rod_loads, rod_model, tributary_length
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
 
@@ -159,9 +159,9 @@ def hang_rod(rod: Rod, line_density: float, clamp: Clamp = "level") -> Array:
     frame = clamp_frame(clamp)
     model, loads = rod_model(rod), rod_loads(rod)
     pull = GRAVITY + np.array([0.0, 0.0, TILT * np.linalg.norm(GRAVITY)])
-    loads.force[0, :, 0] = line_density * row_share(rod)[:, None] * pull
-    turn = np.stack([frame[:, 2], -frame[:, 1], frame[:, 0]], axis=1)
-    state = rest_state(model, np.zeros((1, 3)), turn[None])
+    loads.force[0, :, 0] = line_density * tributary_length(rod)[:, None] * pull
+    root = np.stack([frame[:, 2], -frame[:, 1], frame[:, 0]], axis=1)
+    state = rest_state(model, np.zeros((1, 3)), root[None])
     state, status, _ = Solver(model, Settings(newton=1e-8 * rod.length)).equilibrium(state, loads)
     raise_if_failed(status, state.time, ["rod"])
     return np.array(state.centre[0])

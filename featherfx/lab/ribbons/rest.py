@@ -123,13 +123,13 @@ def _descend(
         values = np.maximum(np.abs(values), FLOOR * np.abs(values).max())
         step = -scale * (vectors @ ((vectors.T @ gradient) / values))
         slope = float(gradient @ (step / scale))
-        share = _longest(ribbon, unknowns, step)
+        fraction = _longest(ribbon, unknowns, step)
         for _ in range(HALVINGS):
-            trial = unknowns + share * step
+            trial = unknowns + fraction * step
             rounding = 1e-13 * (1.0 + abs(energy))
-            if energy_at(trial) <= energy + 1e-4 * share * slope + rounding:
+            if energy_at(trial) <= energy + 1e-4 * fraction * slope + rounding:
                 break
-            share *= 0.5
+            fraction *= 0.5
         else:
             return unknowns, count
         unknowns = trial

@@ -62,14 +62,14 @@ def kirchhoff_tip(
         cube = [(1.0 - taper * x / length) ** 3 for x in (s, length)]
         return weight * length / (3.0 * taper) * (cube[0] - cube[1])
 
-    def back(rotation: Rotation, share: float, accuracy: float) -> Array:
+    def back(rotation: Rotation, factor: float, accuracy: float) -> Array:
         def slope(s: float, y: Array) -> Array:
             frame = y[6:].reshape(3, 3)
-            n = share * (np.asarray(tip_force, float) - [0.0, 0.0, beyond(s)])
+            n = factor * (np.asarray(tip_force, float) - [0.0, 0.0, beyond(s)])
             bend = stiffness * (1.0 - taper * s / length) ** 4
-            turn = frame @ (frame.T @ y[3:6] / bend + [0.0, 0.0, curvature])
+            bent = frame @ (frame.T @ y[3:6] / bend + [0.0, 0.0, curvature])
             return np.concatenate(
-                [frame[:, 0], np.cross(n, frame[:, 0]), np.cross(turn, frame.T).T.ravel()]
+                [frame[:, 0], np.cross(n, frame[:, 0]), np.cross(bent, frame.T).T.ravel()]
             )
 
         start = np.concatenate([np.zeros(6), rotation.as_matrix().ravel()])
@@ -79,14 +79,14 @@ def kirchhoff_tip(
 
     tip = Rotation.from_rotvec([0.0, 0.0, curvature * length])
     load = (np.linalg.norm(tip_force) + weight * length) * length**2 / stiffness.min()
-    shares = np.linspace(0.0, 1.0, 4 + int(4 * np.log2(1 + load)))[1:] ** 2
+    factors = np.linspace(0.0, 1.0, 4 + int(4 * np.log2(1 + load)))[1:] ** 2
     change = np.zeros(3)
-    for share, accuracy in [*((each, 1e-5) for each in shares), (1.0, 1e-10)]:
+    for factor, accuracy in [*((each, 1e-5) for each in factors), (1.0, 1e-10)]:
 
         def miss(
-            vector: Array, share: float = share, accuracy: float = accuracy, tip: Rotation = tip
+            vector: Array, factor: float = factor, accuracy: float = accuracy, tip: Rotation = tip
         ) -> Array:
-            end = back(Rotation.from_rotvec(vector) * tip, share, accuracy)
+            end = back(Rotation.from_rotvec(vector) * tip, factor, accuracy)
             # the nearest rotation: integration keeps the frame orthonormal to its accuracy only
             return np.asarray(Rotation.from_matrix(end[6:].reshape(3, 3)).as_rotvec())
 

@@ -90,7 +90,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
     rachis_rest[:, 0] = np.sinc(half / np.pi)
     rachis_rest[:, 5] = 2.0 * half
     mass = np.zeros((1, rows, 3))
-    mass[0, :, 0] = line_mass(rod) * row_share(rod)
+    mass[0, :, 0] = line_mass(rod) * tributary_length(rod)
     mass[0, :, 1:] = mass[0, :, :1] * (GYRATION * rod.length) ** 2
     barbs = (1, 2, rows, 0)
     return Model(
@@ -138,17 +138,17 @@ def _stiffness(rod: Rod, station: Array, load: float) -> Array:
     return np.concatenate([stretch, bend], axis=1)
 
 
-def row_share(rod: Rod) -> Array:
+def tributary_length(rod: Rod) -> Array:
     """(n,) m: integral of the section's area, 1 at the clamp, times each row's linear hat."""
     station = np.linspace(0.0, rod.length, rod.segments + 1)
     length = np.diff(station)
-    share = np.zeros(len(station))
+    tributary = np.zeros(len(station))
     # two Gauss points integrate the cubic exactly
     for place in (0.5 - np.sqrt(1.0 / 12.0), 0.5 + np.sqrt(1.0 / 12.0)):
         area = (1.0 - rod.taper * (station[:-1] + place * length) / rod.length) ** 2
-        share[:-1] += 0.5 * length * area * (1.0 - place)
-        share[1:] += 0.5 * length * area * place
-    return share
+        tributary[:-1] += 0.5 * length * area * (1.0 - place)
+        tributary[1:] += 0.5 * length * area * place
+    return tributary
 
 
 def straight(model: Model) -> State:
@@ -168,12 +168,12 @@ def rod_loads(
     """
     require(*load_problems(rod, tip_force, points))
     force = np.zeros((rod.segments + 1, 3))
-    force[:, 2] = -rod.line_weight * row_share(rod)
+    force[:, 2] = -rod.line_weight * tributary_length(rod)
     for place, vector in ((rod.length, tip_force), *points):
         low = min(int(place / rod.length * rod.segments), rod.segments - 1)
-        share = place / rod.length * rod.segments - low
-        force[low] += (1.0 - share) * np.asarray(vector)
-        force[low + 1] += share * np.asarray(vector)
+        weight = place / rod.length * rod.segments - low
+        force[low] += (1.0 - weight) * np.asarray(vector)
+        force[low + 1] += weight * np.asarray(vector)
     nodes = np.zeros((1, rod.segments + 1, 3, 3))
     nodes[0, :, 0] = force
     return no_loads(1)._replace(force=nodes)

@@ -92,12 +92,12 @@ def hanging(folder: Path) -> StudyResult:
     ]
     shapes = {length: hang(replace(CURL, length=length)) for length in LENGTHS}
     for length, hung in shapes.items():
-        share = hung.out_of_plane / length
+        ratio = hung.out_of_plane / length
         text = f"distance from its plane at length {length:g} m, over length"
         if length < 0.29:
-            rows.append(bounded(text, share, at_most=1e-6, note="published: planar below 29 cm"))
+            rows.append(bounded(text, ratio, at_most=1e-6, note="published: planar below 29 cm"))
         else:
-            rows.append(bounded(text, share, at_least=0.01, note="published: out of its plane"))
+            rows.append(bounded(text, ratio, at_least=0.01, note="published: out of its plane"))
     last = shapes[LENGTHS[-1]]
     rows.append(reported("seconds of the longest", last.seconds, unit="s", note="published: 2.1 s"))
     curves = {length: hung.rest.curve.points for length, hung in shapes.items()}

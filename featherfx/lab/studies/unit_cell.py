@@ -66,11 +66,11 @@ def elements(folder: Path) -> StudyResult:
     cell = cell_of(feather_kind(PRESET))
     gradients = np.random.default_rng(5).normal(size=(20, 2, 2))
     relaxed, affine = homogenised(cell_network(cell), gradients + gradients.transpose(0, 2, 1))
-    share = np.diag(relaxed) / np.diag(affine)
+    ratio = np.diag(relaxed) / np.diag(affine)
     note = "of 20 random mean strains; published: between 0 and 1"
     rows += [
-        bounded("energy over its affine bound, least", share.min(), at_least=0.0, note=note),
-        bounded("energy over its affine bound, largest", share.max(), at_most=1.0, note=note),
+        bounded("energy over its affine bound, least", ratio.min(), at_least=0.0, note=note),
+        bounded("energy over its affine bound, largest", ratio.max(), at_most=1.0, note=note),
     ]
     return StudyResult(rows)
 
@@ -189,9 +189,9 @@ def _paint_cell(axes: Any, cell: UnitCell) -> None:
             (distal, 0.0, 1.0, "C0"),
             (proximal, width, -1.0, "C1"),
         ):
-            share = (len(nodes) - 1) / (2 * cell.crossings)
-            x = 1e6 * np.array([root_x, root_x + side * share * width])
-            axes.plot(x, 1e6 * np.array([base, base + share * rise]), color=colour, lw=0.7)
+            ratio = (len(nodes) - 1) / (2 * cell.crossings)
+            x = 1e6 * np.array([root_x, root_x + side * ratio * width])
+            axes.plot(x, 1e6 * np.array([base, base + ratio * rise]), color=colour, lw=0.7)
     for place in (0.0, width):
         axes.plot([1e6 * place] * 2, [0.0, 1e6 * (rise + 3 * cell.height)], "k-", lw=3)
     axes.set_aspect("equal")

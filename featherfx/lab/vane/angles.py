@@ -193,8 +193,8 @@ def band_width(sample: Sample, pulled: Pulled) -> float:
     place = rest @ sample.across
     rows, inverse = np.unique(np.round(place / sample.height, 7), return_inverse=True)
     mean = np.bincount(inverse, moved) / np.bincount(inverse)
-    share = np.maximum.accumulate(mean / mean.max())
-    low, high = np.interp(EDGES, share, rows * sample.height)
+    moved_by = np.maximum.accumulate(mean / mean.max())
+    low, high = np.interp(EDGES, moved_by, rows * sample.height)
     return float((high - low) / (EDGES[1] - EDGES[0]))
 
 

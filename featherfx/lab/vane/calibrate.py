@@ -92,9 +92,9 @@ class Calibration:
                 "value": getattr(self.moduli, name),
                 "low": None if self.low is None else getattr(self.low, name),
                 "high": None if self.high is None else getattr(self.high, name),
-                "identified": share,
+                "identified": left,
             }
-            for name, share in zip(NAMES, self.identified, strict=True)
+            for name, left in zip(NAMES, self.identified, strict=True)
         }
         for key in ("conditioning", "residual", "curves", "points", "iterations", "seconds"):
             found[key] = getattr(self, key)
@@ -234,7 +234,7 @@ def _gauss_newton(
             shifted = np.concatenate([test.stress(_moduli(moved)) for test in tests])
             jacobian[:, k] = (shifted - base) / DIFFERENCE
         weak = [
-            n for n, share in zip(NAMES, _identified(jacobian), strict=True) if share < IDENTIFIED
+            n for n, left in zip(NAMES, _identified(jacobian), strict=True) if left < IDENTIFIED
         ]
         if weak:
             raise InputError(*(_missing(name, source) for name in weak))
@@ -247,13 +247,13 @@ def _gauss_newton(
 
 
 def _identified(jacobian: Array) -> tuple[float, float, float]:
-    shares = []
+    found = []
     for k in range(3):
         others = np.delete(jacobian, k, axis=1)
         own = jacobian[:, k]
         rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
-        shares.append(float(np.linalg.norm(rest) / np.sqrt(len(jacobian))))
-    return shares[0], shares[1], shares[2]
+        found.append(float(np.linalg.norm(rest) / np.sqrt(len(jacobian))))
+    return found[0], found[1], found[2]
 
 
 def _intervals(

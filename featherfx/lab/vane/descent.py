@@ -37,10 +37,10 @@ def tensile(stresses: Array) -> Array:
     half = 0.5 * (stresses[..., 0] - stresses[..., 1])
     radius = np.hypot(half, stresses[..., 2])
     large, small = np.maximum(mean + radius, 0.0), np.maximum(mean - radius, 0.0)
-    share = np.divide(0.5 * (large - small), radius, out=np.zeros_like(radius), where=radius > 0)
+    ratio = np.divide(0.5 * (large - small), radius, out=np.zeros_like(radius), where=radius > 0)
     centre = 0.5 * (large + small)
     return np.stack(
-        [centre + share * half, centre - share * half, share * stresses[..., 2]], axis=-1
+        [centre + ratio * half, centre - ratio * half, ratio * stresses[..., 2]], axis=-1
     )
 
 

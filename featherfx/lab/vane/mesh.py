@@ -85,8 +85,8 @@ def graded_rows(sample: Sample, count: int, layer: float) -> Array:
     near = np.min(np.abs(middle[:, None] - inner), axis=1)
     density = 1.0 / (thick + GROWTH * near)
     # blended with an even spacing, so that coarse meshes do not spend all rows on the layers
-    share = density / (density @ np.diff(fine)) + EVEN / span
-    total = np.concatenate([[0.0], np.cumsum(share * np.diff(fine))])
+    weight = density / (density @ np.diff(fine)) + EVEN / span
+    total = np.concatenate([[0.0], np.cumsum(weight * np.diff(fine))])
     rows = []
     for a, b in pairwise(inner):
         start, end = np.interp([a, b], fine, total)
@@ -109,16 +109,16 @@ def aligned_mesh(sample: Sample, rows: Array, spacing: float) -> Mesh:
     for number, place in enumerate(rows):
         low, high = cut_row(sample, float(place))
         count = 0 if high == low else max(1, round((high - low) / spacing))
-        share = np.linspace(0.0, 1.0, count + 1)
-        along = low + (high - low) * share
+        places = np.linspace(0.0, 1.0, count + 1)
+        along = low + (high - low) * places
         points.append(along[:, None] * sample.barb + place * sample.across)
         index = np.arange(start, start + count + 1)
         chains.append(np.column_stack([index[:-1], index[1:]]))
         if before is not None:
-            made = _strip(before[0], before[1], index, share)
+            made = _strip(before[0], before[1], index, places)
             triangles.append(made)
             strip.append(np.full(len(made), number - 1))
-        before, start = (index, share), start + count + 1
+        before, start = (index, places), start + count + 1
     found = np.concatenate(points)
     snap = TINY * max(sample.width, sample.height)
     for axis, size in enumerate((sample.width, sample.height)):
@@ -188,9 +188,9 @@ def _bunched(a: float, b: float, count: int) -> Array:
     return a + (b - a) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, count)))
 
 
-def _strip(below: Indices, below_share: Array, above: Indices, above_share: Array) -> Indices:
-    """Triangles (m, 3) between two rows; shares: (n,) of the rows' lengths at their nodes."""
-    low, high = (0.5 * (each[1:] + each[:-1]) for each in (below_share, above_share))
+def _strip(below: Indices, below_places: Array, above: Indices, above_places: Array) -> Indices:
+    """Triangles (m, 3) between two rows; places: (n,) along the rows, 0 to 1, of their nodes."""
+    low, high = (0.5 * (each[1:] + each[:-1]) for each in (below_places, above_places))
     i, j = np.arange(len(low)), np.arange(len(high))
     partner = np.searchsorted(high, low, side="left")
     other = np.searchsorted(low, high, side="right")

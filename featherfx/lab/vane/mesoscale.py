@@ -90,20 +90,20 @@ class SwanBands:
 
 def longitudinal_stress(bands: Bands, strain: Array) -> Array:
     """Eq. 5.2; Pa, of strains (n,)."""
-    share = bands.barb_fraction
-    return (share * bands.barb + (1.0 - share) * bands.barbule) * strain
+    fraction = bands.barb_fraction
+    return (fraction * bands.barb + (1.0 - fraction) * bands.barbule) * strain
 
 
 def transverse_stress(bands: Bands, strain: Array, *, rigid: bool = True) -> Array:
     """Pa, of strains (n,); rigid: eq. 5.4, else with barbs of finite stiffness."""
-    share = bands.barb_fraction
+    fraction = bands.barb_fraction
     whole = np.sqrt(1.0 + 2.0 * strain)
-    soft = (whole - share) / (1.0 - share)
+    soft = (whole - fraction) / (1.0 - fraction)
     if not rigid:
         for _ in range(50):
             target = bands.barbule * soft * (soft**2 - 1.0) / bands.barb
             stiff = _stretch_of(target)
-            soft = (whole - share * stiff) / (1.0 - share)
+            soft = (whole - fraction * stiff) / (1.0 - fraction)
     return bands.barbule * soft * (soft**2 - 1.0) / (2.0 * whole)
 
 
@@ -118,8 +118,8 @@ def fitted_bands(longitudinal: float, transverse: float, fraction: float, spacin
 
 def series_shear(bands: Bands) -> float:
     """Pa, shear modulus of the two bands in series, without bending of barbs: a lower bound."""
-    share = bands.barb_fraction
-    return 0.5 / (share / bands.barb + (1.0 - share) / bands.barbule)
+    fraction = bands.barb_fraction
+    return 0.5 / (fraction / bands.barb + (1.0 - fraction) / bands.barbule)
 
 
 def band_mesh(
@@ -293,11 +293,11 @@ def _press(count: int, fraction: float, strain: Array) -> Array:
     rest = body.points
     top = rest[:, 1] >= sample.height
     # the straight sample is an equilibrium too, an unstable one: start aside of it
-    share = rest[:, 1] / sample.height
-    aside = PUSH * sample.height * np.sin(np.pi * share) ** 2
+    level = rest[:, 1] / sample.height
+    aside = PUSH * sample.height * np.sin(np.pi * level) ** 2
     pose: MembranePose = statics.rest()
     first = displacement(float(strain[0]), sample.height)
-    begin = rest + np.column_stack([aside, first * share])
+    begin = rest + np.column_stack([aside, first * level])
     pose = MembranePose(begin, statics.system.stresses(begin), pose.tensions)
     found = []
     for each in strain:

@@ -167,8 +167,8 @@ class Statics:
         inner = self.system.pattern.inner(stiffness) + self._tension_stiffness(pose)
         coupled = jacobian[:, self.system.free]
         system = bmat([[inner, coupled.T], [coupled, None]], format="csc")
-        turn = self._tension_stiffness(pose, whole=True) @ step
-        right = np.concatenate([(load - turn)[self.system.free], -excess - jacobian @ step])
+        pulled = self._tension_stiffness(pose, whole=True) @ step
+        right = np.concatenate([(load - pulled)[self.system.free], -excess - jacobian @ step])
         try:
             found = splu(system).solve(right)
         except RuntimeError as error:
