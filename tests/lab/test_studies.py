@@ -1,6 +1,5 @@
 """Studies, their verdicts and the report."""
 
-import importlib
 import json
 import math
 import os
@@ -13,12 +12,10 @@ from featherfx.cli.main import main
 from featherfx.errors import InputError, SimulationError
 from featherfx.lab.studies import registry, report, runs, study
 from featherfx.lab.studies.study import (
-    Later,
     Study,
     StudyResult,
     bounded,
     compared,
-    later,
     reported,
     run_study,
 )
@@ -54,8 +51,7 @@ def test_registry_names_are_unique_and_lead_to_functions():
     names = [each.name for each in registry.STUDIES]
     assert len(set(names)) == len(names)
     for each in registry.STUDIES:
-        assert isinstance(each.run, Later)
-        assert callable(getattr(importlib.import_module(each.run.module), each.run.name))
+        assert callable(each.run)
 
 
 def trial(folder):
@@ -73,8 +69,12 @@ def broken(folder):
     raise SimulationError("feather", 1.0, "it did not converge")
 
 
+def place(function):
+    return f"{__name__}:{function.__name__}"
+
+
 def entries(tmp_path, *functions):
-    chosen = [Study(f.__name__, f"The {f.__name__}", "nobody", f) for f in functions]
+    chosen = [Study(f.__name__, f"The {f.__name__}", "nobody", place(f)) for f in functions]
     return runs.run_all(chosen, tmp_path, compile_first=())
 
 
@@ -111,7 +111,7 @@ def test_without_matplotlib_there_are_tables_and_it_says_so(tmp_path, monkeypatc
 
 
 def test_studies_are_timed_and_imported_late(tmp_path):
-    result = run_study(Study("x", "x", "x", later(f"{__name__}:trial")), tmp_path / "new")
+    result = run_study(Study("x", "x", "x", place(trial)), tmp_path / "new")
     assert 0.0 < result.seconds < 60.0
     assert len(result.rows) == 2
 
@@ -126,7 +126,7 @@ def quick(folder):
 
 
 def test_studies_run_in_processes_and_keep_their_order(tmp_path):
-    chosen = [Study(f.__name__, "x", "x", f) for f in (slow_then, quick, broken)]
+    chosen = [Study(f.__name__, "x", "x", place(f)) for f in (slow_then, quick, broken)]
     told = []
     done = runs.run_all(
         chosen,
@@ -142,11 +142,14 @@ def test_studies_run_in_processes_and_keep_their_order(tmp_path):
     assert [(k, total) for _, k, total in told] == [(1, 3), (2, 3), (3, 3)]
 
 
+def late(folder):
+    return StudyResult([reported("kernels", (folder / "kernels").exists())])
+
+
 def test_kernels_are_compiled_before_the_first_study(tmp_path):
-    order = []
-    study = Study("x", "x", "x", lambda folder: order.append("study") or StudyResult([]))
-    runs.run_all([study], tmp_path, compile_first=(lambda: order.append("kernels"),))
-    assert order == ["kernels", "study"]
+    chosen = [Study("x", "x", "x", place(late))]
+    done = runs.run_all(chosen, tmp_path, compile_first=((tmp_path / "kernels").touch,))
+    assert done[0].result.rows[0].ours == 1.0
 
 
 def test_pictures_make_their_folder(tmp_path):

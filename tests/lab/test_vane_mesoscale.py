@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from featherfx.errors import InputError
 from featherfx.cli.lab.show import plain
+from featherfx.errors import InputError
 from featherfx.lab.declare import out_of_range
 from featherfx.lab.vane.angles import band_width, fit_shear, tilted_sample
 from featherfx.lab.vane.elements import membrane

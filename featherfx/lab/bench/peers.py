@@ -22,6 +22,7 @@ from featherfx.lab.bench.report import (
     as_csv,
     as_markdown,
     can_plot,
+    facts_of,
     machine,
     work_precision_plot,
 )
@@ -222,9 +223,8 @@ def _row(name: str, rate: int, run: PeerRun, reference: Array) -> Row:
 
 def peer_page(tables: list[Table], program: str) -> str:
     """The run as Markdown; program: version of featherfx."""
-    found = machine(program)
-    facts = ", ".join(f"{name} {value}" for name, value in found.items() if name != "date")
-    head = f"Measured on {found['date']}. Machine and versions: {facts}.\n"
+    date, facts = facts_of(machine(program))
+    head = f"Measured on {date}. Machine and versions: {facts}.\n"
     parts = [f"# Beside other simulators\n\n{INTRODUCTION}", head]
     for table in tables:
         parts.append(as_markdown(table))

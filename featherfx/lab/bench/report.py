@@ -11,9 +11,12 @@ import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
+
+from featherfx.files.whole import write_whole
 
 LIBRARIES = ("numpy", "scipy", "numba")
 INTRODUCTION = """\
@@ -39,6 +42,12 @@ def machine(program: str) -> dict[str, Any]:
     }
 
 
+def facts_of(found: dict[str, Any]) -> tuple[str, str]:
+    """Date of a machine's record, and the rest of it in words."""
+    rest = ", ".join(f"{name} {value}" for name, value in found.items() if name != "date")
+    return found["date"], rest
+
+
 def _processor() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
@@ -62,11 +71,10 @@ def page(tables: Sequence[Table], stress: dict[str, Any] | None, program: str) -
     """The run as Markdown. stress: the summary of stress.py, where it was run. program: version."""
     if stress is not None and not tables:
         return stress_page(stress)
-    found = machine(program)
-    facts = ", ".join(f"{name} {value}" for name, value in found.items() if name != "date")
+    date, facts = facts_of(machine(program))
     parts = [
         f"# Benchmarks\n\n{INTRODUCTION}",
-        f"Measured on {found['date']}. Machine and versions: {facts}.\n",
+        f"Measured on {date}. Machine and versions: {facts}.\n",
     ]
     front = front_of(tables)
     for table in tables:
@@ -152,16 +160,15 @@ def write(
 
 
 def write_files(folder: Path, files: dict[str, bytes]) -> list[Path]:
-    """Write files by name to a folder, which is made where it is not there; returns them.
-
-    A file appears under its name only when it is complete.
-    """
+    """Write files by name to a folder, which is made where it is not there; returns them."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
-        temporary = folder / f".{name}.part"
-        temporary.write_bytes(content)
-        os.replace(temporary, folder / name)
+        write_whole(folder / name, partial(_put, content))
     return [folder / name for name in files]
+
+
+def _put(content: bytes, file: BinaryIO) -> None:
+    file.write(content)
 
 
 Row = dict[str, Any]

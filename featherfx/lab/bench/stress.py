@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import fmean, quantiles
 from time import thread_time
@@ -195,17 +195,8 @@ def run_seeds(
 
 def as_record(outcome: Outcome) -> dict[str, Any]:
     """An outcome as plain data for JSON."""
-    return {
-        "seed": outcome.seed,
-        "verdict": outcome.verdict,
-        "status": outcome.status,
-        "violations": outcome.violations,
-        "energy_gain": outcome.energy_gain,
-        "unexplained_gain": outcome.unexplained_gain,
-        **{name: getattr(outcome, name) for name in COUNTED},
-        "seconds": outcome.seconds,
-        "case": outcome.numbers,
-    }
+    values = asdict(outcome) | {"verdict": outcome.verdict}
+    return values | {"case": values.pop("numbers")}
 
 
 FILE = "stress_cases.jsonl"

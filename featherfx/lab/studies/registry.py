@@ -5,122 +5,122 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from featherfx.errors import InputError, Problem
-from featherfx.lab.studies.study import Study, later
+from featherfx.lab.studies.study import Study
 
 STUDIES: tuple[Study, ...] = (
     Study(
         "elastica",
         "Cantilever under a force at its tip",
         "Bisshopp and Drucker 1945; Mattiasson 1981, table 1",
-        later("featherfx.lab.studies.rods:elastica"),
+        "featherfx.lab.studies.rods:elastica",
     ),
     Study(
         "heavy_elastica",
         "Rod clamped level under its weight",
         "Kirchhoff's rod, by shooting",
-        later("featherfx.lab.studies.rods:heavy"),
+        "featherfx.lab.studies.rods:heavy",
     ),
     Study(
         "bend_45",
         "45 degree bend",
         "Bathe and Bolourchi 1979; Simo and Vu-Quoc 1986",
-        later("featherfx.lab.studies.rods:bend_of_45_degrees"),
+        "featherfx.lab.studies.rods:bend_of_45_degrees",
     ),
     Study(
         "frequencies",
         "Natural frequencies of a clamped rod",
         "closed form; Rayleigh and Ritz",
-        later("featherfx.lab.studies.rods:frequencies"),
+        "featherfx.lab.studies.rods:frequencies",
     ),
     Study(
         "released_rod",
         "A rod let go",
         "chain of rigid links",
-        later("featherfx.lab.studies.rods:released"),
+        "featherfx.lab.studies.rods:released",
     ),
     Study(
         "vane_traction",
         "Traction of vane samples",
         "Jouve 2024, chapter 4",
-        later("featherfx.lab.studies.vane:traction"),
+        "featherfx.lab.studies.vane:traction",
     ),
     Study(
         "vane_locking",
         "Locking of unaligned meshes",
         "Jouve 2024, figures 4.4 and 4.7; Jouve et al. 2024, figure 5",
-        later("featherfx.lab.studies.vane:locking"),
+        "featherfx.lab.studies.vane:locking",
     ),
     Study(
         "vane_mesoscale",
         "Barbs and barbules as bands",
         "Jouve 2024, eq. 5.2 and 5.4, table 5.1",
-        later("featherfx.lab.studies.vane:mesoscale"),
+        "featherfx.lab.studies.vane:mesoscale",
     ),
     Study(
         "vane_size_effect",
         "Size effect in compression along the barbs",
         "Jouve 2024, figures A.5 and A.6",
-        later("featherfx.lab.studies.vane:size_effect"),
+        "featherfx.lab.studies.vane:size_effect",
     ),
     Study(
         "vane_shear_modulus",
         "Shear modulus of the membrane from tilted tests of bands",
         "Jouve 2024, tables 5.2 and D.2",
-        later("featherfx.lab.studies.vane:shear_modulus"),
+        "featherfx.lab.studies.vane:shear_modulus",
     ),
     Study(
         "vane_calibration",
         "Moduli recovered from stress-strain curves",
         "Jouve 2024, chapter 5",
-        later("featherfx.lab.studies.vane:calibration"),
+        "featherfx.lab.studies.vane:calibration",
     ),
     Study(
         "vane_angles",
         "Slopes at all angles, and the shear band",
         "Jouve 2024, figures 5.11 and 5.12; Jouve et al. 2024, figures 9 and 11",
-        later("featherfx.lab.studies.vane:angles"),
+        "featherfx.lab.studies.vane:angles",
     ),
     Study(
         "ribbon_cantilever",
         "Ribbon and rod clamped level, under their weight",
         "Charrondiere et al. 2019, figure 7",
-        later("featherfx.lab.studies.ribbons:cantilever"),
+        "featherfx.lab.studies.ribbons:cantilever",
     ),
     Study(
         "ribbon_hanging",
         "A curled ribbon leaves its plane as its length grows",
         "Charrondiere et al. 2019, section 5.1 and figure 9",
-        later("featherfx.lab.studies.ribbons:hanging"),
+        "featherfx.lab.studies.ribbons:hanging",
     ),
     Study(
         "ribbon_and_rod",
         "The curled ribbon beside a rod of rectangular section",
         "Charrondiere et al. 2019, section 5.5 and figure 9",
-        later("featherfx.lab.studies.ribbons:against_rod"),
+        "featherfx.lab.studies.ribbons:against_rod",
     ),
     Study(
         "full_feather_side",
         "A whole feather, its vane pulled",
         "Jouve 2024, figure 6.9; Jouve et al. 2024, figure 1",
-        later("featherfx.lab.studies.full_feather:side_pull"),
+        "featherfx.lab.studies.full_feather:side_pull",
     ),
     Study(
         "full_feather_tip",
         "A whole feather, its tip pulled",
         "Jouve 2024, figure 6.5",
-        later("featherfx.lab.studies.full_feather:tip_pull"),
+        "featherfx.lab.studies.full_feather:tip_pull",
     ),
     Study(
         "fibre_elements",
         "Bend triplets: cantilever, plane against space, affine bound",
         "Houghton 2020, chapters 3, 5 and 6",
-        later("featherfx.lab.studies.unit_cell:elements"),
+        "featherfx.lab.studies.unit_cell:elements",
     ),
     Study(
         "unit_cell",
         "The vane as a lattice of barbs and barbules",
         "Houghton 2020, applied to the moduli of Jouve 2024, tables 5.1 and 5.2",
-        later("featherfx.lab.studies.unit_cell:lattice"),
+        "featherfx.lab.studies.unit_cell:lattice",
     ),
 )
 

@@ -8,13 +8,14 @@ import html
 import io
 import json
 import math
-import os
 import shutil
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from featherfx.lab.bench.report import can_plot, machine
+from featherfx.files.whole import write_text
+from featherfx.lab.bench.report import can_plot, facts_of, machine
 from featherfx.lab.studies.runs import Entry
 from featherfx.lab.studies.study import Row, StudyResult
 
@@ -57,12 +58,11 @@ def cells(row: Row) -> list[str]:
 
 def facts(entries: Sequence[Entry], version: str) -> list[str]:
     """Date, machine and the sum of the verdicts, as sentences."""
-    found = machine(version)
     verdicts = [row.verdict for entry in entries for row in entry.result.rows]
     seconds = sum(s for e in entries if math.isfinite(s := e.result.processor_seconds))
-    listed = ", ".join(f"{name} {value}" for name, value in found.items() if name != "date")
+    date, listed = facts_of(machine(version))
     return [
-        f"Run on {found['date']}; the studies took {seconds:.0f} s of processor time, kernels"
+        f"Run on {date}; the studies took {seconds:.0f} s of processor time, kernels"
         f" compiled before. Machine and versions: {listed}.",
         f"Of {len(verdicts)} numbers, {verdicts.count('agrees')} agree,"
         f" {verdicts.count('differs')} differ by more than their tolerance and"
@@ -167,16 +167,8 @@ def record(entries: Sequence[Entry], version: str) -> dict[str, Any]:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    return {
-        "quantity": row.quantity,
-        "ours": _finite(row.ours),
-        "unit": row.unit,
-        "published": _finite(row.published),
-        "tolerance": row.tolerance,
-        "comparison": row.comparison,
-        "verdict": row.verdict,
-        "note": row.note,
-    }
+    numbers = {"ours": _finite(row.ours), "published": _finite(row.published)}
+    return asdict(row) | numbers | {"verdict": row.verdict}
 
 
 def _finite(value: float | None) -> float | None:
@@ -202,8 +194,9 @@ def write_report(folder: Path, entries: Sequence[Entry], version: str) -> list[P
         "validation.json": json.dumps(record(entries, version), indent=1) + "\n",
         "validation.csv": as_csv(entries),
     }
+    folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
-        write_whole(folder / name, content)
+        write_text(folder / name, content)
     return [folder / name for name in files]
 
 
@@ -214,12 +207,5 @@ def write_markdown(file: Path, entries: Sequence[Entry], version: str) -> None:
         for figure in entry.result.figures:
             folder.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(figure.file, folder / figure.file.name)
-    write_whole(file, markdown(entries, version, folder.name))
-
-
-def write_whole(file: Path, content: str) -> None:
-    """Write a text file that is complete under its name, or not there."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_name(f".{file.name}.part")
-    temporary.write_text(content, encoding="utf-8")
-    os.replace(temporary, file)
+    write_text(file, markdown(entries, version, folder.name))

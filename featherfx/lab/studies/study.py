@@ -10,7 +10,7 @@ import importlib
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -85,12 +85,21 @@ class StudyResult:
 @dataclass(frozen=True)
 class Study:
     """name: by which it is asked for. title: of its section. reproduces: publication and figure or
-    table. run: does the work; its folder exists and takes the pictures, named after the study."""
+    table. place: "module:name" of the function that does the work, imported when it runs, not when
+    it is listed or sent to a process. It is called with a folder, which exists, for the pictures,
+    named after the study."""
 
     name: str
     title: str
     reproduces: str
-    run: Callable[[Path], StudyResult] = field(repr=False)
+    place: str
+
+    @property
+    def run(self) -> Callable[[Path], StudyResult]:
+        """The function."""
+        module, _, name = self.place.partition(":")
+        found: Callable[[Path], StudyResult] = getattr(importlib.import_module(module), name)
+        return found
 
 
 def compared(
@@ -126,28 +135,6 @@ def bounded(
 def reported(quantity: str, ours: float, *, unit: str = "", note: str = "") -> Row:
     """A number of ours that nothing published stands beside."""
     return Row(quantity, float(ours), unit, note=note)
-
-
-@dataclass(frozen=True)
-class Later:
-    """A study's function, imported when it runs, not when it is listed or sent to a process.
-
-    module, name: where it is.
-    """
-
-    module: str
-    name: str
-
-    def __call__(self, folder: Path) -> StudyResult:
-        result = getattr(importlib.import_module(self.module), self.name)(folder)
-        assert isinstance(result, StudyResult)
-        return result
-
-
-def later(place: str) -> Later:
-    """A study's function given as "module:function"."""
-    module, _, name = place.partition(":")
-    return Later(module, name)
 
 
 def run_study(study: Study, folder: Path) -> StudyResult:
