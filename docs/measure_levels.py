@@ -20,9 +20,8 @@ import numpy as np
 
 from featherfx.api import read_shot
 from featherfx.errors import InputWarning
-from featherfx.lab.bench.skips import backing_away
+from featherfx.lab.bench.skips import backing_away, share_of
 from featherfx.shot.detail.changes import Fades
-from featherfx.shot.share import share_of
 from featherfx.shot.simulate import simulate
 
 SHOT = Path(__file__).parents[1] / "samples/pigeon/full.toml"

@@ -25,15 +25,6 @@ def share_numbers(shot: Shot, index: int, count: int) -> NDArray[np.int64]:
     return np.arange(index - 1, most, count)
 
 
-def share_of(shot: Shot, index: int, count: int) -> Shot:
-    """The shot with every count-th feather from the index-th on, index from 1 to count.
-
-    Neighbours cost about the same, so shares made in this way are about equal work. Raises
-    InputError where a share would be empty.
-    """
-    return part_of(shot, share_numbers(shot, index, count))
-
-
 def part_of(shot: Shot, chosen: NDArray[np.int64]) -> Shot:
     """The shot with some of its feathers, by their numbers (K,) in ascending order."""
     groom = replace(shot.groom, feathers=tuple(shot.groom.feathers[k] for k in chosen))

@@ -59,12 +59,10 @@ def step_settings(
     settings: Settings,
     duration: float,
     length: Array,
-    iterations: int = NEWTON_ITERATIONS,
-    hard: int = HARD,
 ) -> StepSettings:
     """Settings as the kernels take them, of a frame of duration (s).
 
-    length: (n-1,) m, of the feather's rachis elements. iterations, hard: of StepSettings.
+    length: (n-1,) m, of the feather's rachis elements.
     """
     return StepSettings(
         duration=float(duration),
@@ -73,8 +71,8 @@ def step_settings(
         tolerance=float(settings.tolerance),
         coarse=COARSE * float(length.sum()),
         newton=float(settings.newton),
-        iterations=iterations,
-        hard=hard,
+        iterations=NEWTON_ITERATIONS,
+        hard=HARD,
         most_iterations=int(settings.max_iterations),
     )
 

@@ -17,7 +17,7 @@ from featherfx.lab.bench.report import Row, Table
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.detail.view import TimedCamera, View
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.share import share_of
+from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
 
@@ -248,6 +248,14 @@ def skips_table(
         rows.append(_measured(shot, skip, known))
         progress(len(rows), len(pairs))
     return Table("skips", "Skipped work", NOTE, rows)
+
+
+def share_of(shot: Shot, index: int, count: int) -> Shot:
+    """The shot with every count-th feather from the index-th on, index from 1 to count.
+
+    Raises InputError where none would be left.
+    """
+    return part_of(shot, share_numbers(shot, index, count))
 
 
 def _first(shot: Shot, frames: int | None) -> Shot:

@@ -76,7 +76,9 @@ class NodalSolver:
                 f,
                 path,
                 new,
-                step_settings(self.settings, duration, self.model.length[f], limit, hard),
+                step_settings(self.settings, duration, self.model.length[f])._replace(
+                    iterations=limit, hard=hard
+                ),
                 self._textbook,
                 self._work,
                 report,
