@@ -60,8 +60,7 @@ def add_key(picture: Picture, key: Bar | Legend | None) -> Picture:
 def _draw_bar(image: Any, draw: Any, key: Bar, size: int) -> None:
     width = image.width
     length, left = int(0.5 * width), int(0.25 * width)
-    share = np.linspace(0, 1, length)
-    ramp = np.round(255 * ramp_colours(key.ramp, share)).astype(np.uint8)
+    ramp = np.round(255 * ramp_colours(key.ramp, np.linspace(0, 1, length))).astype(np.uint8)
     bar = np.repeat(ramp[None], int(0.8 * size), axis=0)
     image.paste(Image.fromarray(bar), (left, int(1.6 * size)))
     font = _font(size)

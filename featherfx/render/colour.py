@@ -65,10 +65,10 @@ def face_colours(
     return [shaded] * len(poses), None
 
 
-def ramp_colours(ramp: Array, share: Array) -> Array:
-    """Colours (N, 3) at shares 0..1 of a ramp."""
+def ramp_colours(ramp: Array, fraction: Array) -> Array:
+    """Colours (N, 3) at fractions 0..1 of a ramp."""
     steps = np.linspace(0, 1, len(ramp))
-    return np.stack([np.interp(share, steps, ramp[:, k]) for k in range(3)], axis=-1)
+    return np.stack([np.interp(fraction, steps, ramp[:, k]) for k in range(3)], axis=-1)
 
 
 def _by_region(scene: DrawnScene, count: int) -> tuple[list[Array], Legend]:
@@ -87,8 +87,8 @@ def _by_value(
     low, high = _limits(np.concatenate([v[shown] for v in values]), symmetric)
     colours = []
     for value in values:
-        share = np.clip((value - low) / (high - low), 0, 1)
-        colours.append(np.where(shown[:, None], ramp_colours(ramp, share), _MUTED))
+        fraction = np.clip((value - low) / (high - low), 0, 1)
+        colours.append(np.where(shown[:, None], ramp_colours(ramp, fraction), _MUTED))
     return colours, Bar(title, low, high, ramp)
 
 

@@ -29,7 +29,7 @@ class DrawnScene:
 
     triangles: (T, 3). rachis: (T,) bool. owner: (T,) feather. regions: per feather. apex: (T,)
     which corner is opposite to the barb edge, -1 where there are no barbs. along_feather: (T,)
-    share of the feather's length, from st.
+    fraction of the feather's length, from st.
     rest: rest pose. Units of the stage.
     """
 

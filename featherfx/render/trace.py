@@ -62,8 +62,8 @@ class Tracer:
         rays = self._camera.rays(columns, lines, self._size).astype(np.float32)
         found = accelerated.run(np.zeros_like(rays), rays, query="INTERSECT", output=True)
         hit = found["primID"] >= 0
-        share = (lines / height)[:, None]
-        shown = _TOP + (_BOTTOM - _TOP) * share**1.5
+        down = (lines / height)[:, None]
+        shown = _TOP + (_BOTTOM - _TOP) * down**1.5
         if hit.any():
             hits = {name: found[name][hit] for name in ("primID", "u", "v", "tfar", "Ng")}
             shown[hit] = self._shade(accelerated, pose, colours, spacing, rays[hit], hits)
@@ -110,9 +110,9 @@ class Tracer:
 
     def _stripes(self, face: Any, weights: Array, distance: Any, spacing: Array) -> Array:
         apex = np.maximum(self._scene.apex[face], 0)
-        share = weights[np.arange(len(face)), apex]
-        # Symmetric in the share, so that the two triangles of a cell meet at the same shade.
-        wave = 0.5 - 0.5 * np.cos(2 * math.pi * _BARBS_PER_ROW * share)
+        between = weights[np.arange(len(face)), apex]
+        # Symmetric between two barbs, so that the two triangles of a cell meet at the same shade.
+        wave = 0.5 - 0.5 * np.cos(2 * math.pi * _BARBS_PER_ROW * between)
         pixels = spacing[face] / _BARBS_PER_ROW / self._camera.pixel(distance, self._size[1])
         return 1 - _BARB_DEPTH * np.clip((pixels - 1) / 2.5, 0, 1) * (1 - wave) ** 2
 

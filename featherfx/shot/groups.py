@@ -28,10 +28,10 @@ from featherfx.solver.step.modes import with_damping
 
 Array = NDArray[np.float64]
 
-# Newton stops at this share of the step's tolerance from the step's solution
-NEWTON_SHARE = 1e-2
+# Newton stops at this fraction of the step's tolerance from the step's solution
+NEWTON_FRACTION = 1e-2
 # the same where forces of contact follow from the poses, so that feathers in balance come to rest
-CONTACT_NEWTON_SHARE = 1e-3
+CONTACT_NEWTON_FRACTION = 1e-3
 
 
 @dataclass
@@ -102,7 +102,7 @@ def _group(
     positions, rotations = motion.frames(0.0)
     state = rest_state(model, positions[members], rotations[members])
     place = {p.id: k for k, p in enumerate(placements)}
-    newton = NEWTON_SHARE if shot.contact is None else CONTACT_NEWTON_SHARE
+    newton = NEWTON_FRACTION if shot.contact is None else CONTACT_NEWTON_FRACTION
     settings = Settings(
         tolerance=quality.tolerance,
         newton=newton * quality.tolerance,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.contact.contact import ShotContact
-from featherfx.shot.counts import Counts
 from featherfx.shot.detail.carried import Carried
 from featherfx.shot.detail.cycle import Cycle, memory_of, restore, warn_if_never
 from featherfx.shot.detail.detail import Resolution
@@ -26,7 +26,7 @@ from featherfx.shot.groups import Group, loads_within, make_groups
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.settled import settled
 from featherfx.shot.types import Frame, Shot, sample_number
-from featherfx.solver.solver import RootPath, raise_if_failed
+from featherfx.solver.solver import RootPath, StepReport, raise_if_failed
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -256,6 +256,53 @@ class Simulation:
             velocities=tuple(pose.velocities for pose in poses),
             accelerations=tuple(pose.accelerations for pose in poses),
         )
+
+
+@dataclass
+class Counts:
+    """Sums over a shot so far.
+
+    reports: one per batch and frame. slept, coasted, repeated: feather frames that were not
+    stepped; rigid, guided: those of feathers that follow their roots or guides only.
+    """
+
+    reports: list[StepReport] = field(default_factory=list)
+    slept: int = 0
+    coasted: int = 0
+    repeated: int = 0
+    rigid: int = 0
+    guided: int = 0
+
+    def frame(self, rigid: int, guided: int) -> None:
+        """Count a frame that is handed out."""
+        self.rigid += rigid
+        self.guided += guided
+
+    def summary(self) -> dict[str, Any]:
+        """The figures of a bake's report: counts, and lengths in m."""
+        reports = self.reports
+        return {
+            "newton_iterations": _mean_and_max([r.iterations for r in reports]),
+            "substeps": _mean_and_max([r.steps for r in reports]),
+            "rejected_substeps": int(sum(r.rejected.sum() for r in reports)),
+            "substeps_over_tolerance": int(sum(r.forced.sum() for r in reports)),
+            "worst_residual": max((float(r.move.max()) for r in reports), default=0.0),
+            "worst_step_error": max((float(r.error.max()) for r in reports), default=0.0),
+            "skipped": {
+                "sleeping feather frames": self.slept,
+                "coasting feather frames": self.coasted,
+                "repeated feather frames": self.repeated,
+                "rigid feather frames": self.rigid,
+                "guided feather frames": self.guided,
+            },
+        }
+
+
+def _mean_and_max(counts: list[NDArray[np.float64]]) -> dict[str, float]:
+    if not counts:
+        return {"mean": 0.0, "max": 0.0}
+    joined = np.concatenate(counts)
+    return {"mean": float(joined.mean()), "max": float(joined.max())}
 
 
 def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:

@@ -27,7 +27,7 @@ from featherfx.lab.bench.shake import (
 )
 from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
-from featherfx.shot.groups import NEWTON_SHARE
+from featherfx.shot.groups import NEWTON_FRACTION
 
 METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
 # methods that are compared on one setting; the slow ones would spend hours on the whole front
@@ -196,7 +196,7 @@ def preset_shake(kind: FeatherKind, name: str) -> Shake:
         step=0.0,
         tolerance=values["tolerance"],
         radius=values["radius"],
-        newton=NEWTON_SHARE * values["tolerance"],
+        newton=NEWTON_FRACTION * values["tolerance"],
         max_substeps=values["max_substeps"],
     )
 

@@ -18,7 +18,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_all
 from featherfx.usd.read.read import Cache, CachedFeather, CachedPose
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.output import folder_problems
+from featherfx.usd.write.output import file_problems
 
 _EVEN = 1e-6  # of a frame
 
@@ -38,10 +38,7 @@ def export_alembic(
     abc, output = _library(), Path(output)
     cache = Cache(path)
     codes = _codes(cache, frames)
-    problems = folder_problems(output)
-    if output.exists() and not overwrite:
-        message = "exists already; choose another name or --overwrite"
-        problems.append(Problem(str(output), "", message))
+    problems = file_problems([output], overwrite)
     if problems:
         raise OutputError(*problems)
 

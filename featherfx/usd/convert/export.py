@@ -16,7 +16,7 @@ from featherfx.files.whole import into, write_all
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.stage import open_stage, refuse_inputs
 from featherfx.usd.types import OutputError
-from featherfx.usd.write.output import check_output, folder_problems
+from featherfx.usd.write.output import check_output, file_problems
 from featherfx.usd.write.publish import publish
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
@@ -62,14 +62,10 @@ def mesh_sequence(
     cache, output = Cache(path), Path(output)
     codes = _codes(cache, frames)
     files = [_numbered(output, code) for code in codes]
-    problems = folder_problems(output)
+    problems = file_problems(files or [output], overwrite)
     if output.suffix not in MESH_SUFFIXES:
         message = f"suffix '{output.suffix}' is not one of .abc, {', '.join(MESH_SUFFIXES)}"
         problems.append(Problem(str(output), "", message))
-    taken = [file for file in files if file.exists()]
-    if taken and not overwrite:
-        message = "exists already; choose another name or --overwrite"
-        problems += [Problem(str(file), "", message) for file in taken]
     if problems:
         raise OutputError(*problems)
 

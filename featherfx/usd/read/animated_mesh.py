@@ -7,7 +7,6 @@ again when they are asked for, so that memory does not grow with the number of f
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from featherfx.usd.read.skinning import find_skinning
 from featherfx.usd.read.stage import (
     DEFAULT,
     EARLIEST,
+    ScenePrim,
     SourceScene,
     codes_of,
     find_prim,
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-class AnimatedMesh:
+class AnimatedMesh(ScenePrim):
     """A mesh of T triangles and V points in the world: metres, z up.
 
     path: of the prim. triangles: (T, 3) point indices, outside counter-clockwise; faces with more
@@ -46,8 +46,8 @@ class AnimatedMesh:
     """
 
     def __init__(self, scene: SourceScene, mesh: Any, rest: float | None, skinning: Any) -> None:
-        self._scene, self._mesh, self._skinning = scene, mesh, skinning
-        self.path = str(mesh.GetPath())
+        super().__init__(scene, mesh.GetPrim())
+        self._mesh, self._skinning = mesh, skinning
         self.triangles, self.face, self.st = triangles_of(mesh)
         self._rest_code = DEFAULT if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
@@ -59,16 +59,8 @@ class AnimatedMesh:
         self.st = None if self.st is None else self.st[sound]
 
     @property
-    def time_codes_per_second(self) -> float:
-        return self._scene.time_codes_per_second
-
-    @property
     def space(self) -> tuple[float, str]:
         return self._scene.space
-
-    @property
-    def origin(self) -> tuple[str, tuple[Path, ...]]:
-        return self.path, self._scene.files
 
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
@@ -209,6 +201,7 @@ def _points_faults(attribute: Any) -> tuple[str, int]:
 
 
 def fans(counts: Indices) -> tuple[Indices, Indices]:
+    """(T, 3) places in the list of corners and (T,) faces: faces of many corners cut into fans."""
     cuts = np.maximum(counts - 2, 0)
     face = np.repeat(np.arange(len(counts)), cuts)
     starts = (np.cumsum(counts) - counts)[face]

@@ -14,6 +14,7 @@ from pxr import Usd, UsdGeom
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING
 from featherfx.usd import arrays
+from featherfx.usd.read.animated_mesh import fans
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
 from featherfx.usd.read.stage import open_stage
 
@@ -170,7 +171,7 @@ def _constant_part(mesh: Any) -> CachedFeather:
         raise InputError(
             Problem(str(prim.GetPath()), "faceVertexIndices", "do not fit the mesh's points")
         )
-    triangles, face = _triangulate(counts, indices)
+    corners, face = fans(counts)
 
     def label(name: str, fallback: str) -> str:
         attribute = primvars.GetPrimvar(name).GetAttr()
@@ -184,7 +185,7 @@ def _constant_part(mesh: Any) -> CachedFeather:
         id=label("featherId", prim.GetName()),
         kind=label("featherKind", ""),
         region=label("region", ""),
-        triangles=triangles,
+        triangles=indices[corners],
         side=np.full(len(face), LEADING) if side is None else side.astype(np.int64)[face],
         face=face,
         subsets={
@@ -194,13 +195,3 @@ def _constant_part(mesh: Any) -> CachedFeather:
         rest=_get(primvars.GetPrimvar("rest").GetAttr(), first, total),
         st=_get(primvars.GetPrimvar("st").GetAttr(), first, total),
     )
-
-
-def _triangulate(counts: Indices, indices: Indices) -> tuple[Indices, Indices]:
-    """Fans of the faces: (T, 3) point indices and (T,) face indices."""
-    cuts = np.maximum(counts - 2, 0)
-    face = np.repeat(np.arange(len(counts)), cuts)
-    starts = (np.cumsum(counts) - counts)[face]
-    step = np.arange(len(face)) - (np.cumsum(cuts) - cuts)[face]
-    corners = np.stack([starts, starts + step + 1, starts + step + 2], axis=1)
-    return indices[corners].reshape(-1, 3), face

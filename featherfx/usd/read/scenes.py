@@ -18,6 +18,7 @@ from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
 from featherfx.usd.read.stage import (
     DEFAULT,
     EARLIEST,
+    ScenePrim,
     SourceScene,
     find_prim,
     open_scene,
@@ -88,21 +89,13 @@ def _is_mesh(prim: Any) -> bool:
     return bool(prim.IsA(UsdGeom.Mesh))
 
 
-class UniformWind:
+class UniformWind(ScenePrim):
     """One vector attribute, as a wind that is the same everywhere."""
 
     def __init__(self, scene: SourceScene, prim: Any, attribute: Any) -> None:
-        self._scene, self._prim, self._attribute = scene, prim, attribute
-        self.path = str(prim.GetPath())
+        super().__init__(scene, prim)
+        self._attribute = attribute
         self.sampled = sampled_range(prim, [attribute])
-
-    @property
-    def time_codes_per_second(self) -> float:
-        return self._scene.time_codes_per_second
-
-    @property
-    def origin(self) -> tuple[str, tuple[Path, ...]]:
-        return self.path, self._scene.files
 
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s, the same at all points, at a time code."""
@@ -112,23 +105,15 @@ class UniformWind:
         return np.broadcast_to(turned, points.shape).copy()
 
 
-class SampledWind:
+class SampledWind(ScenePrim):
     """Points with velocities: the wind between them is the mean of the nearest by 1/distance^2."""
 
     def __init__(self, scene: SourceScene, prim: Any) -> None:
-        self._scene, self._prim = scene, prim
+        super().__init__(scene, prim)
         self._base = UsdGeom.PointBased(prim)
         moving = [self._base.GetPointsAttr(), self._base.GetVelocitiesAttr()]
-        self.path, self.sampled = str(prim.GetPath()), sampled_range(prim, moving)
+        self.sampled = sampled_range(prim, moving)
         self._last: tuple[float, Any, Array] | None = None
-
-    @property
-    def time_codes_per_second(self) -> float:
-        return self._scene.time_codes_per_second
-
-    @property
-    def origin(self) -> tuple[str, tuple[Path, ...]]:
-        return self.path, self._scene.files
 
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s at points (N, 3) m, at a time code."""
@@ -206,19 +191,8 @@ def _sampled(scene: SourceScene, prim: Any, at: Place) -> SampledWind | None:
     return SampledWind(scene, prim)
 
 
-class SceneCamera:
+class SceneCamera(ScenePrim):
     """A camera prim as featherfx.shot.detail.view.Camera."""
-
-    def __init__(self, scene: SourceScene, prim: Any) -> None:
-        self._scene, self._prim = scene, prim
-
-    @property
-    def time_codes_per_second(self) -> float:
-        return self._scene.time_codes_per_second
-
-    @property
-    def origin(self) -> tuple[str, tuple[Path, ...]]:
-        return str(self._prim.GetPath()), self._scene.files
 
     def view(self, code: float) -> View:
         """In metres, z up, at a time code; transforms and lens may be animated."""

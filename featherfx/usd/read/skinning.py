@@ -73,11 +73,11 @@ class Skinning:
             mapper = self._skinning.GetBlendShapeMapper()
             if mapper is not None:
                 weights = mapper.Remap(weights)
-            shares, shapes, parts = self._shapes.ComputeSubShapeWeights(weights)
-            for share, shape, part in zip(shares, shapes, parts, strict=True):
+            weights, shapes, parts = self._shapes.ComputeSubShapeWeights(weights)
+            for weight, shape, part in zip(weights, shapes, parts, strict=True):
                 offsets = np.asarray(self._shape_offsets[part])
                 chosen = np.asarray(self._shape_points[shape])
-                points[chosen if len(chosen) else slice(None)] += np.float32(share) * offsets
+                points[chosen if len(chosen) else slice(None)] += np.float32(weight) * offsets
         return Vt.Vec3fArray.FromNumpy(points)
 
 

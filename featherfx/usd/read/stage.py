@@ -61,6 +61,21 @@ class SourceScene:
         return in_world(local, self.to_world)
 
 
+class ScenePrim:
+    """A prim of a scene, as the base of what follows it in time. path: of the prim."""
+
+    def __init__(self, scene: SourceScene, prim: Any) -> None:
+        self._scene, self._prim, self.path = scene, prim, str(prim.GetPath())
+
+    @property
+    def time_codes_per_second(self) -> float:
+        return self._scene.time_codes_per_second
+
+    @property
+    def origin(self) -> tuple[str, tuple[Path, ...]]:
+        return self.path, self._scene.files
+
+
 def broken_files(stage: Any) -> dict[str, str]:
     """Layers that a stage names and that cannot be opened, and why."""
     found: dict[str, str] = {}

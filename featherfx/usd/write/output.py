@@ -64,24 +64,26 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
         )
     if layout not in LAYOUTS:
         problems.append(Problem(source, "layout", f"'{layout}' is not one of {', '.join(LAYOUTS)}"))
-    for file in output_files(path, layout):
-        problems += _file_problems(file, overwrite)
-    problems += folder_problems(path)
+    problems += file_problems(output_files(path, layout), overwrite)
     if problems:
         raise OutputError(*problems)
     return path
 
 
-def _file_problems(file: Path, overwrite: bool) -> list[Problem]:
-    # os.path.* answer False where a Path method would raise (a parent that is a file).
-    if os.path.isdir(file):
-        return [Problem(str(file), "", "is a folder; give the name of a file")]
-    if os.path.lexists(file) and not overwrite:
-        return [Problem(str(file), "", "exists already; choose another name or --overwrite")]
-    return []
+def file_problems(files: Sequence[Path], overwrite: bool) -> list[Problem]:
+    """Why files of one folder cannot be put there; empty if they can."""
+    problems = []
+    for file in files:
+        # os.path.* answer False where a Path method would raise (a parent that is a file).
+        if os.path.isdir(file):
+            problems.append(Problem(str(file), "", "is a folder; give the name of a file"))
+        elif os.path.lexists(file) and not overwrite:
+            message = "exists already; choose another name or --overwrite"
+            problems.append(Problem(str(file), "", message))
+    return problems + _folder_problems(files[-1])
 
 
-def folder_problems(path: Path) -> list[Problem]:
+def _folder_problems(path: Path) -> list[Problem]:
     """Why a file cannot be put where path says; empty if it can."""
     folder = path.parent
     if not os.path.isdir(folder):
