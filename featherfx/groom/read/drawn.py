@@ -19,8 +19,8 @@ from featherfx.groom.keys.preset import FEATHER
 from featherfx.groom.keys.values import INVALID, Place, Table
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
-from featherfx.groom.read.condensed import BarbCurves, vanes_of
-from featherfx.groom.read.drafts import Draft, DrawnShape
+from featherfx.groom.read.condensed import BarbCurves, DrawnVanes, vanes_of
+from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
 from featherfx.groom.read.rachis_curve import curved_up, fit_curve, without_repeats
 from featherfx.groom.types import FeatherKind
 
@@ -117,13 +117,8 @@ def _draft(
     feather: DrawnFeather, name: str, entry: dict[str, Any], at: Place, store: KindStore
 ) -> Draft | None:
     points = without_repeats(feather.points)
-    kind = feather.kind or entry["kind"]
+    kind = _kind(feather, entry, at)
     left = (entry["side"] == "left") != feather.mirrored
-    if not kind:
-        # once for a prim, however many curves it has
-        prim = Place(at.source, at.key.partition("[")[0], at.problems)
-        missing = "missing; give the primvar, or kind in the [groom] or [[usd]] that names the file"
-        prim.child(_named(entry, "kind")).fail(missing)
     if feather.direction is None and len(points) < 2:
         at.child("points").fail("the curve has no length")
     if not kind or (feather.direction is None and len(points) < 2):
@@ -136,14 +131,10 @@ def _draft(
         fault = "there is none, and the curve is straight" if up is None else "lies along the curve"
         at.child(_named(entry, "up")).fail(f"{fault}; give up vectors, or up in the groom")
         return None
-    changes: tuple[int, ...] = ()
-    if vanes is not None:
-        checked = Table(FEATHER).check(vanes.change, at.child("barbs"), True)
-        if checked is INVALID:
-            return None
-        changes = (store.change(sourced(checked, at.source), at),)
-    choice = KindChoice((kind,), 0.0, changes, at)
+    choice = _choice(kind, vanes, at, store)
     fit = fit_curve(points, up) if len(points) >= 2 else None
+    if choice is None:
+        return None
     if fit is not None and not _SHORTEST <= fit.length <= _LONGEST:
         message = f"{fit.length:.3g} m long, allowed {_SHORTEST:g} to {_LONGEST:g} m; do unit and "
         at.child("points").fail(message + "transforms of the stage hold?")
@@ -155,17 +146,33 @@ def _draft(
         rotation=frames_from(
             fit.direction if fit is not None and entry["shape"] == "curve" else start, up
         ),
-        region=feather.region or entry["region"],
-        joint=entry["joint"],
-        left=left,
         scale=feather.scale * entry["scale"],
-        width=entry["width"],
-        roll=entry["roll"],
         place=at,
         shape=None if fit is None else DrawnShape(fit, choice, entry["shape"] == "curve"),
         skin=feather.skin,
         skin_uv=feather.skin_uv,
+        **belonging(entry) | {"left": left, "region": feather.region or entry["region"]},
     )
+
+
+def _kind(feather: DrawnFeather, entry: dict[str, Any], at: Place) -> str:
+    kind: str = feather.kind or entry["kind"] or ""
+    if not kind:
+        # once for a prim, however many curves it has
+        prim = Place(at.source, at.key.partition("[")[0], at.problems)
+        missing = "missing; give the primvar, or kind in the [groom] or [[usd]] that names the file"
+        prim.child(_named(entry, "kind")).fail(missing)
+    return kind
+
+
+def _choice(kind: str, vanes: DrawnVanes | None, at: Place, store: KindStore) -> KindChoice | None:
+    """The kind with vanes as they are drawn; None after adding problems."""
+    if vanes is None:
+        return KindChoice((kind,), 0.0, (), at)
+    checked = Table(FEATHER).check(vanes.change, at.child("barbs"), True)
+    if checked is INVALID:
+        return None
+    return KindChoice((kind,), 0.0, (store.change(sourced(checked, at.source), at),), at)
 
 
 def _named(entry: dict[str, Any], what: str) -> str:

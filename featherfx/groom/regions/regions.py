@@ -198,10 +198,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     direction = _directions(region, blend["flow"], points, draws["turn"])
     cambers = region.kinds.cambers[own], region.kinds.barb_cambers[own]
     width, curl, hollow = shapes(entry, blend, direction, points, found.number, cambers)
-    tilt = np.radians(np.clip(blend["tilt"] + draws["tilt"], -89.0, 89.0))[:, None]
-    shaft = np.cos(tilt) * direction + np.sin(tilt) * points.normal
-    dorsal = np.cos(tilt) * points.normal - np.sin(tilt) * direction
-    rotations = frames_from(shaft, dorsal)
+    rotations = _tilted(direction, points.normal, blend["tilt"] + draws["tilt"])
     scales = blend["length"] * (1.0 + draws["length"]) / region.kinds.lengths[own]
     left = np.full(len(points), entry["side"] == "left")
     if entry["side"] == "auto":
@@ -227,6 +224,13 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
         )
         for k in range(len(points))
     ]
+
+
+def _tilted(direction: Array, normal: Array, tilt: Array) -> Array:
+    """(N, 3, 3) frames of shafts along directions (N, 3) of a skin, raised by tilt (N,) deg."""
+    angle = np.radians(np.clip(tilt, -89.0, 89.0))[:, None]
+    shaft = np.cos(angle) * direction + np.sin(angle) * normal
+    return frames_from(shaft, np.cos(angle) * normal - np.sin(angle) * direction)
 
 
 def _blended(
