@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from featherfx.errors import InputError
 from featherfx.groom.types import Groom, Joint, Placement
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.roots import root_rates
 from featherfx.shot.types import Motion, Quality, Shot, Wind
 
 MIRROR = np.diag((1.0, -1.0, 1.0))
@@ -267,3 +268,16 @@ def test_keys_of_a_joint_move_what_hangs_on_it():
     arm = still[3] - pivot
     turned = np.array((-arm[1], arm[0], arm[2]))
     np.testing.assert_allclose(positions[3], pivot + turned, atol=1e-12)
+
+
+def test_rates_at_the_end_of_a_frame_are_those_of_the_frames_there():
+    motion, end, h = motion_of("flap", FLAP, wing_groom()), 0.5, 1e-4
+    now, first, second = root_rates(motion, end - 1.0 / 24.0, end)
+    before, after = motion.frames(end - h), motion.frames(end + h)
+    for x, rate, change, low, high in zip(now, first, second, before, after, strict=True):
+        true, bend = (high - low) / (2.0 * h), (high - 2.0 * x + low) / h**2
+        np.testing.assert_allclose(rate, true, rtol=0.0, atol=5e-4 * np.abs(true).max())
+        np.testing.assert_allclose(change, bend, rtol=0.0, atol=1e-2 * np.abs(bend).max())
+    for rates in root_rates(motion, end, end)[1:]:
+        assert not np.any(rates.positions)
+        assert not np.any(rates.rotations)
