@@ -47,11 +47,21 @@ def all_of(*tasks: Callable[[], Any]) -> list[Any]:
 
 
 class SimulationError(Exception):
-    """A feather could not be advanced; names feather, time and reason."""
+    """A feather could not be advanced; names feather, time or frame, and reason.
 
-    def __init__(self, feather: str, time: float, reason: str) -> None:
-        self.feather, self.time, self.reason = feather, time, reason
-        super().__init__(f"feather {feather} at t = {time:.6g} s: {reason}")
+    time: s since the first frame, negative while feathers are brought to rest before it. frame:
+    number of the frame that it was on its way to, None where there are no frames.
+    """
+
+    def __init__(self, feather: str, time: float, reason: str, frame: float | None = None) -> None:
+        self.feather, self.time, self.reason, self.frame = feather, time, reason, frame
+        if frame is None:
+            place = f"at t = {time:.6g} s"
+        elif time < 0.0:
+            place = f"before frame {frame:g}"
+        else:
+            place = f"at frame {frame:g} (t = {time:.6g} s)"
+        super().__init__(f"feather {feather} {place}: {reason}")
 
 
 class InputWarning(UserWarning):

@@ -91,20 +91,30 @@ class Simulation:
             for group in self._groups:
                 solvers.enter_context(group.solver)
             for index in range(self._index + 1, end + 1):
-                if index:
-                    self._levels.begin(index)
-                if self._contact is not None and index:
-                    self._advance_together(index)
-                else:
-                    for group in self._groups:
-                        self._advance(group, index)
-                    self._settle_together(index)
-                self._levels.finish(index)
-                self._index = index
+                try:
+                    self._go_to(index)
+                except SimulationError as error:
+                    number = sample_number(self.shot.first_frame, index, self._subframes)
+                    raise SimulationError(
+                        error.feather, error.time, error.reason, number
+                    ) from error
                 if index >= wanted:
                     yield self._frame(index)
             cycles = [group.cycle for group in self._groups]
             warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)
+
+    def _go_to(self, index: int) -> None:
+        """Bring all feathers to the sample with this index."""
+        if index:
+            self._levels.begin(index)
+        if self._contact is not None and index:
+            self._advance_together(index)
+        else:
+            for group in self._groups:
+                self._advance(group, index)
+            self._settle_together(index)
+        self._levels.finish(index)
+        self._index = index
 
     def checkpoint(self) -> Checkpoint:
         """The simulation after the frame that was yielded last."""
@@ -244,13 +254,15 @@ class Simulation:
 
     def _frame(self, index: int) -> Frame:
         time = self._time(index)
+        number = sample_number(self.shot.first_frame, index, self._subframes)
         self._counts.frame(*self._levels.counts())
         poses = self._levels.shown(index)
         for f, pose in zip(self._wanted.tolist(), poses, strict=True):
             if not np.isfinite(pose.points).all():
-                raise SimulationError(self.shot.groom.feathers[f].id, time, "a point is not finite")
+                name = self.shot.groom.feathers[f].id
+                raise SimulationError(name, time, "a point is not finite", number)
         return Frame(
-            number=sample_number(self.shot.first_frame, index, self._subframes),
+            number=number,
             time=time,
             points=tuple(pose.points for pose in poses),
             velocities=tuple(pose.velocities for pose in poses),
