@@ -1,5 +1,6 @@
 """Calibration: round trips, refusals, CSV with faults, presets."""
 
+import csv
 import json
 
 import numpy as np
@@ -10,12 +11,24 @@ from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.groom.presets.presets import load_preset
 from featherfx.lab.vane.calibrate import NAMES, calibrate
-from featherfx.lab.vane.curves import COLUMNS, Curve, read_curves, write_curves
+from featherfx.lab.vane.curves import COLUMNS, Curve, read_curves
 from featherfx.lab.vane.sample import Moduli, Sample
 from featherfx.lab.vane.traction import Traction, pull_test
 
 TRUE = Moduli(3.6e8, 4.8e4, 2.78e4)
 ELEMENTS = 1000
+
+
+def write_curves(path, curves):
+    """A file that read_curves reads."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for curve in curves:
+            part = curve.sample
+            size = (part.angle, part.width, part.height, part.thickness)
+            for strain, stress in zip(curve.strain, curve.stress, strict=True):
+                writer.writerow([repr(float(each)) for each in (strain, stress, *size)])
 
 
 @pytest.fixture(scope="module")

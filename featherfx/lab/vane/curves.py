@@ -106,15 +106,3 @@ def _grouped(points: list[tuple[float, ...]]) -> tuple[Curve, ...]:
         ordered = np.array(sorted(members))
         curves.append(Curve(Sample(*key), ordered[:, 0], ordered[:, 1]))
     return tuple(curves)
-
-
-def write_curves(path: Path, curves: tuple[Curve, ...]) -> None:
-    """Write curves as read_curves reads them."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for curve in curves:
-            part = curve.sample
-            size = (part.angle, part.width, part.height, part.thickness)
-            for strain, stress in zip(curve.strain, curve.stress, strict=True):
-                writer.writerow([repr(float(each)) for each in (strain, stress, *size)])
