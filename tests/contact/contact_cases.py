@@ -11,7 +11,7 @@ from trial_batches import preset_batch
 
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
-from featherfx.solver.contact.wall import Wall
+from featherfx.solver.contact.types import Wall
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
 
@@ -122,7 +122,7 @@ def surfaces(model: Model, state: State) -> list[tuple[Array, NDArray[np.int64]]
 
 def vane_nodes(contact: ContactSolver, state: State, f: int = 0) -> Array:
     """(k, 3) nodes of a feather that a triangle has; the calamus has none."""
-    present = contact.skin.present[f]
+    present = contact.surfaces.present[f]
     m = present.shape[1] // 2
     points = [0 if c == m else (2 + c - m if c > m else 2 + 2 * m - c) for c in range(2 * m + 1)]
     return state.points[f][:, points][present != 0]

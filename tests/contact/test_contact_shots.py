@@ -88,8 +88,8 @@ def test_neighbours_lie_as_the_rows_say():
     """Each feather of a row lies below the one before it (overlap = -0.001)."""
     simulation, _ = baked(half_wing(bird()), 1)
     solver = simulation._contact.solver
-    pairs = [tuple(pair) for pair in solver.pairs.tolist()]
-    sides = dict(zip(pairs, solver.order.tolist(), strict=True))
+    pairs = [tuple(pair) for pair in solver.candidates.pairs.tolist()]
+    sides = dict(zip(pairs, solver.candidates.order.tolist(), strict=True))
     for k in range(4):
         # normals are dorsal on the right wing
         assert sides[k, k + 1] == 1
@@ -105,7 +105,13 @@ def test_the_order_of_a_layout_holds_where_there_is_one(upwards):
     )
     simulation, _ = baked(replace(shot, groom=replace(shot.groom, feathers=ranked)), 1)
     solver = simulation._contact.solver
-    sides = dict(zip(map(tuple, solver.pairs.tolist()), solver.order.tolist(), strict=True))
+    sides = dict(
+        zip(
+            map(tuple, solver.candidates.pairs.tolist()),
+            solver.candidates.order.tolist(),
+            strict=True,
+        )
+    )
     for k in range(4):
         assert sides[k, k + 1] == -upwards
         assert sides[k + 1, k] == upwards

@@ -17,7 +17,6 @@ from contact_cases import (
 )
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact.list_kernels import COLUMN, GUEST_FORCE, ROW
 from featherfx.solver.contact.wall import outward, wall_of
 from featherfx.solver.solver import hold_roots
 
@@ -42,7 +41,7 @@ def test_a_feather_comes_to_rest_on_the_floor_with_its_weight():
         )
         contact.accept()
         assert contacts.depth < contact.settings.tolerance + THICKNESS * 0.1
-        late.append((report.failed[0], contact._touch.value[: contact._count, GUEST_FORCE].sum()))
+        late.append((report.failed[0], contact.found.contacts["guest_force"].sum()))
     failed, forces = np.array(late).T
     assert failed.sum() == 0.0
     assert forces[-100:] == pytest.approx(mass_of(model) * GRAVITY, rel=2e-3)
@@ -120,9 +119,9 @@ def test_what_is_inside_a_body_at_first_is_left_alone_until_it_comes_out():
     wall = wall_of(raised, raised, HALVES, 0.05, True)
     ((after, _),) = run(contact, state, 1e-3, 1, walls=[wall])
     assert contact.memory.inside.sum() > 5
-    index = contact._touch.who[: contact._count]
-    assert len(index) > 0  # those just above the wall do touch it
-    assert not contact.memory.inside[0, index[:, ROW], index[:, COLUMN]].any()
+    found = contact.found.contacts
+    assert len(found) > 0  # those just above the wall do touch it
+    assert not contact.memory.inside[0, found["row"], found["column"]].any()
     assert np.abs(after.velocity).max() < 1.0
     # the wall is taken away and comes back below: the nodes count again
     gone = wall_of(FLOOR - 1.0, FLOOR - 1.0, HALVES, 0.05)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import without_directors
 from featherfx.shot.types import Shot
-from featherfx.solver.contact.wall import Wall, outward, wall_of
+from featherfx.solver.contact.types import Wall
+from featherfx.solver.contact.wall import outward, wall_of
 from featherfx.solver.state import State
 
 Array = NDArray[np.float64]

@@ -24,7 +24,8 @@ from featherfx.shot.detail.sleep import asleep
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
-from featherfx.solver.contact.surfaces import Memory, grids_of_models, skin_of
+from featherfx.solver.contact.surfaces import grids_of, surfaces_of
+from featherfx.solver.contact.types import Memory
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
@@ -103,13 +104,13 @@ class ShotContact:
         pairs = candidate_pairs(rest, lengths)
         halves = 0.5 * thickness
         models = [solver.model for solver in solvers]
-        grids = grids_of_models(models)
-        skin = skin_of(models, grids, halves)
+        grids = grids_of(models)
+        surfaces = surfaces_of(models, grids, halves)
         ranks = np.array([placement.rank for placement in placements])
         dorsal = np.stack([placement.rotation[:, 2] for placement in placements])
         batches = zip(grids.first[:-1], grids.first[1:], strict=True)
         together = grids.together([np.stack(rest[low:high]) for low, high in batches])
-        sides = order_at_rest(pairs, together, normals, skin, lengths, ranks, dorsal)
+        sides = order_at_rest(pairs, together, normals, surfaces, lengths, ranks, dorsal)
         self._thickness = float(thickness.min())
         settings = ContactSettings(
             friction=self.contact.friction,
@@ -211,8 +212,8 @@ class ShotContact:
         return {
             "bodies": len(self.shot.colliders),
             "nodes_grown_into_bodies": int(self.solver.memory.inside.sum()),
-            "pairs": len(self.solver.pairs) // 2,
-            "ordered_pairs": int(np.count_nonzero(self.solver.order)) // 2,
+            "pairs": len(self.solver.candidates.pairs) // 2,
+            "ordered_pairs": int(np.count_nonzero(self.solver.candidates.order)) // 2,
             "most_contacts": tally.contacts,
             "steps": tally.intervals,
             "repeated_steps": tally.repeated,

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import without_directors
-from featherfx.solver.contact.list_kernels import PAIR, SIDE, START_GAP, THICKNESS
-from featherfx.solver.contact.surfaces import Skin, list_contacts, no_memory, scene_of
+from featherfx.solver.contact.surfaces import WALL_FIT, list_contacts, moving_bodies, no_memory
+from featherfx.solver.contact.types import Candidates, Search, VaneSurfaces
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -54,7 +54,7 @@ def order_at_rest(
     pairs: Indices,
     rest: Array,
     normals: Array,
-    skin: Skin,
+    surfaces: VaneSurfaces,
     lengths: Array,
     ranks: Indices,
     dorsal: Array,
@@ -67,7 +67,7 @@ def order_at_rest(
     deeper in another than a layout ever leaves it is no order.
     """
     shorter = lengths[pairs].min(axis=1)
-    votes = _votes(pairs, rest, skin, shorter)
+    votes = _votes(pairs, rest, surfaces, shorter)
     half = len(pairs) // 2
     guest, host = pairs[:half].T
     agree = _agree(normals[guest], normals[host])
@@ -100,19 +100,19 @@ class _Votes(NamedTuple):
     below: Array
 
 
-def _votes(pairs: Indices, rest: Array, skin: Skin, shorter: Array) -> _Votes:
+def _votes(pairs: Indices, rest: Array, surfaces: VaneSurfaces, shorter: Array) -> _Votes:
     """shorter: (N,) m, length of the shorter feather of each pair."""
-    scene = scene_of(rest, rest, np.ones(rest.shape[:3]))
-    memory, votes = no_memory(skin), _Votes(*(np.zeros(len(pairs)) for _ in _Votes._fields))
+    bodies = moving_bodies(rest, rest, np.ones(rest.shape[:3]))
+    memory, votes = no_memory(surfaces), _Votes(*(np.zeros(len(pairs)) for _ in _Votes._fields))
     octaves = np.floor(np.log2(shorter))
     for octave in np.unique(octaves):
         some = np.flatnonzero(octaves == octave)
-        free = np.zeros(len(some), dtype=np.int64)
-        margin = NEAR_SHARE * 2.0 ** (octave + 1.0)
-        touch, count = list_contacts(pairs[some], free, skin, scene, memory, float(margin), 0.0)
-        who, value = touch.who[:count], touch.value[:count]
-        pair, side = some[who[:, PAIR]], who[:, SIDE]
-        height = value[:, START_GAP] + value[:, THICKNESS]
+        free = Candidates(pairs[some], np.zeros(len(some), dtype=np.int64))
+        margin = float(NEAR_SHARE * 2.0 ** (octave + 1.0))
+        search = Search(surfaces, bodies, memory, margin, 0.0, WALL_FIT)
+        found = list_contacts(free, search).contacts
+        pair, side = some[found["pair"]], found["side"]
+        height = found["start_gap"] + found["thickness"]
         np.add.at(votes.side, pair, side)
         np.add.at(votes.number, pair, 1.0)
         np.maximum.at(votes.above, pair[side > 0], height[side > 0])

@@ -103,7 +103,7 @@ def _step(
         )
         spent += np.concatenate([report.iterations for report in reports])
         status = np.concatenate([report.status for report in reports])
-        far_off = contact.residual > BAD_SHARE * 2.0 * float(solver.skin.half.max(initial=0.0))
+        far_off = contact.residual > BAD_SHARE * 2.0 * float(solver.surfaces.half.max(initial=0.0))
         if not status.any() and not (far_off and CUT * h > SHORTEST_OFF):
             return new, contact, h
         if CUT * h >= SHORTEST:

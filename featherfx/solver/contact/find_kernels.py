@@ -1,74 +1,55 @@
-"""Which contacts there are: points of vanes near the vanes of others (list_kernels)."""
+"""Which contacts there are: points of vanes near the vanes of others."""
 
-from featherfx.algebra.copy_kernels import copy_values
-from featherfx.algebra.vec3_kernels import cross
+from typing import NamedTuple
+
+from featherfx.algebra.vec3_kernels import cross, dot, length, store, sub
 from featherfx.jit.compiled import kernel
-from featherfx.solver.contact.list_kernels import (
-    COLUMN,
-    GUEST,
-    GUEST_FORCE,
-    GUEST_POINT,
-    GUEST_STIFFNESS,
-    HOST,
-    HOST_FORCE,
-    HOST_STIFFNESS,
-    MIRROR,
-    PAIR,
-    ROW,
-    SHARE,
-    SIDE,
-    SPARED,
-    START_GAP,
-    THICKNESS,
-    host_place,
-    triangle_normal,
-)
+from featherfx.solver.contact.list_kernels import host_place, triangle_normal
 from featherfx.solver.contact.search_kernels import (
     barb_point,
     box_distance,
     boxes_apart,
     closest_point,
+    corner_node,
     guest_place,
     guest_point,
     nearest_node,
-    triangle_corners,
 )
 
 # how far beside its closest point, along the host, a node still meets it: thicknesses beyond an
-# edge, and a share of its height above a crease, up to so many thicknesses
-BESIDE, BESIDE_SHARE, CREASE = 1.0, 0.1, 20.0
-# share of a depth of up to so many thicknesses that a contact keeps in an interval: to close it at
+# edge, and so much of its height above a crease, up to so many thicknesses
+BESIDE, SLANT, CREASE = 1.0, 0.1, 20.0
+# part of a depth of up to so many thicknesses that a contact keeps in an interval: to close it at
 # once, by a force that is carried on from interval to interval, would make it swing
 KEPT, SMALL = 0.5, 0.1
 
 
+class Node(NamedTuple):
+    """A point of a guest's row that may touch a host. side: of the host where it belongs, or 0.
+    known: place of its contact in the memory, or -1."""
+
+    pair: int
+    guest: int
+    host: int
+    row: int
+    column: int
+    side: int
+    known: int
+
+
 @kernel
-def _along(points, x, corner, weight, mirror):
+def _along(points, x, contact):
     """Distance of a node along its host's normal, and beside it (m)."""
-    nx, ny, nz = triangle_normal(points, corner, mirror)
-    dx, dy, dz = x[0], x[1], x[2]
-    for q in range(3):
-        y = points[corner[q, 0], corner[q, 1]]
-        dx, dy, dz = dx - weight[q] * y[0], dy - weight[q] * y[1], dz - weight[q] * y[2]
-    along = nx * dx + ny * dy + nz * dz
-    sx, sy, sz = cross((nx, ny, nz), (dx, dy, dz))
-    return along, (sx * sx + sy * sy + sz * sz) ** 0.5
+    normal, away = triangle_normal(points, contact), sub(x, host_place(points, contact))
+    return dot(normal, away), length(cross(normal, away))
 
 
 @kernel
-def _closing(start, end, x, ahead, corner, weight, mirror):
-    """How far a guest goes from x to ahead (3,) along the normal of its host, against it, m.
-
-    start, end: host points (n, P, 3).
-    """
-    nx, ny, nz = triangle_normal(start, corner, mirror)
-    dx, dy, dz = ahead[0] - x[0], ahead[1] - x[1], ahead[2] - x[2]
-    for q in range(3):
-        old, new = start[corner[q, 0], corner[q, 1]], end[corner[q, 0], corner[q, 1]]
-        dx -= weight[q] * (new[0] - old[0])
-        dy -= weight[q] * (new[1] - old[1])
-        dz -= weight[q] * (new[2] - old[2])
-    return abs(nx * dx + ny * dy + nz * dz)
+def _closing(bodies, x, ahead, contact):
+    """How far a guest goes from x to ahead along the normal of its host, against it, m."""
+    start, end = bodies.start[contact.host], bodies.ahead[contact.host]
+    way = sub(sub(ahead, x), sub(host_place(end, contact), host_place(start, contact)))
+    return abs(dot(triangle_normal(start, contact), way))
 
 
 @kernel
@@ -80,139 +61,132 @@ def _remembered(key, memory, at):
 
 
 @kernel
-def _find_node(pair, i, c, guest, host, order, known, skin, scene, memory, limits, touch, count):
-    """Add the contact of one guest's node with one host, if there is one; returns the count.
+def slot(touch, count):
+    """Where the next contact is written; where there is no room for it, over the last."""
+    return touch[min(count, touch.shape[0] - 1)]
 
-    known: place of the contact in the memory, -1 if it is not there.
+
+@kernel
+def start_contact(contact, node, p, fraction):
+    """What a contact is from its node on: material point p, and how far it lies to the next row."""
+    contact.pair, contact.row, contact.column, contact.point = node.pair, node.row, node.column, p
+    contact.guest, contact.host, contact.fraction = node.guest, node.host, fraction
+
+
+@kernel
+def set_gaps(contact, thickness, along, recovery):
+    """The gap at the interval's start, along the normal (m), and what it is spared of its depth."""
+    depth = max(0.0, thickness - along)
+    contact.thickness, contact.start_gap = thickness, along - thickness + depth
+    contact.spared = max(KEPT * min(depth, SMALL * thickness), depth - recovery)
+
+
+@kernel
+def _find_node(node, guess, search, touch, count):
+    """Add the contact of one guest's node with one host, if there is one.
+
+    guess: row and column of a node of the host that may be near, or -1. Returns the count, and the
+    node that is.
     """
-    margin = limits[0]
-    columns = skin.exists.shape[3]
-    p, part = guest_point(c, columns, skin.columns[guest])
-    side = order
-    if side == 0 and known >= 0:
-        side = memory.side[known]
+    surfaces, bodies, memory, margin = search.surfaces, search.bodies, search.memory, search.margin
+    guest, host, side = node.guest, node.host, node.side
+    columns = surfaces.exists.shape[3]
+    p, fraction = guest_point(node.column, columns, surfaces.columns[guest])
+    if side == 0 and node.known >= 0:
+        side = memory.side[node.known]
     # once the side is known the pose ahead can be searched, however deep
-    now = scene.ahead if side != 0 else scene.start
-    x = touch.guest
-    guest_place(now[guest], i, p, part, x)
-    bounds = scene.bounds[host]
-    if box_distance(x[0], x[1], x[2], bounds) > margin * margin:
-        return count
-    place = touch.place
-    limit = skin.far[host] + margin + scene.way[guest] + scene.way[host]
-    present, boxes = skin.present[host], scene.boxes[host]
-    row, column = nearest_node(
-        x[0], x[1], x[2], now[host], present, boxes, place[4], place[5], limit
-    )
-    if row < 0 or count >= touch.who.shape[0]:
-        return count + (1 if row >= 0 else 0)
-    place[4], place[5] = row, column
-    weight, corner = touch.weight[count], touch.corner[count]
-    closest_point(x[0], x[1], x[2], now[host], skin.exists[host], row, column, place, weight)
+    now = bodies.ahead if side != 0 else bodies.start
+    x = guest_place(now[guest], node.row, p, fraction)
+    if box_distance(x, bodies.bounds[host]) > margin * margin:
+        return count, guess
+    limit = surfaces.far[host] + margin + bodies.way[guest] + bodies.way[host]
+    near = nearest_node(x, now[host], surfaces.present[host], bodies.boxes[host], guess, limit)
+    if near[0] < 0:
+        return count, guess
+    place, weight = closest_point(x, now[host], surfaces.exists[host], near)
     if place[0] < 0:
-        return count
-    ia, na, ib, nb, ic, nc = triangle_corners(place[0], place[1], place[2], place[3])
-    corner[0, 0], corner[0, 1] = ia, barb_point(place[0], na, columns)
-    corner[1, 0], corner[1, 1] = ib, barb_point(place[0], nb, columns)
-    corner[2, 0], corner[2, 1] = ic, barb_point(place[0], nc, columns)
-    along, beside = _along(now[host], x, corner, weight, place[0])
+        return count, near
+    contact = slot(touch, count)
+    start_contact(contact, node, p, fraction)
+    contact.mirror = place[0]
+    store(contact.weight, weight)
     half = 0.0
     for q in range(3):
-        half += weight[q] * skin.half[host, corner[q, 0], corner[q, 1]]
-    thickness = half + skin.half[guest, i, p]
-    height = min(abs(along), CREASE * thickness)
-    if beside > BESIDE * thickness + BESIDE_SHARE * height:
-        return count
+        row, barb_node = corner_node(place, q)
+        contact.corner[q, 0] = row
+        contact.corner[q, 1] = barb_point(place[0], barb_node, columns)
+        half += weight[q] * surfaces.half[host, row, contact.corner[q, 1]]
+    thickness = half + surfaces.half[guest, node.row, p]
+    along, beside = _along(now[host], x, contact)
+    if beside > BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness):
+        return count, near
     if side == 0:
         side = 1 if along >= 0.0 else -1
     # bodies that collide do not go where they are headed, so their way counts as well
-    guest_place(scene.start[guest], i, p, part, x)
-    guest_place(scene.ahead[guest], i, p, part, touch.guest_ahead)
-    reach = margin + _closing(
-        scene.start[host], scene.ahead[host], x, touch.guest_ahead, corner, weight, place[0]
-    )
-    if side * along - thickness > reach:
-        return count
-    begin, _ = _along(scene.start[host], x, corner, weight, place[0])
-    host_place(scene.start[host], corner, weight, touch.place_start[count])
-    index, value = touch.who[count], touch.value[count]
-    index[PAIR], index[ROW], index[COLUMN], index[GUEST_POINT] = pair, i, c, p
-    index[GUEST], index[HOST], index[SIDE], index[MIRROR] = guest, host, side, place[0]
-    depth = max(0.0, thickness - side * begin)
-    value[START_GAP] = side * begin - thickness + depth
-    value[THICKNESS] = thickness
-    value[SPARED] = max(KEPT * min(depth, SMALL * thickness), depth - limits[1])
-    value[GUEST_FORCE] = memory.force[known, 0] if known >= 0 else 0.0
-    value[HOST_FORCE] = memory.force[known, 1] if known >= 0 else 0.0
-    stiff = 0.0
+    begin = guest_place(bodies.start[guest], node.row, p, fraction)
+    ahead = guest_place(bodies.ahead[guest], node.row, p, fraction)
+    if side * along - thickness > margin + _closing(bodies, begin, ahead, contact):
+        return count, near
+    contact.side = side
+    start, _ = _along(bodies.start[host], begin, contact)
+    set_gaps(contact, thickness, side * start, search.recovery)
+    store(contact.place_start, host_place(bodies.start[host], contact))
+    contact.guest_force, contact.host_force = 0.0, 0.0
+    if node.known >= 0:
+        contact.guest_force = memory.force[node.known, 0]
+        contact.host_force = memory.force[node.known, 1]
+    contact.guest_stiffness, contact.host_stiffness = 0.0, bodies.impedance[guest, node.row, p]
     for q in range(3):
-        stiff += weight[q] * scene.impedance[host, corner[q, 0], corner[q, 1]]
-    value[GUEST_STIFFNESS] = stiff
-    value[HOST_STIFFNESS] = scene.impedance[guest, i, p]
-    value[SHARE] = part
-    return count + 1
+        stiffness = bodies.impedance[host, contact.corner[q, 0], contact.corner[q, 1]]
+        contact.guest_stiffness += weight[q] * stiffness
+    return count + 1, near
 
 
 @kernel
-def find_contacts(pairs, order, skin, scene, memory, limits, before, kept, stale, touch):
-    """Contacts of all pairs (N, 2) guest and host, written to touch; returns how many there are.
-
-    order: (N,) side of the host where the guest belongs, 0 for where it is. limits: (2,) m, gap
-    below which a node is followed, and way that a depth may be reduced by. before: the contacts
-    found last, kept of them, which hold on for pairs of bodies that are not stale (B,). More than
-    touch has room for: only their number is right.
-    """
-    count, at, old = 0, 0, 0
-    margin = limits[0]
-    _, rows, width = skin.guests.shape
-    for pair in range(pairs.shape[0]):
-        guest, host = pairs[pair, 0], pairs[pair, 1]
-        if stale[guest] == 0 and stale[host] == 0:
-            while old < kept and 0 <= before.who[old, PAIR] < pair:
-                old += 1
-            while old < kept and before.who[old, PAIR] == pair:
-                if count < touch.who.shape[0]:
-                    _copy_contact(before, old, touch, count)
-                count, old = count + 1, old + 1
+def _find_pair(pair, side, bodies, search, touch, state):
+    """Contacts of all nodes of a pair. bodies: guest and host. state: how many contacts there are,
+    and the place in the memory that was reached; returns both as they are then."""
+    guest, host = bodies
+    count, at = state
+    surfaces, boxes, bounds = search.surfaces, search.bodies.boxes, search.bodies.bounds[host]
+    _, rows, width = surfaces.guests.shape
+    # neighbours on the guest are near neighbours on the host
+    near = -1, -1
+    for i in range(rows):
+        after = min(i + 1, rows - 1)
+        if boxes_apart(boxes[guest, i], bounds, search.margin) and boxes_apart(
+            boxes[guest, after], bounds, search.margin
+        ):
             continue
-        if boxes_apart(scene.bounds[guest], scene.bounds[host], margin):
-            continue
-        # neighbours on the guest are near neighbours on the host
-        touch.place[4], touch.place[5] = -1, -1
-        for i in range(rows):
-            after = min(i + 1, rows - 1)
-            if boxes_apart(scene.boxes[guest, i], scene.bounds[host], margin) and boxes_apart(
-                scene.boxes[guest, after], scene.bounds[host], margin
-            ):
+        for c in range(width):
+            if surfaces.guests[guest, i, c] == 0:
                 continue
-            for c in range(width):
-                if skin.guests[guest, i, c] == 0:
-                    continue
-                key = (pair * rows + i) * width + c
-                at = _remembered(key, memory, at)
-                known = at if at < memory.key.shape[0] and memory.key[at] == key else -1
-                count = _find_node(
-                    pair,
-                    i,
-                    c,
-                    guest,
-                    host,
-                    order[pair],
-                    known,
-                    skin,
-                    scene,
-                    memory,
-                    limits,
-                    touch,
-                    count,
-                )
-    return count
+            key = (pair * rows + i) * width + c
+            at = _remembered(key, search.memory, at)
+            is_known = at < search.memory.key.shape[0] and search.memory.key[at] == key
+            node = Node(pair, guest, host, i, c, side, at if is_known else -1)
+            count, near = _find_node(node, near, search, touch, count)
+    return count, at
 
 
 @kernel
-def _copy_contact(source, k, target, to):
-    copy_values(source.who[k], target.who[to])
-    copy_values(source.corner[k], target.corner[to])
-    copy_values(source.weight[k], target.weight[to])
-    copy_values(source.value[k], target.value[to])
-    copy_values(source.place_start[k], target.place_start[to])
+def find_contacts(candidates, search, earlier, touch):
+    """Contacts of all candidates, written to touch; returns how many there are.
+
+    More than touch has room for: only that they are too many is right.
+    """
+    count, at, old, bounds = 0, 0, 0, search.bodies.bounds
+    before, kept, stale = earlier
+    for pair in range(candidates.pairs.shape[0]):
+        guest, host = candidates.pairs[pair, 0], candidates.pairs[pair, 1]
+        if stale[guest] == 0 and stale[host] == 0:
+            while old < kept and 0 <= before[old].pair < pair:
+                old += 1
+            while old < kept and before[old].pair == pair:
+                if count < touch.shape[0]:
+                    touch[count] = before[old]
+                count, old = count + 1, old + 1
+        elif not boxes_apart(bounds[guest], bounds[host], search.margin):
+            side = candidates.order[pair]
+            count, at = _find_pair(pair, side, (guest, host), search, touch, (count, at))
+    return count

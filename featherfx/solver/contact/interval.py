@@ -19,12 +19,6 @@ from numpy.typing import NDArray
 from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Contacts, Loads
 from featherfx.solver.contact.list_kernels import (
-    GAP,
-    GUEST,
-    GUEST_FORCE,
-    HOST,
-    PAIR,
-    SPARED,
     add_forces,
     closed_on_walls,
     hand_out,
@@ -36,35 +30,41 @@ from featherfx.solver.contact.list_kernels import (
 )
 from featherfx.solver.contact.run import Run
 from featherfx.solver.contact.surfaces import (
+    WALL_FIT,
     Found,
-    Memory,
     elastic_stiffness,
-    grids_of_models,
+    grids_of,
     list_contacts,
+    moving_bodies,
     new_planes,
     new_touch,
     no_memory,
-    remembered,
-    scene_of,
-    skin_of,
+    surfaces_of,
 )
-from featherfx.solver.contact.wall import Wall
+from featherfx.solver.contact.types import (
+    Array,
+    ByBody,
+    Candidates,
+    Handing,
+    Indices,
+    Memory,
+    Search,
+    Wall,
+)
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
 from featherfx.solver.step.integrator_kernels import integrator_of
 from featherfx.solver.step.root_path import RootPath
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 # springs of a round over the estimated stiffness of one node; of 0.5 to 8, 4 took the fewest
 # iterations in a wing beat (5.9, 4.7, 2.9, 2.3 rounds at 0.5, 1, 3, 8; stiffer ones cost Newton)
 FIT = 4.0
-# a body whose contacts are off by less than this share of the tolerance is not solved again
-QUIET_SHARE = 0.3
-# gap, as a share of the margin, beyond which a contact without a force is not handed to a feather
-FAR_SHARE = 0.5
+# a body whose contacts are off by less than this, over the tolerance, is not solved again
+QUIET = 0.3
+# gap, over the margin, beyond which a contact without a force is not handed to a feather
+FAR = 0.5
 # stiffness of contacts that yield, over what it would be
 SOFT = 1e-2
 # searches for contacts in one interval: the poses at its end are not known before
@@ -125,17 +125,20 @@ class ContactSolver:
         settings: ContactSettings,
     ) -> None:
         self.solvers, self.settings = tuple(solvers), settings
-        self.pairs, self.order = np.asarray(pairs).reshape(-1, 2), np.asarray(order)
+        self.candidates = Candidates(np.asarray(pairs).reshape(-1, 2), np.asarray(order))
         models = [solver.model for solver in solvers]
-        self.grids = grids_of_models(models)
-        self.skin = skin_of(models, self.grids, halves)
+        self.grids = grids_of(models)
+        self.surfaces = surfaces_of(models, self.grids, halves)
         self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
         self._mass = self.grids.together([model.mass for model in models])
         bodies = self.grids.bodies
-        self.memory = no_memory(self.skin)
-        self._touch, self._spare, self._planes = new_touch(), new_touch(), new_planes(bodies)
-        self._count = 0
-        self._listed = np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        self.memory = no_memory(self.surfaces)
+        self.found, self._spare, self._planes = (
+            Found(new_touch(), 0),
+            new_touch(),
+            new_planes(bodies),
+        )
+        self._listed = ByBody(np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
     def interval(
         self,
@@ -154,121 +157,121 @@ class ContactSolver:
         to its tolerance. resting: (B,) bodies that are solved only if what touches them asks for
         it; the report counts no steps of those that were not. yielding: (B,) bodies whose contacts
         are soft, because they cannot be solved otherwise; what goes too deep comes out later, at
-        the recovery speed. walls: bodies whose motion over the
-        duration is given; of several, a node meets each.
-        A feather that cannot be solved has a status in its batch's report, and then the other
-        results mean nothing.
+        the recovery speed. walls: bodies whose motion over the duration is given; of several, a
+        node meets each. A feather that cannot be solved has a status in its batch's report, and
+        then the other results mean nothing.
         """
         run = Run(self.solvers, self.grids, states, loads, paths, duration, substeps)
-        memory = self.memory
-        rounds, depth, residual = 0, 0.0, 0.0
+        memory, rounds = self.memory, 0
         stale = np.ones(self.grids.bodies, dtype=np.bool_) if resting is None else ~resting
         forces = np.zeros(self.grids.bodies)
-        for search in range(SEARCHES):
+        for number in range(SEARCHES):
             searched = run.now.copy()
-            count = self._find(run, duration, walls, memory, stale if search else None)
+            self._find(run, walls, memory, stale if number else None)
             if yielding is not None:
-                soften(self._touch, count, yielding.astype(np.int8), SOFT)
-            begun = float(self._touch.value[:count, SPARED].max(initial=0.0))
-            if search:
-                # what was found before, of another body or at another place, pressed as well
-                found = np.zeros_like(forces)
-                add_forces(self._touch, count, found)
-                stale |= np.abs(found - forces) > 1e-9 * forces
-            more, depth, residual = self._solve(run, count, stale)
+                soften(*self.found, yielding.astype(np.int8), SOFT)
+            if number:
+                stale |= self._pressed_elsewhere(forces)
+            more, depth, residual = self._solve(run, stale)
             rounds += more
             moved = _largest_moves(run.now, searched)
             if run.failed() or moved.max() < self.settings.margin:
                 break
             # the bodies did not go where they were headed: look again where they went
             stale = moved >= self.settings.margin
-            add_forces(self._touch, count, forces)
-            memory = remembered(self._touch, count, self.order, self.skin, memory)
-        force = self._touch.value[:count, GUEST_FORCE]
-        closed = int(np.count_nonzero(force > 0.0))
-        report = ContactReport(closed, rounds, run.solves, residual, depth, begun)
+            add_forces(*self.found, forces)
+            memory = self.found.remembered(self.candidates.order, memory)
+        contacts = self.found.contacts
+        report = ContactReport(
+            contacts=int(np.count_nonzero(contacts["guest_force"] > 0.0)),
+            rounds=rounds,
+            solves=run.solves,
+            residual=residual,
+            depth=depth,
+            start_depth=float(contacts["spared"].max(initial=0.0)),
+        )
         return run.new, run.reports(), report
 
-    def _solve(self, run: Run, count: int, stale: Flags) -> tuple[int, float, float]:
+    def accept(self) -> None:
+        """Keep the forces of the last interval for the next one."""
+        self.memory = self.found.remembered(self.candidates.order, self._found_in)
+
+    def depths(self) -> tuple[Indices, Indices, Array]:
+        """Of the last interval's contacts: guest and host (bodies; -1 for a wall), depth in m."""
+        contacts = self.found.contacts
+        return contacts["guest"], contacts["host"], contacts["spared"] - contacts["gap"]
+
+    def _find(self, run: Run, walls: Sequence[Wall], memory: Memory, stale: Flags | None) -> None:
+        """Search for contacts, again only for stale bodies; the room for them grows."""
+        settings = self.settings
+        inertia = integrator_of(self.solvers[0].settings.spectral_radius, run.duration).inertia
+        impedance = FIT * (inertia * self._mass + self._elastic)
+        self._found_in = memory._replace(inside=memory.inside.copy())
+        search = Search(
+            self.surfaces,
+            moving_bodies(run.start, run.now, impedance),
+            self._found_in,
+            settings.margin,
+            settings.recovery * run.duration,
+            WALL_FIT,
+        )
+        before = None if stale is None else self.found
+        found = list_contacts(self.candidates, search, walls, before, stale, self._spare)
+        self._spare, self.found = self.found.touch, found
+        if len(self._listed.items) < 2 * found.number:
+            room = np.zeros(4 * found.number, dtype=np.int64)
+            self._listed = self._listed._replace(items=room)
+        list_by_body(*found, self._listed)
+
+    def _pressed_elsewhere(self, forces: Array) -> Flags:
+        """(B,) bodies that feel other forces (N) than before: what was found then, of another body
+        or at another place, pressed as well."""
+        found = np.zeros_like(forces)
+        add_forces(*self.found, found)
+        return np.asarray(np.abs(found - forces) > 1e-9 * forces)
+
+    def _solve(self, run: Run, stale: Flags) -> tuple[int, float, float]:
         """Rounds of solves with the contacts found; (rounds, depth, residual).
 
         stale: (B,) bodies that are solved in the first round, whatever their contacts.
         """
-        settings, touch = self.settings, self._touch
-        measure(touch, count, run.now)
-        colours = self._colours(count)
+        settings = self.settings
+        measure(*self.found, run.now)
+        colours = self._colours()
         worst = np.zeros(self.grids.bodies)
-        depth = float(residuals(touch, count, worst))
+        depth = float(residuals(*self.found, worst))
         worst[stale] = np.inf
         number = 0
         while number < settings.rounds and worst.max() >= settings.tolerance:
             number += 1
-            again = worst > QUIET_SHARE * settings.tolerance
-            for colour in colours:
-                mine = again & colour
-                if not mine.any():
-                    continue
-                # at first they may still go far
-                reach = np.inf if number == 1 else FAR_SHARE * settings.margin
-                run.solve(mine, self._contacts(run, mine, reach))
-                update(touch, *self._listed, mine.astype(np.int8), run.now)
+            again = worst > QUIET * settings.tolerance
+            # at first they may still go far
+            reach = np.inf if number == 1 else FAR * settings.margin
+            self._round(run, [again & colour for colour in colours], reach)
             if run.failed():
                 break
-            depth = float(residuals(touch, count, worst))
+            depth = float(residuals(*self.found, worst))
             if number == 1 < settings.rounds and settings.friction > 0.0:
                 closed = np.zeros(len(worst), dtype=np.bool_)
-                closed_on_walls(touch, count, closed)
+                closed_on_walls(*self.found, closed)
                 worst[closed] = np.inf
         return number, depth, float(worst.max())
 
-    def accept(self) -> None:
-        """Keep the forces of the last interval for the next one."""
-        self.memory = remembered(self._touch, self._count, self.order, self.skin, self._found_in)
+    def _round(self, run: Run, groups: Sequence[Flags], reach: float) -> None:
+        """Solve groups of bodies, one after the other, with the forces that they feel now.
 
-    def depths(self) -> tuple[Indices, Indices, Array]:
-        """Of the last interval's contacts: guest and host (bodies; -1 for a wall), depth in m."""
-        who, value = self._touch.who[: self._count], self._touch.value[: self._count]
-        return who[:, GUEST], who[:, HOST], value[:, SPARED] - value[:, GAP]
+        reach: m, gap beyond which contacts without a force are left out.
+        """
+        for mine in groups:
+            if mine.any():
+                run.solve(mine, self._contacts(run, mine, reach))
+                update(self.found.touch, self._listed, mine.astype(np.int8), run.now)
 
-    def _find(
-        self,
-        run: Run,
-        duration: float,
-        walls: Sequence[Wall],
-        memory: Memory,
-        stale: Flags | None,
-    ) -> int:
-        """Search for contacts, again only for stale bodies; the room for them grows."""
-        settings = self.settings
-        inertia = integrator_of(self.solvers[0].settings.spectral_radius, duration).inertia
-        impedance = FIT * (inertia * self._mass + self._elastic)
-        self._found_in = memory._replace(inside=memory.inside.copy())
-        found = list_contacts(
-            self.pairs,
-            self.order,
-            self.skin,
-            scene_of(run.start, run.now, impedance),
-            self._found_in,
-            settings.margin,
-            settings.recovery * duration,
-            walls,
-            None if stale is None else Found(self._touch, self._count),
-            stale,
-            self._spare,
-        )
-        self._spare, self._touch, self._count = self._touch, found.touch, found.number
-        first, items = self._listed
-        if len(items) < 2 * found.number:
-            items = np.zeros(4 * found.number, dtype=np.int64)
-        list_by_body(self._touch, found.number, first, items)
-        self._listed = first, items
-        return found.number
-
-    def _colours(self, count: int) -> list[Flags]:
+    def _colours(self) -> list[Flags]:
         """Bodies in groups that do not touch each other, greedily; all bodies in one of them."""
         bodies = self.grids.bodies
-        found = np.unique(self._touch.who[:count, PAIR])
-        pairs = self.pairs[found[found >= 0]]
+        found = np.unique(self.found.contacts["pair"])
+        pairs = self.candidates.pairs[found[found >= 0]]
         near: list[set[int]] = [set() for _ in range(bodies)]
         for guest, host in pairs.tolist():
             near[guest].add(host)
@@ -281,26 +284,15 @@ class ContactSolver:
         return [every == c for c in range(int(every.max()) + 1)]
 
     def _contacts(self, run: Run, mine: Flags, reach: float) -> Contacts:
-        """The plane contacts of the bodies mine, by body; overwritten by the next call.
-
-        reach: m, gap beyond which those without a force are left out.
-        """
+        """The plane contacts of the bodies mine, by body; overwritten by the next call."""
         settings, flags = self.settings, mine.astype(np.int8)
+        slip = settings.smoothing * run.duration
+        widest, columns = self.grids.most_columns, self.surfaces.columns
+        rules = Handing(settings.friction, slip, float(reach), widest, columns)
+        touch, listed = self.found.touch, self._listed
         while True:
             planes = self._planes
-            count = hand_out(
-                self._touch,
-                *self._listed,
-                flags,
-                run.start,
-                run.now,
-                settings.friction,
-                settings.smoothing * run.duration,
-                reach,
-                self.grids.most_columns,
-                self.skin.columns,
-                planes,
-            )
+            count = hand_out(touch, listed, flags, run.start, run.now, rules, planes)
             if count <= len(planes.node):
                 return planes
             self._planes = new_planes(self.grids.bodies, 2 * count)

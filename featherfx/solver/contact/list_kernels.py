@@ -8,104 +8,102 @@ host). Its gap is counted along the host's normal n on the side s = 1 or -1 wher
 t sum of both half thicknesses; a what an interval that begins too deep is spared of its depth, so
 that a feather that slipped through comes back at a limited speed instead of being shot out.
 
-Points count as on the widest grid of all bodies (grids.Grids).
+Points count as on the widest grid of all bodies (surfaces.Grids). touch: contacts found (types),
+the first count of them.
 """
 
+from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.search_kernels import guest_place, side_normal
 
-# columns of a contact's numbers: index and value
-PAIR, ROW, COLUMN, GUEST_POINT, GUEST, HOST, SIDE, MIRROR = 0, 1, 2, 3, 4, 5, 6, 7
-INTEGERS = 8
-START_GAP, GAP, THICKNESS, SPARED = 0, 1, 2, 3
-GUEST_FORCE, HOST_FORCE, GUEST_STIFFNESS, HOST_STIFFNESS, SHARE = 4, 5, 6, 7, 8
-VALUES = 9
+# least part of a contact that a corner carries: it needs a stiffness to divide by
+LEAST_WEIGHT = 1e-6
 
 
 @kernel
-def triangle_normal(points, corner, mirror):
+def triangle_normal(points, contact):
     """Unit normal of a contact's triangle in a pose (n, P, 3)."""
+    corner = contact.corner
     a = points[corner[0, 0], corner[0, 1]]
     b = points[corner[1, 0], corner[1, 1]]
     c = points[corner[2, 0], corner[2, 1]]
-    return side_normal(mirror, a, b, c)
+    return side_normal(contact.mirror, a, b, c)
 
 
 @kernel
-def host_place(points, corner, weight, place):
-    """Place (3,) of a contact on its host in a pose (n, P, 3)."""
-    a = points[corner[0, 0], corner[0, 1]]
-    b = points[corner[1, 0], corner[1, 1]]
-    c = points[corner[2, 0], corner[2, 1]]
-    for k in range(3):
-        place[k] = weight[0] * a[k] + weight[1] * b[k] + weight[2] * c[k]
+def host_place(points, contact):
+    """Place of a contact on its host in a pose (n, P, 3)."""
+    corner, weight = contact.corner, contact.weight
+    a = scale(weight[0], points[corner[0, 0], corner[0, 1]])
+    b = scale(weight[1], points[corner[1, 0], corner[1, 1]])
+    c = scale(weight[2], points[corner[2, 0], corner[2, 1]])
+    return add(add(a, b), c)
 
 
 @kernel
-def _measure(touch, k, now):
-    """Gap, normal and place of contact k in a pose now (B, n, P, 3), written to touch."""
-    index, normal, value = touch.who[k], touch.normal[k], touch.value[k]
-    y = touch.place_now[k]
-    if index[HOST] >= 0:
-        host, side = now[index[HOST]], index[SIDE]
-        nx, ny, nz = triangle_normal(host, touch.corner[k], index[MIRROR])
-        normal[0], normal[1], normal[2] = side * nx, side * ny, side * nz
-        host_place(host, touch.corner[k], touch.weight[k], y)
-    x = touch.guest
-    guest_place(now[index[GUEST]], index[ROW], index[GUEST_POINT], value[SHARE], x)
-    along = 0.0
-    for a in range(3):
-        along += normal[a] * (x[a] - y[a])
-    value[GAP] = along - value[THICKNESS] + value[SPARED]
+def _guest(contact, poses):
+    """Place of a contact's guest in poses (B, n, P, 3)."""
+    return guest_place(poses[contact.guest], contact.row, contact.point, contact.fraction)
+
+
+@kernel
+def _measure(contact, now):
+    """Gap, normal and place of a contact in a pose now (B, n, P, 3), kept with it."""
+    if contact.host >= 0:
+        host = now[contact.host]
+        store(contact.normal, scale(contact.side, triangle_normal(host, contact)))
+        store(contact.place_now, host_place(host, contact))
+    along = dot(contact.normal, sub(_guest(contact, now), contact.place_now))
+    contact.gap = along - contact.thickness + contact.spared
 
 
 @kernel
 def measure(touch, count, now):
-    """Gaps, normals and places of all contacts in a pose now (B, n, P, 3), written to touch.
+    """Gaps, normals and places of all contacts in a pose now (B, n, P, 3).
 
-    Those of a wall (HOST is -1) have been there since they were found.
+    Those of a wall have been there since they were found.
     """
     for k in range(count):
-        _measure(touch, k, now)
+        _measure(touch[k], now)
 
 
 @kernel
-def list_by_body(touch, count, first, items):
-    """Contacts of each body: items[first[b]] to items[first[b + 1] - 1]; first (B + 1,)."""
+def list_by_body(touch, count, listed):
+    """The contacts of each body, to listed (ByBody)."""
+    first, items = listed
     first[:] = 0
     for k in range(count):
-        first[touch.who[k, GUEST]] += 1
-        if touch.who[k, HOST] >= 0:
-            first[touch.who[k, HOST]] += 1
+        first[touch[k].guest] += 1
+        if touch[k].host >= 0:
+            first[touch[k].host] += 1
     total = 0
     for b in range(first.shape[0]):
         total += first[b]
         first[b] = total
     for back in range(count):
         k = count - 1 - back
-        for body in (touch.who[k, GUEST], touch.who[k, HOST]):
+        for body in (touch[k].guest, touch[k].host):
             if body >= 0:
                 first[body] -= 1
                 items[first[body]] = k
 
 
 @kernel
-def update(touch, first, items, mine, now):
+def update(touch, listed, mine, now):
     """Measure the contacts of the bodies mine (B,), which were just solved, and set the forces that
-    those felt. first, items: of list_by_body."""
+    those felt."""
     for body in range(mine.shape[0]):
         if mine[body] == 0:
             continue
-        for at in range(first[body], first[body + 1]):
-            k = items[at]
-            _measure(touch, k, now)
-            index, value = touch.who[k], touch.value[k]
-            if index[GUEST] == body:
-                push = value[HOST_FORCE] - value[GUEST_STIFFNESS] * value[GAP]
-                value[GUEST_FORCE] = max(0.0, push)
+        for at in range(listed.first[body], listed.first[body + 1]):
+            contact = touch[listed.items[at]]
+            _measure(contact, now)
+            if contact.guest == body:
+                push = contact.host_force - contact.guest_stiffness * contact.gap
+                contact.guest_force = max(0.0, push)
             else:
-                push = value[GUEST_FORCE] - value[HOST_STIFFNESS] * value[GAP]
-                value[HOST_FORCE] = max(0.0, push)
+                push = contact.guest_force - contact.host_stiffness * contact.gap
+                contact.host_force = max(0.0, push)
 
 
 @kernel
@@ -118,16 +116,16 @@ def residuals(touch, count, worst):
     worst[:] = 0.0
     depth = 0.0
     for k in range(count):
-        index, value = touch.who[k], touch.value[k]
-        force = min(value[GUEST_FORCE], value[HOST_FORCE])
-        stiffness = max(value[GUEST_STIFFNESS], value[HOST_STIFFNESS])
-        wrong = abs(min(value[GAP], force / stiffness))
-        mismatch = abs(value[GUEST_FORCE] - value[HOST_FORCE]) / stiffness
+        contact = touch[k]
+        force = min(contact.guest_force, contact.host_force)
+        stiffness = max(contact.guest_stiffness, contact.host_stiffness)
+        wrong = abs(min(contact.gap, force / stiffness))
+        mismatch = abs(contact.guest_force - contact.host_force) / stiffness
         wrong = max(wrong, mismatch)
-        worst[index[GUEST]] = max(worst[index[GUEST]], wrong)
-        if index[HOST] >= 0:
-            worst[index[HOST]] = max(worst[index[HOST]], wrong)
-        depth = max(depth, value[SPARED] - value[GAP])
+        worst[contact.guest] = max(worst[contact.guest], wrong)
+        if contact.host >= 0:
+            worst[contact.host] = max(worst[contact.host], wrong)
+        depth = max(depth, contact.spared - contact.gap)
     return depth
 
 
@@ -136,21 +134,22 @@ def closed_on_walls(touch, count, closed):
     """Mark bodies (B,) one of whose contacts with a wall closed in the last solve: it had no
     friction yet, for that goes by the force of the solve before."""
     for k in range(count):
-        index, value = touch.who[k], touch.value[k]
-        if index[HOST] < 0 and value[HOST_FORCE] == 0.0 and value[GUEST_FORCE] > 0.0:
-            closed[index[GUEST]] = True
+        contact = touch[k]
+        if contact.host < 0 and contact.host_force == 0.0 and contact.guest_force > 0.0:
+            closed[contact.guest] = True
 
 
 @kernel
-def soften(touch, count, bodies, share):
-    """Take from all contacts of some bodies (B,) their forces, and all but a share of stiffness."""
+def soften(touch, count, bodies, kept):
+    """Take from all contacts of some bodies (B,) their forces, and all but a part kept of their
+    stiffness."""
     for k in range(count):
-        index, value = touch.who[k], touch.value[k]
-        if bodies[index[GUEST]] == 0 and (index[HOST] < 0 or bodies[index[HOST]] == 0):
+        contact = touch[k]
+        if bodies[contact.guest] == 0 and (contact.host < 0 or bodies[contact.host] == 0):
             continue
-        value[GUEST_FORCE], value[HOST_FORCE] = 0.0, 0.0
-        value[GUEST_STIFFNESS] *= share
-        value[HOST_STIFFNESS] *= share
+        contact.guest_force, contact.host_force = 0.0, 0.0
+        contact.guest_stiffness *= kept
+        contact.host_stiffness *= kept
 
 
 @kernel
@@ -158,104 +157,80 @@ def add_forces(touch, count, total):
     """Sums of the forces (N) that each body feels, to total (B,)."""
     total[:] = 0.0
     for k in range(count):
-        index, value = touch.who[k], touch.value[k]
-        total[index[GUEST]] += value[GUEST_FORCE]
-        if index[HOST] >= 0:
-            total[index[HOST]] += value[HOST_FORCE]
+        contact = touch[k]
+        total[contact.guest] += contact.guest_force
+        if contact.host >= 0:
+            total[contact.host] += contact.host_force
 
 
 @kernel
-def hand_out(
-    touch, first, items, mine, start, now, friction, smoothing, reach, widest, columns, contacts
-):
-    """Write the plane contacts of the bodies mine (B,) to contacts; returns how many there are.
+def hand_out(touch, listed, mine, start, now, rules, planes):
+    """Write the plane contacts of the bodies mine (B,) to planes; returns how many there are.
 
-    first, items: of list_by_body. start, now: (B, n, P, 3) poses at the interval's start and at the
-    last iterate. friction: coefficient. smoothing: m. reach: m, gap beyond which contacts without a
-    force are left out. widest: columns of the widest grid; columns: (B,) of the bodies' own. One
-    more than contacts has room for: too many.
+    start, now: (B, n, P, 3) poses at the interval's start and at the last iterate. rules: Handing.
+    One more than planes has room for: too many.
     """
     to = 0
     for body in range(mine.shape[0]):
-        contacts.first[body] = to
+        planes.first[body] = to
         if mine[body] == 0:
             continue
-        for at in range(first[body], first[body + 1]):
-            k = items[at]
-            index, corner, weight = touch.who[k], touch.corner[k], touch.weight[k]
-            value = touch.value[k]
-            is_guest = index[GUEST] == body
-            if index[HOST] < 0:
+        for at in range(listed.first[body], listed.first[body + 1]):
+            contact = touch[listed.items[at]]
+            if contact.host < 0:
                 # a wall's force is what the feather felt last
-                value[HOST_FORCE] = value[GUEST_FORCE]
-            force = value[HOST_FORCE] if is_guest else value[GUEST_FORCE]
-            if force == 0.0 and value[GAP] > reach:
+                contact.host_force = contact.guest_force
+            force = contact.host_force if contact.guest == body else contact.guest_force
+            if force == 0.0 and contact.gap > rules.reach:
                 continue
-            if to + 3 > contacts.node.shape[0]:
-                return contacts.node.shape[0] + 1
-            slip = _slip_since(touch, k, start, now)
-            parts = (1 if value[SHARE] == 0.0 else 2) if is_guest else 3
-            stiffness = value[GUEST_STIFFNESS] if is_guest else value[HOST_STIFFNESS]
-            for q in range(parts):
-                if is_guest:
-                    row, p = index[ROW] + q, index[GUEST_POINT]
-                    share = value[SHARE] if q == 1 else 1.0 - value[SHARE]
-                else:
-                    row, p = corner[q, 0], corner[q, 1]
-                    share = weight[q]
-                # a corner that hardly carries still needs a stiffness to divide by
-                share = max(share, 1e-6)
-                strength = contacts.strength[to]
-                strength[0] = share * stiffness
-                strength[1] = share * force
-                strength[2] = share * friction * force
-                strength[3] = smoothing
-                contacts.node[to, 0] = row
-                contacts.node[to, 1] = p - (widest - columns[body] if p > 2 + widest else 0)
-                _plane(
-                    contacts,
-                    to,
-                    1.0 if is_guest else -1.0,
-                    touch.normal[k],
-                    now[body, row, p],
-                    start[body, row, p],
-                    value,
-                    slip,
-                )
-                to += 1
-    contacts.first[mine.shape[0]] = to
+            if to + 3 > planes.node.shape[0]:
+                return planes.node.shape[0] + 1
+            to = _hand_to(contact, body, start, now, rules, planes, to)
+    planes.first[mine.shape[0]] = to
     return to
 
 
 @kernel
-def _slip_since(touch, k, start, now):
-    """(3,) m, how far a contact's guest went, less how far its host did."""
-    index, part = touch.who[k], touch.value[k, SHARE]
-    x, begin = touch.guest_ahead, touch.guest
-    guest_place(now[index[GUEST]], index[ROW], index[GUEST_POINT], part, x)
-    guest_place(start[index[GUEST]], index[ROW], index[GUEST_POINT], part, begin)
-    old, new = touch.place_start[k], touch.place_now[k]
-    return (
-        x[0] - begin[0] - new[0] + old[0],
-        x[1] - begin[1] - new[1] + old[1],
-        x[2] - begin[2] - new[2] + old[2],
+def _hand_to(contact, body, start, now, rules, planes, to):
+    """Write the planes of one contact of a body, from the place to on; returns the place after."""
+    slip = sub(
+        sub(_guest(contact, now), _guest(contact, start)),
+        sub(contact.place_now, contact.place_start),
     )
+    is_guest = contact.guest == body
+    parts = (1 if contact.fraction == 0.0 else 2) if is_guest else 3
+    force = contact.host_force if is_guest else contact.guest_force
+    stiffness = contact.guest_stiffness if is_guest else contact.host_stiffness
+    for q in range(parts):
+        if is_guest:
+            row, p = contact.row + q, contact.point
+            weight = contact.fraction if q == 1 else 1.0 - contact.fraction
+        else:
+            row, p = contact.corner[q, 0], contact.corner[q, 1]
+            weight = contact.weight[q]
+        weight = max(weight, LEAST_WEIGHT)
+        strength = planes.strength[to]
+        strength[0] = weight * stiffness
+        strength[1] = weight * force
+        strength[2] = weight * rules.friction * force
+        strength[3] = rules.smoothing
+        planes.node[to, 0] = row
+        planes.node[to, 1] = p - (rules.widest - rules.columns[body] if p > 2 + rules.widest else 0)
+        sign = 1.0 if is_guest else -1.0
+        _plane(contact, sign, now[body, row, p], start[body, row, p], slip, planes, to)
+        to += 1
+    return to
 
 
 @kernel
-def _plane(contacts, to, sign, normal, x, begin, value, slip):
+def _plane(contact, sign, x, begin, slip, planes, to):
     """The plane of one contact: at the point x the gap is the contact's gap and the slip its slip.
 
     sign: 1 for the guest, -1 for the host.
     """
-    level, first = -value[GAP], -value[START_GAP]
-    for k in range(3):
-        n = sign * normal[k]
-        contacts.normal[to, k] = n
-        level += n * x[k]
-        first += n * begin[k]
-        contacts.target[to, 0, k] = begin[k]
-    contacts.target[to, 1, 0] = x[0] - sign * slip[0]
-    contacts.target[to, 1, 1] = x[1] - sign * slip[1]
-    contacts.target[to, 1, 2] = x[2] - sign * slip[2]
-    contacts.offset[to, 0], contacts.offset[to, 1] = first, level
+    normal = scale(sign, contact.normal)
+    store(planes.normal[to], normal)
+    store(planes.target[to, 0], begin)
+    store(planes.target[to, 1], sub(x, scale(sign, slip)))
+    planes.offset[to, 0] = dot(normal, begin) - contact.start_gap
+    planes.offset[to, 1] = dot(normal, x) - contact.gap

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Contacts, Loads
-from featherfx.solver.contact.grids import Grids
+from featherfx.solver.contact.surfaces import Grids
 from featherfx.solver.settle.take_up import carry_to
 from featherfx.solver.solver import Solver
 from featherfx.solver.state import State, StepReport, no_steps

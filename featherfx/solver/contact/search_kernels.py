@@ -3,10 +3,11 @@
 A vane is a strip of n rows times 2 m + 1 nodes: the trailing barb's end is column 0, the rachis m,
 the leading barb's end 2 m. The nearest node is found by boxes around rows, the closest point by
 walking over the triangles around it (Ericson 2005, section 5.1.5). Nothing is built or allocated.
+
+A triangle is told by its place: side, cell (i, j) and half, 0 or 1.
 """
 
-from math import sqrt
-
+from featherfx.algebra.vec3_kernels import add, dot, length, normal_of, scale, sub
 from featherfx.jit.compiled import kernel
 
 # parts into which the rim between two rows is divided
@@ -23,7 +24,7 @@ def strip_point(column, columns):
 
 @kernel
 def guest_point(c, columns, own):
-    """(material point, share of the next row) of column c of a row's guests.
+    """(material point, fraction of the way to the next row) of column c of a row's guests.
 
     columns: of the widest grid, which the points are counted on; own: of the feather's.
 
@@ -39,13 +40,13 @@ def guest_point(c, columns, own):
 
 
 @kernel
-def guest_place(points, i, p, share, place):
-    """Place (3,) of a guest's point in a pose (n, P, 3): row i, material point p, and share of the
-    next row."""
-    for k in range(3):
-        place[k] = points[i, p, k]
-        if share > 0.0:
-            place[k] += share * (points[i + 1, p, k] - points[i, p, k])
+def guest_place(points, i, p, fraction):
+    """Place of a guest's point in a pose (n, P, 3): row i, material point p, and how far it lies
+    towards the next row."""
+    x = add(points[i, p], (0.0, 0.0, 0.0))
+    if fraction > 0.0:
+        x = add(x, scale(fraction, sub(points[i + 1, p], points[i, p])))
+    return x
 
 
 @kernel
@@ -73,12 +74,13 @@ def row_boxes(points, present, boxes, bounds):
 
 
 @kernel
-def box_distance(x, y, z, box):
+def box_distance(x, box):
     """Square of the distance (m^2) of a point from a box (6,)."""
-    dx = max(box[0] - x, max(0.0, x - box[3]))
-    dy = max(box[1] - y, max(0.0, y - box[4]))
-    dz = max(box[2] - z, max(0.0, z - box[5]))
-    return dx * dx + dy * dy + dz * dz
+    square = 0.0
+    for k in range(3):
+        away = max(box[k] - x[k], max(0.0, x[k] - box[3 + k]))
+        square += away * away
+    return square
 
 
 @kernel
@@ -91,50 +93,53 @@ def boxes_apart(first, second, margin):
 
 
 @kernel
-def nearest_node(x, y, z, points, present, boxes, row, column, limit):
+def _square(a, b):
+    away = sub(a, b)
+    return dot(away, away)
+
+
+@kernel
+def nearest_node(x, points, present, boxes, guess, limit):
     """(row, column) of the strip's node nearest to a point, -1 if none is nearer than limit (m).
 
-    row, column: first guess, or -1.
+    guess: row and column, or -1.
     """
     columns = (present.shape[1] - 1) // 2
     best, found_row, found_column = limit * limit, -1, -1
+    row, column = guess
     if row >= 0 and present[row, column] != 0:
-        p = points[row, strip_point(column, columns)]
-        square = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2
+        square = _square(points[row, strip_point(column, columns)], x)
         if square < best:
             best, found_row, found_column = square, row, column
     for i in range(points.shape[0]):
-        if box_distance(x, y, z, boxes[i]) >= best:
+        if box_distance(x, boxes[i]) >= best:
             continue
         for c in range(present.shape[1]):
             if present[i, c] == 0:
                 continue
-            p = points[i, strip_point(c, columns)]
-            square = (p[0] - x) ** 2 + (p[1] - y) ** 2 + (p[2] - z) ** 2
+            square = _square(points[i, strip_point(c, columns)], x)
             if square < best:
                 best, found_row, found_column = square, i, c
     return found_row, found_column
 
 
 @kernel
-def closest_weights(x, y, z, a, b, c):
-    """Weights of corners a, b, c (3,) of the point of a triangle closest to (x, y, z)."""
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    px, py, pz = x - a[0], y - a[1], z - a[2]
-    d1, d2 = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
+def closest_weights(x, a, b, c):
+    """Weights of corners a, b, c of the point of a triangle closest to x."""
+    u, v, p = sub(b, a), sub(c, a), sub(x, a)
+    d1, d2 = dot(u, p), dot(v, p)
     if d1 <= 0.0 and d2 <= 0.0:
         return 1.0, 0.0, 0.0
-    px, py, pz = x - b[0], y - b[1], z - b[2]
-    d3, d4 = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
+    p = sub(x, b)
+    d3, d4 = dot(u, p), dot(v, p)
     if d3 >= 0.0 and d4 <= d3:
         return 0.0, 1.0, 0.0
     vc = d1 * d4 - d3 * d2
     if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
         t = d1 / (d1 - d3)
         return 1.0 - t, t, 0.0
-    px, py, pz = x - c[0], y - c[1], z - c[2]
-    d5, d6 = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
+    p = sub(x, c)
+    d5, d6 = dot(u, p), dot(v, p)
     if d6 >= 0.0 and d5 <= d6:
         return 0.0, 0.0, 1.0
     vb = d5 * d2 - d1 * d6
@@ -150,29 +155,26 @@ def closest_weights(x, y, z, a, b, c):
 
 
 @kernel
-def triangle_corners(side, i, j, half):
-    """(row, barb node) of the corners of triangle A or B of a cell, counted as in cell_stiffness.
+def side_normal(side, a, b, c):
+    """Unit normal of a triangle, the same way on both vanes (dorsal unless mirrored)."""
+    normal = scale(-1.0 if side == 0 else 1.0, normal_of(a, b, c))
+    size = length(normal)
+    return scale(1.0 / size if size > 0.0 else 0.0, normal)
+
+
+@kernel
+def corner_node(place, k):
+    """(row, barb node) of corner k of a triangle, counted as in cell_stiffness.
 
     Seen from dorsal the corners run clockwise on the leading vane of a feather that is not
     mirrored; `side_normal` orients all alike.
     """
+    _, i, j, half = place
+    if k == 2:
+        return i + 1, j
     if half == 0:
-        return i, j, i, j + 1, i + 1, j
-    return i, j + 1, i + 1, j + 1, i + 1, j
-
-
-@kernel
-def side_normal(side, a, b, c):
-    """Unit normal of a triangle, the same way on both vanes (dorsal unless mirrored)."""
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    sign = -1.0 if side == 0 else 1.0
-    nx = sign * (uy * vz - uz * vy)
-    ny = sign * (uz * vx - ux * vz)
-    nz = sign * (ux * vy - uy * vx)
-    size = sqrt(nx * nx + ny * ny + nz * nz)
-    inverse = 1.0 / size if size > 0.0 else 0.0
-    return nx * inverse, ny * inverse, nz * inverse
+        return i, j + k
+    return i + k, j + 1
 
 
 @kernel
@@ -182,18 +184,23 @@ def barb_point(side, node, columns):
 
 
 @kernel
-def _around_node(x, y, z, points, exists, row, column, best, place, weight):
-    """Closest point of the triangles around a node, if closer than best (m^2); returns the square.
+def _corner(points, place, k, columns):
+    row, node = corner_node(place, k)
+    x = points[row, barb_point(place[0], node, columns)]
+    return x[0], x[1], x[2]
 
-    Written where one is closer: place (4,) side, i, j, half; weight (3,).
-    """
+
+@kernel
+def _around_node(x, points, exists, near, best):
+    """The best, or a closer point of the triangles around a node (row, column): square of its
+    distance (m^2), place, weights of the corners."""
     columns = exists.shape[2]
     for di in range(2):
-        i = row - 1 + di
+        i = near[0] - 1 + di
         if i < 0 or i >= exists.shape[1]:
             continue
         for dc in range(2):
-            c = column - 1 + dc
+            c = near[1] - 1 + dc
             if c < 0 or c >= 2 * columns:
                 continue
             side = 0 if c >= columns else 1
@@ -201,43 +208,37 @@ def _around_node(x, y, z, points, exists, row, column, best, place, weight):
             for half in range(2):
                 if exists[side, i, j, half] == 0:
                     continue
-                ia, na, ib, nb, ic, nc = triangle_corners(side, i, j, half)
-                a = points[ia, barb_point(side, na, columns)]
-                b = points[ib, barb_point(side, nb, columns)]
-                d = points[ic, barb_point(side, nc, columns)]
-                wa, wb, wc = closest_weights(x, y, z, a, b, d)
-                square = 0.0
-                square += (wa * a[0] + wb * b[0] + wc * d[0] - x) ** 2
-                square += (wa * a[1] + wb * b[1] + wc * d[1] - y) ** 2
-                square += (wa * a[2] + wb * b[2] + wc * d[2] - z) ** 2
-                if square < best:
-                    best = square
-                    place[0], place[1], place[2], place[3] = side, i, j, half
-                    weight[0], weight[1], weight[2] = wa, wb, wc
+                place = side, i, j, half
+                a, b = _corner(points, place, 0, columns), _corner(points, place, 1, columns)
+                d = _corner(points, place, 2, columns)
+                weight = closest_weights(x, a, b, d)
+                y = add(add(scale(weight[0], a), scale(weight[1], b)), scale(weight[2], d))
+                square = _square(y, x)
+                if square < best[0]:
+                    best = square, place, weight
     return best
 
 
 @kernel
-def closest_point(x, y, z, points, exists, row, column, place, weight):
-    """Closest point of a strip, walking from a node; returns the square of its distance (m^2).
+def closest_point(x, points, exists, near):
+    """Closest point of a strip, walking from a node (row, column): its triangle's place (side -1
+    where the node has none) and the weights of its corners.
 
-    points: (n, P, 3). exists: (2, n - 1, m, 2). Written: place (4,) side, i, j, half of its
-    triangle (side -1 where the node has none) and weight (3,) of its corners.
+    points: (n, P, 3). exists: (2, n - 1, m, 2).
     """
     columns = exists.shape[2]
-    best = 1e300
-    place[0] = -1
+    best = 1e300, (-1, 0, 0, 0), (0.0, 0.0, 0.0)
     for _ in range(points.shape[0] + columns):
-        better = _around_node(x, y, z, points, exists, row, column, best, place, weight)
-        if place[0] < 0 or better >= best:
+        better = _around_node(x, points, exists, near, best)
+        if better[0] >= best[0]:
             break
         best = better
-        side = place[0]
-        ia, na, ib, nb, ic, nc = triangle_corners(side, place[1], place[2], place[3])
-        row, node = ia, na
+        _, place, weight = best
+        k = 0
         if weight[1] > weight[0] and weight[1] >= weight[2]:
-            row, node = ib, nb
+            k = 1
         elif weight[2] > weight[0]:
-            row, node = ic, nc
-        column = columns + node if side == 0 else columns - node
-    return best
+            k = 2
+        row, node = corner_node(place, k)
+        near = row, columns + node if place[0] == 0 else columns - node
+    return best[1], best[2]

@@ -1,8 +1,13 @@
-"""Surfaces of feathers as contact sees them, and the search for what touches."""
+"""Surfaces of feathers as contact sees them, and the search for what touches.
+
+Feathers of several grids stand side by side, their points on the widest grid of all; points that a
+smaller grid lacks stay zero, and no surface has them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,131 +16,91 @@ from numpy.typing import NDArray
 from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Contacts, Model, no_contacts
 from featherfx.solver.contact.find_kernels import find_contacts
-from featherfx.solver.contact.grids import Grids, grids_of
-from featherfx.solver.contact.list_kernels import (
-    COLUMN,
-    GUEST,
-    GUEST_FORCE,
-    HOST,
-    HOST_FORCE,
-    INTEGERS,
-    PAIR,
-    ROW,
-    SIDE,
-    VALUES,
-)
 from featherfx.solver.contact.search_kernels import RIM_PARTS, row_boxes
-from featherfx.solver.contact.wall import Wall
+from featherfx.solver.contact.types import (
+    CONTACT,
+    Array,
+    Bytes,
+    Candidates,
+    Earlier,
+    Indices,
+    Memory,
+    MovingBodies,
+    Search,
+    Touch,
+    VaneSurfaces,
+    Wall,
+)
 from featherfx.solver.contact.wall_kernels import find_wall_contacts
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Bytes = NDArray[np.int8]
 
 FIRST_ROOM = 1024
 # FIT for a wall, which does not yield, over that of the node
 WALL_FIT = 4.0
-# share of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
+# part of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
 # nanometres would switch forces that Newton then hunts for, and a feather that flies has no clamp
 NEAR_ROOT = 0.4
-# depth, as a share of the feather's length, beyond which a point counts as on the other side of
-# something else; how much farther barbs' tips are apart than rows, as a share of the barbs' length
+# depth, over the feather's length, beyond which a point counts as on the other side of something
+# else; how much farther barbs' tips are apart than rows, over the barbs' length
 DEEPEST, FAN = 0.1, 0.3
 
 
-class Skin(NamedTuple):
-    """Constant surfaces of B bodies on the widest grid (grids). present: (B, n, 2 m + 1),
-    which nodes a triangle has. guests: (B, n, W) points that may touch others
-    (search_kernels.guest_point). exists: (B, 2, n-1, m, 2) triangles. half: (B, n, P) m,
-    half thickness at the material points. columns: (B,) of each body's own grid. far: (B,) m, from
-    the nearest node, of points that may still be in the vane or touch it."""
+@dataclass(frozen=True)
+class Grids:
+    """The grids of B bodies in batches.
 
-    present: Bytes
-    guests: Bytes
-    exists: Bytes
-    half: Array
+    first: (G + 1,) first body of each batch. rows, columns: (G,) of the batches.
+    """
+
+    first: Indices
+    rows: Indices
     columns: Indices
-    far: Array
+
+    @property
+    def bodies(self) -> int:
+        return int(self.first[-1])
+
+    @property
+    def most_rows(self) -> int:
+        return int(self.rows.max(initial=1))
+
+    @property
+    def most_columns(self) -> int:
+        return int(self.columns.max(initial=0))
+
+    def own_columns(self) -> Indices:
+        """(B,) columns of each body's grid."""
+        return np.repeat(self.columns, np.diff(self.first))
+
+    def put(self, values: Array, batch: int, bodies: Indices | slice, to: Array) -> None:
+        """Write values (k, n, P, ...) of some bodies (counted in their batch) to those of all,
+        (B, most rows, widest P, ...)."""
+        m, trailing = int(self.columns[batch]), 3 + self.most_columns
+        own = to[self.first[batch] : self.first[batch + 1], : self.rows[batch]]
+        own[bodies, :, : 3 + m] = values[:, :, : 3 + m]
+        own[bodies, :, trailing : trailing + m] = values[:, :, 3 + m :]
+
+    def together(self, parts: Sequence[Array]) -> Array:
+        """(B, most rows, widest P, ...) from one (F, n, P, ...) per batch."""
+        shape = self.bodies, self.most_rows, 3 + 2 * self.most_columns
+        found = np.zeros(shape + parts[0].shape[3:])
+        for batch, values in enumerate(parts):
+            self.put(values, batch, slice(None), found)
+        return found
 
 
-class Scene(NamedTuple):
-    """B bodies in an interval. start: (B, n, P, 3) m, its begin; ahead: where they will be about
-    its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, P) N/m. way: (B,)
-    m, farthest that a node goes."""
-
-    start: Array
-    ahead: Array
-    boxes: Array
-    bounds: Array
-    impedance: Array
-    way: Array
-
-
-class Memory(NamedTuple):
-    """What is kept between intervals. key: (K,) ascending, pair, row and guest's column of K
-    contacts of feathers, as one number; force: (K, 2) N, on guest and host; side: (K,) of the host.
-    wall: (B, n, W) N, forces of walls. inside: (B, n, W), guests grown into one."""
-
-    key: Indices
-    force: Array
-    side: Bytes
-    wall: Array
-    inside: Bytes
-
-
-def no_memory(skin: Skin) -> Memory:
-    """Nothing touched yet."""
-    return Memory(
-        key=np.zeros(0, dtype=np.int64),
-        force=np.zeros((0, 2)),
-        side=np.zeros(0, dtype=np.int8),
-        wall=np.zeros(skin.guests.shape),
-        inside=np.zeros(skin.guests.shape, dtype=np.int8),
-    )
-
-
-def remembered(touch: Touch, count: int, order: Indices, skin: Skin, memory: Memory) -> Memory:
-    """What the next search needs of the contacts found: forces, and sides that no order tells."""
-    who, value = touch.who[:count], touch.value[:count]
-    wall = np.zeros_like(memory.wall)
-    on_wall = who[:, HOST] < 0
-    body, row, column = who[on_wall][:, [GUEST, ROW, COLUMN]].T
-    wall[body, row, column] = value[on_wall, GUEST_FORCE]
-    who, forces = who[~on_wall], value[~on_wall][:, [GUEST_FORCE, HOST_FORCE]]
-    kept = (forces > 0.0).any(axis=1) | (order[who[:, PAIR]] == 0)
-    _, rows, columns = skin.guests.shape
-    key = (who[kept, PAIR] * rows + who[kept, ROW]) * columns + who[kept, COLUMN]
-    side = who[kept, SIDE].astype(np.int8)
-    return Memory(key, forces[kept], side, wall, memory.inside.copy())
-
-
-class Touch(NamedTuple):
-    """Room for K contacts (list_kernels): who (K, 8), corner (K, 3, 2) row and material
-    point, weight (K, 3), normal (K, 3), value (K, 9), place_start and place_now (K, 3) m, of the
-    host's point; place (6,), guest and guest_ahead (3,) are scratch."""
-
-    who: Indices
-    corner: Indices
-    weight: Array
-    normal: Array
-    value: Array
-    place_start: Array
-    place_now: Array
-    place: Indices
-    guest: Array
-    guest_ahead: Array
-
-
-def grids_of_models(models: Sequence[Model]) -> Grids:
+def grids_of(models: Sequence[Model]) -> Grids:
     """The grids of some batches."""
-    return grids_of(
-        [model.feathers for model in models],
-        [model.rows for model in models],
-        [model.columns for model in models],
+    counts = np.array([model.feathers for model in models], dtype=np.int64)
+    return Grids(
+        first=np.concatenate([[0], np.cumsum(counts)]),
+        rows=np.array([model.rows for model in models], dtype=np.int64),
+        columns=np.array([model.columns for model in models], dtype=np.int64),
     )
 
 
-def skin_of(models: Sequence[Model], grids: Grids, halves: Sequence[float] | Array) -> Skin:
+def surfaces_of(
+    models: Sequence[Model], grids: Grids, halves: Sequence[float] | Array
+) -> VaneSurfaces:
     """Surfaces of all feathers of some batches. halves: m, half thickness of each body's vane."""
     bodies, rows, m = grids.bodies, grids.most_rows, grids.most_columns
     exists = np.zeros((bodies, 2, rows - 1, m, 2), dtype=bool)
@@ -158,21 +123,23 @@ def skin_of(models: Sequence[Model], grids: Grids, halves: Sequence[float] | Arr
     columns = grids.own_columns()
     guests = _guests(present, columns)
     far = np.concatenate([_far(model) for model in models])
-    return Skin(present, guests, exists.astype(np.int8), np.array(half, dtype=float), columns, far)
+    return VaneSurfaces(
+        present, guests, exists.astype(np.int8), np.array(half, dtype=float), columns, far
+    )
 
 
 def _far(model: Model) -> Array:
-    """(F,) m, Skin.far: the deepest that a point is brought back from, and half a cell's size."""
+    """(F,) m, VaneSurfaces.far: where the deepest comes back from, and half a cell's size."""
     row, length = model.length.max(axis=1), model.length.sum(axis=1)
     segment = model.segment.max(axis=(1, 2), initial=0.0)
     return DEEPEST * length + row + segment + FAN * model.columns * segment
 
 
-def scene_of(start: Array, ahead: Array, impedance: Array) -> Scene:
-    """A scene (B, n, P, 3) whose boxes are yet to be fitted."""
+def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
+    """Bodies (B, n, P, 3) whose boxes are yet to be fitted."""
     bodies, rows = start.shape[:2]
     away = np.linalg.norm(without_directors(ahead - start), axis=3)
-    return Scene(
+    return MovingBodies(
         start=start,
         ahead=ahead,
         boxes=np.zeros((bodies, rows, 6)),
@@ -221,64 +188,77 @@ def elastic_stiffness(model: Model) -> Array:
     return np.where(np.isfinite(stiffness), stiffness, 0.0)
 
 
+def no_memory(surfaces: VaneSurfaces) -> Memory:
+    """Nothing touched yet."""
+    return Memory(
+        key=np.zeros(0, dtype=np.int64),
+        force=np.zeros((0, 2)),
+        side=np.zeros(0, dtype=np.int8),
+        wall=np.zeros(surfaces.guests.shape),
+        inside=np.zeros(surfaces.guests.shape, dtype=np.int8),
+    )
+
+
 class Found(NamedTuple):
-    """Contacts found last, so many of a Touch."""
+    """Contacts found: the first number of touch."""
 
     touch: Touch
     number: int
 
+    @property
+    def contacts(self) -> Touch:
+        """(number,) of CONTACT."""
+        return self.touch[: self.number]
+
+    def remembered(self, order: Indices, memory: Memory) -> Memory:
+        """What the next search needs of them: forces, and sides that no order tells."""
+        on_wall = self.contacts["host"] < 0
+        mine, others = self.contacts[on_wall], self.contacts[~on_wall]
+        wall = np.zeros_like(memory.wall)
+        wall[mine["guest"], mine["row"], mine["column"]] = mine["guest_force"]
+        forces = np.stack([others["guest_force"], others["host_force"]], axis=1)
+        kept = (forces > 0.0).any(axis=1) | (order[others["pair"]] == 0)
+        others, (_, rows, columns) = others[kept], memory.wall.shape
+        return Memory(
+            key=(others["pair"] * rows + others["row"]) * columns + others["column"],
+            force=forces[kept],
+            side=others["side"].astype(np.int8),
+            wall=wall,
+            inside=memory.inside.copy(),
+        )
+
 
 def list_contacts(
-    pairs: Indices,
-    order: Indices,
-    skin: Skin,
-    scene: Scene,
-    memory: Memory,
-    margin: float,
-    recovery: float,
+    candidates: Candidates,
+    search: Search,
     walls: Sequence[Wall] = (),
     before: Found | None = None,
     stale: NDArray[np.bool_] | None = None,
     room: Touch | None = None,
 ) -> Found:
-    """Contacts of pairs (N, 2), guest and host; boxes of the scene are refitted.
+    """What touches; boxes of the bodies are refitted.
 
-    order, margin as in ContactSolver. recovery: m, that a depth is reduced by. before: contacts
-    that hold on for pairs of bodies that are not stale (B,). room: to be written over; not before.
+    before: contacts that hold on for pairs of bodies that are not stale (B,). room: to be written
+    over; not before.
     """
     before = before or Found(new_touch(1), 0)
-    anew = np.ones(len(skin.far), dtype=np.int8) if stale is None else stale.astype(np.int8)
-    touch = room or new_touch()
-    _refit(scene, skin)
-    limits = np.array([margin, recovery, WALL_FIT])
+    anew = np.ones(len(search.surfaces.far), dtype=bool) if stale is None else stale
+    earlier = Earlier(before.touch, before.number, anew.astype(np.int8))
+    touch = new_touch() if room is None else room
+    _refit(search.bodies, search.surfaces)
     while True:
-        count = int(
-            find_contacts(
-                pairs, order, skin, scene, memory, limits, before.touch, before.number, anew, touch
-            )
-        )
+        count = int(find_contacts(candidates, search, earlier, touch))
         for wall in walls:
-            if count <= len(touch.who):
-                count = int(find_wall_contacts(wall, skin, scene, memory, limits, touch, count))
-        if count <= len(touch.who):
+            if count <= len(touch):
+                count = int(find_wall_contacts(wall, search, touch, count))
+        if count <= len(touch):
             return Found(touch, count)
         touch = new_touch(2 * count)
 
 
 def new_touch(count: int = FIRST_ROOM) -> Touch:
     """Room for that many contacts."""
-    return Touch(
-        who=np.zeros((count, INTEGERS), dtype=np.int64),
-        corner=np.zeros((count, 3, 2), dtype=np.int64),
-        weight=np.zeros((count, 3)),
-        normal=np.zeros((count, 3)),
-        value=np.zeros((count, VALUES)),
-        place_start=np.zeros((count, 3)),
-        place_now=np.zeros((count, 3)),
-        place=np.zeros(6, dtype=np.int64),
-        guest=np.zeros(3),
-        guest_ahead=np.zeros(3),
-    )
+    return np.zeros(count, dtype=CONTACT)
 
 
 def new_planes(bodies: int, count: int = FIRST_ROOM) -> Contacts:
@@ -292,12 +272,14 @@ def new_planes(bodies: int, count: int = FIRST_ROOM) -> Contacts:
     )
 
 
-def _refit(scene: Scene, skin: Skin) -> None:
+def _refit(bodies: MovingBodies, surfaces: VaneSurfaces) -> None:
     """Boxes around each body's rows at both ends of the interval."""
-    boxes, bounds = np.zeros_like(scene.boxes), np.zeros_like(scene.bounds)
-    for body in range(len(scene.start)):
-        row_boxes(scene.start[body], skin.present[body], boxes[body], bounds[body])
-        row_boxes(scene.ahead[body], skin.present[body], scene.boxes[body], scene.bounds[body])
-    for mine, other in ((scene.boxes, boxes), (scene.bounds, bounds)):
+    boxes, bounds = np.zeros_like(bodies.boxes), np.zeros_like(bodies.bounds)
+    for body in range(len(bodies.start)):
+        row_boxes(bodies.start[body], surfaces.present[body], boxes[body], bounds[body])
+        row_boxes(
+            bodies.ahead[body], surfaces.present[body], bodies.boxes[body], bodies.bounds[body]
+        )
+    for mine, other in ((bodies.boxes, boxes), (bodies.bounds, bounds)):
         np.minimum(mine[..., :3], other[..., :3], out=mine[..., :3])
         np.maximum(mine[..., 3:], other[..., 3:], out=mine[..., 3:])

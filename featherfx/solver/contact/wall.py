@@ -2,32 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.solver.contact.types import Array, CubeGrid, Indices, Wall
 from featherfx.solver.contact.wall_kernels import count_cells, fill_cells
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 MOST_CUBES = 200_000
-
-
-class Wall(NamedTuple):
-    """A mesh over an interval. start, end: (V, 3) m. triangles: (T, 3), counter-clockwise seen from
-    outside. grid: (8,) origin, edge of a cube, reach (m), cubes along the axes. first: (cubes + 1,)
-    and items: triangles of each cube. beginning: 1 where nodes that are inside now have grown in.
-    """
-
-    start: Array
-    end: Array
-    triangles: Indices
-    grid: Array
-    first: Indices
-    items: Indices
-    beginning: int
 
 
 def wall_of(
@@ -43,8 +23,8 @@ def wall_of(
     size = corners.max(axis=(0, 1)) + reach - low
     edges = np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=2)
     edge = max(float(np.median(edges)), reach, float(np.prod(size) / MOST_CUBES) ** (1.0 / 3.0))
-    cubes = np.maximum(np.ceil(size / edge), 1.0)
-    grid = np.concatenate([low, [edge, reach], cubes])
+    cubes = np.maximum(np.ceil(size / edge), 1.0).astype(np.int64)
+    grid = CubeGrid(low, edge, float(reach), cubes)
     counts = np.zeros(int(cubes.prod()), dtype=np.int64)
     count_cells(start, triangles, grid, counts)
     first = np.concatenate([[0], np.cumsum(counts)])

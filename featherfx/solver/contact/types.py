@@ -1,0 +1,143 @@
+"""What contact knows of bodies and of what touches; as the kernels take it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Bytes = NDArray[np.int8]
+
+# One contact of a guest's node with a host, a body or a wall (host -1). pair: its number, -1 for a
+# wall. row, column: of the guest's points (search_kernels.guest_point); point, fraction: material
+# point there, and how far it lies towards the next row. side: of the host where the guest belongs;
+# mirror: side of the triangle on the host's own vane; corner: row and material point of its
+# corners, weight: theirs. normal: unit, out of the host on the guest's side. Gaps in m: at the
+# start and now; thickness: sum of both halves; spared: of a depth that was there at the start.
+# Forces, N, that guest and host feel; stiffnesses, N/m, of what each of them is pressed against.
+# place_start, place_now: m, of the host's point.
+CONTACT = np.dtype(
+    [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
+    + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
+    + [(name, "f8") for name in ("start_gap", "gap", "thickness", "spared", "fraction")]
+    + [(name, "f8") for name in ("guest_force", "host_force", "guest_stiffness", "host_stiffness")]
+    + [("place_start", "f8", (3,)), ("place_now", "f8", (3,))]
+)
+# (K,) of CONTACT
+Touch = NDArray[Any]
+
+
+class VaneSurfaces(NamedTuple):
+    """Constant surfaces of B bodies on the widest grid (surfaces.Grids). present:
+    (B, n, 2 m + 1), which nodes a triangle has. guests: (B, n, W) points that may touch others
+    (search_kernels.guest_point). exists: (B, 2, n-1, m, 2) triangles. half: (B, n, P) m, half
+    thickness at the material points. columns: (B,) of each body's own grid. far: (B,) m, from the
+    nearest node, of points that may still be in the vane or touch it."""
+
+    present: Bytes
+    guests: Bytes
+    exists: Bytes
+    half: Array
+    columns: Indices
+    far: Array
+
+
+class MovingBodies(NamedTuple):
+    """B bodies in an interval. start: (B, n, P, 3) m, its begin; ahead: where they will be about
+    its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, P) N/m. way: (B,)
+    m, farthest that a node goes."""
+
+    start: Array
+    ahead: Array
+    boxes: Array
+    bounds: Array
+    impedance: Array
+    way: Array
+
+
+class Memory(NamedTuple):
+    """What is kept between intervals. key: (K,) ascending, pair, row and guest's column of K
+    contacts of feathers, as one number; force: (K, 2) N, on guest and host; side: (K,) of the host.
+    wall: (B, n, W) N, forces of walls. inside: (B, n, W), guests grown into one."""
+
+    key: Indices
+    force: Array
+    side: Bytes
+    wall: Array
+    inside: Bytes
+
+
+class Candidates(NamedTuple):
+    """pairs: (N, 2) guest and host by body. order: (N,) side of the host where the guest belongs
+    (1: that of its normal, -1), 0 where only the poses tell."""
+
+    pairs: Indices
+    order: Indices
+
+
+class Search(NamedTuple):
+    """What a search goes by. margin: m, gap below which a node is followed. recovery: m, that a
+    depth may be reduced by. wall_fit: stiffness of a contact with a wall over that of the node."""
+
+    surfaces: VaneSurfaces
+    bodies: MovingBodies
+    memory: Memory
+    margin: float
+    recovery: float
+    wall_fit: float
+
+
+class Earlier(NamedTuple):
+    """The first number contacts of touch, found last; they hold on for pairs of bodies that are
+    not stale (B,)."""
+
+    touch: Touch
+    number: int
+    stale: Bytes
+
+
+class ByBody(NamedTuple):
+    """Contacts of each body b: items[first[b]] to items[first[b + 1] - 1]; first (B + 1,)."""
+
+    first: Indices
+    items: Indices
+
+
+class Handing(NamedTuple):
+    """How contacts are handed to bodies. friction: coefficient. smoothing: m, slip over which it
+    sets in. reach: m, gap beyond which contacts without a force are left out. widest: columns of
+    the widest grid; columns: (B,) of the bodies' own."""
+
+    friction: float
+    smoothing: float
+    reach: float
+    widest: int
+    columns: Indices
+
+
+class CubeGrid(NamedTuple):
+    """origin: (3,) m. edge: m, of a cube. reach: m, distance at which triangles are found. cubes:
+    (3,) along the axes."""
+
+    origin: Array
+    edge: float
+    reach: float
+    cubes: Indices
+
+
+class Wall(NamedTuple):
+    """A mesh over an interval. start, end: (V, 3) m. triangles: (T, 3), counter-clockwise seen from
+    outside. first: (cubes + 1,) and items: triangles of each cube. beginning: 1 where nodes that
+    are inside now have grown in.
+    """
+
+    start: Array
+    end: Array
+    triangles: Indices
+    grid: CubeGrid
+    first: Indices
+    items: Indices
+    beginning: int
