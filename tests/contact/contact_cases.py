@@ -11,7 +11,7 @@ from trial_batches import preset_batch
 
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
-from featherfx.solver.contact.types import Wall
+from featherfx.solver.contact.types import Candidates, Wall
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
 
@@ -33,8 +33,7 @@ def solver_of(model: Model, pairs: Any = (), order: Any = (), **settings: Any) -
     pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
     return ContactSolver(
         [solver],
-        pairs,
-        np.asarray(order, dtype=np.int64),
+        Candidates(pairs, np.asarray(order, dtype=np.int64)),
         [0.5 * THICKNESS] * model.feathers,
         ContactSettings(**settings),
     )

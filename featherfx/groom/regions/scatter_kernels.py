@@ -7,6 +7,7 @@ heads: (H,) first candidate of each cell's chain, H a power of two; links: (N,) 
 
 from __future__ import annotations
 
+from featherfx.algebra.vec3_kernels import dot, sub
 from featherfx.jit.compiled import kernel
 
 
@@ -32,20 +33,15 @@ def insert(candidate, positions, cell, heads, links):
 @kernel
 def has_room(candidate, positions, normals, cell, heads, links):
     """Whether no accepted candidate on the same side of the skin lies within one cell's size."""
-    px, py, pz = positions[candidate, 0], positions[candidate, 1], positions[candidate, 2]
-    nx, ny, nz = normals[candidate, 0], normals[candidate, 1], normals[candidate, 2]
-    cx, cy, cz = px // cell, py // cell, pz // cell
+    place, normal = positions[candidate], normals[candidate]
+    cx, cy, cz = place[0] // cell, place[1] // cell, place[2] // cell
     for i in range(cx - 1, cx + 2):
         for j in range(cy - 1, cy + 2):
             for k in range(cz - 1, cz + 2):
                 other = heads[cell_of(i, j, k, heads.shape[0] - 1)]
                 while other >= 0:
-                    x, y, z = positions[other, 0] - px, positions[other, 1] - py, 0
-                    z = positions[other, 2] - pz
-                    facing = (
-                        normals[other, 0] * nx + normals[other, 1] * ny + normals[other, 2] * nz
-                    )
-                    if x * x + y * y + z * z < cell * cell and facing > 0:
+                    away = sub(positions[other], place)
+                    if dot(away, away) < cell * cell and dot(normals[other], normal) > 0:
                         return False
                     other = links[other]
     return True

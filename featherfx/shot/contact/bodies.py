@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 
 # times within a frame at which bodies are looked at, to tell whether they come near
 LOOKS = 5
-# depth, as a share of the longest feather, from which a node finds its way out of a body
-DEPTH_SHARE = 0.02
+# depth, over the longest feather's length, from which a node finds its way out of a body
+DEPTH = 0.02
 
 
 class Bodies:
@@ -32,7 +32,7 @@ class Bodies:
         self._bodies = shot.colliders
         surfaces = [body.surface for body in self._bodies]
         self._triangles = [outward(surface.triangles, surface.rest) for surface in surfaces]
-        self._depth = DEPTH_SHARE * longest
+        self._depth = DEPTH * longest
         self.begun = False
 
     def approach(self, states: Sequence[State], start: float, end: float, margin: float) -> bool:

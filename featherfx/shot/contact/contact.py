@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
+from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies
-from featherfx.shot.contact.pairs import candidate_pairs, normal_of, order_at_rest
+from featherfx.shot.contact.pairs import FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import settled_together
 from featherfx.shot.contact.steps import FrameSteps, StepRules
 from featherfx.shot.detail.sleep import asleep
@@ -35,10 +36,10 @@ Flags = NDArray[np.bool_]
 LoadsOf = Callable[[float, float], Sequence[Loads]]
 PathsOf = Callable[[float, float], Sequence[RootPath]]
 
-# what a gap may be off: a share of the quality's tolerance, between these of the thickness
-OFF_SHARE, LEAST_SHARE, MOST_SHARE = 0.05, 0.1, 0.4
+# what a gap may be off, over the quality's tolerance; least and most, over the thickness
+OFF, LEAST_OFF, MOST_OFF = 0.05, 0.1, 0.4
 # smallest followed gap, in thicknesses
-MARGIN_SHARE = 6.0
+MARGIN = 6.0
 # pairs named in a report
 MOST_NAMED = 10
 
@@ -95,31 +96,19 @@ class ShotContact:
         thickness = np.array([p.kind.vane_material.thickness for p in placements])
         if self.contact.thickness is not None:
             thickness[:] = self.contact.thickness
-        rest = [
-            place(f.points, p.position, p.rotation)
-            for f, p in zip(feathers, placements, strict=True)
-        ]
-        normals = np.stack([normal_of(points) for points in rest])
-        lengths = np.array([f.station[-1] for f in feathers])
-        pairs = candidate_pairs(rest, lengths)
-        halves = 0.5 * thickness
-        models = [solver.model for solver in solvers]
+        rest = _at_rest(feathers, placements)
+        models, halves = [solver.model for solver in solvers], 0.5 * thickness
         grids = grids_of(models)
-        surfaces = surfaces_of(models, grids, halves)
-        ranks = np.array([placement.rank for placement in placements])
-        dorsal = np.stack([placement.rotation[:, 2] for placement in placements])
-        batches = zip(grids.first[:-1], grids.first[1:], strict=True)
-        together = grids.together([np.stack(rest[low:high]) for low, high in batches])
-        sides = order_at_rest(pairs, together, normals, surfaces, lengths, ranks, dorsal)
+        candidates = layered_pairs(rest, surfaces_of(models, grids, halves), grids)
         self._thickness = float(thickness.min())
         settings = ContactSettings(
             friction=self.contact.friction,
-            margin=MARGIN_SHARE * float(thickness.max()),
+            margin=MARGIN * float(thickness.max()),
             tolerance=self._tolerance(),
         )
-        self.solver = ContactSolver(solvers, pairs, sides, halves, settings)
+        self.solver = ContactSolver(solvers, candidates, halves, settings)
         self.tally = Tally()
-        self._bodies = Bodies(shot, float(lengths.max()))
+        self._bodies = Bodies(shot, float(rest.lengths.max()))
         self._rules = self._step_rules()
         self._proposal = 0.0
         self._unresolved: list[dict[str, Any]] = []
@@ -138,8 +127,8 @@ class ShotContact:
 
     def _tolerance(self) -> float:
         """m, what a gap may be off."""
-        least, most = LEAST_SHARE * self._thickness, MOST_SHARE * self._thickness
-        return float(np.clip(OFF_SHARE * self.shot.quality.tolerance, least, most))
+        least, most = LEAST_OFF * self._thickness, MOST_OFF * self._thickness
+        return float(np.clip(OFF * self.shot.quality.tolerance, least, most))
 
     def advance(
         self,
@@ -238,6 +227,18 @@ class ShotContact:
         self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
         self._proposal = float(memory["step"])
         self._bodies.begun = True
+
+
+def _at_rest(feathers: Sequence[Feather], placements: Sequence[Placement]) -> FeathersAtRest:
+    return FeathersAtRest(
+        points=[
+            place(feather.points, placement.position, placement.rotation)
+            for feather, placement in zip(feathers, placements, strict=True)
+        ],
+        lengths=np.array([feather.station[-1] for feather in feathers]),
+        ranks=np.array([placement.rank for placement in placements]),
+        dorsal=np.stack([placement.rotation[:, 2] for placement in placements]),
+    )
 
 
 def _slept(

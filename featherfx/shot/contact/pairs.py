@@ -9,40 +9,61 @@ order through feathers between (over the one that is over the other), else none.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import without_directors
-from featherfx.solver.contact.surfaces import WALL_FIT, list_contacts, moving_bodies, no_memory
+from featherfx.solver.contact.surfaces import (
+    WALL_FIT,
+    Grids,
+    list_contacts,
+    moving_bodies,
+    no_memory,
+)
 from featherfx.solver.contact.types import Candidates, Search, VaneSurfaces
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# feathers are paired where their boxes at rest are nearer than this share of their length
-REACH_SHARE = 0.5
-# nodes within this share of the length count for the order at rest
-NEAR_SHARE = 0.1
+# feathers are paired where their boxes at rest are nearer than this, over their length
+REACH = 0.5
+# nodes within this, over the length, count for the order at rest
+NEAR = 0.1
 # part of the nodes by which one side must lead
 CLEAR = 0.2
-# depth at rest, as a share of the shorter feather's length, that an order may ask to be undone
-DEEP_SHARE = 0.05
+# depth at rest, over the shorter feather's length, that an order may ask to be undone
+DEEP = 0.05
 
 
-def candidate_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
-    """(N, 2) guest and host of feathers that may meet, each pair in both roles.
+class FeathersAtRest(NamedTuple):
+    """points: per feather (n, P, 3) m, in the world. lengths: (F,) m. ranks: (F,) places in the
+    order in which a layout laid the feathers, upwards, -1 without one. dorsal: (F, 3) unit vectors
+    at the roots."""
 
-    rest: per feather (n, P, 3) m, world points at rest. lengths: (F,) m.
-    """
+    points: Sequence[Array]
+    lengths: Array
+    ranks: Indices
+    dorsal: Array
+
+
+def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) -> Candidates:
+    """Feathers that may meet, each pair in both roles, and which of the two lies over the other."""
+    pairs = _near_pairs(rest.points, rest.lengths)
+    return Candidates(pairs, _order_at_rest(pairs, rest, surfaces, grids))
+
+
+def _near_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
+    """(N, 2) guest and host of feathers that may meet, each pair in both roles."""
     nodes = [without_directors(points).reshape(-1, 3) for points in rest]
     low = np.stack([points.min(axis=0) for points in nodes])
     high = np.stack([points.max(axis=0) for points in nodes])
     found = []
     for first in range(len(nodes) - 1):
         others = slice(first + 1, None)
-        margin = REACH_SHARE * np.maximum(lengths[first], lengths[others])[:, None]
+        margin = REACH * np.maximum(lengths[first], lengths[others])[:, None]
         meet = (low[others] <= high[first] + margin) & (low[first] <= high[others] + margin)
         second = first + 1 + np.flatnonzero(meet.all(axis=1))
         found.append(np.stack([np.full(len(second), first), second], axis=1))
@@ -50,24 +71,18 @@ def candidate_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
     return np.concatenate([pairs, pairs[:, ::-1]])
 
 
-def order_at_rest(
-    pairs: Indices,
-    rest: Array,
-    normals: Array,
-    surfaces: VaneSurfaces,
-    lengths: Array,
-    ranks: Indices,
-    dorsal: Array,
+def _order_at_rest(
+    pairs: Indices, rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids
 ) -> Indices:
     """(N,) side of the host where the guest belongs, 0 where it is not clear.
 
-    pairs: from `candidate_pairs`. rest: (F, n, P, 3) m, on the widest grid. normals: (F, 3) from
-    `normal_of`. ranks: (F,) places in the order in which a layout laid the feathers, upwards, -1
-    without one. dorsal: (F, 3) unit vectors at the roots. An order that would have a feather
-    deeper in another than a layout ever leaves it is no order.
+    An order that would have a feather deeper in another than a layout ever leaves it is no order.
     """
-    shorter = lengths[pairs].min(axis=1)
-    votes = _votes(pairs, rest, surfaces, shorter)
+    ranks, shorter = rest.ranks, rest.lengths[pairs].min(axis=1)
+    normals = np.stack([_normal_of(points) for points in rest.points])
+    batches = pairwise(grids.first)
+    points = grids.together([np.stack(rest.points[low:high]) for low, high in batches])
+    votes = _votes(pairs, points, surfaces, shorter)
     half = len(pairs) // 2
     guest, host = pairs[:half].T
     agree = _agree(normals[guest], normals[host])
@@ -77,7 +92,7 @@ def order_at_rest(
     clear = np.abs(both) > CLEAR * np.maximum(total, 1.0)
     seen = np.where(clear, np.sign(both), 0.0).astype(np.int64)
     laid = (ranks[guest] >= 0) & (ranks[host] >= 0) & (total > 0.0)
-    upward = _agree(normals, dorsal)[host] * np.sign(ranks[guest] - ranks[host])
+    upward = _agree(normals, rest.dorsal)[host] * np.sign(ranks[guest] - ranks[host])
     order = np.where(laid, upward, seen)
     for other in (seen, np.zeros_like(seen)):
         turned = -agree * order
@@ -85,7 +100,7 @@ def order_at_rest(
             np.where(order > 0, votes.below[:half], np.where(order < 0, votes.above[:half], 0.0)),
             np.where(turned > 0, votes.below[half:], np.where(turned < 0, votes.above[half:], 0.0)),
         )
-        order = np.where(deep > DEEP_SHARE * shorter[:half], other, order)
+        order = np.where(deep > DEEP * shorter[:half], other, order)
     order = _through_others(pairs[:half], order, agree)
     return np.concatenate([order, -agree * order])
 
@@ -108,7 +123,7 @@ def _votes(pairs: Indices, rest: Array, surfaces: VaneSurfaces, shorter: Array) 
     for octave in np.unique(octaves):
         some = np.flatnonzero(octaves == octave)
         free = Candidates(pairs[some], np.zeros(len(some), dtype=np.int64))
-        margin = float(NEAR_SHARE * 2.0 ** (octave + 1.0))
+        margin = float(NEAR * 2.0 ** (octave + 1.0))
         search = Search(surfaces, bodies, memory, margin, 0.0, WALL_FIT)
         found = list_contacts(free, search).contacts
         pair, side = some[found["pair"]], found["side"]
@@ -120,7 +135,7 @@ def _votes(pairs: Indices, rest: Array, surfaces: VaneSurfaces, shorter: Array) 
     return votes
 
 
-def normal_of(points: Array) -> Array:
+def _normal_of(points: Array) -> Array:
     """(3,) normal of a feather's surface (n, P, 3), on the whole; not of unit length."""
     m = (points.shape[1] - 3) // 2
     across = points[:, 2 + m] - points[:, 2 + 2 * m]

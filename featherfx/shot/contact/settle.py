@@ -29,7 +29,7 @@ STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
 # what one that cannot be solved is cut to, and the shortest tried, s
 CUT, SHORTEST = 0.25, 1e-5
 # misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s
-BAD_SHARE, SHORTEST_OFF = 2.0, 5e-4
+BAD, SHORTEST_OFF = 2.0, 5e-4
 # Newton iterations of a feather after which settling ends, in balance or not
 MOST_ITERATIONS = 4000
 
@@ -103,7 +103,7 @@ def _step(
         )
         spent += np.concatenate([report.iterations for report in reports])
         status = np.concatenate([report.status for report in reports])
-        far_off = contact.residual > BAD_SHARE * 2.0 * float(solver.surfaces.half.max(initial=0.0))
+        far_off = contact.residual > BAD * 2.0 * float(solver.surfaces.half.max(initial=0.0))
         if not status.any() and not (far_off and CUT * h > SHORTEST_OFF):
             return new, contact, h
         if CUT * h >= SHORTEST:

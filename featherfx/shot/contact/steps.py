@@ -19,12 +19,13 @@ from featherfx.solver.status import TOO_MUCH_WORK
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# a step that cannot be solved is cut by this share, to that of the shortest regular one at least
-CUT, SMALLEST_SHARE = 0.25, 1.0 / 16.0
+# a step that cannot be solved is cut to this part of it, at the least to that of the shortest
+# regular one
+CUT, SMALLEST = 0.25, 1.0 / 16.0
 # misfit of a step's contacts, over the thickness, beyond which it is cut to the shortest regular
 # one, and beyond which it is cut further
-WRONG_SHARE, BAD_SHARE = 0.5, 2.0
-# share of the feathers that should need no more than one step of their own in a common one
+WRONG, BAD = 0.5, 2.0
+# part of the feathers that should need no more than one step of their own in a common one
 FEW_STEPS = 0.8
 # Newton iterations of a feather in a frame, over Settings.max_iterations: it is solved in rounds
 MORE_ITERATIONS = 8
@@ -49,7 +50,7 @@ class StepRules:
 
     def wrong(self, contact: ContactReport) -> bool:
         """Whether contacts are off by more than they should be."""
-        return contact.residual > WRONG_SHARE * self.thickness
+        return contact.residual > WRONG * self.thickness
 
 
 class FrameSteps:
@@ -91,7 +92,7 @@ class FrameSteps:
             return False
         self.repeated += 1
         self.proposal = (CUT if failed else 0.5) * self.length
-        if self.proposal < SMALLEST_SHARE * self.shortest:
+        if self.proposal < SMALLEST * self.shortest:
             if self.yielding is not None:
                 now = np.full(len(status), self.time)
                 raise_if_failed(status, now, self.rules.names)
@@ -107,8 +108,8 @@ class FrameSteps:
         self.time, self.yielding = self.stop, None
 
     def _too_wrong(self, contact: ContactReport) -> bool:
-        bad = contact.residual > BAD_SHARE * self.rules.thickness
-        least = (2.0 * SMALLEST_SHARE if bad else 1.001) * self.shortest
+        bad = contact.residual > BAD * self.rules.thickness
+        least = (2.0 * SMALLEST if bad else 1.001) * self.shortest
         return self.rules.wrong(contact) and self.length > least
 
     def _spend(self, reports: Sequence[StepReport]) -> None:

@@ -88,18 +88,17 @@ def _find_node(node, guess, search, touch, count):
     guess: row and column of a node of the host that may be near, or -1. Returns the count, and the
     node that is.
     """
-    surfaces, bodies, memory, margin = search.surfaces, search.bodies, search.memory, search.margin
-    guest, host, side = node.guest, node.host, node.side
-    columns = surfaces.exists.shape[3]
+    surfaces, bodies, guest, host = search.surfaces, search.bodies, node.guest, node.host
+    columns, side = surfaces.exists.shape[3], node.side
     p, fraction = guest_point(node.column, columns, surfaces.columns[guest])
     if side == 0 and node.known >= 0:
-        side = memory.side[node.known]
+        side = search.memory.side[node.known]
     # once the side is known the pose ahead can be searched, however deep
     now = bodies.ahead if side != 0 else bodies.start
     x = guest_place(now[guest], node.row, p, fraction)
-    if box_distance(x, bodies.bounds[host]) > margin * margin:
+    if box_distance(x, bodies.bounds[host]) > search.margin * search.margin:
         return count, guess
-    limit = surfaces.far[host] + margin + bodies.way[guest] + bodies.way[host]
+    limit = surfaces.far[host] + search.margin + bodies.way[guest] + bodies.way[host]
     near = nearest_node(x, now[host], surfaces.present[host], bodies.boxes[host], guess, limit)
     if near[0] < 0:
         return count, guess
@@ -108,38 +107,60 @@ def _find_node(node, guess, search, touch, count):
         return count, near
     contact = slot(touch, count)
     start_contact(contact, node, p, fraction)
-    contact.mirror = place[0]
+    contact.side, contact.mirror = side, place[0]
     store(contact.weight, weight)
-    half = 0.0
     for q in range(3):
         row, barb_node = corner_node(place, q)
         contact.corner[q, 0] = row
         contact.corner[q, 1] = barb_point(place[0], barb_node, columns)
-        half += weight[q] * surfaces.half[host, row, contact.corner[q, 1]]
-    thickness = half + surfaces.half[guest, node.row, p]
+    if not _meets(contact, now, x, search):
+        return count, near
+    _press(contact, node.known, search)
+    return count + 1, near
+
+
+@kernel
+def _of_corners(values, contact):
+    """Mean of a host's values (n, P) at a contact's corners, by their weights."""
+    total = 0.0
+    for q in range(3):
+        total += contact.weight[q] * values[contact.corner[q, 0], contact.corner[q, 1]]
+    return total
+
+
+@kernel
+def _meets(contact, now, x, search):
+    """Whether a node at x is over the triangle, and near it or on its way there; sets its side
+    where none is known, and its gap at the start."""
+    surfaces, bodies, guest, host = search.surfaces, search.bodies, contact.guest, contact.host
+    row, p, fraction = contact.row, contact.point, contact.fraction
+    thickness = _of_corners(surfaces.half[host], contact) + surfaces.half[guest, row, p]
     along, beside = _along(now[host], x, contact)
     if beside > BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness):
-        return count, near
-    if side == 0:
-        side = 1 if along >= 0.0 else -1
+        return False
+    if contact.side == 0:
+        contact.side = 1 if along >= 0.0 else -1
     # bodies that collide do not go where they are headed, so their way counts as well
-    begin = guest_place(bodies.start[guest], node.row, p, fraction)
-    ahead = guest_place(bodies.ahead[guest], node.row, p, fraction)
-    if side * along - thickness > margin + _closing(bodies, begin, ahead, contact):
-        return count, near
-    contact.side = side
+    begin = guest_place(bodies.start[guest], row, p, fraction)
+    ahead = guest_place(bodies.ahead[guest], row, p, fraction)
+    if contact.side * along - thickness > search.margin + _closing(bodies, begin, ahead, contact):
+        return False
     start, _ = _along(bodies.start[host], begin, contact)
-    set_gaps(contact, thickness, side * start, search.recovery)
+    set_gaps(contact, thickness, contact.side * start, search.recovery)
     store(contact.place_start, host_place(bodies.start[host], contact))
+    return True
+
+
+@kernel
+def _press(contact, known, search):
+    """The forces of the interval before, if the contact is known, and the stiffnesses."""
     contact.guest_force, contact.host_force = 0.0, 0.0
-    if node.known >= 0:
-        contact.guest_force = memory.force[node.known, 0]
-        contact.host_force = memory.force[node.known, 1]
-    contact.guest_stiffness, contact.host_stiffness = 0.0, bodies.impedance[guest, node.row, p]
-    for q in range(3):
-        stiffness = bodies.impedance[host, contact.corner[q, 0], contact.corner[q, 1]]
-        contact.guest_stiffness += weight[q] * stiffness
-    return count + 1, near
+    if known >= 0:
+        contact.guest_force = search.memory.force[known, 0]
+        contact.host_force = search.memory.force[known, 1]
+    impedance = search.bodies.impedance
+    contact.guest_stiffness = _of_corners(impedance[contact.host], contact)
+    contact.host_stiffness = impedance[contact.guest, contact.row, contact.point]
 
 
 @kernel

@@ -110,22 +110,19 @@ class ContactReport:
 class ContactSolver:
     """Steps several batches together; keeps the contact forces from interval to interval.
 
-    solvers: of the batches, whose grids may differ. pairs: (N, 2) guest and host by body (all
-    feathers of the first batch, then the next). order: (N,) side of the host where the guest
-    belongs (1: that of its normal, -1), 0 where only the poses tell. halves: m, half thickness per
-    body.
+    solvers: of the batches, whose grids may differ. candidates: what may touch, by body (all
+    feathers of the first batch, then the next). halves: m, half thickness per body.
     """
 
     def __init__(
         self,
         solvers: Sequence[Solver],
-        pairs: Indices,
-        order: Indices,
+        candidates: Candidates,
         halves: Sequence[float] | Array,
         settings: ContactSettings,
     ) -> None:
         self.solvers, self.settings = tuple(solvers), settings
-        self.candidates = Candidates(np.asarray(pairs).reshape(-1, 2), np.asarray(order))
+        self.candidates = candidates
         models = [solver.model for solver in solvers]
         self.grids = grids_of(models)
         self.surfaces = surfaces_of(models, self.grids, halves)
