@@ -81,7 +81,7 @@ def repeat_nodal_iteration(model, nodal, loads, f, factors, solve, count, work):
     """
     good, system = 0, work.system
     for _ in range(count):
-        nodal_assemble(model, nodal, loads, f, 0.0, factors, False, work.before, work)
+        nodal_assemble(model, nodal, loads, f, 0.0, factors, False, work)
         if solve and factorise(system.band, system.panel):
             solve_factored(system.band, system.right)
             good += 1

@@ -14,8 +14,7 @@ from featherfx.lab.nodal.turns_kernels import barb_turns, hinge_turns
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.rachis_kernels import rachis_strain
 from featherfx.mechanics.vane_guard_kernels import guard_total
-from featherfx.mechanics.vane_membrane_kernels import membrane_strain
-from featherfx.solver.step.strain_kernels import node_index, wrapped
+from featherfx.solver.step.strain_kernels import cell_strains, node_index, wrapped
 
 
 @kernel
@@ -76,34 +75,12 @@ def nodal_strains(model, nodal, f, pose, frame):
     rest = nodal.bend_rest[f].flat
     for a in range(at_cells - at_turns):
         strains[at_turns + a] -= rest[a]
-    _cell_strains(points, model.cell_rest[f], model.cell_stiffness[f], strains[at_cells:])
+    cells = strains[at_cells:at_hinges].reshape((2, rows - 1, columns, 2, 2))
+    cell_strains(model, f, points, cells)
     hinge_turns(points, nodal.hinge_active[f], strains[at_hinges:])
     rest = nodal.hinge_rest[f].flat
     for a in range(strains.shape[0] - at_hinges):
         strains[at_hinges + a] = wrapped(strains[at_hinges + a] - rest[a])
-
-
-@kernel
-def _cell_strains(points, rest, stiffness, strains):
-    """Membrane strains, triangle A then B of every cell."""
-    columns = stiffness.shape[2]
-    at = 0
-    for side in range(2):
-        for i in range(stiffness.shape[1]):
-            for j in range(columns):
-                near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
-                for half in range(2):
-                    across, shear = 0.0, 0.0
-                    if stiffness[side, i, j, half, 0] != 0.0:
-                        r, o = (i, i + 1) if half == 0 else (i + 1, i)
-                        across, shear = membrane_strain(
-                            points[r, near],
-                            points[r, far],
-                            points[o, near if half == 0 else far],
-                            rest[side, i, j, half],
-                        )
-                    strains[at], strains[at + 1] = across, shear
-                    at += 2
 
 
 @kernel

@@ -16,6 +16,7 @@ that is eliminated instead would couple all nodes of a barb: that is the barb-cu
 """
 
 from math import isfinite, sqrt
+from typing import NamedTuple
 
 from featherfx.algebra.copy_kernels import copy_values
 from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
@@ -27,6 +28,16 @@ from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.newton_kernels import HALVINGS, Solved, largest_move
 from featherfx.solver.step.pose_kernels import chain, rotate_by, store_directors
+
+
+class Minimiser(NamedTuple):
+    """How a step is solved: tolerance (m), the move of a Newton step that counts as converged; most
+    iterations; textbook: which method."""
+
+    tolerance: float
+    iterations: int
+    textbook: bool
+
 
 # largest strain of an inextensible segment
 INEXTENSIBLE = 1e-10
@@ -54,11 +65,10 @@ def gather(present, points):
 
 
 @kernel
-def _shaft(length, slot, now, step, factor, trial, beam, stretch):
-    """Rachis points rebuilt from the first one, so that stretch and shear change linearly.
-
-    Scratch: beam (6, 12), stretch (6,).
-    """
+def _shaft(length, slot, factor, work):
+    """Rachis points rebuilt from the first one, so that stretch and shear change linearly."""
+    now, trial, step = work.now, work.trial, work.system.right
+    beam, stretch = work.element.beam, work.element.stress
     for i in range(slot.shape[0] - 1):
         if slot[i + 1, 0] < 0 or slot[i + 1, 1] < 0:
             continue
@@ -108,13 +118,13 @@ def _barb(first, slot, now, step, factor, trial):
 
 
 @shared_kernel
-def move_by(model, nodal, f, now, step, factor, straight, element, trial):
-    """Pose now plus factor times the increment step (N,), to trial.
+def move_by(model, nodal, f, factor, straight, work):
+    """Pose work.now plus factor times the increment work.system.right, to work.trial.
 
     straight: points move along straight lines. Otherwise, where there is a shaft, shaft and barbs
     are rebuilt so that their stretch changes by exactly its linear increment.
     """
-    slot = nodal.slot[f]
+    now, trial, step, slot = work.now, work.trial, work.system.right, nodal.slot[f]
     for i in range(slot.shape[0]):
         at = slot[i, 1]
         if at >= 0:
@@ -129,7 +139,7 @@ def move_by(model, nodal, f, now, step, factor, straight, element, trial):
                     move = factor * step[at + k] if at >= 0 else 0.0
                     trial.points[i, p, k] = now.points[i, p, k] + move
     if nodal.shaft and not straight:
-        _shaft(model.length[f], slot, now, step, factor, trial, element.beam, element.stress)
+        _shaft(model.length[f], slot, factor, work)
         columns = model.joints.shape[3]
         for i in range(slot.shape[0]):
             for side in range(2):
@@ -172,9 +182,11 @@ def _raise_multipliers(nodal, f, strains, multiplier):
 @kernel
 def _solve(model, nodal, loads, f, fraction, factors, textbook, work):
     """Increment of the unknowns to work.system.right; returns whether it could be had."""
-    system, before = work.system, work.now.strains if textbook else work.before
+    system = work.system
+    if textbook:
+        copy_values(work.now.strains, work.before)
     for attempt in range(1 if textbook else 0, 3):
-        nodal_assemble(model, nodal, loads, f, fraction, factors, attempt == 0, before, work)
+        nodal_assemble(model, nodal, loads, f, fraction, factors, attempt == 0, work)
         if attempt == 2:
             # what nothing holds, such as a strip turning about its pinned end, is rounding error
             for a in range(system.right.shape[0]):
@@ -186,40 +198,29 @@ def _solve(model, nodal, loads, f, fraction, factors, textbook, work):
 
 
 @shared_kernel
-def nodal_minimise(model, nodal, loads, f, fraction, factors, tolerance, limit, textbook, work):
+def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
     """Bring the pose work.now to the minimum of nodal_step_energy.
 
-    work.before: strains of the last converged pose. fraction: of the frame. tolerance: m, the move
-    of a Newton step that counts as converged. limit: most iterations. textbook: which method.
+    work.before: strains of the last converged pose. fraction: of the frame. method: Minimiser.
     Returns Solved; each iteration has a matrix of its own.
     """
-    now, trial = work.now, work.trial
+    now, trial, textbook, tolerance = work.now, work.trial, method.textbook, method.tolerance
     energy = evaluate(model, nodal, loads, f, fraction, factors, now, work)
     move = 0.0
-    for iteration in range(1, limit + 1):
+    for iteration in range(1, method.iterations + 1):
         if not isfinite(energy):
             return Solved(NOT_FINITE, iteration, iteration, move)
         if not _solve(model, nodal, loads, f, fraction, factors, textbook, work):
             return Solved(NOT_DEFINITE, iteration, iteration, move)
-        scale = 1.0
+        factor = 1.0
         for _ in range(HALVINGS if textbook else 1):
-            move_by(
-                model,
-                nodal,
-                f,
-                now,
-                work.system.right,
-                scale,
-                textbook,
-                work.element,
-                trial,
-            )
+            move_by(model, nodal, f, factor, textbook, work)
             new = evaluate(model, nodal, loads, f, fraction, factors, trial, work)
-            move = largest_move(now.points, trial.points, model.length[f, 0]) / scale
+            move = largest_move(now.points, trial.points, model.length[f, 0]) / factor
             slack = 1e-9 * (abs(energy) + abs(new))
             if isfinite(new) and (new <= energy + slack or move < tolerance):
                 break
-            scale *= 0.5
+            factor *= 0.5
         copy_values(now.strains, work.before)
         _copy_pose(trial, now)
         energy = new
@@ -228,4 +229,4 @@ def nodal_minimise(model, nodal, loads, f, fraction, factors, tolerance, limit, 
                 return Solved(CONVERGED, iteration, iteration, move)
             if _raise_multipliers(nodal, f, now.strains, work.multiplier) < INEXTENSIBLE:
                 return Solved(CONVERGED, iteration, iteration, move)
-    return Solved(NOT_CONVERGED, limit, limit, move)
+    return Solved(NOT_CONVERGED, method.iterations, method.iterations, move)

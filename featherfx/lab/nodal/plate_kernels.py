@@ -16,16 +16,15 @@ Hinges: kind 0 at barb edge (i,j)-(i,j+1), 1 at diagonal (i,j+1)-(i+1,j), 2 at r
 from featherfx.algebra.vec3_kernels import cross, dot, length, over, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
+from featherfx.solver.step.strain_kernels import node_index
 
 
 @kernel
 def point_of(side, column, columns):
     """Material point of a barb node; column 0 is the rachis, -1 the other side's first node."""
-    if column == 0:
-        return 0
     if column < 0:
         return 3 + (1 - side) * columns
-    return 2 + side * columns + column
+    return node_index(side, column, columns)
 
 
 @kernel

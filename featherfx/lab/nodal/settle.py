@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
 from featherfx.lab.nodal.model import NodalModel
-from featherfx.lab.nodal.newton_kernels import evaluate, move_by, nodal_minimise
+from featherfx.lab.nodal.newton_kernels import Minimiser, evaluate, move_by, nodal_minimise
 from featherfx.lab.nodal.state import NodalState, NodalWork
 from featherfx.lab.nodal.step_kernels import keep_state, load_state
 from featherfx.mechanics.model import Loads, Model
@@ -23,15 +23,12 @@ def nodal_settle(
     f: int,
     fraction: float,
     state: NodalState,
-    tolerance: float,
-    limit: int,
-    textbook: bool,
+    method: Minimiser,
     work: NodalWork,
 ) -> tuple[int, int]:
     """Bring feather f of the state to rest, in place, by ever longer implicit Euler steps.
 
-    As settle of solver/settle/settle.py. limit: Newton iterations of a step at most. Returns
-    (Newton status, iterations).
+    As settle of solver/settle/settle.py. method: of its steps. Returns (Newton status, iterations).
     """
     around, now = work.around, work.now
     for rate in (state.velocity, state.acceleration, state.smoothed, state.spin, state.step):
@@ -46,9 +43,7 @@ def nodal_settle(
             time, still = state.time[f], state.velocity[f]
             blow(now.points, time, loads, f, still, model.cell_stiffness[f], around)
         factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
-        solved = nodal_minimise(
-            model, nodal, loads, f, fraction, factors, tolerance, limit, textbook, work
-        )
+        solved = nodal_minimise(model, nodal, loads, f, fraction, factors, method, work)
         status, iterations = solved.status, iterations + solved.iterations
         if status != CONVERGED:
             h *= 0.25
@@ -84,7 +79,8 @@ def nodal_system(
     around.reference[:] = 0.0
     factors = Factors(inertia, 0.0, 0.0)
     energy = evaluate(model, nodal, loads, f, 0.0, factors, now, work)
-    nodal_assemble(model, nodal, loads, f, 0.0, factors, True, now.strains, work)
+    work.before[:] = now.strains
+    nodal_assemble(model, nodal, loads, f, 0.0, factors, True, work)
     return float(energy)
 
 
@@ -107,6 +103,6 @@ def nodal_start(
     if not factorise(system.band, system.panel):
         return
     solve_factored(system.band, system.right)
-    move_by(model, nodal, f, now, system.right, 1.0, True, work.element, trial)
+    move_by(model, nodal, f, 1.0, True, work)
     state.acceleration[f] = (trial.points - now.points) / square
     state.smoothed[f] = state.acceleration[f]

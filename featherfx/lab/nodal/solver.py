@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.lab.nodal.model import NodalModel
+from featherfx.lab.nodal.newton_kernels import Minimiser
 from featherfx.lab.nodal.settle import nodal_settle, nodal_start, nodal_system
 from featherfx.lab.nodal.state import NodalState, NodalWork, make_nodal_work
-from featherfx.lab.nodal.step_kernels import nodal_advance
+from featherfx.lab.nodal.step_kernels import NodalFrame, nodal_advance
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.solver import HARD, RootPath, Settings, StepReport, step_settings
 from featherfx.solver.state import no_steps
@@ -69,20 +70,10 @@ class NodalSolver:
         for f in range(self.model.feathers):
             if new.step[f] == 0.0:
                 nodal_start(self.model, self.nodal, loads, f, duration, new, self._work)
-            nodal_advance(
-                self.model,
-                self.nodal,
-                loads,
-                f,
-                path,
-                new,
-                step_settings(self.settings, duration, self.model.length[f])._replace(
-                    iterations=limit, hard=hard
-                ),
-                self._textbook,
-                self._work,
-                report,
-            )
+            settings = step_settings(self.settings, duration, self.model.length[f])
+            settings = settings._replace(iterations=limit, hard=hard)
+            frame = NodalFrame(path, settings, self._textbook)
+            nodal_advance(self.model, self.nodal, loads, f, frame, new, self._work, report)
         return new, report
 
     def equilibrium(
@@ -96,18 +87,10 @@ class NodalSolver:
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
         status = np.zeros(self.model.feathers)
         iterations = np.zeros(self.model.feathers)
+        method = Minimiser(self.settings.newton, SETTLE_LIMITS[self.method], self._textbook)
         for f in range(self.model.feathers):
             status[f], iterations[f] = nodal_settle(
-                self.model,
-                self.nodal,
-                loads,
-                f,
-                fraction,
-                new,
-                self.settings.newton,
-                SETTLE_LIMITS[self.method],
-                self._textbook,
-                self._work,
+                self.model, self.nodal, loads, f, fraction, new, method, self._work
             )
         return new, status, iterations
 
@@ -116,7 +99,7 @@ class NodalSolver:
     ) -> NodalSystem:
         """Energy, stiffness and gradient of one feather's pose, at rest.
 
-        inertia: 1/s^2, share of the mass that is added to the stiffness.
+        inertia: 1/s^2, times the mass that is added to the stiffness.
         """
         energy = nodal_system(self.model, self.nodal, loads, feather, inertia, state, self._work)
         size = int(self.nodal.size[feather])

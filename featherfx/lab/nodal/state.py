@@ -56,7 +56,7 @@ class Element(NamedTuple):
     """Sums of one energy's stencil, of K points at most.
 
     lines: (8, 3 K) gradients, weight: (8,) theirs. slots: (K,), nodes: (6, 2) int. membrane:
-    (4, 3, 3), turns: (2, 3, 3), hinge: (4, 3), frame: (3, 3), normal: (2,), matrix: (12, 12),
+    (4, 3, 3), turns: (2, 3, 3), hinge: (4, 3), frame: (3, 3), matrix: (12, 12),
     beam: (6, 12), stress: (6,).
     """
 
@@ -68,7 +68,6 @@ class Element(NamedTuple):
     turns: Array
     hinge: Array
     frame: Array
-    normal: Array
     matrix: Array
     beam: Array
     stress: Array
@@ -181,7 +180,6 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
             turns=np.zeros((2, 3, 3)),
             hinge=np.zeros((4, 3)),
             frame=np.zeros((3, 3)),
-            normal=np.zeros(2),
             matrix=np.zeros((12, 12)),
             beam=np.zeros((6, 12)),
             stress=np.zeros(6),

@@ -11,9 +11,8 @@ Newton then stalls; left out, it converges slowly or not at all where tension ca
 
 from featherfx.algebra.vec3_kernels import accumulate, cross
 from featherfx.jit.compiled import kernel
-from featherfx.lab.nodal.barb_bending_kernels import bend_gradient
+from featherfx.lab.nodal.barb_bending_kernels import bend_gradient, clamp_gradient
 from featherfx.lab.nodal.barb_carried_kernels import begin_barb, begin_twist, carried_gradient
-from featherfx.lab.nodal.barb_clamp_kernels import clamp_gradient
 from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient
 from featherfx.lab.nodal.energy_kernels import sections
 from featherfx.lab.nodal.turns_kernels import bend_nodes
@@ -99,9 +98,10 @@ def add_isotropic(first, second, stiffness, band):
 
 
 @kernel
-def add_points(slot, points, force, stiff, system):
+def add_points(slot, work):
     """Inertia, gravity, air and grips."""
-    band, right = system.band, system.right
+    points, force, stiff = work.now.points, work.force, work.stiff
+    band, right = work.system.band, work.system.right
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
             at = slot[i, p]
@@ -127,8 +127,10 @@ def add_points(slot, points, force, stiff, system):
 
 
 @kernel
-def add_rachis(model, f, slot, pose, before, reference, damping, signed, element, system):
+def add_rachis(model, nodal, f, damping, signed, work):
     """Stretch, shear, twist and bending of the shaft."""
+    pose, before, reference, slot = work.now, work.before, work.around.reference, nodal.slot[f]
+    element, system = work.element, work.system
     beam, matrix, slots = element.beam, element.matrix, element.slots
     for i in range(pose.halfway.shape[0]):
         for a in range(2):
@@ -163,8 +165,10 @@ def add_rachis(model, f, slot, pose, before, reference, damping, signed, element
 
 
 @kernel
-def add_stretch(nodal, f, pose, before, reference, price, damping, signed, element, system):
-    """Stretch of all barb segments; before, reference: (2 n m,), price: (2, n, m)."""
+def add_stretch(nodal, f, damping, signed, work):
+    """Stretch of all barb segments."""
+    pose, before, reference, price = work.now, work.before, work.around.reference, work.multiplier
+    element, system = work.element, work.system
     columns = price.shape[2]
     at, _, _, _ = sections(price.shape[1], columns)
     for side in range(2):
@@ -201,8 +205,9 @@ def add_stretch(nodal, f, pose, before, reference, price, damping, signed, eleme
 
 
 @kernel
-def _clamp(model, nodal, f, side, i, pose, element):
+def _clamp(model, nodal, f, side, i, work):
     """Stencil of a barb's clamp; returns its points."""
+    pose, element = work.now, work.element
     columns, slot = model.joints.shape[3], nodal.slot[f]
     p = node_index(side, 1, columns)
     clamp_gradient(
@@ -219,9 +224,10 @@ def _clamp(model, nodal, f, side, i, pose, element):
 
 
 @kernel
-def _bend(nodal, f, side, i, j, pose, element):
+def _bend(nodal, f, side, i, j, work):
     """Stencil of a barb's bend in a section that follows the vane; returns its points."""
-    points, nodes, slot = pose.points, element.nodes, nodal.slot[f]
+    points, element = work.now.points, work.element
+    nodes, slot = element.nodes, nodal.slot[f]
     rows, columns = points.shape[0], (points.shape[1] - 3) // 2
     bend_nodes(side, i, j, rows, columns, nodes)
     for a in range(5):
@@ -240,10 +246,12 @@ def _bend(nodal, f, side, i, j, pose, element):
 
 
 @kernel
-def _add_bend(at, stiffness, count, pose, reference, damping, element, system):
+def _add_bend(at, stiffness, count, damping, work):
     """Add the stencil of the two turns from strain at on."""
+    strains, reference = work.now.strains, work.around.reference
+    element, system = work.element, work.system
     for d in range(2):
-        strain = pose.strains[at + d]
+        strain = strains[at + d]
         stress = stiffness[d] * (strain + damping * (strain - reference[at + d]))
         element.weight[d] = stiffness[d] * (1.0 + damping)
         add_stress(stress, element.lines[d], count, element, system.right)
@@ -251,8 +259,9 @@ def _add_bend(at, stiffness, count, pose, reference, damping, element, system):
 
 
 @kernel
-def _add_carried(model, nodal, f, side, i, at, pose, reference, damping, element, system):
+def _add_carried(model, nodal, f, side, i, at, damping, work):
     """Bending of one barb in a section that is carried along it; at: its first strain."""
+    pose, element = work.now, work.element
     columns, row, slots = model.joints.shape[3], pose.points[i], element.slots
     begin_barb(pose.rotation[i], model.clamp[f, side, i], element.frame)
     begin_twist(element.frame, element.lines)
@@ -265,29 +274,27 @@ def _add_carried(model, nodal, f, side, i, at, pose, reference, damping, element
             j, length, row[p], row[q], element.frame, element.turns, element.lines
         )
         stiffness = nodal.bend_stiffness[f, side, i, j]
-        _add_bend(at + 2 * j, stiffness, j + 3, pose, reference, damping, element, system)
+        _add_bend(at + 2 * j, stiffness, j + 3, damping, work)
 
 
 @kernel
-def add_turns(model, nodal, f, pose, reference, damping, element, system):
+def add_turns(model, nodal, f, damping, work):
     """Bending of all barbs, and their clamps."""
-    rows, columns = pose.points.shape[0], model.joints.shape[3]
+    rows, columns = work.now.points.shape[0], model.joints.shape[3]
     _, at, _, _ = sections(rows, columns)
     for side in range(2):
         for i in range(rows):
             if nodal.carried:
                 if nodal.present[f, side, i]:
-                    _add_carried(
-                        model, nodal, f, side, i, at, pose, reference, damping, element, system
-                    )
+                    _add_carried(model, nodal, f, side, i, at, damping, work)
                 at += 2 * columns
                 continue
             for j in range(columns):
                 stiffness = nodal.bend_stiffness[f, side, i, j]
                 if stiffness[0] > 0.0 or stiffness[1] > 0.0:
                     if j == 0:
-                        count = _clamp(model, nodal, f, side, i, pose, element)
+                        count = _clamp(model, nodal, f, side, i, work)
                     else:
-                        count = _bend(nodal, f, side, i, j, pose, element)
-                    _add_bend(at, stiffness, count, pose, reference, damping, element, system)
+                        count = _bend(nodal, f, side, i, j, work)
+                    _add_bend(at, stiffness, count, damping, work)
                 at += 2

@@ -1,5 +1,7 @@
 """One feather of the nodal kinematics through one frame."""
 
+from typing import NamedTuple
+
 from featherfx.algebra.copy_kernels import copy_values
 from featherfx.algebra.rotation_kernels import (
     conjugate,
@@ -12,7 +14,7 @@ from featherfx.algebra.rotation_kernels import (
 )
 from featherfx.algebra.vec3_kernels import add, over, store, sub
 from featherfx.jit.compiled import kernel
-from featherfx.lab.nodal.newton_kernels import gather, nodal_minimise, set_directors
+from featherfx.lab.nodal.newton_kernels import Minimiser, gather, nodal_minimise, set_directors
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.energy_promise_kernels import Promise
@@ -33,6 +35,7 @@ from featherfx.solver.step.retry_kernels import (
     TAKEN,
     Attempt,
     Outcome,
+    StepSettings,
     after_step,
     count_try,
     judge,
@@ -40,10 +43,19 @@ from featherfx.solver.step.retry_kernels import (
     stop,
 )
 from featherfx.solver.step.root_kernels import root_at
+from featherfx.solver.step.root_path import RootPath
 from featherfx.solver.step.strain_kernels import difference_weights, set_reference
 
 # beside the ways of solver/step/retry_kernels.py: start at the last pose
 STAY = -1
+
+
+class NodalFrame(NamedTuple):
+    """What a frame is: the roots' path, the settings of its steps, and which method they have."""
+
+    path: RootPath
+    settings: StepSettings
+    textbook: bool
 
 
 @kernel
@@ -162,13 +174,14 @@ def keep_state(f, state, work):
 
 
 @kernel
-def nodal_advance(model, nodal, loads, f, path, state, settings, textbook, work, report):
+def nodal_advance(model, nodal, loads, f, frame, state, work, report):
     """Bring feather f of the state through one frame, in place.
 
-    As advance of solver/step/frame_kernels.py, which explains path, settings, report and the status
-    that is returned.
+    As advance of solver/step/frame_kernels.py, which explains report and the status that is
+    returned. frame: NodalFrame.
     """
-    duration = settings.duration
+    settings, textbook, duration = frame.settings, frame.textbook, frame.settings.duration
+    method = Minimiser(settings.newton, settings.iterations, textbook)
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
     # the textbook method begins every step at the last pose, so there is nothing else to try
     first = FOLLOW if textbook else GO_ON
@@ -183,20 +196,9 @@ def nodal_advance(model, nodal, loads, f, path, state, settings, textbook, work,
         attempt = Attempt(step, fraction, way, radius, settings.iterations, promise)
         place = Attempt(step, fraction, STAY, radius, settings.iterations, promise)
         factors = _predict(
-            model, nodal, loads, f, path, place if textbook else attempt, state, work
+            model, nodal, loads, f, frame.path, place if textbook else attempt, state, work
         )
-        solved = nodal_minimise(
-            model,
-            nodal,
-            loads,
-            f,
-            fraction,
-            factors,
-            settings.newton,
-            settings.iterations,
-            textbook,
-            work,
-        )
+        solved = nodal_minimise(model, nodal, loads, f, fraction, factors, method, work)
         error = step_error(radius, step, motion_of(state, f), work.now.points, work.around.target)
         outcome = Outcome(
             solved.status, solved.iterations, solved.matrices, solved.move, error, 1.0, 0.0

@@ -1,9 +1,8 @@
 """Raw barb turns and dihedral angles of a nodal pose, and the width of its band."""
 
 from featherfx.jit.compiled import kernel
-from featherfx.lab.nodal.barb_bending_kernels import bend_strain
+from featherfx.lab.nodal.barb_bending_kernels import bend_strain, clamp_strain
 from featherfx.lab.nodal.barb_carried_kernels import begin_barb, carried_turns
-from featherfx.lab.nodal.barb_clamp_kernels import clamp_strain
 from featherfx.lab.nodal.plate_kernels import hinge_turn, patch_nodes, point_of
 
 

@@ -126,12 +126,12 @@ def feather_strains(model, f, pose, reference):
         for k in range(6):
             strains.rachis[i, k] = pose.rachis[i, k] - model.rachis_rest[f, i, k]
     copy_values(pose.coefficient, strains.barb)
-    _cell_strains(model, f, pose.points, strains.cell)
+    cell_strains(model, f, pose.points, strains.cell)
     _hinge_strains(model, f, pose.points, reference.hinge, strains)
 
 
 @kernel
-def _cell_strains(model, f, points, strains):
+def cell_strains(model, f, points, strains):
     """Membrane strains (2, n-1, m, 2, 2)."""
     columns = strains.shape[2]
     for side in range(2):
