@@ -6,9 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+# rad: below it power series are as exact as sines
+_SMALL_ANGLE = 1e-6
 
 
 def frames_to_quats(frames: Array) -> Array:
@@ -46,9 +49,6 @@ def along_rows(quats: Array) -> Array:
     return np.concatenate([quats[..., :1, :], quats[..., 1:, :] * sign[..., None]], axis=-2)
 
 
-_SMALL_ANGLE = 1e-6
-
-
 def from_rotation_vector(vector: Array) -> Array:
     """(3,) axis times angle in rad to the (3, 3) rotation matrix."""
     x, y, z = float(vector[0]), float(vector[1]), float(vector[2])
@@ -77,6 +77,72 @@ def from_rotation_vector(vector: Array) -> Array:
             ),
         )
     )
+
+
+def frames_from(direction: ArrayLike, up: ArrayLike) -> Array:
+    """(..., 3, 3) frames whose x axis is `direction` and whose z axis leans to `up`.
+
+    direction, up: (..., 3), not zero and not parallel (see `parallel`).
+    """
+    along = np.asarray(direction, dtype=float)
+    x = along / np.linalg.norm(along, axis=-1, keepdims=True)
+    y = np.cross(np.asarray(up, dtype=float), x)
+    y = y / np.linalg.norm(y, axis=-1, keepdims=True)
+    return np.stack((x, y, np.cross(x, y)), axis=-1)
+
+
+def parallel(direction: ArrayLike, up: ArrayLike) -> NDArray[np.bool_]:
+    """(...) whether two vectors are zero or closer than about 0.006 degrees to parallel."""
+    first, second = np.asarray(direction, dtype=float), np.asarray(up, dtype=float)
+    scale = np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1)
+    sine = np.linalg.norm(np.cross(first, second), axis=-1)
+    return np.asarray(sine <= 1e-4 * scale)
+
+
+def about_x(degrees: ArrayLike) -> Array:
+    """(..., 3, 3) rotations about x."""
+    angle = np.radians(np.asarray(degrees, dtype=float))
+    result = np.zeros((*angle.shape, 3, 3))
+    result[..., 0, 0] = 1.0
+    result[..., 1, 1] = result[..., 2, 2] = np.cos(angle)
+    result[..., 2, 1] = np.sin(angle)
+    result[..., 1, 2] = -np.sin(angle)
+    return result
+
+
+def from_angles(degrees: ArrayLike) -> Array:
+    """(3, 3) rotation about x, then y, then z, the axes fixed."""
+    x, y, z = np.radians(np.asarray(degrees, dtype=float))
+    about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+    about_z = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x(np.degrees(x))
+
+
+def interpolated(first: Array, last: Array, fraction: Array) -> Array:
+    """(n, 3, 3) frames on the shortest way on the rotation group, at equal angular rate.
+
+    first, last: (3, 3). fraction: (n,) 0 at first, 1 at last.
+    """
+    rotation = first.T @ last
+    angle = float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0)))
+    axis = _axis(rotation, angle)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    part = np.asarray(fraction, dtype=float)[:, None, None] * angle
+    rotations = np.eye(3) + np.sin(part) * cross + (1.0 - np.cos(part)) * (cross @ cross)
+    return np.asarray(first @ rotations)
+
+
+def _axis(rotation: Array, angle: float) -> Array:
+    """Unit axis of a rotation, also for half turns, where the skew part vanishes."""
+    skew = (rotation - rotation.T)[[2, 0, 1], [1, 2, 0]]
+    if angle < 1e-12:
+        return np.array([1.0, 0.0, 0.0])
+    if angle < np.pi - 1e-4:
+        return np.asarray(skew / np.linalg.norm(skew))
+    symmetric = 0.5 * (rotation + rotation.T) + np.eye(3)
+    column = symmetric[:, int(np.argmax(np.diag(symmetric)))]
+    axis = column / np.linalg.norm(column)
+    return np.asarray(axis if axis @ skew >= 0 else -axis)
 
 
 def to_rate_of_vector(vector: Array, angular_velocity: Array) -> Array:

@@ -9,11 +9,11 @@ import trimesh
 from scipy.optimize import minimize
 
 import featherfx
+from featherfx.algebra.rotation import frames_from
 from featherfx.errors import InputError, InputWarning
 from featherfx.feather.build import build_feather, feather_of, repeated_shapes, scaled
 from featherfx.feather.layout.layout import cover, laid_out, lay_out, measured
 from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
-from featherfx.groom.frames import frames_from
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset

@@ -11,15 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.groom.frames import (
-    along_polyline,
-    frames_from,
-    from_angles,
-    interpolated,
-    mirrored_frames,
-    mirrored_points,
-    parallel,
-)
+from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel
+from featherfx.groom.frames import along_polyline, mirrored_frames, mirrored_points
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced

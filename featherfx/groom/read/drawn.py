@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.errors import InputWarning
-from featherfx.groom.frames import frames_from, parallel
 from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.preset import FEATHER
 from featherfx.groom.keys.values import INVALID, Place, Table

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.groom.frames import frames_from
+from featherfx.algebra.rotation import frames_from
 
 Array = NDArray[np.float64]
 

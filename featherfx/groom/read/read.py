@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.groom.frames import about_x, mirrored_points
+from featherfx.algebra.rotation import about_x
+from featherfx.groom.frames import mirrored_points
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.values import INVALID, Place, Problems, nearest
 from featherfx.groom.presets.kind_store import KindStore

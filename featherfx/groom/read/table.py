@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.groom.frames import frames_from, parallel
+from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.groom.keys.groom import TABLE
 from featherfx.groom.keys.values import Number, Place, Problems, nearest
 from featherfx.groom.presets.kind_store import KindChoice

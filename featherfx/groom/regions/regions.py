@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from featherfx.algebra.rotation import frames_from
 from featherfx.errors import InputWarning
-from featherfx.groom.frames import frames_from
 from featherfx.groom.keys.values import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.read.drafts import CurveReader, Draft
