@@ -2,38 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
 from featherfx.cli.program import Command
-
-STRESS_CASES, QUICK_STRESS_CASES = 10_000, 200
-
-
-@dataclass(frozen=True)
-class BenchOptions:
-    """What to measure and how much of it; see `featherfx bench --help`."""
-
-    quick: bool
-    stress: bool
-    peers: bool
-    skips: tuple[Path, ...]
-    only: str
-    frames: int | None
-    every: int
-    cases: int | None
-    seed: int
-    jobs: int | None
-    output: Path | None
-
-    @property
-    def seeds(self) -> range:
-        """Of the random cases."""
-        count = self.cases or (QUICK_STRESS_CASES if self.quick else STRESS_CASES)
-        return range(self.seed, self.seed + count)
+from featherfx.lab.bench.options import QUICK_STRESS_CASES, STRESS_CASES, BenchOptions
 
 
 @click.command(

@@ -10,9 +10,9 @@ import click
 
 from featherfx._version import __version__
 from featherfx.baking.pipeline import read_shot
-from featherfx.cli.bench import BenchOptions
 from featherfx.cli.progress import Progress
 from featherfx.lab.bench import experiments, peers
+from featherfx.lab.bench.options import BenchOptions
 from featherfx.lab.bench.report import Table, page, write, write_files
 from featherfx.lab.bench.skips import skips_table
 from featherfx.lab.bench.stress import (
