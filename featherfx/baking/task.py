@@ -21,7 +21,8 @@ from featherfx.shot.fingerprint import program_digest, shot_settings
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
-from featherfx.usd.read.stage import open_stage, refuse_inputs, stage_space
+from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.stage import refuse_inputs, stage_space
 from featherfx.usd.write.options import StageOptions, WriteOptions, check_least
 from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
 from featherfx.usd.write.resume import is_finished

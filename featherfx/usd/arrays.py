@@ -1,4 +1,4 @@
-"""Numpy arrays to USD value arrays and back; the only place that knows how.
+"""Numpy arrays to USD value arrays; the only place that knows how.
 
 USD converts a buffer element by element, ten times slower than memory. Large values are therefore
 computed in place, in the memory of a new USD array (Vec3f, Scalars).
@@ -109,8 +109,3 @@ def ints(values: ArrayLike) -> Any:
 def strings(*values: str) -> Any:
     """Strings to Vt.StringArray."""
     return Vt.StringArray(list(values))
-
-
-def to_numpy(value: Any) -> NDArray[Any]:
-    """A USD numeric array (None: empty) to numpy; shares memory where USD allows it."""
-    return np.empty(0) if value is None else np.asarray(value)

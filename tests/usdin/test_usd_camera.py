@@ -92,7 +92,7 @@ def test_a_camera_without_a_picture_is_told(tmp_path):
     stage = write_camera(tmp_path)
     UsdGeom.Camera.Get(stage, "/cam").GetVerticalApertureAttr().Set(0.0)
     stage.GetRootLayer().Save()
-    with pytest.raises(InputError, match="verticalAperture is 0"):
+    with pytest.raises(InputError, match="verticalAperture: is 0"):
         with_camera(tmp_path)
 
 

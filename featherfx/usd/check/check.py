@@ -13,23 +13,36 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Tf, Usd, UsdGeom, UsdUtils
+from pxr import Usd, UsdGeom, UsdUtils
 
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.groom import USD
 from featherfx.groom.keys.values import Place, Problems, Table
 from featherfx.groom.read.read import SCENE_SUFFIXES
-from featherfx.usd import arrays
-from featherfx.usd.check.geometry import GeometryCheck
+from featherfx.usd.check.geometry import geometry_problems
 from featherfx.usd.read.animated_mesh import open_mesh
 from featherfx.usd.read.groom import read_feathers
+from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import (
     SourceScene,
+    broken_arcs,
     broken_clips,
     broken_files,
     open_scene,
-    open_stage,
     prims_below,
+)
+from featherfx.usd.read.values import (
+    EARLIEST,
+    INTEGERS,
+    QUATERNIONS,
+    USD_ERRORS,
+    VECTORS,
+    array_of,
+    collecting,
+    computed,
+    reason_of,
+    sized_array,
+    targets_of,
 )
 from featherfx.usd.write.resume import layer_metadata
 
@@ -69,19 +82,25 @@ def check_usd(path: str | Path) -> list[Problem]:
         stage = open_stage(path)
     except InputError as error:
         return list(error.problems)
-    problems = missing_files(Path(path))
+    problems = missing_files(stage, Path(path))
     if problems:
         return problems  # what is in them would be missed everywhere
-    problems += [Problem(str(path), key, message) for key, message in _stage_problems(stage)]
-    for prim in stage.Traverse():
-        if prim.IsA(UsdGeom.PointInstancer):
-            for attribute, message in instancer_problems(prim):
-                problems.append(Problem(str(path), f"{prim.GetPath()}.{attribute}", message))
-        if prim.IsA(UsdGeom.PointBased):
-            for attribute, message in GeometryCheck(prim).problems():
-                key = f"{prim.GetPath()}.{attribute}"
-                problems.append(Problem(str(path), key, message))
+    try:
+        problems += [Problem(str(path), key, message) for key, message in _stage_problems(stage)]
+        for prim in stage.Traverse():
+            for name, message in _prim_problems(prim):
+                problems.append(Problem(str(path), f"{prim.GetPath()}.{name}", message))
+    except InputError as error:
+        problems += error.problems
     return problems
+
+
+def _prim_problems(prim: Any) -> Iterator[tuple[str, str]]:
+    if prim.IsA(UsdGeom.PointInstancer):
+        yield from instancer_problems(prim)
+    if prim.IsA(UsdGeom.PointBased):
+        for found in geometry_problems(prim):
+            yield from found
 
 
 def _stage_problems(stage: Any) -> Iterator[tuple[str, str]]:
@@ -94,7 +113,7 @@ def _stage_problems(stage: Any) -> Iterator[tuple[str, str]]:
         if not stage.HasAuthoredMetadata(name):
             yield str(name), "missing; readers differ in what they assume"
     has_samples = any(
-        attribute.GetNumTimeSamples()
+        computed(attribute, attribute.GetNumTimeSamples)
         for prim in stage.Traverse()
         for attribute in prim.GetAttributes()
     )
@@ -120,20 +139,24 @@ def check_scene(path: Path) -> list[Problem]:
     scene = open_scene(path, place)
     if scene is None:
         return problems.listed()
-    for each in missing_files(path):
+    for each in missing_files(scene.stage, path):
         place.child(each.key).fail(each.message)
-    bad = _meshes(scene, place)
-    _feathers(scene, path, place)
-    for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
-        if not prim.IsA(UsdGeom.PointBased) or str(prim.GetPath()) in bad:
-            continue
-        check = GeometryCheck(prim)
-        for attribute, message in check.faults():
-            place.child(f"{prim.GetPath()}.{attribute}").fail(message)
-        for attribute, message in check.habits():
-            text = f"{path}: {prim.GetPath()}.{attribute}: {message}"
-            warnings.warn(text, InputWarning, stacklevel=2)
+    with collecting(place):
+        bad = _meshes(scene, place)
+        _feathers(scene, path, place)
+        for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
+            if prim.IsA(UsdGeom.PointBased) and str(prim.GetPath()) not in bad:
+                _geometry(prim, place)
     return problems.listed()
+
+
+def _geometry(prim: Any, place: Place) -> None:
+    faults, habits = geometry_problems(prim)
+    for attribute, message in faults:
+        place.child(f"{prim.GetPath()}.{attribute}").fail(message)
+    for attribute, message in habits:
+        text = f"{place.source}: {prim.GetPath()}.{attribute}: {message}"
+        warnings.warn(text, InputWarning, stacklevel=2)
 
 
 def _meshes(scene: SourceScene, place: Place) -> set[str]:
@@ -163,49 +186,58 @@ def _feathers(scene: SourceScene, path: Path, place: Place) -> None:
             place.child(labels).fail(f"featherId '{name}' is used {count} times; ids are unique")
 
 
-def missing_files(path: Path) -> list[Problem]:
-    """USD files that a stage names, as sublayer, payload or clip, and that are not to be had."""
-    stage = Usd.Stage.Open(str(path))
-    found = broken_files(stage) | broken_clips(stage)
+def missing_files(stage: Any, path: Path) -> list[Problem]:
+    """What an open stage names, as sublayer, payload, reference or clip, and is not to be had."""
+    found = broken_files(stage) | broken_clips(stage) | broken_arcs(stage)
     if not found:  # USD 24.3 ends the process where it looks into a file that it cannot open
         try:
             _, _, unresolved = UsdUtils.ComputeAllDependencies(str(path))
             names = [str(each) for each in unresolved]
-        except Tf.ErrorException as error:
-            reason = f"USD cannot open a file that it names: {_reason(error)}"
+        except USD_ERRORS as error:
+            reason = f"USD cannot open a file that it names: {reason_of(error)}"
             return [Problem(str(path), "", reason)]
         found = {name: "is missing" for name in names if Path(name).suffix in SCENE_SUFFIXES}
     return [Problem(str(path), name, message) for name, message in sorted(found.items())]
 
 
-def _reason(error: Any) -> str:
-    return "; ".join(str(part.commentary) for part in error.args)
-
-
-_PER_INSTANCE = ("positions", "orientations", "orientationsf", "scales", "velocities", "ids")
+_PER_INSTANCE = {
+    "positions": VECTORS,
+    "orientations": QUATERNIONS,
+    "orientationsf": QUATERNIONS,
+    "scales": VECTORS,
+    "velocities": VECTORS,
+    "ids": INTEGERS,
+}
 
 
 def instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
     """(attribute, message) of everything that is wrong at the first time."""
-    instancer, first = UsdGeom.PointInstancer(prim), Usd.TimeCode.EarliestTime()
-    indices = arrays.to_numpy(instancer.GetProtoIndicesAttr().Get(first)).astype(np.int64)
-    targets = instancer.GetPrototypesRel().GetForwardedTargets()
+    try:
+        yield from _instancer_problems(prim)
+    except InputError as error:
+        start = len(str(prim.GetPath())) + 1
+        yield from ((problem.key[start:], problem.message) for problem in error.problems)
+
+
+def _instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
+    instancer = UsdGeom.PointInstancer(prim)
+    indices = sized_array(instancer.GetProtoIndicesAttr(), EARLIEST, INTEGERS)
+    targets = targets_of(instancer.GetPrototypesRel())
     for target in targets:
         if not prim.GetStage().GetPrimAtPath(target):
             yield "prototypes", f"names {target}, which does not exist"
     wrong = indices[(indices < 0) | (indices >= len(targets))]
     if len(wrong):
         yield "protoIndices", f"{wrong[0]} is out of range, allowed 0 to {len(targets) - 1}"
-    for name in _PER_INSTANCE:
-        attribute = prim.GetAttribute(name)
-        value = attribute.Get(first) if attribute else None
+    for name, kind in _PER_INSTANCE.items():
+        value = array_of(prim.GetAttribute(name), EARLIEST, kind)
         if value is None:
             if name == "positions" and len(indices):
                 yield name, "has no value"
             continue
         if len(value) != len(indices):
             yield name, f"{len(value)} values for {len(indices)} instances"
-        if name == "ids" and len(set(value)) < len(value):
-            yield name, f"{len(value)} values, {len(set(value))} different; ids are unique"
-        if name in ("positions", "scales") and not np.isfinite(arrays.to_numpy(value)).all():
+        if name == "ids" and len(np.unique(value)) < len(value):
+            yield name, f"{len(value)} values, {len(np.unique(value))} different; ids are unique"
+        elif not np.isfinite(value).all():
             yield name, "holds values that are not finite"

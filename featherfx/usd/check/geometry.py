@@ -8,7 +8,20 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from featherfx.usd import arrays
+from featherfx.errors import InputError
+from featherfx.usd.read.values import (
+    DEFAULT,
+    EARLIEST,
+    INTEGERS,
+    NUMBERS,
+    VECTORS,
+    array_of,
+    elements,
+    sized_array,
+    text_of,
+    times_of,
+    value_of,
+)
 from featherfx.usd.types import DIAGNOSTICS
 
 Found = Iterator[tuple[str, str]]
@@ -25,6 +38,31 @@ _CONSTANT_ATTRIBUTES = (
 _DIAGNOSED = [name for names in DIAGNOSTICS.values() for name in names]
 _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
 _SAMPLED_WITH_POINTS = ("velocities", "accelerations", "normals", "extent", *_PER_FACE)
+_KINDS = {
+    **dict.fromkeys(("points", "velocities", "accelerations", "normals", "extent"), VECTORS),
+    **dict.fromkeys(("faceVertexCounts", "faceVertexIndices", "curveVertexCounts"), INTEGERS),
+    **dict.fromkeys(("widths", *_DIAGNOSED), NUMBERS),
+    "primvars:barbDirection": VECTORS,
+}
+
+
+def geometry_problems(prim: Any) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """(attribute, message) of what contradicts itself on a mesh or curve, and of odd habits.
+
+    A value that cannot be read is the last of the former: what depends on it is not checked.
+    """
+    faults: list[tuple[str, str]] = []
+    habits: list[tuple[str, str]] = []
+    try:
+        check = GeometryCheck(prim)
+        for found in check.faults():
+            faults.append(found)
+        for found in check.habits():
+            habits.append(found)
+    except InputError as error:
+        start = len(str(prim.GetPath())) + 1
+        faults += [(problem.key[start:], problem.message) for problem in error.problems]
+    return faults, habits
 
 
 class GeometryCheck:
@@ -35,17 +73,10 @@ class GeometryCheck:
         self._mesh = UsdGeom.Mesh(prim) if prim.IsA(UsdGeom.Mesh) else None
         self._curves = UsdGeom.Curves(prim) if prim.IsA(UsdGeom.Curves) else None
         self._codes = self._times("points")
-        # The default is checked as one more time: it stands beside the samples.
-        self._all_codes = [Usd.TimeCode.Default(), *map(Usd.TimeCode, self._codes)]
         self._indices = self._value("faceVertexIndices", None)
         name = "faceVertexCounts" if self._mesh else "curveVertexCounts"
         self._counts = self._value(name, None)
         self._points = len(self._value("points", None))
-
-    def problems(self) -> Found:
-        """(attribute, message) of everything that is wrong."""
-        yield from self.faults()
-        yield from self.habits()
 
     def faults(self) -> Found:
         """What contradicts itself: sizes, indices, values that are not finite, windings."""
@@ -77,13 +108,18 @@ class GeometryCheck:
         return self._prim.GetAttribute(name)
 
     def _times(self, name: str) -> list[float]:
-        attribute = self._attribute(name)
-        return list(attribute.GetTimeSamples()) if attribute else []
+        return times_of(self._attribute(name))
+
+    def _read(self, name: str, code: Any) -> Any:
+        """An attribute as numpy, of the kind that its name stands for; None without a value."""
+        if name in _KINDS:
+            return array_of(self._attribute(name), code, _KINDS[name])
+        value = value_of(self._attribute(name), code)
+        return None if value is None else np.asarray(elements(value))
 
     def _value(self, name: str, code: Any) -> Any:
-        attribute = self._attribute(name)
-        at = Usd.TimeCode.EarliestTime() if code is None else code
-        return arrays.to_numpy(attribute.Get(at) if attribute else None)
+        found = self._read(name, EARLIEST if code is None else code)
+        return np.empty(0) if found is None else found
 
     def _over_time(self, name: str, test: Callable[[Any, Any], str]) -> Found:
         """Run a test of (value, code) at every time of an attribute; report the first failure."""
@@ -91,17 +127,17 @@ class GeometryCheck:
         if not attribute or not attribute.HasAuthoredValue():
             return
         message, first, count = "", None, 0
-        for code in (Usd.TimeCode.Default(), *map(Usd.TimeCode, attribute.GetTimeSamples())):
-            value = attribute.Get(code)
-            found = test(arrays.to_numpy(value), code) if value is not None else ""
+        for code in (DEFAULT, *map(Usd.TimeCode, times_of(attribute))):
+            value = self._read(name, code)
+            found = test(value, code) if value is not None else ""
             if found:
                 count += 1
                 if first is None:
                     message, first = found, code
         if first is not None:
-            at = "as default" if first.IsDefault() else f"at time {first.GetValue():g}"
+            when = "as default" if first.IsDefault() else f"at time {first.GetValue():g}"
             more = f" (and at {count - 1} more)" if count > 1 else ""
-            yield name, f"{at}: {message}{more}"
+            yield name, f"{when}: {message}{more}"
 
     def _topology(self) -> Found:
         if self._mesh:
@@ -151,9 +187,9 @@ class GeometryCheck:
             if self._times(name):
                 yield name, f"time samples (first at {self._times(name)[0]:g}), but never changes"
         if self._codes:
-            points = self._attribute("points")
-            rest = arrays.to_numpy(points.Get(Usd.TimeCode.Default()))
-            if all(np.array_equal(arrays.to_numpy(points.Get(c)), rest) for c in self._codes):
+            rest = self._value("points", DEFAULT)
+            samples = (self._value("points", Usd.TimeCode(code)) for code in self._codes)
+            if all(np.array_equal(sample, rest) for sample in samples):
                 yield "points", f"{len(self._codes)} samples, all equal to the default value"
 
     def _wrong_count(self, value: Any, code: Any) -> str:
@@ -203,7 +239,9 @@ class GeometryCheck:
 
     def _indexed(self, primvar: Any, name: str, interpolation: str, expected: int) -> Found:
         yield from self._sized(f"{name}:indices", interpolation, expected)
-        indices, values = arrays.to_numpy(primvar.GetIndices()), primvar.Get() or ()
+        indices = sized_array(primvar.GetIndicesAttr(), DEFAULT, INTEGERS)
+        value = value_of(primvar.GetAttr())
+        values = () if value is None else elements(value)
         if len(indices) and not 0 <= indices.min() <= indices.max() < len(values):
             yield f"{name}:indices", f"out of range; allowed 0 to {len(values) - 1}"
 
@@ -218,12 +256,12 @@ class GeometryCheck:
     def _subsets(self) -> Found:
         families: dict[str, list[Any]] = {}
         for subset in UsdGeom.Subset.GetAllGeomSubsets(self._mesh):
-            indices = arrays.to_numpy(subset.GetIndicesAttr().Get()).astype(int)
+            indices = sized_array(subset.GetIndicesAttr(), DEFAULT, INTEGERS).astype(int)
             name = subset.GetPrim().GetName()
             if len(indices) and not 0 <= indices.min() <= indices.max() < len(self._counts):
                 yield f"{name}.indices", f"out of range; allowed 0 to {len(self._counts) - 1}"
                 continue
-            families.setdefault(subset.GetFamilyNameAttr().Get(), []).append(indices)
+            families.setdefault(text_of(subset.GetFamilyNameAttr()), []).append(indices)
         for family, members in families.items():
             kind = UsdGeom.Subset.GetFamilyType(self._mesh, family) if family else ""
             use = np.bincount(np.concatenate(members), minlength=len(self._counts))
@@ -240,7 +278,7 @@ class GeometryCheck:
         fits = len(normals) == len(points) == self._points > 0
         if not fits or (self._counts != 3).any():
             return
-        if self._attribute("orientation").Get() == UsdGeom.Tokens.leftHanded:
+        if text_of(self._attribute("orientation")) == UsdGeom.Tokens.leftHanded:
             normals = -normals
         corners = self._indices.reshape(-1, 3)
         a, b, c = (points[corners[:, k]].astype(float) for k in range(3))
@@ -253,5 +291,7 @@ class GeometryCheck:
 
 
 def _not_finite(value: Any, code: Any) -> str:
-    wrong = np.flatnonzero(~np.isfinite(value.reshape(len(value), -1)).all(axis=1))
+    wrong = np.flatnonzero(
+        ~np.isfinite(value.reshape(len(value), int(value[:1].size) or 1)).all(axis=1)
+    )
     return f"not finite in {len(wrong)} elements, the first is {wrong[0]}" if len(wrong) else ""

@@ -13,8 +13,10 @@ from pxr import Sdf
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import into, write_all
+from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.read import Cache
-from featherfx.usd.read.stage import open_stage, refuse_inputs
+from featherfx.usd.read.stage import refuse_inputs
+from featherfx.usd.read.values import computed
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import check_output, file_problems
 from featherfx.usd.write.publish import publish
@@ -35,7 +37,7 @@ def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Pa
     target = check_output(output, overwrite)
     stage = open_stage(path)
     refuse_inputs([target], [Path(path)])
-    layer = stage.Flatten(addSourceFileComment=False)
+    layer = computed(stage.GetPseudoRoot(), stage.Flatten, False)
     source = stage.GetRootLayer().customLayerData
     if source:
         layer.customLayerData = source
@@ -87,7 +89,7 @@ def _codes(cache: Cache, frames: Sequence[float] | None) -> list[float | None]:
         return [None]
     first, last = cache.frames
     if frames is None:
-        return [float(code) for code in range(int(np.ceil(first)), int(last) + 1)]
+        return [*cache.whole_frames()]
     outside = [code for code in frames if not first <= code <= last]
     if outside:
         message = f"{outside[0]:g} is out of range; allowed {first:g} to {last:g}"

@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.skin import is_flat
-from featherfx.usd import arrays
 from featherfx.usd.read.skinning import find_skinning
 from featherfx.usd.read.stage import (
-    DEFAULT,
-    EARLIEST,
     ScenePrim,
     SourceScene,
     codes_of,
@@ -29,6 +27,20 @@ from featherfx.usd.read.stage import (
     transform_code,
     transform_fault,
     transformed,
+)
+from featherfx.usd.read.values import (
+    DEFAULT,
+    EARLIEST,
+    INTEGERS,
+    PAIRS,
+    VECTORS,
+    array_of,
+    at,
+    collecting,
+    flattened,
+    numbers_of,
+    sized_array,
+    text_of,
 )
 
 Array = NDArray[np.float64]
@@ -66,23 +78,31 @@ class AnimatedMesh(ScenePrim):
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
         local, prim = self._local_points(Usd.TimeCode(code))
         matrix = self._scene.matrix(prim, Usd.TimeCode(code))
-        return transformed(np.asarray(local)[triangles].astype(np.float64), matrix)
+        return self._finite(transformed(local[triangles].astype(np.float64), matrix), code)
 
     def points(self, code: float) -> Array:
         """(V, 3) m, all points at a time code."""
         local, prim = self._local_points(Usd.TimeCode(code))
         matrix = self._scene.matrix(prim, Usd.TimeCode(code))
-        return transformed(np.asarray(local, dtype=np.float64), matrix)
+        return self._finite(transformed(local.astype(np.float64), matrix), code)
 
     def is_mirrored(self, code: float) -> bool:
         """Whether the transforms mirror the mesh at a time code, and did not at rest."""
         return self._sign(Usd.TimeCode(code)) != self._rest_sign
 
-    def _local_points(self, code: Any) -> tuple[Any, Any]:
+    def _finite(self, points: Array, code: float | None) -> Array:
+        # a pose between samples, or of a skeleton, is not checked when the mesh is opened
+        if not np.isfinite(points).all():
+            when = "at rest" if code is None else f"at time code {code:g}"
+            message = f"points are not finite {when}"
+            raise InputError(Problem(str(self._scene.path), self.path, message))
+        return points
+
+    def _local_points(self, code: Any) -> tuple[NDArray[Any], Any]:
         """Points, and the prim in whose space they are."""
         if self._skinning is not None:
             return self._skinning.points(code), self._skinning.space
-        return self._mesh.GetPointsAttr().Get(code), self._mesh.GetPrim()
+        return sized_array(self._mesh.GetPointsAttr(), code, VECTORS), self._mesh.GetPrim()
 
     def _at_rest(self, is_default: bool) -> Array:
         prim = self._mesh.GetPrim()
@@ -90,12 +110,12 @@ class AnimatedMesh(ScenePrim):
             local, prim = self._skinning.bind_points(), self._skinning.space
         elif is_default:
             self._rest_code = rest_code(self._mesh.GetPointsAttr())
-            local = self._mesh.GetPointsAttr().Get(self._rest_code)
+            local = sized_array(self._mesh.GetPointsAttr(), self._rest_code, VECTORS)
         else:
             local, prim = self._local_points(self._rest_code)
         self._rest_code = transform_code(prim, self._rest_code)
         matrix = self._scene.matrix(prim, self._rest_code)
-        return transformed(np.asarray(local, dtype=np.float64), matrix)
+        return self._finite(transformed(local.astype(np.float64), matrix), None)
 
     def _sign(self, code: Any) -> bool:
         prim = self._mesh.GetPrim() if self._skinning is None else self._skinning.space
@@ -119,8 +139,14 @@ def open_mesh(
         hint = f"; below it is {', '.join(meshes)}" if meshes else ""
         place.fail(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
         return None
-    mesh = UsdGeom.Mesh(prim)
-    count = len(place.problems)
+    with collecting(place):
+        return _opened(scene, UsdGeom.Mesh(prim), rest, place)
+    return None
+
+
+def _opened(scene: SourceScene, mesh: Any, rest: float | None, place: Place) -> AnimatedMesh | None:
+    prim, count = mesh.GetPrim(), len(place.problems)
+    path = str(prim.GetPath())
     for attribute, message in _faults(mesh):
         place.fail(f"{path}.{attribute} in {scene.path}: {message}")
     fault = transform_fault(scene, prim)
@@ -167,17 +193,18 @@ def _faults(mesh: Any) -> Iterator[tuple[str, str]]:
         yield "faceVertexIndices", f"{bad} is out of range, allowed 0 to {size - 1}"
     holes = values["holeIndices"][0]
     if holes is not None and len(holes) and (holes.min() < 0 or holes.max() >= len(counts)):
-        yield "holeIndices", f"name face {holes.max()} of {len(counts)}"
+        bad = int(holes[(holes < 0) | (holes >= len(counts))][0])
+        yield "holeIndices", f"name face {bad} of {len(counts)}"
 
 
 def _changing(attribute: Any) -> tuple[Indices | None, float | None]:
     """The first value of an integer array, and the time code at which another stands."""
     known = None
     for code in codes_of(attribute):
-        value = attribute.Get(code)
+        value = array_of(attribute, code, INTEGERS)
         if known is None and value is not None:
-            known = np.array(value, dtype=np.int64)
-        elif known is not None and (value is None or not np.array_equal(np.asarray(value), known)):
+            known = value.astype(np.int64)
+        elif known is not None and (value is None or not np.array_equal(value, known)):
             return known, code.GetValue()
     return known, None
 
@@ -186,11 +213,10 @@ def _points_faults(attribute: Any) -> tuple[str, int]:
     """What is wrong with the points of any sample (empty: nothing), and their number."""
     size = -1
     for code in codes_of(attribute):
-        where = "by default" if code.IsDefault() else f"at time code {code.GetValue():g}"
-        value = attribute.Get(code)
-        if value is None:
+        where = at(code)
+        points = array_of(attribute, code, VECTORS)
+        if points is None:
             return f"has no value {where}", 0
-        points = np.asarray(value)
         if size not in (-1, len(points)):
             return f"has {len(points)} points {where}, {size} before", 0
         size = len(points)
@@ -209,32 +235,38 @@ def fans(counts: Indices) -> tuple[Indices, Indices]:
     return np.stack([starts, starts + step + 1, starts + step + 2], axis=1), face
 
 
+def topology_of(mesh: Any) -> tuple[Indices, Indices]:
+    """(F,) counts of points of the faces, and the indices of all of them."""
+    counts = sized_array(mesh.GetFaceVertexCountsAttr(), EARLIEST, INTEGERS)
+    indices = sized_array(mesh.GetFaceVertexIndicesAttr(), EARLIEST, INTEGERS)
+    return counts.astype(np.int64), indices.astype(np.int64)
+
+
 def triangles_of(mesh: Any) -> tuple[Indices, Indices, Array | None]:
     """(T, 3) point indices, (T,) faces and (T, 3, 2) texture coordinates (None: none) of a mesh.
 
     Faces in holeIndices are left out; left-handed faces are turned round, so that the outside is
     counter-clockwise. The mesh's topology must be sound.
     """
-    counts = arrays.to_numpy(mesh.GetFaceVertexCountsAttr().Get(EARLIEST)).astype(np.int64)
-    indices = arrays.to_numpy(mesh.GetFaceVertexIndicesAttr().Get(EARLIEST)).astype(np.int64)
+    counts, indices = topology_of(mesh)
     places, face = fans(counts)
-    holes = arrays.to_numpy(mesh.GetHoleIndicesAttr().Get(EARLIEST))
+    holes = sized_array(mesh.GetHoleIndicesAttr(), EARLIEST, INTEGERS)
     if len(holes):
         kept = ~np.isin(face, holes)
         places, face = places[kept], face[kept]
-    if str(mesh.GetOrientationAttr().Get(EARLIEST)) == UsdGeom.Tokens.leftHanded:
+    if text_of(mesh.GetOrientationAttr(), EARLIEST) == UsdGeom.Tokens.leftHanded:
         places = places[:, [0, 2, 1]]
     return indices[places], face, _texture(mesh, indices, places)
 
 
 def _texture(mesh: Any, indices: Indices, places: Indices) -> Array | None:
     primvar = UsdGeom.PrimvarsAPI(mesh.GetPrim()).FindPrimvarWithInheritance("st")
-    value = primvar.ComputeFlattened(EARLIEST) if primvar and primvar.HasValue() else None
+    value = flattened(primvar, EARLIEST)
     if value is None:
         return None
-    st = arrays.to_numpy(value)
+    st = numbers_of(value, PAIRS, primvar.GetAttr())
     if primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying and len(st) == len(indices):
         return np.asarray(st[places], dtype=np.float64)
-    if len(st) > indices.max(initial=-1) and st.ndim == 2:
+    if len(st) > indices.max(initial=-1):
         return np.asarray(st[indices[places]], dtype=np.float64)
     return None

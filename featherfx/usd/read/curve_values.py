@@ -11,7 +11,17 @@ from pxr import Gf, UsdGeom
 
 from featherfx.groom.keys.groom import DEFAULT_NAMES
 from featherfx.groom.keys.values import Place
-from featherfx.usd.read.stage import EARLIEST
+from featherfx.usd.read.values import (
+    EARLIEST,
+    INTEGERS,
+    NUMBERS,
+    VECTORS,
+    array_of,
+    described,
+    elements,
+    flattened,
+    numbers_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -50,6 +60,9 @@ class Values:
 
     def text(self, what: str, element: int, elements: int) -> str:
         value = self.get(what, element, elements)
+        if value is not None and not isinstance(value, str | int):
+            self._fail(what, f"is {described(value)}, expects a text")
+            return ""
         return "" if value is None else str(value)
 
     def number(self, what: str, element: int, elements: int, fallback: float) -> float:
@@ -57,7 +70,7 @@ class Values:
         if value is None:
             return fallback
         if not isinstance(value, int | float) or not np.isfinite(value) or not value > 0.0:
-            self._fail(what, f"{value} is not a number above 0")
+            self._fail(what, f"is {described(value)}, expects a number above 0")
             return fallback
         return float(value)
 
@@ -71,7 +84,7 @@ class Values:
         except (TypeError, ValueError):
             array = np.zeros(0)
         if array.shape != (size,) or not np.isfinite(array).all():
-            self._fail(what, f"{value} is not {size} finite numbers")
+            self._fail(what, f"is {described(value)}, expects {size} finite numbers")
             return None
         return array
 
@@ -81,25 +94,26 @@ class Values:
         if value is None:
             return None
         if isinstance(value, Gf.Quatf | Gf.Quatd | Gf.Quath):
-            return np.array(Gf.Matrix3d(Gf.Rotation(Gf.Quatd(value))))
-        array = np.array(value, dtype=np.float64)
-        if array.shape in ((3, 3), (4, 4)) and np.isfinite(array).all():
-            return array[:3, :3]
-        self._fail("frame", f"{value} is neither a quaternion nor a 3 x 3 or 4 x 4 matrix")
+            value = Gf.Matrix3d(Gf.Rotation(Gf.Quatd(value)))
+        if isinstance(value, Gf.Matrix3f | Gf.Matrix3d | Gf.Matrix4f | Gf.Matrix4d):
+            array = np.array(value, dtype=np.float64)
+            if np.isfinite(array).all():
+                return array[:3, :3]
+        message = f"is {described(value)}, expects a quaternion or a 3 x 3 or 4 x 4 matrix"
+        self._fail("frame", message)
         return None
 
     def barbs(self, what: str, points: int) -> Array | None:
         """(points, m, 3) array attribute per point, of points or of numbers, flattened; or None."""
-        values = self._flattened(what)
+        values, primvar = self._flattened(what), self._primvar(what)
         if values is None or len(values) == 0:
             return None
-        lengths = self._primvars.FindPrimvarWithInheritance(f"{self._names[what]}:lengths")
-        if lengths and lengths.HasValue():
-            counts = np.asarray(lengths.Get(self._code))
-            if len(set(counts.tolist())) > 1:
-                self._fail(what, "has different counts at different points, expects one")
-                return None
-        numbers = np.asarray(values, dtype=np.float64)
+        counts = array_of(self._primvar(what, ":lengths").GetAttr(), self._code, INTEGERS)
+        if counts is not None and len(set(counts.tolist())) > 1:
+            self._fail(what, "has different counts at different points, expects one")
+            return None
+        kind = NUMBERS if np.ndim(values[0]) == 0 else VECTORS
+        numbers = numbers_of(values, kind, primvar.GetAttr()).astype(np.float64)
         if points == 0 or numbers.size % (3 * points) or not np.isfinite(numbers).all():
             self._fail(what, f"has {len(values)} values for {points} points, or not finite ones")
             return None
@@ -107,18 +121,14 @@ class Values:
 
     def _flattened(self, what: str) -> Any:
         """The primvar's values as a sequence, indices resolved; None where it is not authored."""
-        primvar = self._primvars.FindPrimvarWithInheritance(self._names[what])
-        if not primvar or not primvar.HasValue():
-            return None
-        code = self._code
-        value = primvar.ComputeFlattened(code)
+        primvar = self._primvar(what)
+        value = flattened(primvar, self._code)
         if value is None:
-            value = primvar.ComputeFlattened(EARLIEST)
-        if value is None:
-            self._fail(what, "its indices do not fit its values")
-            return None
-        is_array = primvar.GetTypeName().isArray
-        return value if is_array else [value]
+            value = flattened(primvar, EARLIEST)
+        return None if value is None else elements(value)
+
+    def _primvar(self, what: str, suffix: str = "") -> Any:
+        return self._primvars.FindPrimvarWithInheritance(self._names[what] + suffix)
 
     def _fail(self, what: str, message: str) -> None:
         self._place.child("primvars:" + self._names[what]).fail(message)

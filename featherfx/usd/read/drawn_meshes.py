@@ -15,6 +15,20 @@ from pxr import Usd, UsdGeom
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.usd.read.skinning import Skinning, find_skinning
 from featherfx.usd.read.stage import SourceScene
+from featherfx.usd.read.values import (
+    DEFAULT,
+    EARLIEST,
+    INTEGERS,
+    at,
+    computed,
+    elements,
+    fault,
+    flattened,
+    inverse_of,
+    matrix_of,
+    sized_array,
+    targets_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -56,14 +70,16 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
             mesh = UsdGeom.Mesh(prim)
             skinning = _skinning(mesh)
             space = prim if skinning is None else skinning.space
-            yield DrawnMesh(mesh, partial(_local_to_world, space), None, skinning)
+            yield DrawnMesh(mesh, partial(matrix_of, space), None, skinning)
 
 
 def _skinning(mesh: Any) -> Skinning | None:
-    """What a skeleton does to a mesh; None where none moves it, or it cannot."""
-    stage = mesh.GetPrim().GetStage()
+    """What a skeleton does to a mesh; None where none moves it."""
+    stage, problems = mesh.GetPrim().GetStage(), Problems()
     scene = SourceScene(Path(stage.GetRootLayer().realPath), stage, np.eye(4))
-    return find_skinning(scene, mesh, Place("", "", Problems()))
+    found = find_skinning(scene, mesh, Place("", "", problems))
+    problems.raise_any()
+    return found
 
 
 def _instanced(prim: Any) -> Iterator[DrawnMesh]:
@@ -84,27 +100,37 @@ def _instanced(prim: Any) -> Iterator[DrawnMesh]:
 
 def _meshes_below(root: Any) -> Iterator[tuple[Any, Array]]:
     """Meshes at or below a prototype with their transforms to its root's own space (4, 4)."""
-    outer = np.linalg.inv(_local_to_world(root, Usd.TimeCode.Default()))
+    outer = inverse_of(root, DEFAULT)
     for prim in Usd.PrimRange(root, Usd.TraverseInstanceProxies()):
         if prim.IsA(UsdGeom.Mesh):
-            to_root = _local_to_world(prim, Usd.TimeCode.Default()) @ outer
-            yield UsdGeom.Mesh(prim), to_root
+            yield UsdGeom.Mesh(prim), matrix_of(prim, DEFAULT) @ outer
 
 
 def _of_instance(instances: Instances, index: int, inner: Array, code: Any) -> Array:
     return inner @ instances.matrix(index, code)
 
 
-def _local_to_world(prim: Any, code: Any) -> Array:
-    return np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code))
-
-
 def _is_drawn(prim: Any) -> bool:
     image = UsdGeom.Imageable(prim)
     drawn = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-    return image.ComputePurpose() in drawn and (
-        image.ComputeVisibility() != UsdGeom.Tokens.invisible
+    purpose = computed(prim, image.ComputePurpose)
+    return purpose in drawn and (
+        computed(prim, image.ComputeVisibility) != UsdGeom.Tokens.invisible
     )
+
+
+def instance_matrices(instancer: Any, code: Any) -> Array:
+    """(N, 4, 4) from each prototype's own space to the instancer's at a time code, row vectors."""
+    instances = UsdGeom.PointInstancer
+    found = computed(
+        instancer.GetPrim(),
+        instancer.ComputeInstanceTransformsAtTime,
+        code,
+        code,
+        instances.IncludeProtoXform,
+        instances.IgnoreMask,
+    )
+    return np.asarray(found, dtype=np.float64).reshape(-1, 4, 4)
 
 
 class Instances:
@@ -115,17 +141,22 @@ class Instances:
 
     def __init__(self, prim: Any) -> None:
         self._instancer = UsdGeom.PointInstancer(prim)
-        targets = self._instancer.GetPrototypesRel().GetForwardedTargets()
+        targets = targets_of(self._instancer.GetPrototypesRel())
         roots = [prim.GetStage().GetPrimAtPath(target) for target in targets]
-        first = Usd.TimeCode.EarliestTime()
-        indices = self._instancer.GetProtoIndicesAttr().Get(first)
-        self.prims = [roots[index] for index in indices or []]
+        for target, root in zip(targets, roots, strict=True):
+            if not root:
+                raise fault(prim, f"prototypes: there is no {target}")
+        attribute = self._instancer.GetProtoIndicesAttr()
+        indices = sized_array(attribute, EARLIEST, INTEGERS).astype(np.int64)
+        wrong = indices[(indices < 0) | (indices >= len(roots))]
+        if len(wrong):
+            raise fault(attribute, f"{wrong[0]} is out of range, allowed 0 to {len(roots) - 1}")
+        self.prims = [roots[index] for index in indices]
         self._labels = {}
         for name in ("featherId", "featherKind", "region"):
-            primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
-            values = primvar.ComputeFlattened(first) if primvar and primvar.HasValue() else None
-            if values is not None and len(values) == len(self.prims):
-                self._labels[name] = values
+            values = flattened(UsdGeom.PrimvarsAPI(prim).GetPrimvar(name), EARLIEST)
+            if values is not None and len(elements(values)) == len(self.prims):
+                self._labels[name] = elements(values)
         self._known: dict[Any, Array] = {}
 
     def label(self, name: str, index: int, fallback: str) -> str:
@@ -135,10 +166,10 @@ class Instances:
     def matrix(self, index: int, code: Any) -> Array:
         """(4, 4) from the prototype's own space to the world at a time code, row vectors."""
         if code not in self._known:
-            masked = UsdGeom.PointInstancer.IgnoreMask
-            values = self._instancer.ComputeInstanceTransformsAtTime(
-                code, code, UsdGeom.PointInstancer.IncludeProtoXform, masked
-            )
-            world = np.array(self._instancer.ComputeLocalToWorldTransform(code))
-            self._known = {code: np.asarray(values).reshape(-1, 4, 4) @ world}
+            instances = instance_matrices(self._instancer, code)
+            if len(instances) != len(self.prims):
+                prim = self._instancer.GetPrim()
+                message = f"has {len(self.prims)} protoIndices and {len(instances)} transforms"
+                raise fault(prim, f"{message} {at(code)}")
+            self._known = {code: instances @ matrix_of(self._instancer.GetPrim(), code)}
         return np.asarray(self._known[code][index])

@@ -14,8 +14,9 @@ from pxr import Usd, UsdGeom
 from featherfx.groom.keys.values import Place
 from featherfx.groom.read.condensed import BarbCurves
 from featherfx.groom.read.drawn import DrawnFeather
-from featherfx.groom.read.rachis_curve import BASES, spline_points
 from featherfx.usd.read.curve_values import Values
+from featherfx.usd.read.curves import curves_of
+from featherfx.usd.read.drawn_meshes import instance_matrices
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_note,
@@ -26,6 +27,17 @@ from featherfx.usd.read.stage import (
     transform_code,
     transform_fault,
     transformed,
+)
+from featherfx.usd.read.values import (
+    DEFAULT,
+    INTEGERS,
+    array_of,
+    collecting,
+    computed,
+    inverse_of,
+    matrix_of,
+    sized_array,
+    targets_of,
 )
 
 Array = NDArray[np.float64]
@@ -60,13 +72,12 @@ def read_feathers(
         scene.stage.GetPseudoRoot() if each == "/" else find_prim(scene, each, place.child("prims"))
         for each in paths
     ]
-    feathers = [
-        feather
-        for root in roots
-        if root
-        for prim in _sources(scene, root)
-        for feather in _feathers(scene, prim, entry, Place(str(path), "", place.problems))
-    ]
+    feathers: list[DrawnFeather] = []
+    with collecting(place):
+        for prim in [prim for root in roots if root for prim in _sources(scene, root)]:
+            with collecting(place):
+                at_file = Place(str(path), "", place.problems)
+                feathers += _feathers(scene, prim, entry, at_file)
     if not feathers and len(place.problems) == count:
         where = ", ".join(paths)
         nothing = f"{path}: no curves and no instances at {where} or below"
@@ -85,7 +96,7 @@ def _sources(scene: SourceScene, root: Any) -> Iterator[Any]:
         target
         for prim in found
         if prim.IsA(UsdGeom.PointInstancer)
-        for target in UsdGeom.PointInstancer(prim).GetPrototypesRel().GetForwardedTargets()
+        for target in targets_of(UsdGeom.PointInstancer(prim).GetPrototypesRel())
     ]
     for prim in found:
         if not any(prim.GetPath().HasPrefix(each) for each in prototypes):
@@ -117,59 +128,22 @@ def _code(attribute: Any, entry: dict[str, Any]) -> Any:
 
 def _curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
     """The curves of a BasisCurves prim; none after adding problems."""
-    curves, at = UsdGeom.BasisCurves(prim), place.child(str(prim.GetPath()))
-    code = _code(curves.GetPointsAttr(), entry)
-    points, counts = curves.GetPointsAttr().Get(code), curves.GetCurveVertexCountsAttr().Get(code)
-    if points is None or counts is None:
-        missing = "points" if points is None else "curveVertexCounts"
-        at.child(missing).fail(f"no value at time code {code}")
+    at = place.child(str(prim.GetPath()))
+    code = _code(UsdGeom.BasisCurves(prim).GetPointsAttr(), entry)
+    curves = curves_of(prim, code, at)
+    if curves is None:
         return
-    points, counts = np.array(points, dtype=np.float64), np.array(counts, dtype=np.int64)
-    cubic = str(curves.GetTypeAttr().Get()) == "cubic"
-    basis, wrap = str(curves.GetBasisAttr().Get()), str(curves.GetWrapAttr().Get())
-    if not _are_sound(points, counts, cubic, basis, wrap, at):
-        return
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    values = Values(prim, entry["names"], code, starts, at)
-    left, right = values.barbs("left_barbs", len(points)), values.barbs("right_barbs", len(points))
+    values, count = Values(prim, entry["names"], code, curves.starts, at), len(curves.points)
+    left, right = values.barbs("left_barbs", count), values.barbs("right_barbs", count)
     if (left is None) != (right is None):
         at.fail("has barbs on one side only; a condensed feather has P_barbl and P_barbr")
-    for number in range(len(counts)):
-        part = slice(starts[number], starts[number + 1])
-        barbs = None
-        if left is not None and right is not None:
+    for number in range(len(curves)):
+        part = slice(curves.starts[number], curves.starts[number + 1])
+        if left is None or right is None:
+            yield _Curve(prim, number, len(curves), curves.line(number), None, values)
+        else:
             barbs = BarbCurves(left[part], right[part])
-        control = points[part]
-        drawn = control
-        if cubic and barbs is None:
-            drawn = spline_points(control, basis, wrap == "pinned")
-        yield _Curve(prim, number, len(counts), drawn, barbs, values)
-
-
-def _are_sound(
-    points: Array, counts: NDArray[np.int64], cubic: bool, basis: str, wrap: str, at: Place
-) -> bool:
-    problems = len(at.problems)
-    if counts.sum() != len(points) or (counts < 0).any():
-        at.child("curveVertexCounts").fail(f"add up to {counts.sum()}, there are {len(points)}")
-    if not np.isfinite(points).all():
-        at.child("points").fail("hold values that are not finite")
-    if wrap == "periodic":
-        at.child("wrap").fail("is periodic; a shaft has two ends")
-    if cubic and basis not in BASES:
-        at.child("basis").fail(f"'{basis}' is not one of {', '.join(BASES)}")
-    least = 4 if cubic and not (wrap == "pinned" and basis != "bezier") else 2
-    short = np.flatnonzero(counts < least)
-    if len(short):
-        few = f"curve {short[0]} has {counts[short[0]]} points, a shaft has {least} at least"
-        more = f" (and {len(short) - 1} more curves)" if len(short) > 1 else ""
-        at.child("curveVertexCounts").fail(few + more)
-    elif cubic and basis == "bezier" and ((counts - 4) % 3).any():
-        wrong = int(np.flatnonzero((counts - 4) % 3)[0])
-        at.child("curveVertexCounts").fail(
-            f"curve {wrong} has {counts[wrong]} points, a bezier has 4, 7, 10, ..."
-        )
-    return len(at.problems) == problems
+            yield _Curve(prim, number, len(curves), curves.control(number), barbs, values)
 
 
 def _feather(
@@ -233,18 +207,13 @@ def _instances(
     """Feathers of a point instancer: each instance of a template that holds curves, or a kind."""
     instancer, at = UsdGeom.PointInstancer(prim), place.child(str(prim.GetPath()))
     code = _code(instancer.GetPositionsAttr(), entry)
-    indices = instancer.GetProtoIndicesAttr().Get(code)
-    targets = instancer.GetPrototypesRel().GetForwardedTargets()
-    numbers = np.array([] if indices is None else indices, dtype=np.int64)
+    numbers = sized_array(instancer.GetProtoIndicesAttr(), code, INTEGERS).astype(np.int64)
+    targets = targets_of(instancer.GetPrototypesRel())
     wrong = numbers[(numbers < 0) | (numbers >= len(targets))]
     if len(wrong):
         at.child("protoIndices").fail(f"name prototype {wrong[0]} of {len(targets)}")
         return
-    matrices = np.array(
-        instancer.ComputeInstanceTransformsAtTime(
-            code, code, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
-        )
-    )
+    matrices = instance_matrices(instancer, code)
     if len(numbers) == 0 or len(matrices) != len(numbers):
         at.fail(f"has {len(numbers)} protoIndices and {len(matrices)} instance transforms")
         return
@@ -253,8 +222,11 @@ def _instances(
         return
     templates = [_template(scene, path, entry, at, place) for path in targets]
     to_stage = scene.matrix(prim, transform_code(prim, code))
-    ids = instancer.GetIdsAttr().Get(code)
-    mask = instancer.ComputeMaskAtTime(code)
+    ids = array_of(instancer.GetIdsAttr(), code, INTEGERS)
+    if ids is not None and len(ids) != len(numbers):
+        at.child("ids").fail(f"has {len(ids)} values for {len(numbers)} instances")
+        return
+    mask = computed(prim, instancer.ComputeMaskAtTime, code)
     values = Values(prim, entry["names"], code, None, at)
     for k, number in enumerate(numbers):
         if len(mask) and not mask[k]:
@@ -272,14 +244,12 @@ def _template(scene: SourceScene, path: Any, entry: dict[str, Any], at: Place, p
     if prim is None:
         return None
     found = []
-    root = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(Usd.TimeCode.Default()))
+    root = inverse_of(prim, DEFAULT)
     for each in prims_below(scene, prim):
         if each.IsA(UsdGeom.BasisCurves):
-            own = UsdGeom.Xformable(each).ComputeLocalToWorldTransform(Usd.TimeCode.Default())
-            relative = np.array(own) @ np.linalg.inv(root)
+            relative = matrix_of(each, DEFAULT) @ root
             found += [(curve, relative) for curve in _curves(each, entry, place)]
-    code = Usd.TimeCode.Default()
-    return found, Values(prim, entry["names"], code, None, place.child(str(path)))
+    return found, Values(prim, entry["names"], DEFAULT, None, place.child(str(path)))
 
 
 def _instanced(

@@ -13,13 +13,30 @@ from pxr import Usd, UsdGeom
 
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING
-from featherfx.usd import arrays
-from featherfx.usd.read.animated_mesh import fans
+from featherfx.usd.read.animated_mesh import fans, topology_of
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
-from featherfx.usd.read.stage import open_stage
+from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.values import (
+    DEFAULT,
+    EARLIEST,
+    INTEGERS,
+    PAIRS,
+    VECTORS,
+    Kind,
+    array_of,
+    at,
+    fault,
+    sized_array,
+    text_of,
+    times_of,
+    value_of,
+)
 
+Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
+
+MOST_FRAMES = 100_000  # of a file whose meshes have no samples that tell which there are
 
 
 @dataclass(frozen=True)
@@ -68,6 +85,7 @@ class Cache:
     """
 
     def __init__(self, path: str | Path) -> None:
+        self._path = str(path)
         self._stage = open_stage(path)
         self.frames = (self._stage.GetStartTimeCode(), self._stage.GetEndTimeCode())
         self.has_frames = self._stage.HasAuthoredTimeCodeRange()
@@ -86,10 +104,17 @@ class Cache:
         """All time codes at which any mesh has points; whole frames where none has samples."""
         if not self.has_frames:
             return []
-        found = {code for mesh in self._meshes for code in mesh.GetPointsAttr().GetTimeSamples()}
+        found = {code for mesh in self._meshes for code in times_of(mesh.GetPointsAttr())}
         first, last = self.frames
-        whole = range(int(np.ceil(first)), int(last) + 1)
-        return sorted(code for code in found if first <= code <= last) or [float(c) for c in whole]
+        return sorted(code for code in found if first <= code <= last) or self.whole_frames()
+
+    def whole_frames(self) -> list[float]:
+        """Time codes of all whole frames. Raises InputError where they are beyond number."""
+        first, last = self.frames
+        if last - first > MOST_FRAMES:
+            message = f"is {last:g}, more than {MOST_FRAMES} frames after the first, {first:g}"
+            raise InputError(Problem(self._path, "endTimeCode", message))
+        return [float(code) for code in range(int(np.ceil(first)), int(last) + 1)]
 
     def pose(self, index: int, time: float | None = None) -> CachedPose:
         """Feather index at a time code.
@@ -97,21 +122,22 @@ class Cache:
         None is the rest pose: the default value, or the first sample where there is no default.
         """
         mesh, feather = self._meshes[index], self.feathers[index]
-        code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
-        if time is None and mesh.GetPointsAttr().Get(code) is None:
-            code = Usd.TimeCode.EarliestTime()
+        code = DEFAULT if time is None else Usd.TimeCode(time)
+        if time is None and value_of(mesh.GetPointsAttr(), code) is None:
+            code = EARLIEST
         matrix = self._matrices[index](code)
         points = self._points(index, code)
         if points is None:
-            raise InputError(Problem(feather.path, "points", f"no value at {code}"))
+            raise InputError(Problem(self._path, f"{feather.path}.points", f"no value {at(code)}"))
+        self._check_pose(feather, points, matrix, code)
         count = len(points)
         barbs = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("barbDirection").GetAttr()
-        direction = _get(barbs, code, None)
+        direction = array_of(barbs, code, VECTORS)
         if direction is not None:
             fits = len(direction) > feather.face.max(initial=-1)
             direction = _unit(direction[feather.face] @ matrix[:3, :3]) if fits else None
-        normals = _get(mesh.GetNormalsAttr(), code, count)
-        velocities = _get(mesh.GetVelocitiesAttr(), code, count)
+        normals = _sized(mesh.GetNormalsAttr(), code, VECTORS, count)
+        velocities = _sized(mesh.GetVelocitiesAttr(), code, VECTORS, count)
         # Normals turn with the inverse transpose; row vectors here.
         turned = None if normals is None else _unit(normals @ np.linalg.inv(matrix[:3, :3]).T)
         return CachedPose(
@@ -119,16 +145,28 @@ class Cache:
             velocities=None if velocities is None else velocities @ matrix[:3, :3],
             normals=turned,
             barb_direction=direction,
-            extent=_get(mesh.GetExtentAttr(), code, 2),
+            extent=_sized(mesh.GetExtentAttr(), code, VECTORS, 2),
         )
 
-    def _points(self, index: int, code: Any) -> Any:
+    def _check_pose(self, feather: CachedFeather, points: Floats, matrix: Array, code: Any) -> None:
+        """Raise InputError for a pose that cannot be drawn."""
+        message = ""
+        if feather.triangles.max(initial=-1) >= len(points):
+            message = f"has {len(points)} points {at(code)}, fewer than its faces name"
+        elif not np.isfinite(points).all():
+            message = f"holds values that are not finite {at(code)}"
+        if message:
+            raise InputError(Problem(self._path, f"{feather.path}.points", message))
+        if not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0.0:
+            message = f"has transforms {at(code)} that are not finite, or flatten it"
+            raise InputError(Problem(self._path, feather.path, message))
+
+    def _points(self, index: int, code: Any) -> Floats | None:
         """(P, 3) in the space of the mesh's matrix; None where it has none."""
         skinning = self._skinnings[index]
         if skinning is None:
-            return _get(self._meshes[index].GetPointsAttr(), code, None)
-        moved = skinning.bind_points() if code.IsDefault() else skinning.points(code)
-        return np.asarray(moved, dtype=np.float32)
+            return array_of(self._meshes[index].GetPointsAttr(), code, VECTORS)
+        return skinning.bind_points() if code.IsDefault() else skinning.points(code)
 
 
 def _constant_parts(drawn: Sequence[DrawnMesh]) -> Iterator[CachedFeather]:
@@ -146,12 +184,10 @@ def _constant_parts(drawn: Sequence[DrawnMesh]) -> Iterator[CachedFeather]:
         )
 
 
-def _get(attribute: Any, code: Any, count: int | None) -> Any:
-    """An attribute's value as numpy; None if there is none, or not of count elements."""
-    value = attribute.Get(code) if attribute else None
-    if value is None or (count is not None and len(value) != count):
-        return None
-    return arrays.to_numpy(value)
+def _sized(attribute: Any, code: Any, kind: Kind, count: int) -> Any:
+    """An array (count, ...); None if there is none, or not of count elements."""
+    value = array_of(attribute, code, kind)
+    return value if value is None or len(value) == count else None
 
 
 def _unit(vectors: Any) -> Any:
@@ -160,25 +196,23 @@ def _unit(vectors: Any) -> Any:
 
 
 def _constant_part(mesh: Any) -> CachedFeather:
-    prim, first = mesh.GetPrim(), Usd.TimeCode.EarliestTime()
+    prim = mesh.GetPrim()
     primvars = UsdGeom.PrimvarsAPI(prim)
-    counts = arrays.to_numpy(mesh.GetFaceVertexCountsAttr().Get(first)).astype(np.int64)
-    indices = arrays.to_numpy(mesh.GetFaceVertexIndicesAttr().Get(first)).astype(np.int64)
-    points = mesh.GetPointsAttr().Get(first)
+    counts, indices = topology_of(mesh)
+    points = array_of(mesh.GetPointsAttr(), EARLIEST, VECTORS)
     total = 0 if points is None else len(points)
     inside = ((indices >= 0) & (indices < total)).all()
-    if counts.sum() != len(indices) or not inside:
-        raise InputError(
-            Problem(str(prim.GetPath()), "faceVertexIndices", "do not fit the mesh's points")
-        )
+    if (counts < 0).any() or counts.sum() != len(indices) or not inside:
+        raise fault(mesh.GetFaceVertexIndicesAttr(), "do not fit the mesh's points and counts")
     corners, face = fans(counts)
 
     def label(name: str, fallback: str) -> str:
-        attribute = primvars.GetPrimvar(name).GetAttr()
-        value = attribute.Get() if attribute else None
-        return (value if isinstance(value, str) else value[0]) if value else fallback
+        return text_of(primvars.GetPrimvar(name).GetAttr()) or fallback
 
-    side = _get(primvars.GetPrimvar("side").GetAttr(), first, len(counts))
+    def own(name: str, kind: Kind, count: int) -> Any:
+        return _sized(primvars.GetPrimvar(name).GetAttr(), EARLIEST, kind, count)
+
+    side = own("side", INTEGERS, len(counts))
     subsets = UsdGeom.Subset.GetAllGeomSubsets(mesh)
     return CachedFeather(
         path=str(prim.GetPath()),
@@ -189,9 +223,11 @@ def _constant_part(mesh: Any) -> CachedFeather:
         side=np.full(len(face), LEADING) if side is None else side.astype(np.int64)[face],
         face=face,
         subsets={
-            s.GetPrim().GetName(): arrays.to_numpy(s.GetIndicesAttr().Get(first)).astype(np.int64)
+            s.GetPrim().GetName(): sized_array(s.GetIndicesAttr(), EARLIEST, INTEGERS).astype(
+                np.int64
+            )
             for s in subsets
         },
-        rest=_get(primvars.GetPrimvar("rest").GetAttr(), first, total),
-        st=_get(primvars.GetPrimvar("st").GetAttr(), first, total),
+        rest=own("rest", VECTORS, total),
+        st=own("st", PAIRS, total),
     )

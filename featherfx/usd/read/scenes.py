@@ -16,8 +16,6 @@ from featherfx.groom.keys.values import Place
 from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
 from featherfx.usd.read.stage import (
-    DEFAULT,
-    EARLIEST,
     ScenePrim,
     SourceScene,
     find_prim,
@@ -26,6 +24,17 @@ from featherfx.usd.read.stage import (
     sampled_range,
     transform_fault,
     transformed,
+)
+from featherfx.usd.read.values import (
+    DEFAULT,
+    EARLIEST,
+    VECTORS,
+    collecting,
+    computed,
+    number_of,
+    sized_array,
+    times_of,
+    value_of,
 )
 
 Array = NDArray[np.float64]
@@ -76,13 +85,18 @@ def _by_collection(scene: SourceScene, collection: str, place: Place) -> list[st
         known = [each.GetName() for each in Usd.CollectionAPI.GetAll(prim)]
         at.fail(f"no collection '{name}' on {owner}, there is {', '.join(known) or 'none'}")
         return []
-    members = Usd.CollectionAPI.ComputeIncludedObjects(
-        api.ComputeMembershipQuery(), scene.stage, Usd.TraverseInstanceProxies()
-    )
+    members: Any = ()
+    with collecting(at):
+        members = computed(prim, _members, api, scene.stage)
     paths = sorted(str(m.GetPath()) for m in members if isinstance(m, Usd.Prim) and _is_mesh(m))
     if not paths:
         at.fail(f"{collection} holds no mesh")
     return paths
+
+
+def _members(api: Any, stage: Any) -> Any:
+    query = api.ComputeMembershipQuery()
+    return Usd.CollectionAPI.ComputeIncludedObjects(query, stage, Usd.TraverseInstanceProxies())
 
 
 def _is_mesh(prim: Any) -> bool:
@@ -100,7 +114,7 @@ class UniformWind(ScenePrim):
     def velocity(self, points: Array, code: float) -> Array:
         """(N, 3) m/s, the same at all points, at a time code."""
         time = Usd.TimeCode(code)
-        vector = np.array(self._attribute.Get(time), dtype=np.float64).reshape(3)
+        vector = np.array(value_of(self._attribute, time), dtype=np.float64).reshape(3)
         turned = vector @ self._scene.matrix(self._prim, time)[:3, :3]
         return np.broadcast_to(turned, points.shape).copy()
 
@@ -130,8 +144,7 @@ class SampledWind(ScenePrim):
     def _field(self, code: float) -> tuple[Any, Array]:
         time = Usd.TimeCode(code)
         matrix = self._scene.matrix(self._prim, time)
-        points = np.array(self._base.GetPointsAttr().Get(time), dtype=np.float64)
-        velocities = np.array(self._base.GetVelocitiesAttr().Get(time), dtype=np.float64)
+        points, velocities = _field_values(self._base, time)
         return cKDTree(transformed(points, matrix)), velocities @ matrix[:3, :3]
 
 
@@ -141,24 +154,27 @@ def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | 
     prim = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"))
     if scene is None or prim is None:
         return None
-    fault = transform_fault(scene, prim)
-    if fault:
-        place.child("prim").fail(fault)
-        return None
-    if entry["attribute"] is not None:
-        return _uniform(scene, prim, entry["attribute"], place.child("attribute"))
-    return _sampled(scene, prim, place.child("prim"))
+    with collecting(place):
+        fault = transform_fault(scene, prim)
+        if fault:
+            place.child("prim").fail(fault)
+        elif entry["attribute"] is not None:
+            return _uniform(scene, prim, entry["attribute"], place.child("attribute"))
+        else:
+            return _sampled(scene, prim, place.child("prim"))
+    return None
 
 
 def _uniform(scene: SourceScene, prim: Any, name: str, at: Place) -> UniformWind | None:
     if not Sdf.Path.IsValidNamespacedIdentifier(name) or not prim.GetAttribute(name):
-        vectors = [a.GetName() for a in prim.GetAuthoredAttributes() if _is_vector(a.Get(EARLIEST))]
+        authored = prim.GetAuthoredAttributes()
+        vectors = [each.GetName() for each in authored if _is_vector(value_of(each, EARLIEST))]
         known = ", ".join(vectors) or "none"
         at.fail(f"no attribute '{name}' on {prim.GetPath()}; attributes of one vector: {known}")
         return None
     attribute = prim.GetAttribute(name)
-    for code in [EARLIEST, *map(Usd.TimeCode, attribute.GetTimeSamples())]:
-        if not _is_vector(attribute.Get(code)):
+    for code in [EARLIEST, *map(Usd.TimeCode, times_of(attribute))]:
+        if not _is_vector(value_of(attribute, code)):
             at.fail(f"{attribute.GetPath()} is no vector of 3 finite numbers at time code {code}")
             return None
     return UniformWind(scene, prim, attribute)
@@ -177,15 +193,14 @@ def _sampled(scene: SourceScene, prim: Any, at: Place) -> SampledWind | None:
         at.fail(f"{prim.GetPath()} holds no points; give attribute for one vector")
         return None
     base = UsdGeom.PointBased(prim)
-    points, velocities = base.GetPointsAttr(), base.GetVelocitiesAttr()
-    times = {*points.GetTimeSamples(), *velocities.GetTimeSamples()}
+    times = {*times_of(base.GetPointsAttr()), *times_of(base.GetVelocitiesAttr())}
     for code in [*map(Usd.TimeCode, sorted(times))] or [DEFAULT]:
-        values = [np.array(each.Get(code) or [], dtype=np.float64) for each in (points, velocities)]
+        points, velocities = _field_values(base, code)
         where = f"{prim.GetPath()} at time code {code}"
-        if len(values[0]) == 0 or len(values[0]) != len(values[1]):
-            at.fail(f"{where}: {len(values[0])} points and {len(values[1])} velocities")
+        if len(points) == 0 or len(points) != len(velocities):
+            at.fail(f"{where}: {len(points)} points and {len(velocities)} velocities")
             return None
-        if not all(np.isfinite(each).all() for each in values):
+        if not (np.isfinite(points).all() and np.isfinite(velocities).all()):
             at.fail(f"{where}: values that are not finite")
             return None
     return SampledWind(scene, prim)
@@ -197,7 +212,7 @@ class SceneCamera(ScenePrim):
     def view(self, code: float) -> View:
         """In metres, z up, at a time code; transforms and lens may be animated."""
         time = Usd.TimeCode(code)
-        camera = UsdGeom.Camera(self._prim).GetCamera(time)
+        camera = computed(self._prim, UsdGeom.Camera(self._prim).GetCamera, time)
         matrix = self._scene.matrix(self._prim, time)
         axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=1, keepdims=True)
         window = camera.frustum.GetWindow()
@@ -228,11 +243,33 @@ def open_camera(path: Path, prim: str, place: Place) -> SceneCamera | None:
         cameras = [str(p.GetPath()) for p in scene.stage.Traverse() if p.IsA(UsdGeom.Camera)]
         at.fail(f"{prim} is no camera; cameras of {path}: {', '.join(cameras[:8]) or 'none'}")
         return None
-    camera = UsdGeom.Camera(found)
-    for attribute in (camera.GetHorizontalApertureAttr(), camera.GetVerticalApertureAttr()):
-        for code in [Usd.TimeCode.EarliestTime(), *map(Usd.TimeCode, attribute.GetTimeSamples())]:
-            value = attribute.Get(code)
-            if not (np.isfinite(value) and value > 0.0):
-                at.fail(f"{attribute.GetPath()} is {value:g}, expects a number above 0")
-                return None
-    return SceneCamera(scene, found)
+    fault = transform_fault(scene, found)
+    if fault:
+        at.fail(fault)
+        return None
+    with collecting(at):
+        _check_lens(UsdGeom.Camera(found))
+        return SceneCamera(scene, found)
+    return None
+
+
+def _check_lens(camera: Any) -> None:
+    """Raise InputError for an aperture or a focal length that no camera has."""
+    most = 1e6  # tenths of a scene unit
+    lengths = (
+        (camera.GetHorizontalApertureAttr(), 1e-6),
+        (camera.GetVerticalApertureAttr(), 1e-6),
+        (camera.GetFocalLengthAttr(), 1e-6),
+        (camera.GetHorizontalApertureOffsetAttr(), -most),
+        (camera.GetVerticalApertureOffsetAttr(), -most),
+    )
+    for attribute, least in lengths:
+        for code in [EARLIEST, *map(Usd.TimeCode, times_of(attribute))]:
+            number_of(attribute, code, least, most)
+
+
+def _field_values(base: Any, code: Any) -> tuple[Array, Array]:
+    """(N, 3) points and velocities of a point set at a time."""
+    points = sized_array(base.GetPointsAttr(), code, VECTORS)
+    velocities = sized_array(base.GetVelocitiesAttr(), code, VECTORS)
+    return points.astype(np.float64), velocities.astype(np.float64)

@@ -12,13 +12,10 @@ from pxr import Usd, UsdGeom, UsdSkel
 
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.values import Place, nearest
-from featherfx.groom.read.rachis_curve import spline_points
 from featherfx.groom.skin.faults import skin_faults
-from featherfx.usd import arrays
-from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
+from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh, topology_of
+from featherfx.usd.read.curves import curves_of
 from featherfx.usd.read.stage import (
-    DEFAULT,
-    EARLIEST,
     SourceScene,
     find_prim,
     open_scene,
@@ -26,6 +23,21 @@ from featherfx.usd.read.stage import (
     rest_code,
     transform_code,
     transformed,
+)
+from featherfx.usd.read.values import (
+    DEFAULT,
+    EARLIEST,
+    INTEGERS,
+    MATRICES,
+    NUMBERS,
+    VECTORS,
+    array_of,
+    collecting,
+    elements,
+    flattened,
+    numbers_of,
+    sized_array,
+    texts_of,
 )
 
 Array = NDArray[np.float64]
@@ -85,7 +97,10 @@ class SkinMesh:
         if name not in subsets:
             place.fail(f"no subset '{name}' on {self.path}, {nearest(name, subsets)}")
             return None
-        return np.isin(self.face, arrays.to_numpy(subsets[name].GetIndicesAttr().Get(EARLIEST)))
+        with collecting(place):
+            indices = sized_array(subsets[name].GetIndicesAttr(), EARLIEST, INTEGERS)
+            return np.isin(self.face, indices)
+        return None
 
     def image(self, path: Path, place: Place) -> Array | None:
         """(H, W) grey values 0 to 1 of a picture, top row first; None after adding a problem."""
@@ -109,20 +124,22 @@ class SkinMesh:
 
     def _primvar(self, name: str, size: int, place: Place) -> Array | None:
         """(T, 3) or (T, 3, size) values at the corners of the triangles."""
+        with collecting(place):
+            return self._at_corners(name, size, place)
+        return None
+
+    def _at_corners(self, name: str, size: int, place: Place) -> Array | None:
         api = UsdGeom.PrimvarsAPI(self._prim)
         primvar = api.FindPrimvarWithInheritance(name)
-        value = primvar.ComputeFlattened(EARLIEST) if primvar and primvar.HasValue() else None
+        value = flattened(primvar, EARLIEST)
         if value is None:
             known = [each.GetPrimvarName() for each in api.GetPrimvarsWithValues()]
             place.fail(f"no primvar '{name}' on {self.path}, {nearest(name, known)}")
             return None
-        try:
-            values = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            values = np.full(1, np.nan)
-        wanted = values.ndim == (1 if size == 1 else 2) and values.shape[1:] in ((), (size,))
-        if not wanted or not np.isfinite(values).all():
-            place.fail(f"primvar '{name}' on {self.path} is not {size} finite numbers an element")
+        kind = NUMBERS if size == 1 else VECTORS
+        values = numbers_of(elements(value), kind, primvar.GetAttr()).astype(np.float64)
+        if not np.isfinite(values).all():
+            place.fail(f"primvar '{name}' on {self.path} holds values that are not finite")
             return None
         corners = self._corners(values, str(primvar.GetInterpolation()))
         if corners is None:
@@ -133,18 +150,14 @@ class SkinMesh:
         """Values of constant, uniform, vertex or face-varying elements at triangle corners."""
         if len(values) == 1:
             return np.broadcast_to(values[0], (*self.triangles.shape, *values.shape[1:]))
-        mesh = UsdGeom.Mesh(self._prim)
-        counts = arrays.to_numpy(mesh.GetFaceVertexCountsAttr().Get(EARLIEST)).astype(np.int64)
+        counts, indices = topology_of(UsdGeom.Mesh(self._prim))
         if interpolation == UsdGeom.Tokens.uniform and len(values) == len(counts):
             return np.repeat(values[self.face][:, None], 3, axis=1)
         if interpolation == UsdGeom.Tokens.faceVarying and len(values) == counts.sum():
-            return self._face_varying(values, counts)
+            return self._face_varying(values, counts, indices)
         return values[self.triangles] if len(values) == len(self.points) else None
 
-    def _face_varying(self, values: Array, counts: Indices) -> Array:
-        indices = arrays.to_numpy(
-            UsdGeom.Mesh(self._prim).GetFaceVertexIndicesAttr().Get(EARLIEST)
-        ).astype(np.int64)
+    def _face_varying(self, values: Array, counts: Indices, indices: Indices) -> Array:
         # a triangle's corners stand in the list of its face's corners
         starts = (np.cumsum(counts) - counts)[self.face]
         result = np.zeros((*self.triangles.shape, *values.shape[1:]))
@@ -165,13 +178,21 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
     root = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"))
     if scene is None or root is None:
         return None
+    with collecting(place):
+        return _lines(scene, root, entry, place)
+    return None
+
+
+def _lines(
+    scene: SourceScene, root: Any, entry: dict[str, Any], place: Place
+) -> list[Array] | None:
     if not root.IsA(UsdSkel.Skeleton):
         if entry["joints"]:
             place.child("joints").fail(f"{entry['prim']} in {scene.path} is no Skeleton")
             return None
         return _curves(scene, (entry["prim"],), place.child("prim"))
     if len(entry["joints"]) < 2:
-        known = ", ".join(str(each) for each in UsdSkel.Skeleton(root).GetJointsAttr().Get() or ())
+        known = ", ".join(texts_of(UsdSkel.Skeleton(root).GetJointsAttr()))
         place.child("joints").fail(f"expects two or more of {entry['prim']}, known: {known}")
         return None
     line = joint_line(scene, root, entry["joints"], place)
@@ -179,30 +200,31 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
 
 
 def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Array] | None:
+    """Lines of at least two points; None after adding problems."""
     found: list[Array] = []
+    problems = len(place.problems)
     for path in prims:
         root = find_prim(scene, path, place)
         if root is None:
             return None
         for prim in prims_below(scene, root):
             if prim.IsA(UsdGeom.BasisCurves):
-                found += _polylines(scene, UsdGeom.BasisCurves(prim))
-    if not found:
+                with collecting(place):
+                    found += _polylines(scene, prim, place)
+    if not found and len(place.problems) == problems:
         place.fail(f"no curves at {', '.join(prims)} or below in {scene.path}")
-        return None
-    return found
+    return found if len(place.problems) == problems else None
 
 
-def _polylines(scene: SourceScene, curves: Any) -> list[Array]:
-    code = rest_code(curves.GetPointsAttr())
-    points = arrays.to_numpy(curves.GetPointsAttr().Get(code)).astype(np.float64)
-    counts = arrays.to_numpy(curves.GetCurveVertexCountsAttr().Get(code)).astype(np.int64)
-    matrix = scene.matrix(curves.GetPrim(), transform_code(curves.GetPrim(), code))
-    cubic = str(curves.GetTypeAttr().Get()) == "cubic"
-    basis, pinned = str(curves.GetBasisAttr().Get()), curves.GetWrapAttr().Get() == "pinned"
-    parts = np.split(transformed(points.reshape(-1, 3), matrix), np.cumsum(counts)[:-1])
-    drawn = [spline_points(part, basis, pinned) if cubic else part for part in parts]
-    return [each for each in drawn if len(each) > 1]
+def _polylines(scene: SourceScene, prim: Any, place: Place) -> list[Array]:
+    """(k, 3) m of each curve of a prim; none after adding problems."""
+    code = rest_code(UsdGeom.BasisCurves(prim).GetPointsAttr())
+    at = Place(str(scene.path), str(prim.GetPath()), place.problems)
+    curves = curves_of(prim, code, at)
+    if curves is None:
+        return []
+    matrix = scene.matrix(prim, transform_code(prim, code))
+    return [transformed(curves.line(number), matrix) for number in range(len(curves))]
 
 
 def joint_line(scene: SourceScene, prim: Any, names: tuple[str, ...], place: Place) -> Array | None:
@@ -211,8 +233,8 @@ def joint_line(scene: SourceScene, prim: Any, names: tuple[str, ...], place: Pla
     names: paths as the skeleton has them, or their last parts where these are unique.
     """
     skeleton = UsdSkel.Skeleton(prim)
-    paths = [str(each) for each in skeleton.GetJointsAttr().Get(EARLIEST) or ()]
-    bind = skeleton.GetBindTransformsAttr().Get(EARLIEST)
+    paths = texts_of(skeleton.GetJointsAttr(), EARLIEST)
+    bind = array_of(skeleton.GetBindTransformsAttr(), EARLIEST, MATRICES)
     if bind is None or len(bind) != len(paths) or not paths:
         place.fail(f"{prim.GetPath()} in {scene.path} has no bind transform for every joint")
         return None
@@ -220,8 +242,12 @@ def joint_line(scene: SourceScene, prim: Any, names: tuple[str, ...], place: Pla
     chosen = [each for each in found if each is not None]
     if len(chosen) < len(found):
         return None
-    places = np.array(bind, dtype=np.float64).reshape(-1, 4, 4)[chosen, 3, :3]
-    points = transformed(places, scene.matrix(prim, transform_code(prim, DEFAULT)))
+    points = transformed(
+        bind.astype(np.float64)[chosen, 3, :3], scene.matrix(prim, transform_code(prim, DEFAULT))
+    )
+    if not np.isfinite(points).all():
+        place.fail(f"{prim.GetPath()} in {scene.path}: bind transforms are not finite")
+        return None
     if (np.diff(points, axis=0) == 0.0).all(axis=1).any():
         place.child("joints").fail("two joints that follow each other are at one place")
         return None

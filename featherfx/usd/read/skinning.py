@@ -9,9 +9,22 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdSkel, Vt
 
 from featherfx.groom.keys.values import Place
-from featherfx.usd.read.stage import DEFAULT, EARLIEST, SourceScene
+from featherfx.usd.read.stage import SourceScene
+from featherfx.usd.read.values import (
+    DEFAULT,
+    EARLIEST,
+    VECTORS,
+    array_of,
+    at,
+    collecting,
+    fault,
+    reading,
+    sized_array,
+)
 
 Floats = NDArray[np.float32]
+
+_MISFIT = "joints, weights and bind pose do not fit"
 
 
 class Skinning:
@@ -25,17 +38,20 @@ class Skinning:
         self.space = binding.GetInheritedSkeleton().GetPrim()
         self._shapes = UsdSkel.BlendShapeQuery(binding) if skinning.HasBlendShapes() else None
         if self._shapes is not None:
-            self._shape_points = self._shapes.ComputeBlendShapePointIndices()
-            self._shape_offsets = self._shapes.ComputeSubShapePointOffsets()
+            self._shape_points, self._shape_offsets = _blend_shapes(self._shapes, mesh)
 
-    def points(self, code: Any) -> Any:
+    def points(self, code: Any) -> Floats:
         """(V, 3) skinned points in the skeleton's space at a time code."""
-        points = self.shaped(code)
-        if not self._skinning.HasJointInfluences():
-            return self._bound(points)
-        transforms = self._skeleton.ComputeSkinningTransforms(code)
-        self._skinning.ComputeSkinnedPoints(transforms, points, code)
-        return points
+        with reading(self._mesh.GetPrim()):
+            points = self.shaped(code)
+            if not self._skinning.HasJointInfluences():
+                return self._bound(np.asarray(points))
+            transforms = self._skeleton.ComputeSkinningTransforms(code)
+            if transforms is None or not self._skinning.ComputeSkinnedPoints(
+                transforms, points, code
+            ):
+                raise fault(self._mesh.GetPrim(), f"USD cannot skin it {at(code)}; {_MISFIT}")
+        return np.asarray(points)
 
     def bind_points(self) -> Floats:
         """(V, 3) points of the bind pose in the skeleton's space."""
@@ -57,12 +73,13 @@ class Skinning:
         ]
 
     def _mesh_points(self, code: Any) -> Any:
-        value = self._mesh.GetPointsAttr().Get(code)
-        return self._mesh.GetPointsAttr().Get(EARLIEST) if value is None else value
+        points = self._mesh.GetPointsAttr()
+        value = array_of(points, code, VECTORS)
+        return sized_array(points, EARLIEST, VECTORS) if value is None else value
 
     def _bound(self, points: Any) -> Floats:
         bind = np.array(self._skinning.GetGeomBindTransform(EARLIEST))
-        return (np.asarray(points) @ bind[:3, :3] + bind[3, :3]).astype(np.float32)
+        return (points @ bind[:3, :3] + bind[3, :3]).astype(np.float32)
 
     def shaped(self, code: Any) -> Any:
         """The mesh's points moved by its blend shapes; an array of our own."""
@@ -75,14 +92,44 @@ class Skinning:
                 weights = mapper.Remap(weights)
             weights, shapes, parts = self._shapes.ComputeSubShapeWeights(weights)
             for weight, shape, part in zip(weights, shapes, parts, strict=True):
-                offsets = np.asarray(self._shape_offsets[part])
-                chosen = np.asarray(self._shape_points[shape])
-                points[chosen if len(chosen) else slice(None)] += np.float32(weight) * offsets
+                chosen, moved = self._shape_points[shape], self._shape_offsets[part]
+                if len(moved):
+                    points[chosen if len(chosen) else slice(None)] += np.float32(weight) * moved
         return Vt.Vec3fArray.FromNumpy(points)
+
+
+def _blend_shapes(
+    query: Any, mesh: Any
+) -> tuple[list[NDArray[np.int64]], list[NDArray[np.float32]]]:
+    """Point indices of each shape (none: all points) and (k, 3) offsets of each of its parts."""
+    if not all(query.GetBlendShape(shape) for shape in range(query.GetNumBlendShapes())):
+        raise fault(mesh.GetPrim(), "skel:blendShapeTargets names what is no BlendShape")
+    count = len(sized_array(mesh.GetPointsAttr(), EARLIEST, VECTORS))
+    places = [np.array(each, dtype=np.int64) for each in query.ComputeBlendShapePointIndices()]
+    offsets = [
+        np.array(each, dtype=np.float32).reshape(-1, 3)
+        for each in query.ComputeSubShapePointOffsets()
+    ]
+    for part, moved in enumerate(offsets):
+        shape = query.GetBlendShapeIndex(part)
+        prim = query.GetBlendShape(shape).GetPrim()
+        chosen = places[shape]
+        size = len(chosen) or count
+        if len(moved) not in (0, size):  # none: a shape that moves nothing
+            raise fault(prim, f"has {len(moved)} offsets for {size} points")
+        if len(chosen) and not 0 <= chosen.min() <= chosen.max() < count:
+            raise fault(prim, f"pointIndices are out of range, allowed 0 to {count - 1}")
+    return places, offsets
 
 
 def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
     """The skinning of a mesh, None where no skeleton moves it or after adding a problem."""
+    with collecting(place), reading(mesh.GetPrim()):
+        return _find(scene, mesh, place)
+    return None
+
+
+def _find(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
     root = UsdSkel.Root.Find(mesh.GetPrim())
     if not root:
         return None
@@ -102,6 +149,6 @@ def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | Non
         transforms = skeleton.ComputeSkinningTransforms(EARLIEST)
         points = skinning.shaped(EARLIEST)
         if transforms is None or not query.ComputeSkinnedPoints(transforms, points, EARLIEST):
-            place.fail(f"{path}: USD cannot skin it; joints, weights and bind pose do not fit")
+            place.fail(f"{path}: USD cannot skin it; {_MISFIT}")
             return None
     return skinning

@@ -5,24 +5,36 @@ prims found by path. No output takes the place of a file that it is made from.
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdUtils
+from pxr import Pcp, Sdf, Usd, UsdGeom, UsdUtils
 
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.values import Place
+from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.values import (
+    DEFAULT,
+    EARLIEST,
+    USD_ERRORS,
+    at,
+    computed,
+    matrix_of,
+    reason_of,
+    times_of,
+    value_of,
+)
 from featherfx.usd.types import OutputError
 
 Array = NDArray[np.float64]
 
 _SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-DEFAULT, EARLIEST = Usd.TimeCode.Default(), Usd.TimeCode.EarliestTime()
 
 
 @dataclass(frozen=True)
@@ -57,8 +69,7 @@ class SourceScene:
 
     def matrix(self, prim: Any, code: Any) -> Array:
         """(4, 4) local space of a prim to the world, row vectors, at a time code."""
-        local = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code))
-        return in_world(local, self.to_world)
+        return in_world(matrix_of(prim, code), self.to_world)
 
 
 class ScenePrim:
@@ -80,7 +91,8 @@ def broken_files(stage: Any) -> dict[str, str]:
     """Layers that a stage names and that cannot be opened, and why."""
     found: dict[str, str] = {}
     for layer in stage.GetUsedLayers():
-        for name in layer.GetCompositionAssetDependencies():
+        # an arc within the layer has no name
+        for name in filter(None, layer.GetCompositionAssetDependencies()):
             path = Sdf.ComputeAssetPathRelativeToLayer(layer, name)
             found[path] = _why_not(path)
     return {path: reason for path, reason in found.items() if reason}
@@ -97,21 +109,42 @@ def _why_not(path: str) -> str:
         return "no permission to read it"
     try:
         return "" if Sdf.Layer.FindOrOpen(path) else "is missing"
-    except Tf.ErrorException as error:
-        # the last says only that the layer failed to open
-        reasons = [str(part.commentary).strip() for part in error.args]
-        return f"USD cannot open it: {reasons[0]}" if reasons else "USD cannot open it"
+    except USD_ERRORS as error:
+        return f"USD cannot open it: {reason_of(error)}"
+
+
+def broken_arcs(stage: Any) -> dict[str, str]:
+    """Prims that refer to what is not there, or to themselves, and how; files are broken_files'."""
+    return {
+        str(prim.GetPath()): _arc_fault(error)
+        for prim in stage.TraverseAll()
+        for error in prim.GetPrimIndex().localErrors
+        if not isinstance(error, Pcp.ErrorInvalidAssetPathBase)
+    }
+
+
+def _arc_fault(error: Any) -> str:
+    if isinstance(error, Pcp.ErrorArcCycle):
+        return "its references form a cycle"
+    # layers of a session, which only this process has, are named with the stage's own
+    text = re.sub(r",@anon:[^@]*@", "", " ".join(str(error).split()))
+    found = re.match(r"Unresolved \w+ prim path (\S+)", text)
+    return f"refers to {found[1]}, which is not there" if found else text
 
 
 def clip_files(stage: Any) -> set[str]:
     """Value clips of a stage, and their manifests, that are there."""
     files: set[str] = set()
     for prim in stage.TraverseAll():
-        api = Usd.ClipsAPI(prim)
-        for name, values in (api.GetClips() or {}).items():
-            assets = [*api.ComputeClipAssetPaths(name), values.get("manifestAssetPath")]
-            files |= {each.resolvedPath for each in assets if each and each.resolvedPath}
-    return files
+        files |= computed(prim, _clip_files, Usd.ClipsAPI(prim))
+    return files - {""}
+
+
+def _clip_files(api: Any) -> set[str]:
+    assets: list[Any] = []
+    for name, values in (api.GetClips() or {}).items():
+        assets += [*api.ComputeClipAssetPaths(name), values.get("manifestAssetPath")]
+    return {each.resolvedPath for each in assets if isinstance(each, Sdf.AssetPath)}
 
 
 def stage_space(stage: Any) -> tuple[float, str]:
@@ -131,37 +164,16 @@ def transformed(points: Array, matrix: Array) -> Array:
     return np.asarray(points @ matrix[:3, :3] + matrix[3, :3])
 
 
-def open_stage(path: str | Path) -> Any:
-    """Open a USD file with all payloads. Raises InputError if that fails."""
-    if not Path(path).is_file():
-        fault = "is a folder" if Path(path).is_dir() else "file does not exist"
-        raise InputError(Problem(str(path), "", fault))
-    if not os.access(path, os.R_OK):
-        raise InputError(Problem(str(path), "", "no permission to read it"))
-    opened = str(path)
-    try:
-        stage = Usd.Stage.Open(opened)
-        # USD keeps layers that are open elsewhere in this process; the file may be newer. Layers
-        # with edits that are not saved belong to the host, and are read as they stand there.
-        for layer in stage.GetUsedLayers():
-            if not layer.dirty:
-                opened = layer.realPath or opened
-                layer.Reload()
-    except Tf.ErrorException as error:
-        reason = "; ".join(str(part.commentary) for part in error.args)
-        raise InputError(Problem(opened, "", f"USD cannot open it: {reason}")) from error
-    return stage
-
-
 def open_scene(path: Path, place: Place) -> SourceScene | None:
     """Open a stage with its payloads; None after adding a problem at the place that names it."""
     try:
         stage = open_stage(path)
+        clips = broken_clips(stage)
     except InputError as error:
         for problem in error.problems:
-            place.fail(f"{problem.source}: {problem.message}")
+            own = problem.source == place.source
+            place.fail(str(replace(problem, source="") if own else problem))
         return None
-    clips = broken_clips(stage)
     for file, reason in clips.items():
         place.fail(f"{file}: {reason}")
     if clips:
@@ -170,19 +182,20 @@ def open_scene(path: Path, place: Place) -> SourceScene | None:
         warnings.warn(
             f"{path}: metersPerUnit is not authored, which means centimetres", InputWarning, 2
         )
-    scale = float(UsdGeom.GetStageMetersPerUnit(stage))
-    if not (np.isfinite(scale) and scale > 0.0):
-        place.fail(f"{path}: metersPerUnit is {scale:g}, expects a number above 0")
-        return None
+    scale, axis = stage_space(stage)
     turn = np.eye(3)
-    if str(UsdGeom.GetStageUpAxis(stage)) == "Y":
+    if axis == "Y":
         turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     return SourceScene(path, stage, scale * turn)
 
 
 def find_prim(scene: SourceScene, path: str, place: Place) -> Any:
     """The prim at a path, also within an instance; None after adding a problem."""
-    if not Sdf.Path.IsValidPathString(path) or not Sdf.Path(path).IsAbsolutePath():
+    if not (
+        Sdf.Path.IsValidPathString(path)
+        and Sdf.Path(path).IsAbsolutePath()
+        and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
+    ):
         place.fail(f"'{path}' is no absolute prim path such as /Bird/body")
         return None
     prim = scene.stage.GetPrimAtPath(path)
@@ -204,7 +217,8 @@ def find_prim(scene: SourceScene, path: str, place: Place) -> Any:
 
 def broken_note(scene: SourceScene) -> str:
     """What may be the reason that a prim is not there, as the end of a message."""
-    return "".join(f"; {file}: {why}" for file, why in broken_files(scene.stage).items())
+    broken = broken_files(scene.stage) | broken_arcs(scene.stage)
+    return "".join(f"; {what}: {why}" for what, why in broken.items())
 
 
 def _absent(scene: SourceScene, path: Any) -> str:
@@ -232,13 +246,13 @@ def prims_below(scene: SourceScene, prim: Any) -> Iterator[Any]:
 
 def rest_code(attribute: Any) -> Any:
     """Default where the attribute has a default value, else its first sample's time."""
-    return EARLIEST if attribute.Get(DEFAULT) is None else DEFAULT
+    return EARLIEST if value_of(attribute, DEFAULT) is None else DEFAULT
 
 
 def codes_of(attribute: Any) -> list[Any]:
     """Every time at which an attribute has a value of its own: its default, then its samples."""
-    default = [] if attribute.Get(DEFAULT) is None else [DEFAULT]
-    return default + [Usd.TimeCode(time) for time in attribute.GetTimeSamples()]
+    default = [] if value_of(attribute, DEFAULT) is None else [DEFAULT]
+    return default + [Usd.TimeCode(time) for time in times_of(attribute)]
 
 
 def transform_code(prim: Any, code: Any) -> Any:
@@ -246,9 +260,7 @@ def transform_code(prim: Any, code: Any) -> Any:
     if not code.IsDefault():
         return code
     while prim and not prim.IsPseudoRoot():
-        if prim.IsA(UsdGeom.Xformable) and any(
-            op.GetAttr().Get(DEFAULT) is None for op in UsdGeom.Xformable(prim).GetOrderedXformOps()
-        ):
+        if any(value_of(each, DEFAULT) is None for each in _own_transforms(prim)):
             return EARLIEST
         prim = prim.GetParent()
     return code
@@ -256,20 +268,19 @@ def transform_code(prim: Any, code: Any) -> Any:
 
 def sampled_range(prim: Any, attributes: Sequence[Any]) -> tuple[float, float] | None:
     """First and last time code with samples of attributes, or of any transform of a prim."""
-    every = [each for each in (*attributes, *_transforms(prim)) if each]
+    every = [times_of(each) for each in (*attributes, *_transforms(prim))]
     # a single sample is a constant
-    moving = [each.GetTimeSamples() for each in every if each.GetNumTimeSamples() > 1]
+    moving = [each for each in every if len(each) > 1]
     return (min(each[0] for each in moving), max(each[-1] for each in moving)) if moving else None
 
 
 def transform_fault(scene: SourceScene, prim: Any) -> str:
     """Where the transforms of a prim are not finite, at any of their samples; empty if nowhere."""
     transforms = _transforms(prim)
-    times = sorted({time for each in transforms for time in each.GetTimeSamples()})
+    times = sorted({time for each in transforms for time in times_of(each)})
     for code in (DEFAULT, *map(Usd.TimeCode, times)):
         if not np.isfinite(scene.matrix(prim, code)).all():
-            where = "by default" if code.IsDefault() else f"at time code {code.GetValue():g}"
-            return f"{prim.GetPath()} in {scene.path}: transforms are not finite {where}"
+            return f"{prim.GetPath()} in {scene.path}: transforms are not finite {at(code)}"
     return ""
 
 
@@ -277,10 +288,16 @@ def _transforms(prim: Any) -> list[Any]:
     """The attributes of the transforms of a prim and of all above it."""
     found: list[Any] = []
     while prim and not prim.IsPseudoRoot():
-        if prim.IsA(UsdGeom.Xformable):
-            found += [op.GetAttr() for op in UsdGeom.Xformable(prim).GetOrderedXformOps()]
+        found += _own_transforms(prim)
         prim = prim.GetParent()
     return found
+
+
+def _own_transforms(prim: Any) -> list[Any]:
+    if not prim.IsA(UsdGeom.Xformable):
+        return []
+    operations = computed(prim, UsdGeom.Xformable(prim).GetOrderedXformOps)
+    return [each.GetAttr() for each in operations]
 
 
 def refuse_inputs(outputs: Sequence[Path], inputs: Iterable[Path]) -> None:
@@ -307,6 +324,6 @@ def _files_of(path: Path) -> list[Path]:
         return [path]
     try:
         layers, assets, _ = UsdUtils.ComputeAllDependencies(str(path))
-    except Tf.ErrorException:
+    except USD_ERRORS:
         return [path]  # what a broken file names is not read either
     return [path, *(Path(layer.realPath) for layer in layers), *map(Path, assets)]

@@ -68,7 +68,7 @@ def write_instances(
     extent = instancer.ComputeExtentAtTime(Usd.TimeCode.Default(), Usd.TimeCode.Default())
     instancer.CreateExtentAttr(extent)
     del stage
-    publish(finish_layers(layers, info, target, arrays.to_numpy(extent), None))
+    publish(finish_layers(layers, info, target, np.asarray(extent), None))
 
 
 def _entries(

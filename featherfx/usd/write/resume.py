@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Tf
+from pxr import Sdf
 
 from featherfx.errors import Problem
+from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import clips_folder, output_files, parts_folder
 from featherfx.usd.write.parts import Parts, unfinished_settings
@@ -38,17 +39,19 @@ def is_finished(path: Path, settings: Mapping[str, str], overwrite: bool) -> boo
 
 def baked_settings(path: Path) -> dict[str, str]:
     """Settings that a cache was baked with; empty where its file does not tell."""
-    found = layer_metadata(path).get("settings", {})
-    return {str(key): str(value) for key, value in found.items()}
+    found = layer_metadata(path).get("settings")
+    known = found if isinstance(found, dict) else {}
+    return {str(key): str(value) for key, value in known.items()}
 
 
 def layer_metadata(path: Path) -> dict[str, Any]:
     """What featherfx wrote of itself into a root file; empty where there is none."""
     try:
         layer = Sdf.Layer.OpenAsAnonymous(str(path), metadataOnly=True)
-    except Tf.ErrorException:
+        found = layer.customLayerData.get("featherfx") if layer else None
+    except USD_ERRORS:
         return {}
-    return dict(layer.customLayerData.get("featherfx", {})) if layer else {}
+    return dict(found) if isinstance(found, dict) else {}
 
 
 def _is_whole(path: Path, settings: Mapping[str, str]) -> bool:

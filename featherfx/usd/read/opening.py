@@ -1,0 +1,100 @@
+"""USD files opened as they stand on the disk, and their metadata checked."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pxr import Sdf, Usd, UsdGeom
+
+from featherfx.errors import InputError, Problem
+from featherfx.usd.read.values import USD_ERRORS, described, reason_of
+from featherfx.usd.write.options import UP_AXES
+
+# (low, high) of what a stage says of itself; far beyond any stage in use, far within float32
+_ALLOWED = {
+    "metersPerUnit": (1e-9, 1e9),
+    "timeCodesPerSecond": (1e-3, 1e9),
+    "framesPerSecond": (1e-3, 1e9),
+    "startTimeCode": (-1e9, 1e9),
+    "endTimeCode": (-1e9, 1e9),
+}
+
+
+def open_stage(path: str | Path) -> Any:
+    """Open a USD file with all payloads.
+
+    Raises InputError if that fails, if layers form a cycle, and for units, axis, rates and range
+    with which no time or place could be told.
+    """
+    if not Path(path).is_file():
+        fault = "is a folder" if Path(path).is_dir() else "file does not exist"
+        raise InputError(Problem(str(path), "", fault))
+    if not os.access(path, os.R_OK):
+        raise InputError(Problem(str(path), "", "no permission to read it"))
+    opened = str(path)
+    try:
+        stage = Usd.Stage.Open(opened)
+        # USD keeps layers that are open elsewhere in this process; the file may be newer. Layers
+        # with edits that are not saved belong to the host, and are read as they stand there.
+        for layer in stage.GetUsedLayers():
+            if not layer.dirty:
+                opened = layer.realPath or opened
+                layer.Reload()
+        opened = str(path)
+        problems = [*_cycles(stage, opened), *_wrong_metadata(stage, opened)]
+    except USD_ERRORS as error:
+        problem = Problem(opened, "", f"USD cannot open it: {reason_of(error)}")
+        raise InputError(problem) from error
+    if problems:
+        raise InputError(*problems)
+    return stage
+
+
+def _cycles(stage: Any, path: str) -> Iterator[Problem]:
+    """A layer that is a sublayer of itself, which USD leaves out without an error."""
+
+    def walk(layer: Any, above: tuple[str, ...]) -> list[str]:
+        names = (*above, layer.realPath)
+        if layer.realPath in above:
+            return list(names[names.index(layer.realPath) :])
+        below = (
+            Sdf.Layer.Find(Sdf.ComputeAssetPathRelativeToLayer(layer, name))
+            for name in layer.subLayerPaths
+            if name
+        )
+        return next((found for each in below if each and (found := walk(each, names))), [])
+
+    cycle = walk(stage.GetRootLayer(), ())
+    if cycle:
+        yield Problem(path, "subLayers", f"form a cycle: {' -> '.join(cycle)}")
+
+
+def _wrong_metadata(stage: Any, path: str) -> Iterator[Problem]:
+    units = {"metersPerUnit": UsdGeom.GetStageMetersPerUnit(stage)}
+    codes = {
+        name: stage.GetMetadata(name)
+        for name in ("startTimeCode", "endTimeCode")
+        if stage.HasAuthoredMetadata(name)
+    }
+    for name, value in (units | codes).items():
+        yield from _out_of_range(path, name, value)
+    axis = str(UsdGeom.GetStageUpAxis(stage))
+    if axis not in UP_AXES:
+        yield Problem(path, "upAxis", f"is '{axis}', expects {' or '.join(UP_AXES)}")
+    # of every layer: USD scales the time of sublayers and references by the ratio of their rates
+    for layer in stage.GetUsedLayers():
+        file = path if layer == stage.GetRootLayer() else layer.realPath
+        if layer.HasTimeCodesPerSecond():
+            yield from _out_of_range(file, "timeCodesPerSecond", layer.timeCodesPerSecond)
+        elif layer.HasFramesPerSecond():
+            yield from _out_of_range(file, "framesPerSecond", layer.framesPerSecond)
+
+
+def _out_of_range(file: str, name: str, value: Any) -> Iterator[Problem]:
+    low, high = _ALLOWED[name]
+    if not isinstance(value, int | float) or not low <= value <= high:
+        told = f"{value:g}" if isinstance(value, int | float) else described(value)
+        yield Problem(file, name, f"is {told}, allowed {low:g} to {high:g}")

@@ -1,0 +1,256 @@
+"""Values of stages: every attribute, primvar and transform that others wrote is read here.
+
+What USD cannot give, and what is of another kind than is asked for, is one InputError with the
+file, the path of the prim or attribute, what stands there and what is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Tf, Usd, UsdGeom
+
+from featherfx.errors import InputError, Problem
+from featherfx.groom.keys.values import Place
+
+DEFAULT, EARLIEST = Usd.TimeCode.Default(), Usd.TimeCode.EarliestTime()
+
+# what USD's Python binding raises at values that it cannot read or hand over
+USD_ERRORS = (Tf.ErrorException, UnicodeDecodeError, RuntimeError, OverflowError)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Kind of an array: numpy's kinds of numbers, shape of an element, and its name for people."""
+
+    numbers: str
+    element: tuple[int, ...]
+    name: str
+
+
+VECTORS = Kind("fiu", (3,), "an array of 3 numbers each")
+PAIRS = Kind("fiu", (2,), "an array of 2 numbers each")
+QUATERNIONS = Kind("f", (4,), "an array of quaternions")
+NUMBERS = Kind("fiu", (), "an array of numbers")
+INTEGERS = Kind("iu", (), "an array of integers")
+MATRICES = Kind("f", (4, 4), "an array of 4 x 4 matrices")
+
+
+def fault(thing: Any, message: str) -> InputError:
+    """What is wrong with an attribute, relationship or prim."""
+    return InputError(Problem(file_of(thing), path_of(thing), message))
+
+
+def path_of(thing: Any) -> str:
+    """Path of an attribute, relationship or prim, whatever its bytes."""
+    try:
+        return str(thing.GetPath())
+    except USD_ERRORS:
+        return "a path that is no text"
+
+
+def file_of(thing: Any) -> str:
+    """The file that an object's stage was opened from."""
+    return str(thing.GetStage().GetRootLayer().identifier)
+
+
+def reason_of(error: BaseException) -> str:
+    """What USD says of an error, in one line."""
+    if isinstance(error, UnicodeDecodeError):
+        return "holds bytes that are no UTF-8 text"
+    if not isinstance(error, Tf.ErrorException):
+        return " ".join(str(error).split())
+    try:
+        # the first is the cause; the last may say only that a layer failed to open
+        told = str(error.args[0].commentary) if error.args else "it does not say why"
+    except UnicodeDecodeError:
+        return "holds bytes that are no UTF-8 text"
+    return " ".join(told.split())
+
+
+@contextmanager
+def reading(thing: Any) -> Iterator[None]:
+    """Turn an error of USD into an InputError that names an attribute, relationship or prim."""
+    try:
+        yield
+    except USD_ERRORS as error:
+        raise fault(thing, f"USD cannot read it: {reason_of(error)}") from error
+
+
+@contextmanager
+def collecting(place: Place) -> Iterator[None]:
+    """Add the problems of an InputError to those of a place and go on."""
+    try:
+        yield
+    except InputError as error:
+        for each in error.problems:
+            place.problems.add(each.source, each.key, each.message)
+
+
+def value_of(attribute: Any, code: Any = DEFAULT) -> Any:
+    """Any value at a time; None where there is no attribute or no value."""
+    if not attribute:
+        return None
+    try:
+        value = attribute.Get(code)
+    except USD_ERRORS as error:
+        message = f"USD cannot read it {at(code)}: {reason_of(error)}"
+        raise fault(attribute, message) from error
+    if isinstance(value, Sdf.UnregisteredValue):
+        raise fault(attribute, f"is of a type that USD does not know, {attribute.GetTypeName()}")
+    return value
+
+
+def array_of(attribute: Any, code: Any, kind: Kind) -> NDArray[Any] | None:
+    """(N, ...) an array; None where there is no value. Shares memory where USD allows it."""
+    value = value_of(attribute, code)
+    return None if value is None else numbers_of(value, kind, attribute, at(code))
+
+
+def sized_array(attribute: Any, code: Any, kind: Kind) -> NDArray[Any]:
+    """As array_of, of no elements where there is no value."""
+    found = array_of(attribute, code, kind)
+    return np.empty((0, *kind.element)) if found is None else found
+
+
+def primvar_array(primvar: Any, code: Any, kind: Kind) -> NDArray[Any] | None:
+    """(N, ...) of a primvar with its indices resolved; None where there is no value."""
+    value = flattened(primvar, code)
+    return None if value is None else numbers_of(value, kind, primvar.GetAttr(), at(code))
+
+
+def flattened(primvar: Any, code: Any) -> Any:
+    """Any value of a primvar at a time, its indices resolved; None where there is none."""
+    if not primvar or not primvar.HasValue():
+        return None
+    attribute = primvar.GetAttr()
+    value = value_of(attribute, code)
+    if value is None or not primvar.IsIndexed():
+        return value
+    indices = array_of(primvar.GetIndicesAttr(), code, INTEGERS)
+    with reading(attribute):
+        found = primvar.ComputeFlattened(code)
+    if found is None and indices is not None:
+        raise fault(attribute, "its indices do not fit its values")
+    return found
+
+
+def numbers_of(value: Any, kind: Kind, attribute: Any, where: str = "") -> NDArray[Any]:
+    """A value as numpy; InputError where it is no array of the kind."""
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError, *USD_ERRORS):
+        found = np.asarray(None)
+    if found.size == 0 and found.ndim == 1 and found.dtype.kind in "fiu":
+        found = found.reshape(0, *kind.element)  # empty arrays of vectors are one-dimensional
+    if found.ndim != 1 + len(kind.element) or (
+        found.shape[1:] != kind.element or found.dtype.kind not in kind.numbers
+    ):
+        told = f"is {described(value)} {where}".rstrip()
+        raise fault(attribute, f"{told}, expects {kind.name}")
+    return found
+
+
+def elements(value: Any) -> Any:
+    """The elements of an array, or one value as the only element."""
+    return value if type(value).__name__.endswith("Array") else [value]
+
+
+def described(value: Any) -> str:
+    """A value for people: the kind of an array and its number, or a short value itself."""
+    if isinstance(value, float):
+        return f"{value:g}"
+    name = type(value).__name__
+    if name.endswith("Array") and hasattr(value, "__len__"):
+        return f"{name} of {len(value)}"
+    try:
+        text = repr(value)
+    except USD_ERRORS:
+        return name
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def number_of(attribute: Any, code: Any, low: float, high: float) -> float | None:
+    """A number from low to high; None where there is no value."""
+    value = value_of(attribute, code)
+    if value is None:
+        return None
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high:
+        message = f"is {described(value)} {at(code)}, expects a number from {low:g} to {high:g}"
+        raise fault(attribute, message)
+    return float(value)
+
+
+def text_of(attribute: Any, code: Any = DEFAULT) -> str:
+    """A text, the first of several; empty where there is no value."""
+    value = value_of(attribute, code)
+    if value is None:
+        return ""
+    texts = [value] if isinstance(value, str) else value
+    if not hasattr(texts, "__len__") or not all(isinstance(each, str) for each in texts):
+        raise fault(attribute, f"is {described(value)}, expects a text")
+    return str(texts[0]) if len(texts) else ""
+
+
+def texts_of(attribute: Any, code: Any = DEFAULT) -> list[str]:
+    """Several texts; none where there is no value."""
+    value = value_of(attribute, code)
+    found = [] if value is None else value
+    if isinstance(found, str) or not hasattr(found, "__len__"):
+        raise fault(attribute, f"is {described(value)}, expects several texts")
+    with reading(attribute):
+        texts = list(found)
+    if not all(isinstance(each, str) for each in texts):
+        raise fault(attribute, f"is {described(value)}, expects several texts")
+    return texts
+
+
+def times_of(attribute: Any) -> list[float]:
+    """Time codes of the samples of an attribute, in order; none where it is not there."""
+    if not attribute:
+        return []
+    with reading(attribute):
+        times = list(attribute.GetTimeSamples())
+    if not np.isfinite(times).all():
+        raise fault(attribute, f"has samples at time codes that are no numbers: {times}")
+    return times
+
+
+def targets_of(relationship: Any) -> list[Any]:
+    """Paths that a relationship names."""
+    with reading(relationship):
+        return list(relationship.GetForwardedTargets())
+
+
+def matrix_of(prim: Any, code: Any) -> NDArray[np.float64]:
+    """(4, 4) local space of a prim to the stage's, row vectors."""
+    with reading(prim):
+        found = UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code)
+    return np.array(found)
+
+
+def inverse_of(prim: Any, code: Any) -> NDArray[np.float64]:
+    """(4, 4) space of the stage to a prim's local one, row vectors."""
+    try:
+        return np.asarray(np.linalg.inv(matrix_of(prim, code)))
+    except np.linalg.LinAlgError as error:
+        raise fault(prim, "has transforms without an inverse, such as a scale of 0") from error
+
+
+def computed(thing: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
+    """What USD computes of an attribute, relationship or prim."""
+    with reading(thing):
+        return compute(*arguments)
+
+
+def at(code: Any) -> str:
+    """When, for people."""
+    if code.IsEarliestTime():
+        return "at first"
+    return "by default" if code.IsDefault() else f"at time code {code.GetValue():g}"

@@ -1,0 +1,7 @@
+"""Damaged inputs, and what the program makes of them; not part of the test suite."""
+
+import sys
+from pathlib import Path
+
+# the helpers of the tests of USD
+sys.path += [str(Path(__file__).resolve().parents[1] / name) for name in ("usd", "usdin")]

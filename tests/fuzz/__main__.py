@@ -1,0 +1,32 @@
+"""Damaged inputs by the thousand: `python -m tests.fuzz --cases 300 --seed 0 usd`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from tests.fuzz import usd
+from tests.fuzz.cases import FINE, run
+
+KINDS = {"usd": usd.KIND}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser.add_argument("kind", choices=sorted(KINDS))
+    parser.add_argument("--cases", type=int, default=300, metavar="N")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first")
+    parser.add_argument("--seed", type=int, default=0, metavar="S")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="for inputs that fail")
+    given = parser.parse_args()
+    start = time.monotonic()
+    numbers = range(given.first, given.first + given.cases)
+    outcomes = run(KINDS[given.kind], numbers, given.seed, given.keep)
+    counts = ", ".join(f"{name} {count}" for name, count in sorted(outcomes.items()))
+    print(f"{given.cases} cases in {time.monotonic() - start:.0f} s; commands: {counts}")
+    return int(bool(set(outcomes) - set(FINE)))
+
+
+sys.exit(main())

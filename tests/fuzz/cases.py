@@ -1,0 +1,162 @@
+"""Runs commands on damaged inputs, each case in a process of its own, and counts what happens."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import resource
+import shutil
+import signal
+import tempfile
+import traceback
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+SECONDS = 60  # beyond which a case hangs
+MEMORY = 4 << 30  # bytes of a case
+FINE = ("done", "refused")
+
+
+@dataclass(frozen=True)
+class Command:
+    """Arguments of featherfx, with paths within the case's folder, and the files it may write."""
+
+    arguments: tuple[str, ...]
+    outputs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of damage.
+
+    prepare: makes sound inputs in a folder. damage: changes the copies of one case in the folder
+    that it is given, and says how and which commands to run there. modules: imported once.
+    """
+
+    prepare: Callable[[Path], None]
+    damage: Callable[[np.random.Generator, int, Path], tuple[str, Sequence[Command]]]
+    modules: tuple[str, ...] = ()
+
+
+def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -> Counter[str]:
+    """Outcomes of all commands by name; prints what is not fine.
+
+    done: exit code 0. refused: 1 with a message. traceback, crash (a signal), hang, memory,
+    silent (1 without a message), stray (a file that no output was to be), unfit (the case itself
+    could not be made).
+    keep: folder that takes the inputs of cases that are not fine.
+    """
+    outcomes: Counter[str] = Counter()
+    for name in ("featherfx.cli.main", *kind.modules):
+        importlib.import_module(name)
+    with tempfile.TemporaryDirectory() as name:
+        whole = Path(name)
+        sound = whole / "sound"
+        sound.mkdir()
+        # in a process of its own, so that this one never has the threads of USD
+        _child(whole / "log", lambda _: kind.prepare(sound))
+        if (whole / "log").read_text():
+            raise RuntimeError((whole / "log").read_text())
+        for number in cases:
+            folder = whole / f"case{number}"
+            shutil.copytree(sound, folder)
+            log = whole / f"case{number}.log"
+
+            def one(log: int, number: int = number, folder: Path = folder) -> None:
+                os.chdir(folder)
+                random = np.random.default_rng([seed, number])
+                text, commands = kind.damage(random, number, folder)
+                os.write(log, f"case {text}\n".encode())
+                for command in commands:
+                    os.write(log, f"start {' '.join(command.arguments)}\n".encode())
+                    _execute(command, folder, log)
+
+            end = _child(log, one)
+            found = _outcomes(log.read_text(errors="replace"), end)
+            outcomes.update(found[0])
+            if set(found[0]) - set(FINE):
+                print(f"--- case {number} of seed {seed}\n{found[1]}", flush=True)
+                if keep is not None:
+                    shutil.copytree(folder, keep / f"{seed}_{number}", dirs_exist_ok=True)
+            shutil.rmtree(folder)
+            log.unlink()
+    return outcomes
+
+
+def _child(log: Path, work: Callable[[int], None]) -> int:
+    """Wait status of a process that does the work, with bounds on its time and memory."""
+    process = os.fork()
+    if process:
+        return os.waitpid(process, 0)[1]
+    code = 0
+    target = os.open(log, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
+    try:
+        signal.alarm(SECONDS)
+        resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        work(target)
+    except BaseException:
+        os.write(target, f"unfit {traceback.format_exc()}\n".encode())
+        code = 1
+    os._exit(code)
+
+
+def _execute(command: Command, folder: Path, log: int) -> None:
+    """Run a command of featherfx; writes its outcome to the log."""
+    from featherfx.cli.main import main
+
+    before = _files(folder)
+    said = os.open(folder.parent / "said", os.O_CREAT | os.O_TRUNC | os.O_RDWR)
+    os.dup2(said, 1)
+    os.dup2(said, 2)
+    try:
+        code = main.main(list(command.arguments), "featherfx", standalone_mode=False)
+        text = Path(folder.parent / "said").read_text(errors="replace")
+        told = any(
+            line.startswith("featherfx: ") and not line.startswith("featherfx: warning")
+            for line in text.splitlines()
+        )
+        refused = told or command.arguments[0] == "check"
+        outcome = "done" if not code else "refused" if refused else f"silent {text}"
+    except MemoryError:
+        outcome = "memory"
+    except BaseException:
+        outcome = f"traceback {traceback.format_exc()}"
+    stray = _files(folder) - before - set(command.outputs)
+    if stray:
+        outcome = f"stray {sorted(stray)}"
+    os.write(log, f"end {outcome}\n".encode())
+
+
+def _files(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+def _outcomes(log: str, end: int) -> tuple[list[str], str]:
+    """Outcome names of the commands of a log, and the log's parts that tell of what is not fine."""
+    found, told, command = [], [], ""
+    for part in log.split("\n"):
+        word, _, rest = part.partition(" ")
+        if word == "case":
+            told.append(rest)
+        elif word == "start":
+            command = rest
+        elif word == "end":
+            found.append(rest.split(" ")[0])
+            if found[-1] not in FINE:
+                told.append(f"{command}: {rest}")
+            command = ""
+        elif word == "unfit":
+            found.append("unfit")
+            told.append(part)
+        elif told:
+            told.append(part)
+    if os.WIFSIGNALED(end):
+        name = signal.Signals(os.WTERMSIG(end)).name
+        found.append("hang" if name == "SIGALRM" else "crash")
+        told.append(f"{command}: {name}")
+    return found, "\n".join(told).strip()
