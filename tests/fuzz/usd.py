@@ -135,7 +135,7 @@ def _write_groom(folder: Path) -> None:
     barbed = add_curves(stage, "/bird/barbed", [arc(points=4)], ids=["d"])
     shaft = arc(points=4)
     for name, side in (("P_barbl", 1), ("P_barbr", -1)):
-        grid = np.stack([shaft + [0.01 * k, 0.01 * k * side, 0] for k in (1, 2)], axis=1)
+        grid = np.stack([shaft + np.array([k, k * side, 0]) / 100 for k in (1, 2)], axis=1)
         primvar = UsdGeom.PrimvarsAPI(barbed).CreatePrimvar(name, TYPES.Point3fArray, "vertex", 2)
         primvar.Set(vec(grid.reshape(-1, 3)))
     stage.Save()
@@ -151,7 +151,7 @@ COMMANDS = {
         Command(("check", "cache.usda")),
         Command(
             ("export", "cache.usda", "-o", "out.ply"),
-            tuple(f"out.{number:04d}.ply" for number in range(1, 4)) + ("out.ply",),
+            ("out.0001.ply", "out.0002.ply", "out.0003.ply", "out.ply"),
         ),
         Command(("export", "cache.usda", "-o", "flat.usda"), ("flat.usda",)),
         Command(("export", "cache.usda", "-o", "drawn.usda", "--condensed"), ("drawn.usda",)),
@@ -200,7 +200,7 @@ def damage(random: Random, number: int, folder: Path) -> tuple[str, Sequence[Com
 
 
 def _flipped(random: Random, content: bytes) -> bytes:
-    """Some bytes changed beyond the header, half of the time in the compressed tables at the end."""
+    """Some bytes changed beyond the header, half of the time in the tables at the end."""
     found = bytearray(content)
     low = 88 if random.random() < 0.5 else max(88, len(found) - 2000)
     for place in random.integers(low, len(found), random.integers(1, 6)):
@@ -209,8 +209,9 @@ def _flipped(random: Random, content: bytes) -> bytes:
 
 
 ODD_NUMBERS = (
-    "nan", "inf", "-inf", "-1", "0", "1e300", "-1e300", "1e-300", "2147483647", "99999999999999999999",
-    "1e99999", "None", '"x"', "()", "[]", "{}", "[1, 2]", "(1, 2)", "(nan, 0, 0)",
+    "nan", "inf", "-inf", "-1", "0", "1e300", "-1e300", "1e-300", "2147483647",
+    "99999999999999999999", "1e99999", "None", '"x"', "()", "[]", "{}", "[1, 2]",
+    "(1, 2)", "(nan, 0, 0)",
 )  # fmt: skip
 LITERALS = {
     "string": '"x"', "string[]": '["x", "y"]', "token": '"x"', "token[]": '["x"]', "bool": "1",
@@ -244,8 +245,9 @@ ARCS = (
     "prepend inherits = </bird>", "prepend specializes = </wall>", "active = false",
     "instanceable = true", 'kind = "x"', 'prepend apiSchemas = ["SkelBindingAPI", "None"]',
     "prepend references = @\x01@", "prepend payload = [</bird>, </none>]", "clips = {}",
-    'clips = { dictionary default = { asset[] assetPaths = [@@, @none.usd@] string primPath = "/" } }',
-    "clips = { dictionary default = { int assetPaths = 3 } }", "hidden = 3", 'variants = { string a = "b" }',
+    'clips = { dictionary default = { asset[] assetPaths = [@none.usd@] string primPath = "/" } }',
+    "clips = { dictionary default = { int assetPaths = 3 } }", "hidden = 3",
+    'variants = { string a = "b" }',
 )  # fmt: skip
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:e-?\d+)?")
 _VALUE = re.compile(
@@ -370,19 +372,7 @@ def _edit_value(random: Random, layer: Sdf.Layer) -> str:
         targets = (["/none"], [], ["/bird"], [str(spec.path)], [str(spec.path.GetPrimPath())])
         spec.targetPathList.explicitItems = targets[random.integers(len(targets))]
         return f"{spec.path} targets"
-    edits = (
-        _emptied,
-        _cleared,
-        _shorter,
-        _longer,
-        _spoilt,
-        _spoilt,
-        _far_index,
-        _retyped,
-        _sampled,
-        _odd_info,
-    )
-    edit = edits[random.integers(len(edits))]
+    edit = VALUE_EDITS[random.integers(len(VALUE_EDITS))]
     path = str(spec.path)
     edit(random, layer, spec)
     return f"{path} {edit.__name__[1:]}"
@@ -461,10 +451,11 @@ def _far_index(random: Random, layer: Sdf.Layer, spec: Sdf.AttributeSpec) -> Non
 def _retyped(random: Random, layer: Sdf.Layer, spec: Sdf.AttributeSpec) -> None:
     prim, name = layer.GetPrimAtPath(spec.path.GetPrimPath()), spec.name
     values = (
-        (TYPES.String, "x"), (TYPES.StringArray, ["x"]), (TYPES.IntArray, [1, -1]), (TYPES.Float, 2.0),
+        (TYPES.String, "x"), (TYPES.StringArray, ["x"]), (TYPES.IntArray, [1, -1]),
+        (TYPES.Float, 2.0), (TYPES.Point3fArray, []),
         (TYPES.Double3Array, [(1, 2, 3)]), (TYPES.FloatArray, [1.0, 2.0]), (TYPES.Asset, "x"),
         (TYPES.Matrix4d, Gf.Matrix4d(1)), (TYPES.QuatfArray, [Gf.Quatf(1)]), (TYPES.Bool, True),
-        (TYPES.Float2Array, [(1, 2)]), (TYPES.TokenArray, []), (TYPES.Int64, 5), (TYPES.Point3fArray, []),
+        (TYPES.Float2Array, [(1, 2)]), (TYPES.TokenArray, []), (TYPES.Int64, 5),
     )  # fmt: skip
     kind, value = values[random.integers(len(values))]
     prim.RemoveProperty(spec)
@@ -488,6 +479,10 @@ def _odd_info(random: Random, layer: Sdf.Layer, spec: Sdf.AttributeSpec) -> None
     spec.SetInfo(key, values[random.integers(len(values))])
 
 
+VALUE_EDITS = (
+    _emptied, _cleared, _shorter, _longer, _spoilt, _spoilt, _far_index, _retyped, _sampled,
+    _odd_info,
+)  # fmt: skip
 # imported before the processes part, which would be most of the time of a case
 KIND = Kind(
     prepare,

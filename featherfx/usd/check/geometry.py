@@ -17,6 +17,7 @@ from featherfx.usd.read.values import (
     VECTORS,
     array_of,
     elements,
+    reading,
     sized_array,
     text_of,
     times_of,
@@ -54,14 +55,15 @@ def geometry_problems(prim: Any) -> tuple[list[tuple[str, str]], list[tuple[str,
     faults: list[tuple[str, str]] = []
     habits: list[tuple[str, str]] = []
     try:
-        check = GeometryCheck(prim)
-        for found in check.faults():
-            faults.append(found)
-        for found in check.habits():
-            habits.append(found)
+        with reading(prim):
+            check = GeometryCheck(prim)
+            for found in check.faults():
+                faults.append(found)
+            for found in check.habits():
+                habits.append(found)
     except InputError as error:
         start = len(str(prim.GetPath())) + 1
-        faults += [(problem.key[start:], problem.message) for problem in error.problems]
+        faults += [(each.key[start:] or "primvars", each.message) for each in error.problems]
     return faults, habits
 
 

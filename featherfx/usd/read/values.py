@@ -23,6 +23,8 @@ DEFAULT, EARLIEST = Usd.TimeCode.Default(), Usd.TimeCode.EarliestTime()
 # what USD's Python binding raises at values that it cannot read or hand over
 USD_ERRORS = (Tf.ErrorException, UnicodeDecodeError, RuntimeError, OverflowError)
 
+_TEXTS = (Sdf.ValueTypeNames.String, Sdf.ValueTypeNames.Token)
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -84,12 +86,14 @@ def reading(thing: Any) -> Iterator[None]:
 
 @contextmanager
 def collecting(place: Place) -> Iterator[None]:
-    """Add the problems of an InputError to those of a place and go on."""
+    """Add the problems of an InputError, or what USD says, to those of a place and go on."""
     try:
         yield
     except InputError as error:
         for each in error.problems:
             place.problems.add(each.source, each.key, each.message)
+    except (Tf.ErrorException, UnicodeDecodeError) as error:
+        place.fail(f"USD cannot read it: {reason_of(error)}")
 
 
 def value_of(attribute: Any, code: Any = DEFAULT) -> Any:
@@ -101,6 +105,11 @@ def value_of(attribute: Any, code: Any = DEFAULT) -> Any:
     except USD_ERRORS as error:
         message = f"USD cannot read it {at(code)}: {reason_of(error)}"
         raise fault(attribute, message) from error
+    if value is None and attribute.GetTypeName().scalarType in _TEXTS:
+        # older USD prints that a text is no UTF-8, and gives no value
+        info = attribute.GetResolveInfo(code)
+        if info.GetSource() != Usd.ResolveInfoSourceNone and not info.ValueIsBlocked():
+            raise fault(attribute, f"holds bytes {at(code)} that are no UTF-8 text")
     if isinstance(value, Sdf.UnregisteredValue):
         raise fault(attribute, f"is of a type that USD does not know, {attribute.GetTypeName()}")
     return value
