@@ -10,7 +10,7 @@ from trial_batches import FEATHER_PRESETS, assembled, at_origin, preset_batch, r
 
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.node_kernels import area_vectors
-from featherfx.solver.settle.wind import mixed
+from featherfx.solver.settle.settle import mixed
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.status import NO_REST
 from featherfx.solver.step.integrator_kernels import Factors

@@ -182,3 +182,22 @@ def chain(rotation_a, rotation_b, stretch, length, point_a, point_b):
     """Next rachis point from the last one, both frames and the stretch between them."""
     along = rotate(halfway_between(rotation_a, rotation_b), stretch)
     store(point_b, add(point_a, scale(length, along)))
+
+
+@kernel
+def rest_pose(model, positions, rotations, state, pose):
+    """Put all feathers of a state in their rest shape with roots at positions (F, 3), rotations
+    (F, 4). pose: scratch, its coefficients zero."""
+    for f in range(positions.shape[0]):
+        store(pose.centre[0], positions[f])
+        store_rotation(pose.rotation[0], rotations[f])
+        copy_values(model.rachis_rest[f], pose.rachis)
+        for i in range(pose.rachis.shape[0]):
+            bend = exponential(pose.rachis[i, 3:])
+            after = normalised(multiply(pose.rotation[i], bend))
+            store_rotation(pose.rotation[i + 1], after)
+        rebuild_centres(model.length[f], pose)
+        material_points(model, f, pose)
+        copy_values(pose.rotation, state.rotation[f])
+        copy_values(pose.centre, state.centre[f])
+        copy_values(pose.points, state.points[f])
