@@ -53,10 +53,15 @@ def test_what_a_kernel_is_made_of_counts(folder_after_change, changed):
     assert before != after
 
 
-def test_other_kernels_do_not_count(folder_after_change):
-    before, after = folder_after_change(
-        "groom/regions/scatter_kernels.py", "mechanics/vane_membrane_kernels.py"
-    )
+@pytest.mark.parametrize(
+    ("source", "changed"),
+    [
+        ("groom/regions/scatter_kernels.py", "mechanics/vane_membrane_kernels.py"),
+        ("solver/step/frame_kernels.py", "errors.py"),
+    ],
+)
+def test_other_files_do_not_count(folder_after_change, source, changed):
+    before, after = folder_after_change(source, changed)
     assert before == after
 
 

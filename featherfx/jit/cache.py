@@ -50,7 +50,8 @@ def _imported(source: Path) -> frozenset[Path]:
     found = {source}
     for node in ast.parse(source.read_bytes()).body:
         module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
-        if module.startswith("featherfx."):
+        # COMPILER stands for how kernels are compiled
+        if module.startswith("featherfx.") and not module.startswith("featherfx.jit."):
             name = module.removeprefix("featherfx.").replace(".", "/")
             found |= _imported(ROOT / f"{name}.py")
     return frozenset(found)

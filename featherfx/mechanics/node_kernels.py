@@ -29,6 +29,7 @@ from featherfx.algebra.vec3_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel, shared_kernel
+from featherfx.mechanics.row_kernels import is_director
 
 
 @kernel
@@ -137,7 +138,7 @@ def node_energy(model, loads, f, factors, points, around):
             m, x = model.mass[f, i, p], points[i, p]
             offset = sub(x, around.target[i, p])
             total += 0.5 * inertia * m * dot(offset, offset)
-            if p == 1 or p == 2:
+            if is_director(p):
                 continue
             total -= m * dot(loads.gravity, x)
             if blowing:
@@ -153,12 +154,12 @@ def node_forces(model, loads, f, factors, points, around, force, stiff):
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
             m, x, out = model.mass[f, i, p], points[i, p], stiff[i, p]
-            heavy = 0.0 if p == 1 or p == 2 else m
+            heavy = 0.0 if is_director(p) else m
             offset = sub(x, around.target[i, p])
             store(force[i, p], combined(inertia * m, offset, -heavy, loads.gravity))
             for k in range(3):
                 out[k], out[3 + k] = inertia * m, 0.0
-            if not blowing or p == 1 or p == 2:
+            if not blowing or is_director(p):
                 continue
             _, push, second, tangential, n = _drag(model, loads, f, rate, x, around, i, p)
             accumulate(force[i, p], 1.0, push)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.mechanics.model import Model
 from featherfx.solver.step.pose_kernels import rest_pose
-from featherfx.solver.step.strain_kernels import Strains, no_strains
-from featherfx.solver.work import make_pose
+from featherfx.solver.step.strain_kernels import Strains
+from featherfx.solver.work import make_pose, no_strains
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import Model
 from featherfx.solver.step.banded_kernels import panel_shape
 from featherfx.solver.step.secant_kernels import PAIRS
-from featherfx.solver.step.strain_kernels import Strains, no_strains
+from featherfx.solver.step.strain_kernels import Strains
 
 Array = NDArray[np.float64]
 
@@ -130,6 +130,18 @@ class Work(NamedTuple):
     axes: Array
     jacobian: Array
     beam: Beam
+
+
+def no_strains(model: Model, *lead: int) -> Strains:
+    """Strains of zero with leading axes."""
+    n, m, c = model.rows, model.columns, model.coefficients
+    return Strains(
+        rachis=np.zeros((*lead, n - 1, 6)),
+        barb=np.zeros((*lead, 2, n, 2 * c)),
+        cell=np.zeros((*lead, 2, n - 1, m, 2, 2)),
+        hinge=np.zeros((*lead, 2, n, m)),
+        openness=np.zeros((*lead, 2, n, m)),
+    )
 
 
 def make_pose(model: Model) -> Pose:

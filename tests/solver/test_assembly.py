@@ -21,8 +21,8 @@ from featherfx.mechanics.model import no_loads
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import copy_pose, evaluate
 from featherfx.solver.step.pose_kernels import add_increment, load_pose
-from featherfx.solver.step.strain_kernels import Strains, no_strains
-from featherfx.solver.work import make_work
+from featherfx.solver.step.strain_kernels import Strains
+from featherfx.solver.work import make_work, no_strains
 
 FACTORS = Factors(500.0, 30.0, 40.0)
 STILL = Factors(0.0, 0.0, 0.0)

@@ -15,8 +15,8 @@ from featherfx.lab.nodal.stencil_kernels import (
     agreed,
 )
 from featherfx.mechanics.node_kernels import add_dead_forces, add_grip_forces, node_forces
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_normal_stiffness
-from featherfx.solver.step.strain_kernels import node_index
 from featherfx.solver.vane.pairs_kernels import cell_nodes
 
 

@@ -13,8 +13,9 @@ from featherfx.lab.nodal.plate_kernels import hinge_of
 from featherfx.lab.nodal.turns_kernels import barb_turns, hinge_turns
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.rachis_kernels import rachis_strain
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_guard_kernels import guard_total
-from featherfx.solver.step.strain_kernels import cell_strains, node_index, wrapped
+from featherfx.solver.step.strain_kernels import cell_strains, wrapped
 
 
 @kernel

@@ -8,9 +8,9 @@ from featherfx.algebra.vec3_kernels import combined, store
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.energy_kernels import sections
 from featherfx.lab.nodal.stencil_kernels import add_element, add_stress
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_normal_stiffness
-from featherfx.solver.step.strain_kernels import node_index
 from featherfx.solver.vane.pairs_kernels import cell_nodes
 
 

@@ -21,7 +21,7 @@ from featherfx.mechanics.rachis_kernels import (
     rachis_gradient,
     rachis_stabilising_stiffness,
 )
-from featherfx.solver.step.strain_kernels import node_index
+from featherfx.mechanics.row_kernels import node_index
 
 
 @kernel

@@ -33,8 +33,7 @@ from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import minimise
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.step.strain_kernels import no_strains
-from featherfx.solver.work import Work
+from featherfx.solver.work import Work, no_strains
 
 Array = NDArray[np.float64]
 

@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy
+from featherfx.mechanics.row_kernels import is_director
 from featherfx.solver.step.energy_kernels import elastic_energy
 from featherfx.solver.step.strain_kernels import strains_of
 
@@ -100,7 +101,7 @@ def _potential(model, loads, f, points, strains):
     fall, size = 0.0, 0.0
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
-            if p == 1 or p == 2:
+            if is_director(p):
                 continue
             part = 0.0
             for k in range(3):
@@ -135,7 +136,7 @@ def _state_energy(model, loads, f, drift, state):
     for i in range(velocity.shape[0]):
         for p in range(velocity.shape[1]):
             x, y, z = velocity[i, p, 0], velocity[i, p, 1], velocity[i, p, 2]
-            if p != 1 and p != 2:
+            if not is_director(p):
                 x, y, z = x - drift[0], y - drift[1], z - drift[2]
             kinetic += 0.5 * mass[i, p] * (x * x + y * y + z * z)
     return (
@@ -170,7 +171,7 @@ def held_energy(mass, h, drift, motion):
         for p in range(mass.shape[1]):
             for k in range(3):
                 a, v = motion.smoothed[i, p, k], motion.velocity[i, p, k]
-                if p != 1 and p != 2:
+                if not is_director(p):
                     v -= drift[k]
                 square += mass[i, p] * a * a
                 lag += mass[i, p] * v * (a - motion.acceleration[i, p, k])
@@ -192,7 +193,7 @@ def solved_energy(model, loads, f, promise, growth, rate, pose, past):
             square = 0.0
             for k in range(3):
                 v = rate * (points[i, p, k] - past[i, p, k])
-                if p != 1 and p != 2:
+                if not is_director(p):
                     v -= drift[k]
                 square += v * v
             kinetic += 0.5 * mass[i, p] * square
@@ -213,5 +214,5 @@ def slow_down(keeps, drift, velocity):
     for i in range(velocity.shape[0]):
         for p in range(velocity.shape[1]):
             for k in range(3):
-                base = 0.0 if p == 1 or p == 2 else drift[k]
+                base = 0.0 if is_director(p) else drift[k]
                 velocity[i, p, k] = base + keeps * (velocity[i, p, k] - base)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.row_kernels import is_director
 
 EULER = -1.0
 
@@ -112,7 +113,7 @@ def step_error(spectral_radius, h, motion, new, target):
     worst = 0.0
     for i in range(new.shape[0]):
         for p in range(new.shape[1]):
-            if p == 1 or p == 2:
+            if is_director(p):
                 continue
             square = 0.0
             for k in range(3):

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 from featherfx.algebra.copy_kernels import copy_values
 from featherfx.jit.compiled import kernel, shared_kernel
+from featherfx.mechanics.row_kernels import is_director
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise
@@ -69,7 +70,7 @@ def largest_move(before, after, arm):
             square = 0.0
             for k in range(3):
                 square += (after[i, p, k] - before[i, p, k]) ** 2
-            if p == 1 or p == 2:
+            if is_director(p):
                 square *= arm * arm
             worst = max(worst, square)
     return sqrt(worst)

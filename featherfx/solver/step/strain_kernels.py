@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.copy_kernels import copy_values
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.model import Model
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_bending_kernels import angle_and_openness, opening
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
 
@@ -37,24 +37,6 @@ class Strains(NamedTuple):
         """Set all, in place."""
         for array, value in zip(self, other, strict=True):
             array[...] = value
-
-
-def no_strains(model: Model, *lead: int) -> Strains:
-    """Strains of zero with leading axes."""
-    n, m, c = model.rows, model.columns, model.coefficients
-    return Strains(
-        rachis=np.zeros((*lead, n - 1, 6)),
-        barb=np.zeros((*lead, 2, n, 2 * c)),
-        cell=np.zeros((*lead, 2, n - 1, m, 2, 2)),
-        hinge=np.zeros((*lead, 2, n, m)),
-        openness=np.zeros((*lead, 2, n, m)),
-    )
-
-
-@kernel
-def node_index(side, column, columns):
-    """Material point of a barb node; column 0 is the rachis."""
-    return 0 if column == 0 else 2 + side * columns + column
 
 
 @kernel

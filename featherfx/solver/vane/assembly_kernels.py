@@ -10,7 +10,7 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 from featherfx.algebra.vec3_kernels import add, cross
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
-from featherfx.solver.step.strain_kernels import node_index
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.vane.pairs_kernels import ALONG, OWN, SKIP, SLANT, UP, damped_stress
 
 
