@@ -98,10 +98,10 @@ def at_origin(model: Model) -> State:
     return rest_state(model, np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)))
 
 
-def random_turn(rng: Random) -> Array:
+def random_quat(rng: Random) -> Array:
     """(4,) unit quaternion, uniform over all rotations."""
-    turn = rng.normal(size=4)
-    return turn / np.linalg.norm(turn)
+    quat = rng.normal(size=4)
+    return quat / np.linalg.norm(quat)
 
 
 def rotation_of(vector: Any) -> Array:
@@ -111,11 +111,11 @@ def rotation_of(vector: Any) -> Array:
     return Rotation.from_rotvec(vector).as_matrix()
 
 
-def turned(turn: Array, vector: Array) -> Array:
+def turned(quat: Array, vector: Array) -> Array:
     """(4,) quaternion followed by a world rotation vector (rad)."""
     from featherfx.algebra.rotation import quats_to_frames
 
-    return frames_to_quats(rotation_of(vector) @ quats_to_frames(turn))
+    return frames_to_quats(rotation_of(vector) @ quats_to_frames(quat))
 
 
 def random_pose(model: Model, rng: Random, bend: float = 0.1, curl: float = 0.3) -> State:
@@ -131,7 +131,7 @@ def random_pose(model: Model, rng: Random, bend: float = 0.1, curl: float = 0.3)
 
 
 def barb_slopes(
-    turn: Array, clamp: Array, joints: Array, segment: float, shapes: Array, coefficients: Array
+    row: Array, clamp: Array, joints: Array, segment: float, shapes: Array, coefficients: Array
 ) -> Array:
     """(6 + 2 C, 3, m) derivatives of a barb's nodes by shift and turn of its row (about a rachis
     point at the origin) and by its coefficients."""
@@ -145,7 +145,7 @@ def barb_slopes(
     columns, origin = shapes.shape[1], np.zeros(3)
     points, jacobian = np.zeros((columns, 3)), np.zeros((6 + len(coefficients), 3, columns + 1))
     frames = np.zeros((columns, 4))
-    barb_points(turn, origin, clamp, joints, segment, shapes, coefficients, frames, points)
+    barb_points(row, origin, clamp, joints, segment, shapes, coefficients, frames, points)
     root_jacobian(origin, points, jacobian)
     axes = np.zeros((columns, 6))
     barb_axes(frames, shapes, coefficients, axes)
@@ -154,7 +154,7 @@ def barb_slopes(
 
 
 def assembled(
-    model: Model, loads: Any, share: float, factors: Any, work: Any, signed: bool = False
+    model: Model, loads: Any, fraction: float, factors: Any, work: Any, signed: bool = False
 ) -> Array:
     """Gradient (N,) of the first feather's step energy at the evaluated pose work.now.
 
@@ -164,5 +164,5 @@ def assembled(
     from featherfx.solver.vane.pairs_kernels import STABILISING, WHOLE
 
     wanted = WHOLE if signed else STABILISING
-    assemble(model, loads, 0, share, factors, wanted, 0.0, work)
+    assemble(model, loads, 0, fraction, factors, wanted, 0.0, work)
     return -work.system.right.copy()

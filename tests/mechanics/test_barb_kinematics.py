@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize
-from trial_batches import barb_slopes, random_turn
+from trial_batches import barb_slopes, random_quat
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.mechanics.barb_kernels import barb_points
@@ -113,13 +113,13 @@ def test_a_barb_under_a_large_tip_load_takes_the_shape_of_the_elastica(load):
 
 def test_segments_keep_their_length_in_any_pose():
     rng = np.random.default_rng(0)
-    joints = np.stack([UNIT, *(random_turn(rng) for _ in range(7))])
+    joints = np.stack([UNIT, *(random_quat(rng) for _ in range(7))])
     shapes, root, points = curvature_shapes(3, 8, 1.0), rng.normal(size=3), np.zeros((8, 3))
     frames = np.zeros((8, 4))
     for _ in range(20):
         coefficients = 10.0 * rng.normal(size=6)
         barb_points(
-            *(random_turn(rng), root, random_turn(rng), joints, 0.37),
+            *(random_quat(rng), root, random_quat(rng), joints, 0.37),
             *(shapes, coefficients, frames, points),
         )
         segments = np.linalg.norm(np.diff(np.vstack([root, points]), axis=0), axis=1)
@@ -128,7 +128,7 @@ def test_segments_keep_their_length_in_any_pose():
 
 def test_a_barb_without_curvature_leaves_along_its_clamp():
     rng = np.random.default_rng(1)
-    turn, clamp, root = random_turn(rng), random_turn(rng), rng.normal(size=3)
+    turn, clamp, root = random_quat(rng), random_quat(rng), rng.normal(size=3)
     shapes, points = curvature_shapes(2, 4, 1.0), np.zeros((4, 3))
     frames, straight = np.zeros((4, 4)), straight_joints(4)
     barb_points(turn, root, clamp, straight, 0.25, shapes, np.zeros(4), frames, points)

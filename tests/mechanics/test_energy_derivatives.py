@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from derivatives import derivative_fault, unnoticed_signs
-from trial_batches import barb_slopes, random_turn, rod, turned
+from trial_batches import barb_slopes, random_quat, rod, turned
 
 from featherfx.mechanics.barb_kernels import barb_points
 from featherfx.mechanics.barb_shapes import curvature_shapes
@@ -36,7 +36,7 @@ class Case(NamedTuple):
 
 def rachis(rng):
     """Energy of one element; the rows are turned against each other by up to 2.5 rad."""
-    first = random_turn(rng)
+    first = random_quat(rng)
     axis = rng.normal(size=3)
     second = turned(first, axis / np.linalg.norm(axis) * rng.uniform(0.0, 2.5))
     points, length = rng.normal(size=(2, 3)), 0.7
@@ -63,7 +63,7 @@ def rachis(rng):
 
 def rachis_at_rest_angle(rng):
     """The same with hardly any turn between the rows, where angle and axis lose their meaning."""
-    turn, points = random_turn(rng), rng.normal(size=(2, 3))
+    turn, points = random_quat(rng), rng.normal(size=(2, 3))
     halfway, strain, weight = np.zeros((3, 3)), np.zeros(6), rng.normal(size=6)
 
     def value(x):
@@ -108,8 +108,8 @@ def hinge(rng):
 
 def barb(rng):
     """Springs from a barb's nodes to random points, by root, row frame and coefficients."""
-    joints = np.stack([[1.0, 0, 0, 0], *(random_turn(rng) for _ in range(4))])
-    turn, clamp, root = random_turn(rng), random_turn(rng), rng.normal(size=3)
+    joints = np.stack([[1.0, 0, 0, 0], *(random_quat(rng) for _ in range(4))])
+    turn, clamp, root = random_quat(rng), random_quat(rng), rng.normal(size=3)
     shapes = curvature_shapes(3, 5, 1.0)
     coefficients, goal = rng.normal(size=6), rng.normal(size=(5, 3))
     points = np.zeros((5, 3))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from trial_batches import random_turn, turned
+from trial_batches import random_quat, turned
 
 from featherfx.mechanics.rachis_kernels import (
     rachis_geometric_stiffness,
@@ -20,7 +20,7 @@ KINDS = {"force": slice(0, 3), "moment": slice(3, 6), "both": slice(0, 6)}
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.3, 2.0, 3.1, 5.0])
 def test_it_is_the_second_derivative_of_the_strains_under_stress(kind, angle):
     rng = np.random.default_rng(round(1e3 * angle))
-    first, points = random_turn(rng), rng.normal(size=(2, 3))
+    first, points = random_quat(rng), rng.normal(size=(2, 3))
     axis = rng.normal(size=3)
     second = turned(first, angle * axis / np.linalg.norm(axis))
     second *= np.copysign(1.0, (first @ second) * (np.pi - angle))
@@ -49,7 +49,7 @@ def test_it_is_the_second_derivative_of_the_strains_under_stress(kind, angle):
 @pytest.mark.parametrize("pull", [1.0, -1.0])
 def test_tension_stiffens_and_compression_adds_nothing(pull):
     rng = np.random.default_rng(4)
-    turn, points = random_turn(rng), rng.normal(size=(2, 3))
+    turn, points = random_quat(rng), rng.normal(size=(2, 3))
     halfway, strain, lower = np.zeros((3, 3)), np.zeros(6), np.zeros((12, 12))
     rachis_strain(turn, turn, *points, LENGTH, halfway, strain)
     stress = np.concatenate([pull * halfway.T @ (points[1] - points[0]), np.zeros(3)])

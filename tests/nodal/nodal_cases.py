@@ -127,8 +127,8 @@ def shifted(state, nodal, step):
 def end_row_loads(loads, model, direction, total):
     """Dead load of the given total (N) spread along the last row as a constant traction."""
     columns = model.columns
-    share = np.r_[0.5, np.ones(2 * columns - 1), 0.5] / (2 * columns)
+    weight = np.r_[0.5, np.ones(2 * columns - 1), 0.5] / (2 * columns)
     order = [*range(2 + 2 * columns, 2 + columns, -1), 0, *range(3, 3 + columns)]
     force = np.zeros((1, model.rows, 3 + 2 * columns, 3))
-    force[0, -1, order] = total * share[:, None] * np.asarray(direction)
+    force[0, -1, order] = total * weight[:, None] * np.asarray(direction)
     return loads._replace(force=force)

@@ -11,7 +11,7 @@ from trial_batches import (
     at_origin,
     preset_batch,
     random_pose,
-    random_turn,
+    random_quat,
     rod,
     turned,
 )
@@ -163,7 +163,7 @@ def test_the_gauss_newton_hessian_is_positive_definite_far_from_rest(seed):
 
 def moved_rigidly(state, rng):
     """The same pose at another place and orientation."""
-    vector, shift = rotation_vectors(quats_to_frames(random_turn(rng))), rng.normal(size=3)
+    vector, shift = rotation_vectors(quats_to_frames(random_quat(rng))), rng.normal(size=3)
     moved = state.copy()
     rotation = quats_to_frames(turned(np.array([1.0, 0, 0, 0]), vector))
     for i in range(state.rotation.shape[1]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from trial_batches import at_origin, preset_kind, random_turn
+from trial_batches import at_origin, preset_kind, random_quat
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.feather.build import build_feather
@@ -106,7 +106,7 @@ def test_free_flight_keeps_linear_and_angular_momentum() -> None:
     model = feather(9, 3, held=False)
     drifts = []
     for steps in (40, 80):
-        frame = quats_to_frames(random_turn(np.random.default_rng(3)))
+        frame = quats_to_frames(random_quat(np.random.default_rng(3)))
         start = rest_state(model, np.array([[0.1, -0.2, 0.3]]), frame[None])
         spin, throw = np.array([6.0, -4.0, 9.0]), np.array([1.0, 2.0, -0.5])
         velocity = np.cross(spin, start.points)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from trial_batches import random_turn, rotation_of
+from trial_batches import random_quat, rotation_of
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.solver.step.root_kernels import root_at
@@ -26,7 +26,7 @@ def followed(path, base):
 
 def test_a_polynomial_motion_is_followed_exactly():
     rng = np.random.default_rng(0)
-    base, factors = random_turn(rng), rng.normal(size=(5, 6))
+    base, factors = random_quat(rng), rng.normal(size=(5, 6))
     factors[0, 3:] = 0.0
 
     def at(share):
@@ -43,7 +43,7 @@ def test_a_polynomial_motion_is_followed_exactly():
 @pytest.mark.parametrize("turns", [0.3, 2.0, 5.0])
 def test_a_steady_spin_of_several_turns_is_exact(turns):
     rng = np.random.default_rng(1)
-    base, axis = random_turn(rng), np.array([0.0, 0.6, 0.8])
+    base, axis = random_quat(rng), np.array([0.0, 0.6, 0.8])
     path = np.zeros((5, 6))
     path[:, 3:] = np.linspace(0.0, 2.0 * np.pi * turns, 5)[:, None] * axis
     _, frames = followed(path, base)
@@ -68,7 +68,7 @@ def test_a_beat_is_followed_with_the_order_of_the_samples():
 
 def test_samples_are_met():
     rng = np.random.default_rng(2)
-    path, base = rng.normal(size=(4, 6)), random_turn(rng)
+    path, base = rng.normal(size=(4, 6)), random_quat(rng)
     path[0, 3:] = 0.0
     for k in range(4):
         turn, centre = np.zeros(4), np.zeros(3)

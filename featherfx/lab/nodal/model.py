@@ -35,7 +35,7 @@ class NodalModel(NamedTuple):
 
     slot: (F, n, P) first of a point's three unknowns (point 1: the frame's rotation; point 2
     unused), -1 where it is prescribed. size: (F,) unknowns of a feather. band: half-bandwidth of
-    the widest. rest_points: (F, n, P, 3) m and rest_turn: (F, n, 4), in the root's frame.
+    the widest. rest_points: (F, n, P, 3) m and rest_rotation: (F, n, 4), in the root's frame.
     present: (F, 2, n) bool, barbs that there are. stretch_inverse: (F, 2, n, m) 1/s, of the
     segment up to node j + 1, and stretch_stiffness: (F, 2, n, m) N m. bend_rest: (F, 2, n, m, 2)
     rad, (s, b) at joint j (0: the clamp), and bend_stiffness: N m. hinge_active, hinge_rest:
@@ -48,7 +48,7 @@ class NodalModel(NamedTuple):
     size: NDArray[np.int64]
     band: int
     rest_points: Array
-    rest_turn: Array
+    rest_rotation: Array
     present: NDArray[np.bool_]
     stretch_inverse: Array
     stretch_stiffness: Array
@@ -152,14 +152,16 @@ def _one(
     area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
     area = area / (vane.across * vane.thickness)
     points = np.ascontiguousarray(feather.points)
-    turn = frames_to_quats(row_frames(points))
+    rotation = frames_to_quats(row_frames(points))
     active = hinge_places(feather.cell)
     plate = _bending_tables(model, f, feather, kind, bending, area, active, shaft)
     used = np.any(plate != 0.0, axis=-2)
     active = _used_hinges(active, used)
     bend_stiffness = _bend_stiffness(feather, kind, bending, shaft)
     bend_rest = np.zeros(bend_stiffness.size)
-    barb_turns(turn, points, model.clamp[f], bend_stiffness, carried, np.zeros((3, 3)), bend_rest)
+    barb_turns(
+        rotation, points, model.clamp[f], bend_stiffness, carried, np.zeros((3, 3)), bend_rest
+    )
     hinge_rest = np.zeros(active.size)
     hinge_turns(points, active, hinge_rest)
     slot, size = _slots(present, feather.columns, shaft, bool(model.held[f]), pinned)
@@ -169,7 +171,7 @@ def _one(
         "size": np.int64(size),
         "band": half_bandwidth(slot, feather.cell, np.zeros((6, 2), np.int64)),
         "rest_points": points,
-        "rest_turn": turn,
+        "rest_rotation": rotation,
         "present": present,
         "stretch_inverse": inverse,
         "stretch_stiffness": stretch_stiffness,
@@ -223,20 +225,20 @@ def _stretch(feather: Feather, kind: FeatherKind, area: Array) -> tuple[Array, A
     return inverse, np.where(there, vane.along * vane.thickness * beside, 0.0)
 
 
-def _taper(share: Array, kind: FeatherKind) -> Array:
-    """Bending stiffness of a barb at shares of its length, relative to its root's."""
-    return np.maximum((1.0 - share) ** kind.vane_material.barb_taper, FLOOR)
+def _taper(fraction: Array, kind: FeatherKind) -> Array:
+    """Bending stiffness of a barb at fractions of its length, relative to its root's."""
+    return np.maximum((1.0 - fraction) ** kind.vane_material.barb_taper, FLOOR)
 
 
 def _bend_stiffness(feather: Feather, kind: FeatherKind, bending: Bending, shaft: bool) -> Array:
     """(2, n, m, 2) N m, out of the vane and within it; joint 0 is the clamp."""
     vane, columns = kind.vane_material, feather.columns
     segment = feather.barb_length / columns
-    share = np.divide(feather.barb_span, segment, out=np.zeros_like(segment), where=segment > 0)
+    bundle = np.divide(feather.barb_span, segment, out=np.zeros_like(segment), where=segment > 0)
     joints = _taper(np.arange(columns) / columns, kind)
     joints[0] = 2.0 * _taper(np.array(0.25 / columns), kind) if shaft else 0.0
     moduli = np.array([vane.barb_bending_normal, vane.barb_bending_in_plane])
-    stiffness = share[:, :, None, None] * joints[:, None] * moduli
+    stiffness = bundle[:, :, None, None] * joints[:, None] * moduli
     # the elastic clamp is in series with the half segment next to the rachis
     clamp = np.array([vane.barb_clamp_normal, vane.barb_clamp_in_plane])
     joint = stiffness[:, :, 0]

@@ -46,10 +46,10 @@ SHIFT = 1e-8
 
 
 @kernel
-def set_directors(turn, points):
+def set_directors(rotation, points):
     """Material points 1 and 2 of all rows from their frames (n, 4)."""
-    for i in range(turn.shape[0]):
-        store_directors(turn[i], points[i])
+    for i in range(rotation.shape[0]):
+        store_directors(rotation[i], points[i])
 
 
 @kernel

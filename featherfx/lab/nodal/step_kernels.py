@@ -59,17 +59,17 @@ class NodalFrame(NamedTuple):
 
 
 @kernel
-def _pin(nodal, f, pose, turn, centre):
-    """Put what is prescribed where the root says; turn: (4,), centre: (3,) of the root.
+def _pin(nodal, f, pose, rotation, centre):
+    """Put what is prescribed where the root says; rotation: (4,), centre: (3,) of the root.
 
-    The frame and point of row 0 may be turn and centre themselves.
+    The frame and point of row 0 may be rotation and centre themselves.
     """
-    root = turn[0], turn[1], turn[2], turn[3]
+    root = rotation[0], rotation[1], rotation[2], rotation[3]
     place = centre[0], centre[1], centre[2]
     slot = nodal.slot[f]
     for i in range(slot.shape[0]):
         if slot[i, 1] < 0:
-            store_rotation(pose.rotation[i], normalised(multiply(root, nodal.rest_turn[f, i])))
+            store_rotation(pose.rotation[i], normalised(multiply(root, nodal.rest_rotation[f, i])))
         for p in range(slot.shape[1]):
             if slot[i, p] < 0 and p != 1 and p != 2:
                 store(pose.points[i, p], add(place, rotate(root, nodal.rest_points[f, i, p])))
@@ -97,12 +97,12 @@ def _go_on(h, slot, spin, velocity, pose):
 
 
 @kernel
-def _follow_root(before, start, turn, centre, pose):
+def _follow_root(before, start, rotation, centre, pose):
     """Predict the end of a step: the feather moves rigidly with its root.
 
-    before (4,), start (3,): root at the step's start; turn, centre: at its end.
+    before (4,), start (3,): root at the step's start; rotation, centre: at its end.
     """
-    move = multiply(turn, conjugate(before))
+    move = multiply(rotation, conjugate(before))
     for i in range(pose.rotation.shape[0]):
         store_rotation(pose.rotation[i], normalised(multiply(move, pose.rotation[i])))
         for p in range(pose.points.shape[1]):
@@ -126,12 +126,12 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
         _go_on(h, nodal.slot[f], state.spin[f], state.velocity[f], now)
     if model.held[f]:
         # scratch of the elements, which are not in use yet
-        turn, centre = work.element.matrix[0], work.element.matrix[1]
-        root_at(path, f, attempt.fraction, turn, centre)
-        same_sign(state.rotation[f, 0], turn)
+        rotation, centre = work.element.matrix[0], work.element.matrix[1]
+        root_at(path, f, attempt.fraction, rotation, centre)
+        same_sign(state.rotation[f, 0], rotation)
         if way >= FOLLOW:
-            _follow_root(state.rotation[f, 0], state.points[f, 0, 0], turn, centre, now)
-        _pin(nodal, f, now, turn, centre)
+            _follow_root(state.rotation[f, 0], state.points[f, 0, 0], rotation, centre, now)
+        _pin(nodal, f, now, rotation, centre)
     gather(nodal.present[f], now.points)
     set_directors(now.rotation, now.points)
     if loads.air[0] > 0.0:

@@ -19,18 +19,18 @@ def bend_nodes(side, i, j, rows, columns, nodes):
 
 
 @kernel
-def barb_turns(turn, points, clamp, stiffness, carried, frame, out):
+def barb_turns(rotation, points, clamp, stiffness, carried, frame, out):
     """Turns (s, b) at all joints of all barbs, joint 0 the clamp.
 
-    turn: (n, 4). points: (n, P, 3). clamp: (2, n, 4). stiffness: (2, n, m, 2) tells which joints
-    there are. carried: whether sections are carried along the barb, else they follow the vane.
-    frame: (3, 3) scratch. Written: out (2 n m 2,), zero where there is no joint.
+    rotation: (n, 4). points: (n, P, 3). clamp: (2, n, 4). stiffness: (2, n, m, 2) tells which
+    joints there are. carried: whether sections are carried along the barb, else they follow the
+    vane. frame: (3, 3) scratch. Written: out (2 n m 2,), zero where there is no joint.
     """
     rows, columns = stiffness.shape[1], stiffness.shape[2]
     for side in range(2):
         for i in range(rows):
             up, down = min(i + 1, rows - 1), max(i - 1, 0)
-            begin_barb(turn[i], clamp[side, i], frame)
+            begin_barb(rotation[i], clamp[side, i], frame)
             for j in range(columns):
                 s, b = 0.0, 0.0
                 if stiffness[side, i, j, 0] > 0.0 or stiffness[side, i, j, 1] > 0.0:
@@ -40,7 +40,7 @@ def barb_turns(turn, points, clamp, stiffness, carried, frame, out):
                     if carried:
                         s, b = carried_turns(points[i, p], after, frame)
                     elif j == 0:
-                        s, b = clamp_strain(turn[i], clamp[side, i], before, after, frame)
+                        s, b = clamp_strain(rotation[i], clamp[side, i], before, after, frame)
                     else:
                         s, b = bend_strain(
                             before, points[i, p], after, points[up, p], points[down, p], frame
