@@ -120,6 +120,6 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
         time=np.zeros(count),
     )
     roots = np.ascontiguousarray(positions, dtype=float)
-    turns = frames_to_quats(np.asarray(rotations, dtype=float))
-    rest_pose(model, roots, turns, state, make_pose(model))
+    quats = frames_to_quats(np.asarray(rotations, dtype=float))
+    rest_pose(model, roots, quats, state, make_pose(model))
     return state
