@@ -262,6 +262,10 @@ def test_blend_shapes_that_do_not_fit(tmp_path):
     shape.GetPointIndicesAttr().Set([0, 1, 2, 40, 444])
     stage.Save()
     assert "pointIndices are out of range, allowed 0 to 80" in checked(tmp_path / "skin.usda")
+    shape.GetPrim().SetActive(False)
+    stage.Save()
+    words = "names /bird/skin/bulge, which is no active BlendShape"
+    assert words in checked(tmp_path / "skin.usda")
 
 
 def test_a_pose_that_is_not_finite_later_on(tmp_path):

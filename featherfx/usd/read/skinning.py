@@ -20,6 +20,7 @@ from featherfx.usd.read.values import (
     fault,
     reading,
     sized_array,
+    targets_of,
 )
 
 Floats = NDArray[np.float32]
@@ -102,8 +103,12 @@ def _blend_shapes(
     query: Any, mesh: Any
 ) -> tuple[list[NDArray[np.int64]], list[NDArray[np.float32]]]:
     """Point indices of each shape (none: all points) and (k, 3) offsets of each of its parts."""
-    if not all(query.GetBlendShape(shape) for shape in range(query.GetNumBlendShapes())):
-        raise fault(mesh.GetPrim(), "skel:blendShapeTargets names what is no BlendShape")
+    targets = targets_of(UsdSkel.BindingAPI(mesh.GetPrim()).GetBlendShapeTargetsRel())
+    for target in targets:
+        prim = mesh.GetPrim().GetStage().GetPrimAtPath(target)
+        if not (prim and prim.IsActive() and prim.IsA(UsdSkel.BlendShape)):
+            message = f"skel:blendShapeTargets names {target}, which is no active BlendShape"
+            raise fault(mesh.GetPrim(), message)
     count = len(sized_array(mesh.GetPointsAttr(), EARLIEST, VECTORS))
     places = [np.array(each, dtype=np.int64) for each in query.ComputeBlendShapePointIndices()]
     offsets = [
