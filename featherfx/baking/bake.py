@@ -12,7 +12,7 @@ from typing import Any
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, takes
 from featherfx.baking.task import prepare
-from featherfx.files.whole import write_text
+from featherfx.files.whole import into, remove_leftovers, standing, write_all
 
 NOTHING_DONE = {"mean": 0.0, "max": 0.0}
 
@@ -49,6 +49,8 @@ def bake(
     begin = time.perf_counter()
     notify = on_frame or (lambda done, total: None)
     task = prepare(shot_path, output, BakeOptions(**options))
+    report = None if task.options.report is None else Path(task.options.report)
+    before = standing(report) if report else None
     if task.finished:
         notify(task.samples, task.samples)
         figures: dict[str, Any]
@@ -72,8 +74,10 @@ def bake(
         "peak_memory_bytes": peak_memory_bytes(),
         **figures,
     }
-    if task.options.report is not None:
-        write_text(Path(task.options.report), json.dumps(result, indent=2) + "\n")
+    if report is not None:
+        remove_leftovers(report)
+        text = json.dumps(result, indent=2) + "\n"
+        write_all([(report, into(lambda file: file.write(text.encode())))], {report: before})
     return result
 
 

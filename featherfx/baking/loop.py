@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from featherfx.baking.entries import drawn_entries, metadata_of
@@ -28,22 +27,21 @@ def simulate_and_write(
         drawn_entries(shot.groom, quality, options, task.names, shot.skin),
         task.frames,
         shot.frames_per_second,
-        # what is there was looked at
-        replace(options, overwrite=True),
+        options,
         metadata=metadata_of(shot.groom, quality) | {"shot": shot.name, "settings": task.settings},
         settings=task.settings,
         root=task.root,
     )
     seconds = {"simulating": 0.0, "waiting": 0.0, "writing": 0.0, "finishing": 0.0}
-    with writer:
-        done = taken_over = writer.samples_done
-        notify(done, samples)
-        start = Checkpoint.load(writer.state) if writer.state else None
-        simulation = simulate(
-            task.whole, options.jobs, task.frames, options.subframes, start, task.wanted
-        )
-        sink, mark = Background(writer.write), time.perf_counter()
-        try:
+    try:
+        with writer:
+            done = taken_over = writer.samples_done
+            notify(done, samples)
+            start = Checkpoint.load(writer.state) if writer.state else None
+            simulation = simulate(
+                task.whole, options.jobs, task.frames, options.subframes, start, task.wanted
+            )
+            sink, mark = Background(writer.write), time.perf_counter()
             with sink:
                 for frame in simulation if done < samples else ():
                     mark = _spent(seconds, "simulating", mark)
@@ -51,15 +49,20 @@ def simulate_and_write(
                     mark = _spent(seconds, "waiting", mark)
                     done += 1
                     notify(done, samples)
-        except KeyboardInterrupt as error:
-            kept = writer.samples_done
-            if kept:
-                message = f"interrupted: {kept} of {samples} samples are kept for --resume"
-                raise KeyboardInterrupt(message) from error
-            raise
-        seconds["writing"] = sink.seconds
+            seconds["writing"] = sink.seconds
+    except KeyboardInterrupt as error:
+        raise KeyboardInterrupt(_state_of(writer, task)) from error
     _spent(seconds, "finishing", mark)
     return taken_over, simulation.report | {"seconds": seconds}
+
+
+def _state_of(writer: CacheWriter, task: Task) -> str:
+    """What an interrupt has left, in words."""
+    if writer.published:
+        return f"interrupted, but {task.path} is complete"
+    if kept := writer.samples_kept:
+        return f"interrupted: {kept} of {task.samples} samples are kept for --resume"
+    return "interrupted: nothing was written"
 
 
 def _spent(seconds: dict[str, float], what: str, since: float) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -24,7 +23,13 @@ from featherfx.shot.types import Shot
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import refuse_inputs, stage_space
 from featherfx.usd.write.options import StageOptions, WriteOptions, check_least
-from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
+from featherfx.usd.write.output import (
+    check_output,
+    file_problems,
+    output_files,
+    prim_name,
+    unique_prim_names,
+)
 from featherfx.usd.write.resume import is_finished
 
 Options = TypeVar("Options", bound=StageOptions)
@@ -69,12 +74,14 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         lambda: wanted_shot(shot_path, options, read.append),
         lambda: read_quality(options.quality, options.preset_folders) if options.quality else None,
         lambda: checked(output) if output is not None else None,
-        lambda: _check_report(options.report),
+        lambda: _check_report(options.report, True),
         lambda: check_least(options, "bake"),
     )
     target = Path(output) if output is not None else default_output(shot)
     path = path or checked(target)
     _refuse_inputs(path, options.report, [*read, shot.source, shot.groom.source])
+    # a bake that goes on may replace the report of the one before
+    _check_report(options.report, options.overwrite or (options.resume and _is_report(options)))
     shot = replace(shot, quality=chosen) if chosen else shot
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
@@ -164,11 +171,16 @@ def _refuse_inputs(path: Path, report: str | Path | None, inputs: Sequence[Path]
     refuse_inputs([*sorted(outputs), *([Path(report)] if report is not None else [])], inputs)
 
 
-def _check_report(report: str | Path | None) -> None:
-    if report is None:
-        return
-    path = Path(report)
-    if path.is_dir():
-        raise InputError(Problem(str(path), "", "is a folder; give the name of a file"))
-    if not os.access(path.absolute().parent, os.W_OK):
-        raise InputError(Problem(str(path.parent), "", "is no folder that can be written to"))
+def _check_report(report: str | Path | None, overwrite: bool) -> None:
+    if report is not None and (problems := file_problems([Path(report)], overwrite)):
+        raise InputError(*problems)
+
+
+def _is_report(options: BakeOptions) -> bool:
+    """Whether the report's file holds the report of a bake."""
+    path = Path(options.report or "")
+    try:
+        found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(found, dict) and {"shot", "samples", "samples_taken_over"} <= found.keys()

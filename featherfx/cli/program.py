@@ -72,7 +72,7 @@ class Program(CommandGroup):
         except (InputError, SimulationError) as error:
             self._fail(ctx, str(error), error)
         except KeyboardInterrupt as error:
-            self._fail(ctx, str(error) or "interrupted: nothing was written", error)
+            self._fail(ctx, str(error) or "interrupted", error)
         except OSError as error:
             if error.errno == errno.EPIPE:  # the reader of our output has gone; click knows
                 raise

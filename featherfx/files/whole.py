@@ -7,15 +7,23 @@ renamed onto their targets, in order. Until the last rename a reader of that one
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 # writes a file of that name, checked if need be
 Store = Callable[[Path], object]
+# what tells a file from another one of its name; None: there is none
+Standing = tuple[int, ...] | None
+
+_TEMPORARY = re.compile(r"\.(?P<stem>.+)\.\d+\.(?:tmp|old)(?P<suffix>(?:\.[^.]+)?)")
 
 
 @dataclass(frozen=True)
@@ -64,17 +72,21 @@ def write_beside(path: Path, store: Store) -> WrittenFile:
     return file
 
 
-def write_all(files: Iterable[tuple[Path, Store]]) -> None:
+def write_all(
+    files: Iterable[tuple[Path, Store]], before: Mapping[Path, Standing] | None = None
+) -> None:
     """Store files and publish them all, in order.
 
-    Raises what storing raises, or an OSError that names the target; then none has changed.
+    before: what stood at each target when the work began (None: it may be replaced whatever it
+    is). Raises what storing raises, FileExistsError where something else stands there now, or an
+    OSError that names the target; then none has changed.
     """
     written: list[WrittenFile] = []
     try:
         for path, store in files:
             written.append(write_beside(path, store))
             written[-1].flush()
-        _replace_all(written)
+        _replace_all(written, before)
     finally:
         for file in written:
             file.discard()
@@ -100,6 +112,29 @@ def into(write: Callable[[BinaryIO], object]) -> Store:
     return store
 
 
+def standing(path: Path) -> Standing:
+    """What stands at a path now, links not followed."""
+    try:
+        found = path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def temporary_of(name: str) -> str:
+    """Name of the file that a temporary one of this name is for; empty where it is none."""
+    match = _TEMPORARY.fullmatch(name)
+    return match["stem"] + match["suffix"] if match else ""
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what killed processes left beside a target. Nobody else may be writing it."""
+    with contextlib.suppress(OSError):
+        for file in path.parent.iterdir():
+            if temporary_of(file.name) == path.name and file.is_file() and not file.is_symlink():
+                file.unlink()
+
+
 def flush(path: Path) -> None:
     """Force a file to disk."""
     with path.open("rb+") as file:
@@ -120,30 +155,84 @@ def _beside(path: Path, label: str) -> Path:
     return path.with_name(f".{path.stem}.{os.getpid()}.{label}{path.suffix}")
 
 
-def _replace_all(files: Sequence[WrittenFile]) -> None:
+def _replace_all(
+    files: Sequence[WrittenFile], before: Mapping[Path, Standing] | None = None
+) -> None:
     """Rename each file onto its target; on failure the targets are as before."""
+    if not files:
+        return
     undo: list[tuple[Path, Path | None]] = []
-    try:
-        for number, file in enumerate(files):
-            with _named(file.target):
+    with _uninterrupted(files[-1].target):
+        try:
+            for number, file in enumerate(files):
                 # what the last one replaces is never wanted back
-                if number < len(files) - 1:
-                    undo.append((file.target, _backup(file.target)))
-                os.replace(file.temporary, file.target)
-    except BaseException:
-        for changed, backup in reversed(undo):
-            if backup is None:
-                changed.unlink(missing_ok=True)
-            else:
-                os.replace(backup, changed)
-                # Renaming one name of a file onto another of the same file keeps both.
+                backed = number < len(files) - 1
+                undo.append((file.target, _rename(file, backed, before)))
+        except BaseException:
+            for changed, backup in reversed(undo):
+                if backup is None:
+                    changed.unlink(missing_ok=True)
+                else:
+                    os.replace(backup, changed)
+                    # Renaming one name of a file onto another of the same file keeps both.
+                    backup.unlink(missing_ok=True)
+            raise
+        for _, backup in undo:
+            if backup is not None:
                 backup.unlink(missing_ok=True)
-        raise
-    for _, backup in undo:
-        if backup is not None:
-            backup.unlink(missing_ok=True)
-    for folder in dict.fromkeys(file.target.parent for file in files):
-        _flush_folder(folder)
+        for folder in dict.fromkeys(file.target.parent for file in files):
+            _flush_folder(folder)
+
+
+def _rename(file: WrittenFile, backed: bool, before: Mapping[Path, Standing] | None) -> Path | None:
+    """Give a file its name; returns a second name of what it replaced, if that is wanted."""
+    target = file.target
+    with _named(target):
+        if before is not None and standing(target) != before[target]:
+            raise FileExistsError(errno.EEXIST, "another program has written it meanwhile")
+        backup = _backup(target) if backed else None
+        try:
+            if before is None or before[target] is not None or not _link(file):
+                os.replace(file.temporary, target)
+        except BaseException:
+            if backup is not None:
+                backup.unlink(missing_ok=True)
+            raise
+        return backup
+
+
+def _link(file: WrittenFile) -> bool:
+    """Name a file unless another has that name by now; whether the file system can."""
+    try:
+        os.link(file.temporary, file.target)
+    except FileExistsError:
+        raise FileExistsError(errno.EEXIST, "another program has written it meanwhile") from None
+    except OSError:
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def _uninterrupted(target: Path) -> Iterator[None]:
+    """An interrupt waits for the end of the block, so that a set of files is not left in parts.
+
+    target: the last of them, which the interrupt then names as complete.
+    """
+    usual = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(usual):
+        yield
+        return
+    came: list[Any] = []
+    signal.signal(signal.SIGINT, lambda *given: came.append(given))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    if came:
+        try:
+            usual(*came[0])
+        except KeyboardInterrupt as error:
+            raise KeyboardInterrupt(f"interrupted, but {target} is complete") from error
 
 
 def _backup(path: Path) -> Path | None:

@@ -25,7 +25,7 @@ FAILURES = [
         SimulationError("primary_3", 0.25, "no convergence"),
         "featherfx: feather primary_3 at t = 0.25 s: no convergence\n",
     ),
-    (KeyboardInterrupt(), "featherfx: interrupted: nothing was written\n"),
+    (KeyboardInterrupt(), "featherfx: interrupted\n"),
     (NO_SPACE, "featherfx: wing.usdc: No space left on device\n"),
 ]
 

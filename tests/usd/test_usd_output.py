@@ -88,7 +88,12 @@ def test_a_failed_rename_restores_all_files(tmp_path, monkeypatch, failing, exis
             raise OSError(5, "Input/output error")
         real(source, target)
 
+    def no_link(source, target):
+        raise OSError(1, "Operation not permitted")
+
     monkeypatch.setattr(whole.os, "replace", replace)
+    if not existing:  # as on file systems without hard links
+        monkeypatch.setattr(whole.os, "link", no_link)
     with pytest.raises(OutputError, match="Input/output error"):
         bake(tmp_path / "out.usda", layout="payload", overwrite=True, meters_per_unit=0.01)
     assert contents(tmp_path) == before

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from pxr import Sdf
 
 from featherfx.errors import Problem
+from featherfx.files.whole import Standing
 from featherfx.usd.arrays import Floats
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.chunk import open_chunk
 from featherfx.usd.write.layout import CacheLayers, Clips, finish_layers
 from featherfx.usd.write.output import prim_name
-from featherfx.usd.write.parts import ChunkRecord, Parts
+from featherfx.usd.write.parts import MANIFEST, ChunkRecord, Parts
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import RATES, AnimatedPrims
 from featherfx.usd.write.stage import StageInfo, new_layer
@@ -29,13 +30,15 @@ def assemble(
     static: Sequence[bool],
     path: Path,
     parts: Parts | None,
+    before: Mapping[Path, Standing],
 ) -> None:
     """Complete the layers from the chunks and publish the cache; the root is written last.
 
-    static: per feather, whether it never has samples. parts: None for a cache without time. The
-    rest pose becomes the default of everything, but of a feather that keeps one other pose
-    throughout: it has that pose as its default and no samples. Raises OutputError where a chunk
-    is not what was written, or a file cannot be.
+    static: per feather, whether it never has samples. parts: None for a cache without time. before:
+    what stood at the cache's files when the work began; nothing else is replaced. The rest pose
+    becomes the default of everything, but of a feather that keeps one other pose throughout: it
+    has that pose as its default and no samples. Raises OutputError where a chunk is not what was
+    written, or a file cannot be.
     """
     clips = None
     records = parts.records if parts else []
@@ -56,7 +59,7 @@ def assemble(
             clips = _clips(path.stem, info, prims, moving, parts)
         else:
             _copy_samples(layers.animation, prims, moving, parts)
-    publish(finish_layers(layers, info, path, (low, high), clips))
+    publish(finish_layers(layers, info, path, (low, high), clips), before)
 
 
 def _moving(records: Sequence[ChunkRecord], static: Sequence[bool]) -> NDArray[np.bool_]:
@@ -99,7 +102,7 @@ def _clips(
         return None
     for number in range(len(parts.records)):
         _checked(parts, number)
-    manifest, path = new_layer(info), parts.folder / "manifest.usdc"
+    manifest, path = new_layer(info), parts.folder / MANIFEST
     for index in np.flatnonzero(moving):
         for key in prims.paths[index]:
             prims.create(manifest, int(index), key)

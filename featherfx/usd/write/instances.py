@@ -13,6 +13,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.feather.types import Feather
+from featherfx.files.whole import standing
 from featherfx.groom.types import Placement
 from featherfx.shot.placement import place
 from featherfx.usd import arrays
@@ -20,7 +21,7 @@ from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.layout import finish_layers, new_layers
 from featherfx.usd.write.options import StageOptions
-from featherfx.usd.write.output import check_output, prim_name, unique_prim_names
+from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
 from featherfx.usd.write.poses import MESH, posed_feathers
 from featherfx.usd.write.prims import MeshValues, define_materials, define_mesh
 from featherfx.usd.write.publish import publish
@@ -49,6 +50,7 @@ def write_instances(
     """
     layout = "payload" if options.layout in ("payload", "clips") else "flat"
     target = check_output(path, options.overwrite, layout)
+    before = {file: standing(file) for file in output_files(target, layout)}
     info = StageInfo(
         prim_name(target.stem),
         StageSpace.of(options),
@@ -68,7 +70,7 @@ def write_instances(
     extent = instancer.ComputeExtentAtTime(Usd.TimeCode.Default(), Usd.TimeCode.Default())
     instancer.CreateExtentAttr(extent)
     del stage
-    publish(finish_layers(layers, info, target, np.asarray(extent), None))
+    publish(finish_layers(layers, info, target, np.asarray(extent), None), before)
 
 
 def _entries(

@@ -15,6 +15,7 @@ import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import Problem
+from featherfx.files.whole import standing
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.layout import author_extents_hint
 from featherfx.usd.write.output import check_output
@@ -36,6 +37,7 @@ def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = Fals
     first; then nothing is written.
     """
     path = check_output(path, overwrite)
+    before = {path: standing(path)}
     problems = [Problem(str(each), "", "is missing") for each in shares if not each.is_file()]
     if problems:
         raise OutputError(*problems)
@@ -46,7 +48,7 @@ def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = Fals
         raise OutputError(*problems)
     layers = [_opened(share) for share in shares]
     root = _root_layer(layers, shares, metadata[0])
-    publish([(root, path)])
+    publish([(root, path)], before)
     stage = Usd.Stage.Open(str(path))
     return sum(prim.IsA(UsdGeom.Mesh) for prim in stage.Traverse())
 

@@ -77,6 +77,12 @@ def file_problems(files: Sequence[Path], overwrite: bool) -> list[Problem]:
         # os.path.* answer False where a Path method would raise (a parent that is a file).
         if os.path.isdir(file):
             problems.append(Problem(str(file), "", "is a folder; give the name of a file"))
+        elif os.path.exists(file) and not os.path.isfile(file):
+            message = "is no regular file, but a device, pipe or socket; give another name"
+            problems.append(Problem(str(file), "", message))
+        elif "\\" in file.name:
+            # USD takes it for a slash
+            problems.append(Problem(str(file), "", "has a backslash in its name; leave it out"))
         elif os.path.lexists(file) and not overwrite:
             message = "exists already; choose another name or --overwrite"
             problems.append(Problem(str(file), "", message))

@@ -8,29 +8,39 @@
         0000.npz                      the solver's state at its end
 
 A chunk counts once its record is there; the record is written last, after chunk and state are on
-disk. Only the newest state is kept. A folder of other settings is never mixed with this one.
+disk, and holds the checksums of both and its own. Only the newest state is kept. A folder of other
+settings is never mixed with this one.
+
+What is removed is a bake's own: files of the names above in a folder that is named after the
+settings in its bake.json. Links are not followed, and all else stays.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
-import shutil
+import re
 import zlib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from featherfx.errors import Problem
 from featherfx.files.lock import Lock
-from featherfx.files.whole import write_text
+from featherfx.files.whole import remove_leftovers, temporary_of, write_text
 from featherfx.shot.fingerprint import settings_digest
 from featherfx.usd.types import OutputError
+from featherfx.usd.write.output import output_files, parts_folder
 
-_FORMAT = "2"
+MANIFEST = "manifest.usdc"
+
+_FORMAT = "3"
 _BLOCK = 1 << 18
 _SETTINGS = "bake.json"
+_LOCK = "lock"
+_FILE = re.compile(r"bake\.json|manifest\.usdc|\d{4,}\.(?:usdc|json|npz)")
+_FOLDER = re.compile(r"[0-9a-f]{16}")
 
 Save = Callable[[Path], object]
 
@@ -41,7 +51,8 @@ class ChunkRecord:
 
     codes: its time codes. bytes, crc32: of the file. constant: per feather, "1" where all poses
     of the chunk equal the first, else "0". first: per feather, digest of the chunk's first pose.
-    low, high: corners of everything in the chunk, stage units.
+    low, high: corners of everything in the chunk, stage units. state: bytes and CRC-32 of the
+    solver's state at its end, None where none was saved.
     """
 
     codes: tuple[float, ...]
@@ -51,40 +62,55 @@ class ChunkRecord:
     first: tuple[str, ...]
     low: tuple[float, float, float]
     high: tuple[float, float, float]
+    state: tuple[int, int] | None = None
 
 
 class Parts:
-    """The chunks of one bake in their folder.
+    """The chunks of one bake in their folder, while it alone writes this output.
 
-    folder: parts_folder of the output. settings: all that the chunks depend on. keep: whether
-    chunks that an earlier run with these settings left are taken over; all others are removed.
-    Raises OutputError while another process writes to the same folder.
+    path: the output. layout: "flat", "payload" or "clips". settings: all that the chunks depend on.
+    keep: whether chunks that an earlier run with these settings left are taken over; all others
+    are removed. Raises OutputError while another process writes this output or to the same
+    folder, and where something else has the folder's place.
     """
 
-    def __init__(self, folder: Path, settings: Mapping[str, str], keep: bool) -> None:
+    def __init__(self, path: Path, layout: str, settings: Mapping[str, str], keep: bool) -> None:
+        folder = parts_folder(path, layout)
         self.folder = folder / settings_digest(settings)
         self._settings = dict(settings)
-        folder.mkdir(exist_ok=True)
+        self.records: list[ChunkRecord] = []
+        self._locks: list[Lock] = []
+        with _told(path.parent):
+            self._lock(path.with_name(f".{path.name}.lock"), path)
         try:
-            self._lock = Lock(folder / "lock")
+            _refuse_foreign(folder, self.folder)
+            with _told(folder):
+                folder.mkdir(exist_ok=True)
+                self._lock(folder / _LOCK, folder)
+                self._start(keep)
+            for file in output_files(path, "payload"):
+                remove_leftovers(file)
+        except BaseException:
+            if keep:
+                self.close()
+            else:
+                self.discard()
+            raise
+
+    def _lock(self, file: Path, output: Path) -> None:
+        try:
+            self._locks.append(Lock(file))
         except TimeoutError as error:
             message = "another bake is writing this cache; wait for it or choose another name"
-            raise OutputError(Problem(str(folder), "", message)) from error
-        self.records: list[ChunkRecord] = []
-        try:
-            self._start(keep)
-        except BaseException:
-            self.discard()
-            raise
+            raise OutputError(Problem(str(output), "", message)) from error
 
     def _start(self, keep: bool) -> None:
         if keep:
             self.records = self._sound_records()
         self._remove_strays()
-        with _told(self.folder):
-            self.folder.mkdir(exist_ok=True)
-            content = {"format": _FORMAT, "settings": self._settings}
-            write_text(self.folder / _SETTINGS, _json(content))
+        self.folder.mkdir(exist_ok=True)
+        content = {"format": _FORMAT, "settings": self._settings}
+        write_text(self.folder / _SETTINGS, _json(content))
 
     def chunk(self, index: int) -> Path:
         """USD file of a chunk."""
@@ -103,33 +129,38 @@ class Parts:
         with _told(self.folder):
             if save is not None:
                 save(self.state(index))
-            write_text(self._record(index), _json(asdict(record)))
+                record = replace(record, state=checksum(self.state(index)))
+            content = asdict(record)
+            write_text(self._record(index), _json(content | {"check": _check(content)}))
         if index:
             self.state(index - 1).unlink(missing_ok=True)
         self.records.append(record)
 
     def finish(self, keep_chunks: bool) -> None:
-        """The cache is published: remove all that is no part of it."""
+        """The cache is published: remove what bakes left here that is no part of it."""
         if keep_chunks:
             self.state(len(self.records) - 1).unlink(missing_ok=True)
-            for other in self.folder.parent.iterdir():
-                if other.is_dir() and other != self.folder:
-                    shutil.rmtree(other, ignore_errors=True)
-            self._lock.release()
-        else:
-            shutil.rmtree(self.folder.parent, ignore_errors=True)
-            self._lock.release()
+        for bake in _bakes(self.folder.parent):
+            if not (keep_chunks and bake == self.folder):
+                _remove_bake(bake)
+        self._release()
 
     def discard(self) -> None:
         """Remove the chunks, and the folder unless something else is in it."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self._lock.release()
-        with contextlib.suppress(OSError):
-            self.folder.parent.rmdir()
+        if len(self._locks) == 2:
+            _remove_bake(self.folder)
+        self._release()
 
     def close(self) -> None:
         """Leave all as it is, for a later run."""
-        self._lock.release()
+        self._release()
+
+    def _release(self) -> None:
+        while self._locks:
+            # the output's last, when nothing is left to do
+            self._locks.pop().release()
+            with contextlib.suppress(OSError):
+                self.folder.parent.rmdir()
 
     @staticmethod
     def are_whole(folder: Path, settings: Mapping[str, str]) -> bool:
@@ -155,29 +186,77 @@ class Parts:
             if not file.is_file() or checksum(file) != (record.bytes, record.crc32):
                 break
             found.append(record)
-        while found and not self.state(len(found) - 1).is_file():
+        while found and not self._has_state(len(found) - 1, found[-1]):
             found.pop()
         return found
 
+    def _has_state(self, index: int, record: ChunkRecord) -> bool:
+        file = self.state(index)
+        return file.is_file() and checksum(file) == record.state
+
     def _remove_strays(self) -> None:
         """Remove what no kept record speaks of: temporary files, later chunks, old states."""
-        if not self.records:
-            shutil.rmtree(self.folder, ignore_errors=True)
-            return
         wanted = {self.folder / _SETTINGS, self.state(len(self.records) - 1)}
         for index in range(len(self.records)):
             wanted |= {self.chunk(index), self._record(index)}
-        for file in self.folder.iterdir():
-            if file not in wanted:
+        _remove_bake(self.folder, wanted if self.records else set())
+
+
+def _refuse_foreign(folder: Path, bake: Path) -> None:
+    """Raise OutputError where the folder of the chunks is not one of this program."""
+    for place in (folder, bake):
+        if place.is_symlink():
+            message = "is a link, which is not followed; remove it or choose another name"
+            raise OutputError(Problem(str(place), "", message))
+        if place.exists() and not place.is_dir():
+            message = "is where the chunks go, but no folder; remove it or choose another name"
+            raise OutputError(Problem(str(place), "", message))
+    with _told(folder):
+        found = sorted(each.name for each in folder.iterdir()) if folder.exists() else []
+    others = [name for name in found if name not in (_LOCK, bake.name)]
+    if others and not bake.exists() and not _bakes(folder):
+        message = f"is where the chunks go, but holds others' files ({others[0]}); choose another"
+        raise OutputError(Problem(str(folder), "", f"{message} name or move them away"))
+
+
+def _bakes(folder: Path) -> list[Path]:
+    """The folders of bakes in a parts folder, known by their records."""
+    try:
+        found = sorted(folder.iterdir())
+    except OSError:
+        return []
+    return [
+        each
+        for each in found
+        if _FOLDER.fullmatch(each.name)
+        and each.is_dir()
+        and not each.is_symlink()
+        and (settings_digest(_settings_of_any(each)) == each.name or _has_just_begun(each))
+    ]
+
+
+def _has_just_begun(bake: Path) -> bool:
+    """Whether a bake was killed before it had written its settings."""
+    return all(temporary_of(file.name) == _SETTINGS for file in bake.iterdir())
+
+
+def _remove_bake(bake: Path, wanted: Collection[Path] = ()) -> None:
+    """Remove a bake's own files but those that are wanted, and its folder if nothing is left."""
+    with contextlib.suppress(OSError):
+        if bake.is_symlink():
+            return
+        for file in list(bake.iterdir()):
+            own = _FILE.fullmatch(file.name) or _FILE.fullmatch(temporary_of(file.name))
+            if own and file not in wanted and file.is_file() and not file.is_symlink():
                 file.unlink()
+        if not wanted:
+            bake.rmdir()
 
 
 def unfinished_settings(folder: Path) -> list[dict[str, str]]:
     """Settings of the bakes that have chunks in a parts folder."""
-    if not folder.is_dir():
-        return []
-    bakes = [each for each in sorted(folder.iterdir()) if (each / "0000.json").is_file()]
-    return [settings for each in bakes if (settings := _read_settings(each))]
+    begun = [each for each in _bakes(folder) if (each / "0000.json").is_file()]
+    return [settings for each in begun if (settings := _read_settings(each))]
 
 
 def checksum(path: Path) -> tuple[int, int]:
@@ -191,24 +270,40 @@ def checksum(path: Path) -> tuple[int, int]:
 
 
 def _read_settings(folder: Path) -> dict[str, str]:
+    """Settings of a bake of this format; empty where there is none."""
     content = _read_json(folder / _SETTINGS)
-    sound = isinstance(content, dict) and content.get("format") == _FORMAT
-    return dict(content["settings"]) if sound else {}
+    return _settings_of_any(folder) if content.get("format") == _FORMAT else {}
+
+
+def _settings_of_any(folder: Path) -> dict[str, str]:
+    """Settings of a bake of any format."""
+    settings = _read_json(folder / _SETTINGS).get("settings")
+    return settings if isinstance(settings, dict) else {}
 
 
 def _read_record(path: Path) -> ChunkRecord | None:
+    """A record as it was written; None where it is missing or damaged."""
     content = _read_json(path)
-    if content is None:
+    check = content.pop("check", None)
+    if not content or check != _check(content):
         return None
-    lists = {name: tuple(content[name]) for name in ("codes", "first", "low", "high")}
+    names = ("codes", "first", "low", "high", "state")
+    lists = {name: tuple(content[name]) for name in names if content[name] is not None}
     return ChunkRecord(**(content | lists))
 
 
-def _read_json(path: Path) -> Any:
+def _check(content: Mapping[str, Any]) -> int:
+    """Checksum of a record, the same before and after it is stored."""
+    return zlib.crc32(json.dumps(content).encode())
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """A JSON object; empty where there is none."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
+        content = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def _json(value: Any) -> str:
@@ -219,6 +314,9 @@ def _json(value: Any) -> str:
 def _told(folder: Path) -> Iterator[None]:
     try:
         yield
+    except FileExistsError as error:
+        message = f"{error.strerror}; remove it or choose another name"
+        raise OutputError(Problem(str(error.filename), "", message)) from error
     except OSError as error:
         message = f"cannot write to this folder: {error.strerror or error}"
         raise OutputError(Problem(str(folder), "", message)) from error

@@ -7,7 +7,7 @@ files take their names, the root last (featherfx/files/whole.py).
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,19 +15,22 @@ from typing import Any
 from pxr import Sdf, Tf
 
 from featherfx.errors import Problem
-from featherfx.files.whole import WrittenFile, write_all, write_beside
+from featherfx.files.whole import Standing, WrittenFile, write_all, write_beside
 from featherfx.usd.types import OutputError
 
 LOOKED_AT = 16
 
 
-def publish(layers: Sequence[tuple[Any, Path]]) -> None:
+def publish(
+    layers: Sequence[tuple[Any, Path]], before: Mapping[Path, Standing] | None = None
+) -> None:
     """Write layers to their files, in order; the last one is the root.
 
-    Raises OutputError if any cannot be written in full; then no target has changed.
+    before: what stood at the files when the work began, as of write_all. Raises OutputError if any
+    cannot be written in full, or another program has written it; then no target has changed.
     """
     with output_errors():
-        write_all((path, partial(_export, layer, path)) for layer, path in layers)
+        write_all(((path, partial(_export, layer, path)) for layer, path in layers), before)
 
 
 def export_beside(layer: Any, path: Path) -> WrittenFile:
@@ -44,6 +47,9 @@ def output_errors() -> Iterator[None]:
     """Errors of the system that name a file, as OutputError."""
     try:
         yield
+    except FileExistsError as error:
+        message = f"{error.strerror}, and is left as it is; choose another name, or --overwrite"
+        raise OutputError(Problem(str(error.filename), "", message)) from error
     except OSError as error:
         raise _failure(Path(error.filename), error.strerror or str(error)) from error
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from featherfx.errors import Problem, SimulationError
 from featherfx.files.background import Background
+from featherfx.files.whole import standing
 from featherfx.shot.types import Frame, sample_number
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
@@ -21,8 +22,14 @@ from featherfx.usd.write.chunk import ChunkWriter, WrittenChunk
 from featherfx.usd.write.define import animated_prims, define_prims
 from featherfx.usd.write.layout import new_layers
 from featherfx.usd.write.options import UP_AXES, WriteOptions
-from featherfx.usd.write.output import check_output, chosen_layout, parts_folder, prim_name
-from featherfx.usd.write.parts import Parts, Save
+from featherfx.usd.write.output import (
+    check_output,
+    chosen_layout,
+    output_files,
+    parts_folder,
+    prim_name,
+)
+from featherfx.usd.write.parts import Parts, Save, unfinished_settings
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.stage import StageInfo
 
@@ -57,7 +64,7 @@ class CacheWriter:
 
     The cache appears complete when the block ends normally; until then, and after an exception,
     its files are as before. Raises OutputError (every problem at once) where the arguments are
-    wrong, the output cannot be written or frames are missing.
+    wrong, the output cannot be written, another program wrote it meanwhile or frames are missing.
     """
 
     def __init__(
@@ -72,7 +79,7 @@ class CacheWriter:
         metadata: Mapping[str, Any] | None = None,
         settings: Mapping[str, str] | None = None,
     ) -> None:
-        self._path = check_output(path, options.overwrite, options.layout)
+        self._path = check_output(path, options.overwrite or options.resume, options.layout)
         check_arguments(self._path, feathers, frames, frames_per_second, options)
         self._frames, space = frames, StageSpace.of(options)
         self._feathers, self._subframes = tuple(feathers), options.subframes
@@ -90,14 +97,15 @@ class CacheWriter:
             frames_per_second,
             {**(metadata or {}), "layout": self._layout},
         )
+        own = settings or self._settings_of_stage(options.chunk)
+        self._check_files(options, own)
+        self._before = {file: standing(file) for file in output_files(self._path, self._layout)}
         self._check_finite([k for k, each in enumerate(posed) if not each.rest().finite], 0.0)
         self._prims = animated_prims(self._info, self._feathers, posed)
         self._resumable = settings is not None
         self._parts: Parts | None = None
         if frames is not None:
-            folder = parts_folder(self._path, self._layout)
-            own = settings or self._settings_of_stage(options.chunk)
-            self._parts = Parts(folder, own, options.resume)
+            self._parts = Parts(self._path, self._layout, own, options.resume)
             step = 1.0 / (frames_per_second * self._subframes)
             self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
             most = chunk_bytes(len(self._feathers)) // (self._subframes * bytes_per_sample)
@@ -134,9 +142,19 @@ class CacheWriter:
             self._parts.discard()
 
     @property
+    def published(self) -> bool:
+        """Whether the cache has its name."""
+        return standing(self._path) != self._before[self._path]
+
+    @property
     def samples_done(self) -> int:
         """Samples that are safely on disk, from the first on; waits for those on their way."""
         self._committing.wait()
+        return self.samples_kept
+
+    @property
+    def samples_kept(self) -> int:
+        """Samples on disk that a later bake can take over, also after the block was left."""
         records = self._parts.records if self._parts else []
         return sum(len(record.codes) for record in records)
 
@@ -184,6 +202,12 @@ class CacheWriter:
         assert self._frames is not None
         return sample_number(self._frames[0], self._next, self._subframes)
 
+    def _check_files(self, options: WriteOptions, settings: Mapping[str, str]) -> None:
+        """Refuse files that are there; what this bake left itself is replaced to resume it."""
+        begun = unfinished_settings(parts_folder(self._path, self._layout))
+        own = self._path.exists() or dict(settings) in begun
+        check_output(self._path, options.overwrite or (options.resume and own), self._layout)
+
     def _settings_of_stage(self, chunk: int) -> dict[str, str]:
         """What tells one cache without settings from another of the same name."""
         space, info = self._info.space, self._info
@@ -201,7 +225,9 @@ class CacheWriter:
             del self._chunk
         layers = new_layers(self._info, self._layout)
         define_prims(layers.topology, self._info, self._feathers, self._prims)
-        assemble(layers, self._info, self._prims, self._static, self._path, self._parts)
+        assemble(
+            layers, self._info, self._prims, self._static, self._path, self._parts, self._before
+        )
         if self._parts:
             self._parts.finish(keep_chunks=self._layout == "clips")
 
