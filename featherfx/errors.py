@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+# control characters and what else ends a line; a problem is told in one
+CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u2028\\u2029]")
 
 
 @dataclass(frozen=True)
@@ -21,7 +25,8 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        return ": ".join(part for part in (self.source, self.key, self.message) if part)
+        line = ": ".join(part for part in (self.source, self.key, self.message) if part)
+        return CONTROL.sub(lambda found: repr(found[0])[1:-1], line)
 
 
 class InputError(Exception):

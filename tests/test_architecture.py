@@ -13,6 +13,7 @@ PACKAGE = ROOT / "featherfx"
 ORDER = (
     "_version",
     "errors",
+    "limits",
     "files",
     "jit",
     "algebra",

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_readers
+from featherfx.baking.entries import refuse_too_large
+from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import feather_of, repeated_shapes
+from featherfx.groom.keys.values import Problems
+from featherfx.groom.read.toml_file import load_toml
+from featherfx.limits import MOST_TRIED, irregular
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file
 
@@ -23,7 +27,7 @@ def check(path: str | Path, preset_folders: Folders = ()) -> list[Problem]:
     """
     path, folders = Path(path), tuple(preset_folders)
     if not path.is_file():
-        return [Problem(str(path), "", "is a folder" if path.is_dir() else "file does not exist")]
+        return [Problem(str(path), "", irregular(path) or "file does not exist")]
     if path.suffix in (".usd", ".usda", ".usdc"):
         # checks of other files do without USD
         from featherfx.usd.check.check import check_file as check_usd
@@ -45,10 +49,7 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
 
     None where it is neither. Raises InputError where it holds a wrong value.
     """
-    try:
-        keys = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError):
-        return None
+    keys = load_toml(path, Problems()) or {}
     tasks: list[Callable[[], Any]] = []
     if "groom" in keys:
         shot = read_shot(path, folders)
@@ -58,8 +59,10 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
         groom, grid = read_groom(path, folders), read_quality("final", folders)
     else:
         return None
+    refuse_too_large(groom, grid, DrawnOptions(), str(path))
     first, _ = repeated_shapes(groom.feathers)
-    tasks += [partial(feather_of, groom.feathers[k], grid.rows, grid.columns) for k in first]
+    tried = first[:: 1 + len(first) // MOST_TRIED]
+    tasks += [partial(feather_of, groom.feathers[k], grid.rows, grid.columns) for k in tried]
     try:
         all_of(*tasks)
     except InputError as error:

@@ -10,14 +10,20 @@ from typing import Any
 from featherfx._version import __version__
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import all_of
-from featherfx.feather.build import feather_of
+from featherfx.feather.build import feather_of, repeated_shapes
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import Feather, PointMap
 from featherfx.groom.types import FeatherKind, Groom, Placement
+from featherfx.limits import refuse_beyond_memory
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.placement import place
 from featherfx.shot.types import Quality
 from featherfx.usd.types import FeatherEntry
+
+# bytes of a mesh point and of a barb, measured: while one feather is built, of a feather and of its
+# map from the simulated grid, which feathers of one shape share, and of its poses on their way
+_BUILDING_BYTES, _BUILT_BYTES, _MAP_BYTES, _POSE_BYTES = 2000, 190, 170, 100
+_BUILDING_BARB_BYTES, _BARB_BYTES = 32_000, 10_000
 
 
 def entries_of(
@@ -37,6 +43,27 @@ def entries_of(
         )
         for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
     ]
+
+
+def refuse_too_large(
+    groom: Groom, quality: Quality, drawn: DrawnOptions, source: str, instances: bool = False
+) -> None:
+    """Raise InputError where the meshes and barbs to draw do not fit into memory.
+
+    quality: of the simulation. source: of the problem. instances: whether feathers of one shape are
+    drawn once.
+    """
+    first, chosen = repeated_shapes(groom.feathers)
+    rows, columns = drawn.grid(quality)
+    points = rows * (2 * columns + 3)
+    held = _BUILT_BYTES + (0 if (rows, columns) == (quality.rows, quality.columns) else _MAP_BYTES)
+    each = 0 if instances else _POSE_BYTES * points
+    needed = _BUILDING_BYTES * points + held * points * len(first) + each * len(chosen)
+    what = f"{len(chosen)} feathers of {rows} rows and {columns} columns a side"
+    if drawn.barbs:
+        needed += drawn.barbs * (_BUILDING_BARB_BYTES + _BARB_BYTES * len(first))
+        what += f" with {drawn.barbs} barbs a vane"
+    refuse_beyond_memory(needed, source, "", what)
 
 
 def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:

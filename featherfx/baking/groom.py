@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.api import read_groom, read_quality
-from featherfx.baking.entries import drawn_entries, metadata_of
+from featherfx.baking.entries import drawn_entries, metadata_of, refuse_too_large
 from featherfx.baking.options import GroomOptions, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
@@ -18,7 +18,7 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.write.instances import write_instances
-from featherfx.usd.write.options import StageOptions, WriteOptions, check_least
+from featherfx.usd.write.options import StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import check_output, output_files, unique_prim_names
 from featherfx.usd.write.write import CacheWriter
 
@@ -41,7 +41,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
         lambda: read_groom(groom_path, options.preset_folders, read.append),
         lambda: read_quality(options.quality, options.preset_folders),
         lambda: check_output(output, options.overwrite, options.layout),
-        lambda: check_least(options, "bake"),
+        lambda: check_ranges(options, "bake"),
     )
     if options.instances and options.barbs:
         raise InputError(Problem("groom", "barbs", "are not drawn of instances; leave one out"))
@@ -50,7 +50,9 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     metadata = metadata_of(groom, grid)
     first, chosen = repeated_shapes(groom.feathers)
     repeat = not options.barbs and 2 * len(first) <= len(chosen)
-    if repeat if options.instances is None else options.instances:
+    instanced = repeat if options.instances is None else options.instances
+    refuse_too_large(groom, grid, options, str(groom_path), instanced)
+    if instanced:
         shapes = _prototypes(groom, first, options.grid(grid))
         write_instances(path, groom.feathers, shapes, chosen, options, metadata)
         return len(chosen)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from featherfx.limits import MOST_BARBS, MOST_COLUMNS, MOST_JOBS, MOST_ROWS
 from featherfx.usd.write.options import StageOptions, WriteOptions, option
 
 if TYPE_CHECKING:
@@ -24,15 +25,19 @@ class DrawnOptions:
         (), "Folder of presets that win over the shipped ones. Repeatable."
     )
     render_rows: int | None = option(
-        None, "Rachis rows of the meshes.  [default: as simulated]", least=3
+        None, "Rachis rows of the meshes.  [default: as simulated]", least=3, most=MOST_ROWS
     )
     render_columns: int | None = option(
-        None, "Barb columns a side of the meshes.  [default: as simulated]", least=1
+        None,
+        "Barb columns a side of the meshes.  [default: as simulated]",
+        least=1,
+        most=MOST_COLUMNS,
     )
     barbs: int | None = option(
         None,
         "Write N barbs along each vane as curves, too: variant barbs of the root prim.",
         least=1,
+        most=MOST_BARBS,
         metavar="N",
     )
 
@@ -61,7 +66,10 @@ class BakeOptions(WriteOptions, DrawnOptions):
         None, "First and last frame to write.  [default: all of the shot]", form="A-B"
     )
     jobs: int = option(
-        1, "Feathers simulated at a time; the result does not depend on it.", least=1
+        1,
+        "Feathers simulated at a time; the result does not depend on it.",
+        least=1,
+        most=MOST_JOBS,
     )
     quality: str | None = option(None, "Quality preset instead of the shot's.", metavar="NAME")
     report: str | Path | None = option(None, "JSON file for figures of the run.")

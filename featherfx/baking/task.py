@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from featherfx._version import __version__
 from featherfx.api import read_quality, read_shot
+from featherfx.baking.entries import refuse_too_large
 from featherfx.baking.options import BakeOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.groom.read.read import SCENE_SUFFIXES
@@ -22,7 +23,7 @@ from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import refuse_inputs, stage_space
-from featherfx.usd.write.options import StageOptions, WriteOptions, check_least
+from featherfx.usd.write.options import StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import (
     check_output,
     file_problems,
@@ -75,7 +76,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         lambda: read_quality(options.quality, options.preset_folders) if options.quality else None,
         lambda: checked(output) if output is not None else None,
         lambda: _check_report(options.report, True),
-        lambda: check_least(options, "bake"),
+        lambda: check_ranges(options, "bake"),
     )
     target = Path(output) if output is not None else default_output(shot)
     path = path or checked(target)
@@ -88,6 +89,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     options = in_space(options, shot.groom, shot.skin)
     settings = _settings(shot, frames, options)
     part, whole, wanted = _part(shot, feathers)
+    refuse_too_large(part.groom, shot.quality, options, str(shot_path))
     if feathers:
         names = names[feathers[0] - 1 :: feathers[1]]
     finished = options.resume and is_finished(path, settings, options.overwrite)

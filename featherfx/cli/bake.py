@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection
 from dataclasses import fields
 from pathlib import Path
@@ -13,9 +12,16 @@ from click.core import ParameterSource
 
 from featherfx.baking import pipeline
 from featherfx.baking.options import BakeOptions, DrawnOptions, GroomOptions
-from featherfx.cli.options import options_of, presets_option, quality_option, readable_path
+from featherfx.cli.options import (
+    default_jobs,
+    options_of,
+    presets_option,
+    quality_option,
+    readable_path,
+)
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
+from featherfx.limits import MOST_JOBS, MOST_SHARES
 from featherfx.usd.write.options import StageOptions
 
 STAGE = tuple(each.name for each in fields(StageOptions))
@@ -44,7 +50,7 @@ PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--r
 @options_of(BakeOptions, "frames")
 @click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=click.IntRange(1, MOST_JOBS),
     help="Feathers simulated at a time; the result does not depend on it.  [default: all cores]",
 )
 @options_of(BakeOptions, "quality")
@@ -62,7 +68,7 @@ PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--r
 @click.option(
     "--plan",
     "shares",
-    type=click.IntRange(min=1),
+    type=click.IntRange(1, MOST_SHARES),
     metavar="N",
     help="Do not bake: write N work items with their commands, and a job template.",
 )
@@ -89,7 +95,7 @@ def bake(
             click.echo(str(path), err=True)
         return
     with Progress("frames", style) as progress:
-        result = pipeline.bake(shot, jobs=jobs or os.cpu_count() or 1, on_frame=progress, **options)
+        result = pipeline.bake(shot, jobs=jobs or default_jobs(), on_frame=progress, **options)
     click.echo(
         f"{result['feathers']} feathers, {result['frames']} frames"
         f" in {result['wall_seconds']:.1f} s",
@@ -134,7 +140,10 @@ def _as_text(value: Any) -> str:
 )
 @click.argument("output", type=click.Path(path_type=Path))
 @click.option(
-    "--shares", type=click.IntRange(min=1), required=True, help="Number of shares, as N of I/N."
+    "--shares",
+    type=click.IntRange(1, MOST_SHARES),
+    required=True,
+    help="Number of shares, as N of I/N.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
 def join(output: Path, shares: int, overwrite: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, fields
@@ -9,6 +10,8 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import click
+
+from featherfx.limits import MOST_JOBS
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
@@ -130,10 +133,15 @@ def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
             return Names(*told["allowed"])
         return click.Choice(told["allowed"], case_sensitive=False)
     if "least" in told:
-        return click.IntRange(min=told["least"])
+        return click.IntRange(min=told["least"], max=told.get("most"))
     if "above" in told:
         return click.FloatRange(min=told["above"], min_open=True)
     return click.Path(path_type=Path) if Path in get_args(hint) else None
+
+
+def default_jobs() -> int:
+    """As many jobs as there are cores."""
+    return min(os.cpu_count() or 1, MOST_JOBS)
 
 
 def quality_option(text: str) -> Callable[[Decorated], Decorated]:

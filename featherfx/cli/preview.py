@@ -8,6 +8,7 @@ import click
 
 from featherfx.cli.options import Size, readable_path
 from featherfx.cli.program import Command
+from featherfx.limits import MOST_SHEET
 
 
 @click.command(
@@ -37,7 +38,7 @@ from featherfx.cli.program import Command
 )
 @click.option(
     "--sheet",
-    type=click.IntRange(min=1),
+    type=click.IntRange(1, MOST_SHEET),
     metavar="N",
     help="Contact sheet of N frames spread over the file, or of those of --frame.",
 )

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import click
 
 from featherfx.baking import pipeline
-from featherfx.cli.options import presets_option, quality_option, readable_path
+from featherfx.cli.options import default_jobs, presets_option, quality_option, readable_path
 from featherfx.cli.program import Command
+from featherfx.limits import MOST_JOBS
 
 
 @click.command(
@@ -23,7 +23,9 @@ from featherfx.cli.program import Command
     """,
 )
 @click.argument("file", metavar="SHOT|GROOM", type=readable_path())
-@click.option("--jobs", type=click.IntRange(min=1), help="Of the bake.  [default: all cores]")
+@click.option(
+    "--jobs", type=click.IntRange(1, MOST_JOBS), help="Of the bake.  [default: all cores]"
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object; SI units, bytes.")
 @quality_option("Quality preset.  [default: the shot's, or final]")
 @presets_option
@@ -40,7 +42,7 @@ def stats(
     of a shot also what its bake will cost, measured on a few of its feathers.
     """
     found = pipeline.plumage_stats(
-        file, quality=quality, jobs=jobs or os.cpu_count() or 1, preset_folders=preset_folders
+        file, quality=quality, jobs=jobs or default_jobs(), preset_folders=preset_folders
     )
     click.echo(json.dumps(found, indent=2) if as_json else "\n".join(_lines(found)))
 

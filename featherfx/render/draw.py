@@ -14,6 +14,7 @@ from featherfx.files.whole import write_all
 from featherfx.render.annotate import add_key, contact_sheet, label
 from featherfx.render.camera import choose_camera
 from featherfx.render.colour import face_colours
+from featherfx.render.picture import SHEET_FRAMES
 from featherfx.render.scene import load_pose, load_scene
 from featherfx.render.trace import Tracer
 from featherfx.usd.read.read import Cache
@@ -65,9 +66,9 @@ def _times(
     if frames is None:
         if not sheet:
             return [first]
-        whole = np.arange(first, last + 1)
-        chosen = np.unique(np.round(np.linspace(0, len(whole) - 1, min(9, len(whole)))).astype(int))
-        return [float(code) for code in whole[chosen]]
+        steps = int(last - first)
+        chosen = np.unique(np.round(np.linspace(0, steps, min(SHEET_FRAMES, steps + 1))))
+        return [float(first + step) for step in chosen]
     if not len(frames):
         raise InputError(Problem(str(path), "frame", "no frame was chosen"))
     outside = [code for code in frames if not first <= code <= last]

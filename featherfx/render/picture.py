@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from featherfx.errors import InputError, Problem
+from featherfx.limits import MOST_PIXELS, MOST_SIDE
 
 COLOURS = ("shaded", "barb", "region", "strain")
 VIEWS = ("auto", "top", "side", "front")
-_MOST_PIXELS = 8192
+SHEET_FRAMES = 9  # of a sheet, where nothing else is said
 
 
 def render(
@@ -34,14 +35,17 @@ def render(
     """
     path, output = Path(path), Path(output)
     size = size or ((480, 320) if sheet else (1280, 720))
-    _check(path, output, size, colour, view)
+    count = len(frames) if frames is not None else SHEET_FRAMES if sheet else 1
+    _check(path, output, size, count, colour, view)
     # what it imports is checked
     from featherfx.render.draw import draw
 
     return draw(path, output, frames, size, colour, sheet, view)
 
 
-def _check(path: Path, output: Path, size: tuple[int, int], colour: str, view: str) -> None:
+def _check(
+    path: Path, output: Path, size: tuple[int, int], count: int, colour: str, view: str
+) -> None:
     problems = [
         Problem("preview", "", f'{name} is not installed; pip install "featherfx[preview]"')
         for module, name in (("embreex", "Embree"), ("PIL", "Pillow"))
@@ -52,9 +56,15 @@ def _check(path: Path, output: Path, size: tuple[int, int], colour: str, view: s
             problems.append(
                 Problem("preview", key, f"'{value}' is not one of {', '.join(allowed)}")
             )
-    if not all(16 <= side <= _MOST_PIXELS for side in size):
-        message = f"{size[0]} x {size[1]}; allowed 16 to {_MOST_PIXELS} pixels a side"
+    if not all(16 <= side <= MOST_SIDE for side in size):
+        message = f"{size[0]} x {size[1]}; allowed 16 to {MOST_SIDE} pixels a side"
         problems.append(Problem("preview", "size", message))
+    elif count * size[0] * size[1] > MOST_PIXELS:
+        pixels = f"{count * size[0] * size[1] / 1e6:.4g} million pixels"
+        allowed = f"allowed {MOST_PIXELS / 1e6:g} million; draw fewer frames at a time"
+        problems.append(
+            Problem("preview", "size", f"{count} pictures of {pixels} in all, {allowed}")
+        )
     if output.suffix.lower() != ".png":
         problems.append(Problem(str(output), "", f"suffix '{output.suffix}' is not .png"))
     if not os.path.isdir(output.parent):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
+from featherfx.limits import MOST_JOBS
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.settle.settle import settle
 from featherfx.solver.settle.take_up import carry_to
@@ -80,16 +81,16 @@ def step_settings(
 class Solver:
     """Steps a batch; holds what does not change between steps, and the threads.
 
-    model: constant data. settings: how to step. jobs: threads; every feather is computed by one
-    thread from its own data only, so the result does not depend on how many there are. A context
-    manager that ends the threads.
+    model: constant data. settings: how to step. jobs: threads at most, no more than feathers; every
+    feather is computed by one thread from its own data only, so the result does not depend on how
+    many there are. A context manager that ends the threads.
     """
 
     def __init__(self, model: Model, settings: Settings, jobs: int = 1) -> None:
         self.model, self.settings = model, settings
         self._local = local()
-        self._jobs = jobs
-        self._pool = ThreadPoolExecutor(jobs) if jobs > 1 else None
+        self._jobs = min(jobs, model.feathers, MOST_JOBS)
+        self._pool = ThreadPoolExecutor(self._jobs) if self._jobs > 1 else None
 
     def __enter__(self) -> Solver:
         return self

@@ -19,8 +19,7 @@ from featherfx.groom.keys.values import (
     vector,
 )
 from featherfx.groom.types import POSITION, Joint
-
-MOST_FEATHERS = 1_000_000
+from featherfx.limits import MOST_FEATHERS
 
 # what a primvar is called where [[usd]] does not say otherwise
 DEFAULT_NAMES = {

@@ -9,14 +9,23 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import Annotated, Any, Protocol, get_args, get_origin, get_type_hints
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import CONTROL, InputError, Problem
+from featherfx.limits import (
+    MOST_CHARACTERS,
+    MOST_COMPARED,
+    MOST_LISTED,
+    MOST_PATTERNS,
+    MOST_SEARCHES,
+)
 
 REQUIRED = object()
 INVALID = object()
+_LONGEST_COMPARED = 200  # characters; comparing takes their square
 
 
 class Problems:
@@ -24,6 +33,7 @@ class Problems:
 
     def __init__(self) -> None:
         self._found: dict[Problem, None] = {}
+        self._searches = 0
 
     def add(self, source: object, key: str, message: str) -> None:
         self._found[Problem(str(source), key, message)] = None
@@ -32,12 +42,29 @@ class Problems:
         return len(self._found)
 
     def listed(self) -> list[Problem]:
-        return list(self._found)
+        """What was collected, of every file the first ones; the others are counted."""
+        counts: Counter[str] = Counter()
+        listed = []
+        for problem in self._found:
+            counts[problem.source] += 1
+            if counts[problem.source] <= MOST_LISTED:
+                listed.append(problem)
+        more = [
+            Problem(source, "", f"and {count - MOST_LISTED} more problems")
+            for source, count in counts.items()
+            if count > MOST_LISTED
+        ]
+        return listed + more
 
     def raise_any(self) -> None:
         """Raises InputError with all that was collected, if anything was."""
         if self._found:
-            raise InputError(*self._found)
+            raise InputError(*self.listed())
+
+    def nearest(self, name: str, names: Iterable[str]) -> str:
+        """nearest() for the first names that are wrong; empty when so many have been looked for."""
+        self._searches += 1
+        return nearest(name, names) if self._searches <= MOST_SEARCHES else ""
 
 
 @dataclass(frozen=True)
@@ -60,6 +87,11 @@ class Place:
     def fail(self, message: str) -> Any:
         self.problems.add(self.source, self.key, message)
         return INVALID
+
+    def unknown(self, message: str, name: str, names: Iterable[str]) -> Any:
+        """fail() for a name that is none of the known ones, with the one that is likely meant."""
+        meant = self.problems.nearest(name, names)
+        return self.fail(f"{message}, {meant}" if meant else message)
 
 
 JsonSchema = dict[str, Any]
@@ -102,12 +134,17 @@ def shown(value: Any) -> str:
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """Half a sentence that names the likeliest meant name, or all of them."""
+    """Half a sentence that names the likeliest meant name, or all of them if they are few."""
     known = sorted(names)
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    if close:
-        return f"did you mean '{close[0]}'?"
-    return "known: " + ", ".join(known) if known else "there are none"
+    compared = [each for each in known[:MOST_COMPARED] if len(each) <= _LONGEST_COMPARED]
+    if len(name) <= _LONGEST_COMPARED:
+        close = difflib.get_close_matches(name, compared, n=1, cutoff=0.6)
+        if close:
+            return f"did you mean '{close[0]}'?"
+    if not known:
+        return "there are none"
+    more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
+    return "known: " + ", ".join(known[:MOST_LISTED]) + more
 
 
 @dataclass(frozen=True)
@@ -173,7 +210,11 @@ class Text:
         if not isinstance(value, str):
             return place.fail(f"{shown(value)} is not a text in quotes")
         if self.choices and value not in self.choices:
-            return place.fail(f"'{value}' is not allowed, {nearest(value, self.choices)}")
+            return place.unknown(f"{shown(value)} is not allowed", value, self.choices)
+        if len(value) > MOST_CHARACTERS:
+            return place.fail(f"has {len(value)} characters, allowed {MOST_CHARACTERS}")
+        if CONTROL.search(value):
+            return place.fail(f"{shown(value)} holds a line break or a control character")
         if not value and not self.empty and not self.choices:
             return place.fail("the text is empty")
         return value
@@ -346,7 +387,7 @@ class Table:
             if name in self.keys:
                 result[name] = self.keys[name].type.check(each, at, partial)
             else:
-                result[name] = at.fail(f"unknown key, {nearest(name, self.keys)}")
+                result[name] = at.unknown("unknown key", name, self.keys)
         for name, key in self.keys.items() if not partial else ():
             if name not in value and key.default is REQUIRED:
                 result[name] = place.child(name).fail(f"missing, expects {expected(key.type)}")
@@ -415,6 +456,9 @@ class Named:
     def check(self, value: Any, place: Place, partial: bool) -> dict[str, Any]:
         if not isinstance(value, dict):
             place.fail(f"{shown(value)} is not a table")
+            return {}
+        if len(value) > MOST_PATTERNS:
+            place.fail(f"has {len(value)} keys, allowed {MOST_PATTERNS}")
             return {}
         result = {
             name: self.item.check(each, place.child(f'"{name}"'), partial)

@@ -10,8 +10,9 @@ from typing import Any
 
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
-from featherfx.groom.keys.values import REQUIRED, Key, Place, Problems, Table, expected, nearest
+from featherfx.groom.keys.values import REQUIRED, Key, Place, Problems, Table, expected
 from featherfx.groom.read.toml_file import load_toml
+from featherfx.limits import MOST_BASES
 
 ENVIRONMENT_VARIABLE = "FEATHERFX_PRESETS"
 
@@ -132,9 +133,12 @@ class Library:
             where.fail(f"preset cycle: {name} -> {name}")
             return None
         if found is None:
-            where.fail(f"no {family} preset '{name}', {nearest(name, self.names(family))}")
+            where.unknown(f"no {family} preset '{name}'", name, self.names(family))
             return None
         path = found[0]
+        if len(chain) >= MOST_BASES:
+            where.fail(f"more than {MOST_BASES} presets extend each other; merge some of them")
+            return None
         if any(path == each for _, each in chain):
             names = [each for each, _ in chain]
             loop = [*names[[p for _, p in chain].index(path) :], name]

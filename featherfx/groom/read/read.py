@@ -6,6 +6,7 @@ import fnmatch
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import about_x
 from featherfx.groom.frames import mirrored_points
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.values import INVALID, Place, Problems, nearest
+from featherfx.groom.keys.values import INVALID, Place, Problems
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.library import Library, sourced
 from featherfx.groom.read import drafts as draft_rules
@@ -25,10 +26,12 @@ from featherfx.groom.read.table import MOST_REPORTED, read_table
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.regions.regions import GroomReaders, plumage_of
 from featherfx.groom.types import Groom, Joint, Placement
+from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
 
 SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 # changes of feathers by id pattern
 Overrides = dict[str, dict[str, Any]]
+_WILD = re.compile(r"[*?[]")  # what makes a pattern more than an id
 _SIDES = {"left": 1, "right": -1, "middle": 0}
 
 
@@ -79,7 +82,11 @@ def groom_of(
     joints = _joints(parts["joint"])
     store = KindStore(library)
     plumage = plumage_of(raw, parts, place, store, readers)
-    drafts = [*_drafts(parts, path.parent, store, readers), *plumage.drafts]
+    written = _drafts(parts, path.parent, store, readers) if _may_be(parts, place) else ()
+    drafts = [*islice(written, MOST_FEATHERS + 1), *plumage.drafts]
+    if len(drafts) > MOST_FEATHERS:
+        place.fail(f"holds more than {MOST_FEATHERS} feathers")
+        return None
     if not drafts and not len(library.problems):
         place.fail(
             "there are no feathers; expects a [[feather]], [[row]], [[table]], [[usd]] or "
@@ -94,6 +101,14 @@ def groom_of(
         return None
     placements = _placements(parts["variation"], drafts, store)
     return Groom(name, path, placements, joints, plumage.layout, plumage.skin)
+
+
+def _may_be(parts: dict[str, Any], place: Place) -> bool:
+    """Whether so many feathers as the rows ask for may be; False after adding a problem."""
+    count = sum(entry["count"] * (2 if entry["mirror"] else 1) for _, entry in parts["row"])
+    if count > MOST_FEATHERS:
+        place.child("row").fail(f"asks for {count} feathers in all, allowed {MOST_FEATHERS}")
+    return count <= MOST_FEATHERS
 
 
 def _drafts(
@@ -119,13 +134,35 @@ def _joints(entries: list[tuple[Place, dict[str, Any]]]) -> tuple[Joint, ...]:
                 found[joint.name] = joint, at
     for joint, at in found.values():
         if joint.parent and joint.parent not in found:
-            at.child("parent").fail(f"no joint '{joint.parent}', {nearest(joint.parent, found)}")
-        chain = [joint.name]
-        while (up := found[chain[-1]][0].parent) in found and up not in chain:
-            chain.append(up)
-        if up == joint.name:
-            at.child("parent").fail("joint cycle: " + " -> ".join([*chain, up]))
+            at.child("parent").unknown(f"no joint '{joint.parent}'", joint.parent, found)
+    parents = {name: joint.parent for name, (joint, _) in found.items()}
+    for cycle in _cycles(parents):
+        names = [*cycle, cycle[0]]
+        if len(names) > MOST_REPORTED:
+            names[MOST_REPORTED - 1 : -1] = ["..."]
+        found[cycle[0]][1].child("parent").fail("joint cycle: " + " -> ".join(names))
     return tuple(joint for joint, _ in found.values())
+
+
+def _cycles(parents: dict[str, str]) -> Iterator[list[str]]:
+    """Names that are their own ancestors, each loop once, from a name on to its parents.
+
+    parents: by name; a name without an entry ends a chain. Every name is passed once.
+    """
+    passed: dict[str, str] = {}  # by name, where the walk began that passed it
+    for first in parents:
+        if first in passed:
+            continue
+        name = first
+        while name in parents and name not in passed:
+            passed[name] = first
+            name = parents[name]
+        if passed.get(name) != first:
+            continue
+        loop = [name]
+        while parents[loop[-1]] != name:
+            loop.append(parents[loop[-1]])
+        yield loop
 
 
 def _joint_pair(entry: dict[str, Any], at: Place) -> list[Joint]:
@@ -146,16 +183,22 @@ def _overridden(
     rules: Overrides, drafts: list[Draft], place: Place, store: KindStore
 ) -> list[Draft]:
     """The drafts with [overrides] applied, pattern by pattern."""
+    numbers: dict[str, list[int]] = {}
+    for index, draft in enumerate(drafts if rules else ()):
+        numbers.setdefault(draft.id, []).append(index)
     for pattern, entry in rules.items():
         at = place.child(f'"{pattern}"')
         change = dict(entry)
         scale, width = change.pop("scale", 1.0), change.pop("width", 1.0)
         roll = change.pop("roll", 0.0)
         number = (store.change(sourced(change, place.source), at),) if change else ()
-        matches = re.compile(fnmatch.translate(pattern)).match
-        hits = [index for index, draft in enumerate(drafts) if matches(draft.id)]
+        if _WILD.search(pattern):
+            matches = re.compile(fnmatch.translate(pattern)).match
+            hits = [index for index, draft in enumerate(drafts) if matches(draft.id)]
+        else:
+            hits = numbers.get(pattern, [])
         if not hits:
-            at.fail(f"matches no feather id, {_likely_id(pattern, drafts)}")
+            at.fail(f"matches no feather id, {_likely_id(pattern, drafts, at.problems)}")
         for index in hits:
             draft = drafts[index]
             drafts[index] = replace(
@@ -168,9 +211,9 @@ def _overridden(
     return drafts
 
 
-def _likely_id(pattern: str, drafts: list[Draft]) -> str:
-    ids = [draft.id for draft in drafts[:1000]]
-    meant = nearest(pattern, ids)
+def _likely_id(pattern: str, drafts: list[Draft], problems: Problems) -> str:
+    ids = [draft.id for draft in drafts[:MOST_COMPARED]]
+    meant = problems.nearest(pattern, ids)
     return meant if meant.startswith("did") else "ids are like " + ", ".join(ids[:3])
 
 
@@ -198,7 +241,7 @@ def _check_joints(drafts: list[Draft], joints: tuple[Joint, ...]) -> None:
         if draft.joint and draft.joint not in names and where not in reported:
             reported.add(where)
             at = draft.place.child("joint")
-            at.fail(f"no joint '{draft.joint}', {nearest(draft.joint, names)}")
+            at.unknown(f"no joint '{draft.joint}'", draft.joint, names)
 
 
 def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> NDArray[np.float64]:

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import csv
+import lzma
+import math
+import struct
 import zipfile
+import zlib
+from collections import Counter
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, parallel
+from featherfx.errors import CONTROL
 from featherfx.groom.keys.groom import TABLE
-from featherfx.groom.keys.values import Number, Place, Problems, nearest
+from featherfx.groom.keys.values import Number, Place, Problems, shown
 from featherfx.groom.presets.kind_store import KindChoice
 from featherfx.groom.read.drafts import Draft, with_mirror_images
+from featherfx.limits import MOST_ARRAY_BYTES, MOST_CHARACTERS, MOST_FEATHERS, irregular
 
 VECTORS = {
     "position": ("x", "y", "z"),
@@ -27,6 +35,11 @@ TEXTS = ("kind", "region", "joint", "side")
 NUMBERS = tuple(name for names in VECTORS.values() for name in names)
 COLUMNS = ("id", *TEXTS, *NUMBERS, *FACTORS)
 MOST_REPORTED = 20  # per file and kind of fault, a table of nonsense stays readable
+# what damaged files raise
+_UNREADABLE = (
+    *(OSError, EOFError, ValueError, TypeError, RuntimeError, SyntaxError, LookupError),
+    *(csv.Error, zipfile.BadZipFile, zlib.error, struct.error, lzma.LZMAError),
+)
 
 Columns = dict[str, NDArray[Any]]
 
@@ -52,27 +65,33 @@ def read_table(entry: dict[str, Any], folder: Path, place: Place) -> list[Draft]
 
 
 def _load(path: Path, problems: Problems) -> Columns | None:
+    if fault := irregular(path):
+        problems.add(path, "", f"{fault}, expects a CSV or NPZ file")
+        return None
     try:
         if path.suffix.lower() == ".npz":
             return _load_npz(path, problems)
         with path.open(newline="", encoding="utf-8-sig") as file:
-            return _load_csv(path, list(csv.reader(file)), problems)
+            rows = list(islice(filter(None, csv.reader(file)), MOST_FEATHERS + 2))
+        return _load_csv(path, rows, problems)
     except FileNotFoundError:
         problems.add(path, "", "there is no such file")
     except UnicodeDecodeError as error:
         problems.add(path, "", f"is not UTF-8 text (byte {error.start})")
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile, csv.Error) as error:
+    except _UNREADABLE as error:
         problems.add(path, "", f"cannot be read: {error}")
     return None
 
 
 def _load_npz(path: Path, problems: Problems) -> Columns | None:
     columns: Columns = {}
-    with np.load(path, allow_pickle=False) as archive:
-        if not hasattr(archive, "files"):
-            raise ValueError("is a single array, expects an NPZ archive")
-        for name in archive.files:
-            values = archive[name]
+    with zipfile.ZipFile(path) as archive:
+        for entry in archive.infolist():
+            name = entry.filename.removesuffix(".npy")
+            if name not in COLUMNS and name not in VECTORS:
+                columns[name] = np.zeros(0)  # is told as unknown, and not read
+                continue
+            values = _npz_array(archive, entry)
             if name in VECTORS and values.ndim == 2 and values.shape[1] == 3:
                 columns.update(zip(VECTORS[name], values.T, strict=True))
             elif values.ndim == 1 and name not in VECTORS:
@@ -80,7 +99,7 @@ def _load_npz(path: Path, problems: Problems) -> Columns | None:
             else:
                 expects = "(n, 3)" if name in VECTORS else "(n,)"
                 problems.add(path, name, f"has shape {values.shape}, expects {expects}")
-    lengths = {name: len(values) for name, values in columns.items()}
+    lengths = {name: len(values) for name, values in columns.items() if name in COLUMNS}
     if len(set(lengths.values())) > 1:
         problems.add(path, "", f"columns differ in length: {lengths}")
         return None
@@ -96,13 +115,35 @@ def _load_npz(path: Path, problems: Problems) -> Columns | None:
     }
 
 
-def _load_csv(path: Path, lines: list[list[str]], problems: Problems) -> Columns | None:
-    rows = [line for line in lines if line]
+def _npz_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array of an archive, after what its head says of its size, whatever it is packed to."""
+    with archive.open(entry) as file:
+        version = np.lib.format.read_magic(file)
+        read_head = np.lib.format.read_array_header_1_0
+        if version != (1, 0):
+            read_head = np.lib.format.read_array_header_2_0
+        shape, _, kind = read_head(file)
+    _check_count(math.prod(shape[:1]))
+    size = math.prod(shape) * kind.itemsize
+    if size > MOST_ARRAY_BYTES:
+        sizes = f"{size / 1e6:.6g} MB, allowed {MOST_ARRAY_BYTES / 1e6:.6g} MB"
+        raise ValueError(f"{entry.filename} would take {sizes}")
+    with archive.open(entry) as file:
+        return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+
+
+def _check_count(count: int) -> None:
+    if count > MOST_FEATHERS:
+        raise ValueError(f"holds more than {MOST_FEATHERS} rows")
+
+
+def _load_csv(path: Path, rows: list[list[str]], problems: Problems) -> Columns | None:
     if not rows:
         problems.add(path, "", "is empty, expects a header line with column names")
         return None
     header = [name.strip() for name in rows[0]]
-    repeated = sorted({name for name in header if header.count(name) > 1})
+    _check_count(len(rows) - 1)
+    repeated = sorted(name for name, count in Counter(header).items() if count > 1)
     for name in repeated:
         problems.add(path, name, "the header names this column twice")
     for number, line in enumerate(rows[1:], 1):
@@ -118,7 +159,8 @@ def _load_csv(path: Path, lines: list[list[str]], problems: Problems) -> Columns
         if name in NUMBERS + FACTORS:
             columns[name] = _numbers(path, name, values, problems)
         else:
-            columns[name] = np.array([value.strip() for value in values], dtype=str)
+            # as objects: one long text would make all of them long
+            columns[name] = np.array([value.strip() for value in values], dtype=object)
     return columns
 
 
@@ -142,7 +184,7 @@ def _is_number(cell: str) -> bool:
 def _check_columns(path: Path, columns: Columns, entry: dict[str, Any], place: Place) -> None:
     for name in columns:
         if name not in COLUMNS:
-            place.problems.add(path, name, f"unknown column, {nearest(name, COLUMNS)}")
+            Place(str(path), name, place.problems).unknown("unknown column", name, COLUMNS)
     for name in ("id", *NUMBERS):
         if name not in columns:
             place.problems.add(path, name, "there is no such column")
@@ -170,11 +212,23 @@ def _check_numbers(path: Path, name: str, values: NDArray[Any], problems: Proble
     _report(path, name, outside, lambda row: f"{values[row]:g} {tail}", problems)
 
 
+def _check_texts(path: Path, name: str, texts: list[str], problems: Problems) -> None:
+    long = np.array([len(text) > MOST_CHARACTERS for text in texts])
+    tail = f"characters, allowed {MOST_CHARACTERS}"
+    _report(path, name, long, lambda row: f"has {len(texts[row])} {tail}", problems)
+    broken = np.array([CONTROL.search(text) is not None for text in texts])
+    tail = "holds a line break or a control character"
+    _report(path, name, broken, lambda row: f"{shown(texts[row])} {tail}", problems)
+
+
 def _check_rows(path: Path, columns: Columns, problems: Problems) -> None:
     numbers = {name: columns[name] for name in NUMBERS + FACTORS if name in columns}
     for name, values in numbers.items():
         _check_numbers(path, name, values, problems)
     _report(path, "id", columns["id"] == "", lambda row: "the text is empty", problems)
+    for name in ("id", *TEXTS):
+        if name in columns:
+            _check_texts(path, name, columns[name].tolist(), problems)
     if "side" in columns:
         side = columns["side"]
         bad = ~np.isin(side, ("left", "right"))

@@ -14,7 +14,7 @@ import numpy as np
 from featherfx.errors import Problem
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import FAMILIES
-from featherfx.groom.keys.values import INVALID, Place, Problems, nearest
+from featherfx.groom.keys.values import INVALID, Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
 from featherfx.groom.read.read import collect_groom, groom_of
@@ -161,7 +161,7 @@ def _check_keyframes(motion: Motion | None, groom: Groom | None, place: Place) -
         at = place.child("keyframes").item(index)
         joint, time = frame["joint"], frame["time"]
         if groom is not None and joint and joint not in joints:
-            at.child("joint").fail(f"no joint '{joint}' in the groom, {nearest(joint, joints)}")
+            at.child("joint").unknown(f"no joint '{joint}' in the groom", joint, joints)
         for what in ("position", "rotation"):
             if frame[what] is not None and (joint, what, time) in taken:
                 at.child("time").fail(f"{time:g} s has a {what} of this joint already")
@@ -270,17 +270,18 @@ def _check_patterns(entries: Entries, groom: Groom | None) -> None:
     for at, entry in entries:
         for key, names in known.items():
             pattern, what = entry[key], "feather" if key == "feathers" else key
-            if names and not any(fnmatchcase(each, pattern) for each in names):
-                message = f"no {what} of the groom fits '{pattern}', {nearest(pattern, names)}"
-                at.child(key).fail(message)
+            fits = pattern in names or any(fnmatchcase(each, pattern) for each in names)
+            if names and not fits:
+                at.child(key).unknown(f"no {what} of the groom fits '{pattern}'", pattern, names)
 
 
 def _check_ids(entries: Entries, groom: Groom | None) -> None:
     ids = {feather.id for feather in groom.feathers} if groom is not None else set()
+    examples = ", ".join(sorted(ids)[:3]) if entries else ""
     for at, entry in entries:
         name = entry["feather"]
         if groom is not None and name not in ids:
-            meant = nearest(name, ids)
+            meant = at.problems.nearest(name, ids)
             if not meant.startswith("did"):
-                meant = "its ids are like " + ", ".join(sorted(ids)[:3])
+                meant = f"its ids are like {examples}"
             at.child("feather").fail(f"no feather '{name}' in the groom, {meant}")

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from featherfx.errors import InputError, Problem
+from featherfx.limits import MOST_FRAMES, MOST_SUBFRAMES
 
 LAYOUTS = ("auto", "flat", "payload", "clips")
 UP_AXES = ("Y", "Z")
@@ -19,8 +20,9 @@ UP_AXES = ("Y", "Z")
 def option(default: Any, text: str, **limits: Any) -> Any:
     """A field of a class of options.
 
-    text: its meaning with unit, for help. limits: least, above: what a number is at least, or more
-    than; allowed: names; form: of two numbers in one text, "A-B" or "I/N"; metavar: in help.
+    text: its meaning with unit, for help. limits: least, most, above: what a number is at least, at
+    most, or more than; allowed: names; form: of two numbers in one text, "A-B" or "I/N"; metavar:
+    in help.
     """
     return field(default=default, metadata={"text": text, **limits})
 
@@ -55,9 +57,12 @@ class WriteOptions(StageOptions):
     """How a cache is written, and which samples."""
 
     chunk: int = option(
-        24, "Frames that are written, and can be resumed after, at a time.", least=1
+        24,
+        "Frames that are written, and can be resumed after, at a time.",
+        least=1,
+        most=MOST_FRAMES,
     )
-    subframes: int = option(1, "Samples a frame, for motion blur.", least=1)
+    subframes: int = option(1, "Samples a frame, for motion blur.", least=1, most=MOST_SUBFRAMES)
     accelerations: bool = option(False, "Write accelerations beside velocities.")
     diagnostics: Sequence[str] = option(
         (),
@@ -69,14 +74,15 @@ class WriteOptions(StageOptions):
     )
 
 
-def check_least(options: StageOptions, source: str) -> None:
-    """Raise InputError for every number that is too small. source: what the problems are of."""
-    problems = [
-        Problem(source, each.name, f"{value}; allowed: at least {least}")
-        for each in fields(options)
-        if (least := each.metadata.get("least")) is not None
-        and (value := getattr(options, each.name)) is not None
-        and value < least
-    ]
+def check_ranges(options: StageOptions, source: str) -> None:
+    """Raise InputError for every number out of range. source: what the problems are of."""
+    problems = []
+    for each in fields(options):
+        value = getattr(options, each.name)
+        least, most = each.metadata.get("least"), each.metadata.get("most")
+        if value is None or least is None or least <= value <= (value if most is None else most):
+            continue
+        allowed = f"at least {least}" if most is None else f"{least} to {most}"
+        problems.append(Problem(source, each.name, f"{value}; allowed: {allowed}"))
     if problems:
         raise InputError(*problems)

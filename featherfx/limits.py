@@ -1,0 +1,85 @@
+"""Sizes beyond which an input is refused, each declared here once; docs/reference.md lists them.
+
+They lie far above what films use and below what makes a machine swap or a run last for hours. A
+message says the value, the limit, and what to do instead or how to raise it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import stat
+from pathlib import Path
+
+from featherfx.errors import InputError, Problem
+
+MOST_TOML_BYTES = 8_000_000
+MOST_NESTING = 64  # tables and arrays within each other, and parts of a dotted key
+MOST_BASES = 64  # presets that extend each other
+MOST_FEATHERS = 1_000_000
+MOST_ARRAY_BYTES = 500_000_000  # of one in an NPZ file
+MOST_TRIED = 4000  # shapes that `featherfx check` builds of a groom
+MOST_PATTERNS = 10_000  # of [overrides]
+MOST_CHARACTERS = 1000  # of a text: a name, a path, a pattern
+MOST_LISTED = 100  # problems of one file that are told one by one
+MOST_SEARCHES = 100  # names for which the likeliest meant one is looked for
+MOST_COMPARED = 1000  # names that one is compared with
+MOST_JOBS = 1024
+MOST_ROWS, MOST_COLUMNS, MOST_BARBS = 5000, 500, 10_000  # of what is drawn of a feather
+MOST_SUBFRAMES = 1000
+MOST_FRAMES = 1_000_000  # that are written at a time
+MOST_SHARES = 10_000  # of the feathers of a bake
+MOST_SHEET = 400  # pictures on a contact sheet
+MOST_SIDE = 8192  # pixels of a side of a picture
+MOST_PIXELS = 100_000_000  # of all pictures that are drawn at a time
+
+MEMORY_VARIABLE = "FEATHERFX_MEMORY"
+
+
+def irregular(path: Path) -> str:
+    """Why a path is nothing to read from: a folder, or a pipe or device that may never end.
+
+    Empty for a regular file, and where there is nothing.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return ""
+    if stat.S_ISDIR(mode):
+        return "is a folder"
+    return "" if stat.S_ISREG(mode) else "is not a regular file"
+
+
+def memory_limit() -> tuple[float, str]:
+    """Bytes that a command may plan to use, and what says so.
+
+    Those of the environment variable FEATHERFX_MEMORY (GB), else the machine's. Raises InputError
+    for a variable that is no number above 0.
+    """
+    given = os.environ.get(MEMORY_VARIABLE, "")
+    if given:
+        try:
+            limit = 1e9 * float(given)
+        except ValueError:
+            limit = 0.0
+        if not limit > 0.0:
+            raise InputError(Problem(MEMORY_VARIABLE, "", f"'{given}' is no number of GB above 0"))
+        return limit, f"that {MEMORY_VARIABLE} allows"
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return float(machine), f"of this machine ({MEMORY_VARIABLE}, in GB, sets another limit)"
+
+
+def refuse_beyond_memory(needed: float, source: str, key: str, what: str) -> None:
+    """Raise InputError where something needs more bytes than there are.
+
+    needed: estimate in bytes. source, key: of the problem. what: that needs it, in words.
+    """
+    limit, whose = memory_limit()
+    if needed > limit:
+        sizes = f"about {_as_size(needed)} of memory, more than the {_as_size(limit)} {whose}"
+        raise InputError(Problem(source, key, f"{what} would need {sizes}"))
+
+
+def _as_size(size: float) -> str:
+    power = min(max(int(math.log10(max(size, 1.0)) // 3), 1), 5)
+    return f"{size / 1000.0**power:.3g} {' kMGTP'[power]}B"
