@@ -11,8 +11,9 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import click
 
-from featherfx.limits import MOST_JOBS
+from featherfx.limits import MOST_JOBS, MOST_SHARES, MOST_SIDE
 
+_MOST_DIGITS = 8  # of a frame, a share or a side: with sign, more than any may have
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
@@ -29,6 +30,8 @@ class FrameRange(click.ParamType):
         match = re.fullmatch(r"(-?\d+)(?:-(-?\d+))?", value.strip())
         if not match:
             self.fail(f"'{value}' is not a range of frames such as 1-24 or 12", param, ctx)
+        if max(map(len, match.groups(""))) > _MOST_DIGITS:
+            self.fail("frames lie within -1000000 and 1000000", param, ctx)
         first, last = int(match[1]), int(match[2] or match[1])
         if last < first:
             self.fail(f"'{value}' ends before it starts", param, ctx)
@@ -66,7 +69,9 @@ class Share(click.ParamType):
         if isinstance(value, tuple):
             return value
         match = re.fullmatch(r"(\d+)/(\d+)", value.strip())
-        if not match or not 1 <= int(match[1]) <= int(match[2]):
+        if match and (len(match[2]) > _MOST_DIGITS or int(match[2]) > MOST_SHARES):
+            self.fail(f"'{value}' is out of range, at most {MOST_SHARES} shares", param, ctx)
+        if not match or len(match[1]) > _MOST_DIGITS or not 1 <= int(match[1]) <= int(match[2]):
             self.fail(f"'{value}' is not a share such as 1/4 or 4/4", param, ctx)
         return int(match[1]), int(match[2])
 
@@ -84,6 +89,8 @@ class Size(click.ParamType):
         match = re.fullmatch(r"(\d+)x(\d+)", value.strip().lower())
         if not match:
             self.fail(f"'{value}' is not a size such as 1280x720", param, ctx)
+        if max(map(len, match.groups())) > _MOST_DIGITS:
+            self.fail(f"a side has 16 to {MOST_SIDE} pixels", param, ctx)
         return int(match[1]), int(match[2])
 
 

@@ -61,10 +61,8 @@ def _check(
         problems.append(Problem("preview", "size", message))
     elif count * size[0] * size[1] > MOST_PIXELS:
         pixels = f"{count * size[0] * size[1] / 1e6:.4g} million pixels"
-        allowed = f"allowed {MOST_PIXELS / 1e6:g} million; draw fewer frames at a time"
-        problems.append(
-            Problem("preview", "size", f"{count} pictures of {pixels} in all, {allowed}")
-        )
+        most = f"allowed {MOST_PIXELS / 1e6:g} million; draw fewer frames at a time"
+        problems.append(Problem("preview", "size", f"{count} pictures of {pixels} in all, {most}"))
     if output.suffix.lower() != ".png":
         problems.append(Problem(str(output), "", f"suffix '{output.suffix}' is not .png"))
     if not os.path.isdir(output.parent):

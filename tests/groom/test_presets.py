@@ -202,3 +202,12 @@ def test_one_vane_alone_is_fine(tmp_path: Path) -> None:
 
     path = write(tmp_path / "feather", "sided", 'base = "swan_primary"\nleading.outline = []\n')
     assert check_file(path) == []
+
+
+def test_chains_of_presets_have_a_length(tmp_path: Path) -> None:
+    write(tmp_path / "wind", "p0", 'base = "calm"\n')
+    for number in range(1, 400):
+        write(tmp_path / "wind", f"p{number}", f'base = "p{number - 1}"\n')
+    assert load_preset("p50", [tmp_path])[1]["speed"].value == 0.0
+    with pytest.raises(InputError, match="more than 64 presets extend each other"):
+        load_preset("p399", [tmp_path])
