@@ -139,7 +139,7 @@ def test_mirrored_scaled_and_left_handed_skins(tmp_path):
         mesh.GetPointsAttr().Set(vec(bent), frame)
     plain = stage.ExportToString()
     stage.Save()
-    shot = featherfx.read_shot(write_shot(tmp_path, SKIN))
+    shot = featherfx.read_shot(write_shot(tmp_path, SKIN + "\nradius = 0.05"))
     position, rotation = shot.skin.frames(1.0)
 
     mirrored = Sdf.Layer.CreateNew(str(tmp_path / "mirrored.usda"))
@@ -148,7 +148,7 @@ def test_mirrored_scaled_and_left_handed_skins(tmp_path):
     add_matrix(flipped.GetPrimAtPath("/bird"), np.diag([2.0, -2.0, 2.0, 1.0]))
     flipped.Save()
     (tmp_path / "other").mkdir()
-    write_shot(tmp_path / "other", SKIN.replace("skin.usda", "../mirrored.usda"))
+    write_shot(tmp_path / "other", SKIN.replace("skin.usda", "../mirrored.usda") + "\nradius = 0.1")
     text = (tmp_path / "other/groom.toml").read_text()
     for old, new in (
         ("-0.15, 0.013, 0", "-0.3, -0.026, 0"),

@@ -1,9 +1,7 @@
-"""Roots on a skin: closest points of a triangle mesh, and frames that follow its triangles.
+"""Roots on a skin: closest points of a triangle mesh, and frames that follow the skin around them.
 
 A root keeps its triangle, the barycentric coordinates of the closest point and its offset from
-that point. As the skin deforms, the triangle's tangents and normal against those at rest give a
-deformation gradient; its polar decomposition is the rotation of the root (Higham 1986), so that
-stretch and shear of the skin turn roots no more than they must.
+that point. It turns with the skin around it: see field.py.
 """
 
 from __future__ import annotations
@@ -13,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.groom.skin.field import TurnField, turn_field
 from featherfx.groom.skin.search import search_tree, size_classes
 
 Array = NDArray[np.float64]
@@ -29,14 +28,17 @@ class Binding:
 
     triangle: (F,) number of the triangle. barycentric: (F, 3) coordinates of the closest point.
     distance: (F,) m, from root to closest point. offset: (F, 3) m, from the closest point to the
-    root, and inverse: (F, 3, 3), inverse of the triangle's tangents and normal, both at rest.
+    root at rest. field: how they turn. used: (U,) numbers of the triangles that move the roots,
+    ascending; own: (F,) where each root's triangle stands among them.
     """
 
     triangle: Indices
     barycentric: Array
     distance: Array
     offset: Array
-    inverse: Array
+    field: TurnField
+    used: Indices
+    own: Indices
 
 
 def is_flat(points: Array, triangles: Indices) -> NDArray[np.bool_]:
@@ -49,71 +51,51 @@ def is_flat(points: Array, triangles: Indices) -> NDArray[np.bool_]:
     return np.asarray(flat | (longest == 0.0))
 
 
-def tangents(corners: Array, mirrored: bool = False) -> Array:
-    """(F, 3, 3) columns: two sides of each triangle and its unit normal. corners: (F, 3, 3).
-
-    mirrored: the skin has been mirrored since rest; the normal then keeps its side of the skin.
-    """
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal = np.cross(first, second)
-    size = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = normal / np.where(size > 0.0, size, 1.0)
-    return np.stack([first, second, -normal if mirrored else normal], axis=2)
-
-
 def bind(
-    roots: Array, points: Array, triangles: Indices, search: tuple[Array, Array] | None = None
+    roots: Array,
+    points: Array,
+    triangles: Indices,
+    search: tuple[Array, Array] | None = None,
+    radius: Array | None = None,
+    along: Array | None = None,
 ) -> Binding:
     """Bind roots (F, 3) m to the triangles (T, 3), not flat, of a skin with points (V, 3) m.
 
     search: places (F, 3) and corners (T, 3, 3) to find the closest triangle in, such as texture
     space with a third coordinate 0; by default the roots among the triangles themselves. The roots
-    stay where they are in either case: the offset holds the rest.
+    stay where they are in either case: the offset holds the rest. radius: (F,) m, of the part of
+    the skin that turns each root; default 0, the triangles at its own. along: (F, 3) directions
+    that a mirrored skin takes with it, default a side of the triangle.
     """
     corners = points[triangles]
     triangle, barycentric = closest(roots, corners) if search is None else closest(*search)
     own = corners[triangle]
+    if along is None:
+        along = own[:, 1] - own[:, 0]
     offset = roots - np.einsum("fk,fkc->fc", barycentric, own)
+    wide = np.zeros(len(roots)) if radius is None else radius
+    field, used = turn_field(triangle, barycentric, points, triangles, wide, along)
     return Binding(
         triangle=triangle,
         barycentric=barycentric,
         distance=np.linalg.norm(offset, axis=1),
         offset=offset,
-        inverse=np.asarray(np.linalg.inv(tangents(own)), dtype=np.float64),
+        field=field,
+        used=used,
+        own=np.searchsorted(used, triangle),
     )
 
 
 def follow(binding: Binding, corners: Array, mirrored: bool = False) -> tuple[Array, Array]:
     """Root positions (F, 3) m and rotations since rest (F, 3, 3) on deformed triangles.
 
-    corners: (F, 3, 3) m, of each root's triangle. mirrored: as in `tangents`. Where the skin has
-    been mirrored there is no rotation that does the same; the rotation is the one that takes the
-    skin's first side and its normal with it.
+    corners: (U, 3, 3) m, of the triangles that the binding uses. mirrored: the skin has been
+    mirrored since rest. There is no rotation that does the same then; the rotation is the one that
+    takes the direction along and the skin's normal with it.
     """
-    now = tangents(corners, mirrored)
-    rotations = _mirrored(binding, now) if mirrored else rotation_part(now @ binding.inverse)
-    surface = np.einsum("fk,fkc->fc", binding.barycentric, corners)
+    rotations = binding.field.turns(corners, mirrored)
+    surface = np.einsum("fk,fkc->fc", binding.barycentric, corners[binding.own])
     return surface + np.einsum("fij,fj->fi", rotations, binding.offset), rotations
-
-
-def rotation_part(gradient: Array) -> Array:
-    """(F, 3, 3) proper rotations nearest to the gradients (F, 3, 3)."""
-    left, _, right = np.linalg.svd(gradient)
-    sign = np.linalg.det(left @ right)
-    left[:, :, 2] *= sign[:, None]
-    return np.asarray(left @ right)
-
-
-def _mirrored(binding: Binding, now: Array) -> Array:
-    rest = np.asarray(np.linalg.inv(binding.inverse), dtype=np.float64)
-    return _side_frames(now) @ _side_frames(rest).transpose(0, 2, 1)
-
-
-def _side_frames(sides: Array) -> Array:
-    """(F, 3, 3) orthonormal right-handed frames of first side and normal."""
-    x = sides[:, :, 0] / np.linalg.norm(sides[:, :, 0], axis=1, keepdims=True)
-    z = sides[:, :, 2]
-    return np.stack([x, np.cross(z, x), z], axis=2)
 
 
 def closest(roots: Array, corners: Array) -> tuple[Indices, Array]:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.groom.skin.search import search_tree
 from featherfx.groom.skin.skin import Binding, bind, follow, is_flat
-from featherfx.groom.types import Groom
+from featherfx.groom.types import FeatherKind, Groom
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.read.sources import Surface
 
@@ -34,7 +35,10 @@ class SkinRoot:
 
 @dataclass(frozen=True)
 class _Part:
-    """The roots of one surface. members: (R,) feathers. binding: their places on the skin."""
+    """The roots of one surface. members: (R,) feathers. binding: their places on the skin.
+
+    triangles: (U, 3) points of those that the binding uses.
+    """
 
     surface: Surface
     members: Indices
@@ -80,7 +84,8 @@ class BoundSkin:
             rotations[members] = carriers @ self.rotations[members]
         return RootFrames(positions, rotations)
 
-    def _check(self, part: _Part, corners: Array, code: float) -> None:
+    def _check(self, part: _Part, used: Array, code: float) -> None:
+        corners = used[part.binding.own]
         own = np.arange(3 * len(corners)).reshape(-1, 3)
         bad = np.flatnonzero(
             is_flat(corners.reshape(-1, 3), own) | ~np.isfinite(corners).all(axis=(1, 2))
@@ -100,7 +105,8 @@ class SkinSurfaces:
     """What the roots of a groom ride on, before they are bound.
 
     surfaces: a feather's is the one that it names, else the first. start: time code at 0 s.
-    tolerance: m; roots that are farther give a warning, which names source and key.
+    tolerance: m; roots that are farther give a warning, which names source and key. radius: m, of
+    the skin that turns a root; None: the distance of roots, at most the feather's width.
     """
 
     surfaces: tuple[Surface, ...]
@@ -108,6 +114,7 @@ class SkinSurfaces:
     tolerance: float
     source: str
     key: str
+    radius: float | None = None
 
     def bind(self, groom: Groom) -> BoundSkin:
         """Bind the roots of a groom; an InputWarning tells those that are far, with distances."""
@@ -120,17 +127,19 @@ class SkinSurfaces:
         for number, surface in enumerate(self.surfaces):
             members = np.flatnonzero(chosen == number)
             placed = np.array([groom.feathers[k].skin_uv is not None for k in members], dtype=bool)
-            for some in (members[~placed], members[placed]):
+            radii = _radii(groom, members, self.radius)
+            for which in (~placed, placed):
+                some = members[which]
                 if len(some) == 0:
                     continue
-                part = _part(groom, surface, some)
+                part = _part(groom, surface, some, radii[which])
                 parts.append(part)
                 self._warn(groom, part)
                 for k, triangle in enumerate(part.binding.triangle):
                     roots[some[k]] = SkinRoot(
                         surface.path,
                         int(surface.face[triangle]),
-                        part.triangles[k],
+                        surface.triangles[triangle],
                         part.binding.barycentric[k],
                     )
         return BoundSkin(
@@ -159,14 +168,34 @@ class SkinSurfaces:
         )
 
 
-def _part(groom: Groom, surface: Surface, members: Indices) -> _Part:
-    """Feathers of one surface, all of them or none placed by skin uv."""
+def _radii(groom: Groom, members: Indices, given: float | None) -> Array:
+    """(R,) m, of the skin that turns each root: as given, or the mean distance to the two nearest
+    roots, at most the width of the feather."""
+    if given is not None:
+        return np.full(len(members), given)
+    widths = np.array([_width(groom.feathers[k].kind) for k in members])
+    if len(members) < 3:
+        return widths
+    places = np.array([groom.feathers[k].position for k in members], dtype=np.float64)
+    distances, _ = search_tree(places).query(places, k=3)
+    return np.minimum(distances[:, 1:].mean(axis=1), widths)
+
+
+def _width(kind: FeatherKind) -> float:
+    """m, of both vanes together where each is widest."""
+    outlines = (kind.leading.outline, kind.trailing.outline)
+    return kind.length * sum(max((y for _, y in each), default=0.0) for each in outlines)
+
+
+def _part(groom: Groom, surface: Surface, members: Indices, radii: Array) -> _Part:
+    """Feathers of one surface, all of them or none placed by skin uv. radii: (R,) m."""
     positions = np.array([groom.feathers[k].position for k in members], dtype=np.float64)
+    shafts = np.array([groom.feathers[k].rotation[:, 0] for k in members], dtype=np.float64)
     uv = [place for k in members if (place := groom.feathers[k].skin_uv) is not None]
     search = None
     if uv and surface.st is not None:
         flat = np.zeros((len(surface.st), 3, 3))
         flat[:, :, :2] = surface.st
         search = np.column_stack([np.array(uv), np.zeros(len(uv))]), flat
-    binding = bind(positions, surface.rest, surface.triangles, search)
-    return _Part(surface, members, binding, surface.triangles[binding.triangle])
+    binding = bind(positions, surface.rest, surface.triangles, search, radii, shafts)
+    return _Part(surface, members, binding, surface.triangles[binding.used])

@@ -43,6 +43,12 @@ SKIN = {
     "tolerance": Key(
         Number(0, 1000, "m"), "Roots that are farther from the skin give a warning.", 0.01
     ),
+    "radius": Key(
+        Number(0, 100, "m"),
+        "Distance within which the skin turns a root, besides the faces at its own; default: the "
+        "distance of neighbouring roots, at most the feather's width.",
+        None,
+    ),
     "beyond": Key(
         Text(("error", "hold")), "What a shot that is longer than the skin's samples does.", "error"
     ),

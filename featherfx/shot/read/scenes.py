@@ -49,7 +49,9 @@ def read_skin(
             at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
     if len(place.problems) > count:
         return None
-    return SkinSurfaces(tuple(surfaces), start, entry["tolerance"], at.source, at.key)
+    return SkinSurfaces(
+        tuple(surfaces), start, entry["tolerance"], at.source, at.key, entry["radius"]
+    )
 
 
 def read_wind(

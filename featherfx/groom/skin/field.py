@@ -1,0 +1,233 @@
+"""How the roots on a skin turn as it deforms: one smooth field of rotations over the surface.
+
+Two sides and the normal of a triangle against those at rest are its deformation gradient. A root
+takes a weighted mean of the gradients around it and turns by the rotation of its polar
+decomposition (Higham 1986), so that stretch and shear of the skin turn roots no more than they
+must. The weights are those of the triangles at the three corners of the root's own, interpolated
+within it, and of all triangles within a radius that hang together with it and face its way; they
+fall off smoothly with the distance. Each share is continuous as the root moves over edges, and so
+is the field. The weights are made to have their centre at the root, so that even bending turns
+roots evenly, on any mesh and up to its borders.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.skin.search import search_tree
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# of the mean square distance, by which the centring of weights is held back where triangles stand
+# in a line
+_STIFFNESS = 1e-3
+# of a weight, by which the centring may change it; at borders some become negative
+_MOST_CHANGE = 3.0
+
+
+class _Shares(NamedTuple):
+    """Pairs of a root and a triangle, (N,) each, by root, and the weight of each."""
+
+    root: Indices
+    triangle: Indices
+    weight: Array
+
+
+@dataclass(frozen=True)
+class TurnField:
+    """The turning of F roots by U triangles.
+
+    starts: (F,) where the pairs of each root start. places: (N,) triangles of the pairs. weights:
+    (N,), adding up to 1 for each root. inverse: (U, 3, 3), inverse of tangents and normal at rest.
+    upright: (F, 3, 3) frames at rest of the direction along and the normal.
+    """
+
+    starts: Indices
+    places: Indices
+    weights: Array
+    inverse: Array
+    upright: Array
+
+    def turns(self, corners: Array, mirrored: bool) -> Array:
+        """(F, 3, 3) rotations since rest. corners: (U, 3, 3) m, now; mirrored: as of `follow`."""
+        gradients = tangents(corners, mirrored) @ self.inverse
+        mean = self._mean(gradients)
+        if not mirrored:
+            return rotation_part(mean)
+        along, normal = (mean @ self.upright)[:, :, [0, 2]].transpose(2, 0, 1)
+        return upright_frames(along, normal) @ self.upright.transpose(0, 2, 1)
+
+    def _mean(self, values: Array) -> Array:
+        weighted = self.weights[:, None, None] * values[self.places]
+        return np.asarray(np.add.reduceat(weighted, self.starts, axis=0))
+
+
+def tangents(corners: Array, mirrored: bool = False) -> Array:
+    """(F, 3, 3) columns: two sides of each triangle and its unit normal. corners: (F, 3, 3).
+
+    mirrored: the skin has been mirrored since rest; the normal then keeps its side of the skin.
+    """
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(first, second)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = normal / np.where(size > 0.0, size, 1.0)
+    return np.stack([first, second, -normal if mirrored else normal], axis=2)
+
+
+def rotation_part(gradient: Array) -> Array:
+    """(F, 3, 3) proper rotations nearest to the gradients (F, 3, 3)."""
+    left, _, right = np.linalg.svd(gradient)
+    sign = np.linalg.det(left @ right)
+    left[:, :, 2] *= sign[:, None]
+    return np.asarray(left @ right)
+
+
+def upright_frames(along: Array, normal: Array) -> Array:
+    """(F, 3, 3) right-handed frames: x as near to along as may be, z the normal; (F, 3) each."""
+    z = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    x = along - np.einsum("fc,fc->f", along, z)[:, None] * z
+    size = np.linalg.norm(x, axis=1, keepdims=True)
+    # a shaft that stands square on the skin has no direction along it
+    other = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=1)])
+    x = np.where(size > 1e-9 * np.linalg.norm(along, axis=1, keepdims=True), x, other)
+    x = x / np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def turn_field(
+    triangle: Indices,
+    barycentric: Array,
+    points: Array,
+    triangles: Indices,
+    radius: Array,
+    along: Array,
+) -> tuple[TurnField, Indices]:
+    """The field of F roots, and the numbers (U,) of the triangles that it takes, ascending.
+
+    triangle: (F,), barycentric: (F, 3): places of the roots. points: (V, 3) m at rest, triangles:
+    (T, 3). radius: (F,) m. along: (F, 3).
+    """
+    corners = points[triangles]
+    products = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(products, axis=1)
+    normals, centres = products / areas[:, None], corners.mean(axis=1)
+    places = np.einsum("fk,fkc->fc", barycentric, corners[triangle])
+    # seams have their points twice
+    _, welded = np.unique(points, axis=0, return_inverse=True)
+    joined = welded.ravel()[triangles]
+    at_corners = _at_corners(triangle, barycentric, joined, areas)
+    facing = _normalised(_sums(at_corners, normals[at_corners.triangle], len(triangle)))
+    around = _within(places, facing, radius, centres, normals, areas)
+    hanging = _hanging(around, at_corners, joined)
+    shares = _merged(at_corners, around, hanging, len(triangles))
+    offsets = centres[shares.triangle] - places[shares.root]
+    weights = _centred(shares, offsets, facing, len(triangle))
+    used, own = np.unique(shares.triangle, return_inverse=True)
+    found = TurnField(
+        starts=np.searchsorted(shares.root, np.arange(len(triangle))),
+        places=own,
+        weights=weights,
+        inverse=np.asarray(np.linalg.inv(tangents(corners[used])), dtype=np.float64),
+        upright=upright_frames(along, facing),
+    )
+    return found, used
+
+
+def _at_corners(triangle: Indices, barycentric: Array, joined: Indices, areas: Array) -> _Shares:
+    """The triangles at the corners of each root's own; each corner's share out by their areas.
+
+    The shares of a root add up to the area around it.
+    """
+    owner = np.repeat(np.arange(len(joined)), 3)
+    order = np.argsort(joined.ravel(), kind="stable")
+    vertex, owner = joined.ravel()[order], owner[order]
+    count = int(joined.max()) + 1
+    first = np.searchsorted(vertex, np.arange(count + 1))
+    around = np.bincount(vertex, weights=areas[owner], minlength=count)
+    corner = joined[triangle].ravel()
+    sizes = (first[1:] - first[:-1])[corner]
+    root = np.repeat(np.repeat(np.arange(len(triangle)), 3), sizes)
+    step = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    near = owner[np.repeat(first[corner], sizes) + step]
+    total = np.einsum("fk,fk->f", barycentric, around[corner].reshape(-1, 3))
+    part = np.repeat(barycentric.ravel() / around[corner], sizes)
+    return _Shares(root, near, total[root] * part * areas[near])
+
+
+def _within(
+    places: Array, facing: Array, radius: Array, centres: Array, normals: Array, areas: Array
+) -> _Shares:
+    """The triangles within each root's radius, by area, distance and how they face."""
+    if not radius.any():
+        nothing = np.zeros(0, dtype=np.int64)
+        return _Shares(nothing, nothing, np.zeros(0))
+    hits = search_tree(centres).query_ball_point(places, radius)
+    root = np.repeat(np.arange(len(places)), [len(hit) for hit in hits])
+    near = np.concatenate([np.array(hit, dtype=np.int64) for hit in hits])
+    squared = ((centres[near] - places[root]) ** 2).sum(axis=1)
+    falling = np.maximum(1.0 - squared / np.maximum(radius[root] ** 2, 1e-300), 0.0) ** 2
+    same_way = np.maximum(np.einsum("nc,nc->n", facing[root], normals[near]), 0.0)
+    return _Shares(root, near, areas[near] * falling * same_way)
+
+
+def _hanging(around: _Shares, start: _Shares, joined: Indices) -> NDArray[np.bool_]:
+    """(N,) whether triangles around a root hang together with those at its corners."""
+    size = int(joined.max()) + 1
+    corners = around.root[:, None] * size + joined[around.triangle]
+    reached = np.unique(start.root[:, None] * size + joined[start.triangle])
+    hanging = np.zeros(len(corners), dtype=np.bool_)
+    while True:
+        now = hanging | np.isin(corners, reached).any(axis=1)
+        if (now == hanging).all():
+            return now
+        reached, hanging = np.unique(corners[now]), now
+
+
+def _merged(first: _Shares, second: _Shares, kept: NDArray[np.bool_], triangles: int) -> _Shares:
+    """Both together, of the second those kept, one pair of each root and triangle, by root."""
+    root = np.concatenate([first.root, second.root[kept]])
+    triangle = np.concatenate([first.triangle, second.triangle[kept]])
+    weight = np.concatenate([first.weight, second.weight[kept]])
+    key, place = np.unique(root * triangles + triangle, return_inverse=True)
+    summed = np.bincount(place.ravel(), weights=weight).astype(np.float64)
+    return _Shares(key // triangles, key % triangles, summed)
+
+
+def _centred(shares: _Shares, offsets: Array, facing: Array, count: int) -> Array:
+    """(N,) weights that add up to 1 for each root, their centre at it where that is near.
+
+    offsets: (N, 3) m, from roots to triangles; what lies in the plane square to facing counts.
+    """
+    root = shares.root
+    height = np.einsum("nc,nc->n", offsets, facing[root])
+    flat = offsets - height[:, None] * facing[root]
+    weight = shares.weight / np.bincount(root, shares.weight, count)[root]
+    part = shares._replace(weight=weight)
+    mean = _sums(part, flat, count)
+    square = _sums(part, flat[:, :, None] * flat[:, None, :], count)
+    spread = np.trace(square, axis1=1, axis2=2)[:, None, None]
+    # the normal's direction, in which nothing lies, must not make it singular
+    thick = facing[:, :, None] * facing[:, None, :] + _STIFFNESS * np.eye(3)
+    square = square - mean[:, :, None] * mean[:, None, :] + spread * thick
+    tilt = -np.linalg.solve(square, mean[:, :, None])[:, :, 0]
+    change = np.einsum("nc,nc->n", tilt[root], flat - mean[root])
+    starts = np.searchsorted(root, np.arange(count))
+    most = np.maximum.reduceat(np.abs(change), starts)
+    return np.asarray(weight * (1.0 + change / np.maximum(1.0, most / _MOST_CHANGE)[root]))
+
+
+def _sums(shares: _Shares, values: Array, count: int) -> Array:
+    """(F, ...) weighted sums of values (N, ...) of the pairs, which stand by root."""
+    weights = shares.weight.reshape(-1, *([1] * (values.ndim - 1)))
+    starts = np.searchsorted(shares.root, np.arange(count))
+    return np.asarray(np.add.reduceat(weights * values, starts, axis=0))
+
+
+def _normalised(vectors: Array) -> Array:
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(size > 0.0, size, 1.0)
