@@ -103,7 +103,7 @@ def test_the_assembled_gradient_holds_the_guard() -> None:
     assert total > 1.01 * without
 
     def value(x: np.ndarray) -> float:
-        add_increment(model, 0, x, 1.0, work)
+        add_increment(model.length[0], work.now, x, 1.0, work.trial, work.beam.gradient)
         return evaluate(model, loads, 0, 0.0, STILL, work.trial, work.around)
 
     slopes = assembled(model, loads, 0.0, STILL, work)

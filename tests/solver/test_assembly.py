@@ -47,7 +47,7 @@ class Trial:
 
     def energy(self, x):
         work = self.work
-        add_increment(self.model, 0, x, 1.0, work)
+        add_increment(self.model.length[0], work.now, x, 1.0, work.trial, work.beam.gradient)
         return evaluate(self.model, self.loads, 0, SHARE, self.factors, work.trial, work.around)
 
     def assembled(self, signed=False):

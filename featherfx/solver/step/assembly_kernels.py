@@ -43,23 +43,30 @@ def _add_rachis_nodes(i, points, stiff, at, band):
 
 
 @kernel
-def _add_rachis_element(model, f, i, damping, wanted, work):
-    """Stretch, shear, twist and bending between rows i and i + 1; wanted: as in assemble."""
-    pose, system, beam = work.now, work.system, work.beam
-    row_size = system.band.shape[1] // 3
-    at = i * row_size
-    gradient, matrix, stress = beam.gradient, beam.matrix, beam.stress
+def _subtract_rachis_forces(model, f, i, damping, pose, reference, beam, right):
+    """Stress of the rachis element between rows i and i + 1, and its forces to the right-hand side.
+
+    Stretch, shear, twist and bending. reference: (6,). Written: gradient and stress of beam.
+    """
+    row_size = right.shape[0] // pose.rotation.shape[0]
+    at, gradient, stress, strain = i * row_size, beam.gradient, beam.stress, pose.strains.rachis[i]
+    start, end, halfway = pose.centre[i], pose.centre[i + 1], pose.halfway[i]
+    rachis_gradient(start, end, model.length[f, i], halfway, pose.rachis[i], gradient)
+    for k in range(6):
+        stiffness = model.rachis_stiffness[f, i, k]
+        stress[k] = damped_stress(stiffness, strain[k], reference[k], damping)
+        for a in range(6):
+            right[at + a] -= stress[k] * gradient[k, a]
+            right[at + row_size + a] -= stress[k] * gradient[k, 6 + a]
+
+
+@kernel
+def _add_rachis_stiffness(model, f, i, damping, wanted, pose, beam, band):
+    """Stiffness of the same element, whose gradient and stress are in beam."""
+    row_size = band.shape[1] // 3
+    at, gradient, matrix, stress = i * row_size, beam.gradient, beam.matrix, beam.stress
     start, end, halfway = pose.centre[i], pose.centre[i + 1], pose.halfway[i]
     length, stiffness = model.length[f, i], model.rachis_stiffness[f, i]
-    strain, reference = pose.strains.rachis[i], work.around.reference.rachis[i]
-    rachis_gradient(start, end, length, halfway, pose.rachis[i], gradient)
-    for k in range(6):
-        stress[k] = damped_stress(stiffness[k], strain[k], reference[k], damping)
-        for a in range(6):
-            system.right[at + a] -= stress[k] * gradient[k, a]
-            system.right[at + row_size + a] -= stress[k] * gradient[k, 6 + a]
-    if wanted == FORCES_ONLY:
-        return
     matrix[:] = 0.0
     for k in range(6):
         weight = stiffness[k] * (1.0 + damping)
@@ -75,7 +82,7 @@ def _add_rachis_element(model, f, i, damping, wanted, work):
         to = at + a if a < 6 else at + row_size + a - 6
         for b in range(a + 1):
             column = at + b if b < 6 else at + row_size + b - 6
-            system.band[column, to - column] += matrix[a, b]
+            band[column, to - column] += matrix[a, b]
 
 
 @kernel
@@ -135,7 +142,7 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
     band stays as it is. shift: inertia that is added to the Hessian alone, as a part of the
     integrator's.
     """
-    pose, system = work.now, work.system
+    pose, system, strains = work.now, work.system, work.around.reference
     rows, row_size = pose.rotation.shape[0], system.band.shape[1] // 3
     if wanted != FORCES_ONLY:
         system.band[:] = 0.0
@@ -149,7 +156,9 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
         if wanted != FORCES_ONLY:
             _add_rachis_nodes(i, pose.points, work.stiff, at, system.band)
     for i in range(rows - 1):
-        damping = model.retardation[f, 0] * factors.strain_rate
-        _add_rachis_element(model, f, i, damping, wanted, work)
+        damping, reference = model.retardation[f, 0] * factors.strain_rate, strains.rachis[i]
+        _subtract_rachis_forces(model, f, i, damping, pose, reference, work.beam, system.right)
+        if wanted != FORCES_ONLY:
+            _add_rachis_stiffness(model, f, i, damping, wanted, pose, work.beam, system.band)
     if model.held[f]:
         _hold_root(wanted, system)

@@ -78,7 +78,7 @@ def _go_on(model, f, h, state, pose):
 
 
 @kernel
-def _follow_root(model, f, before, pose):
+def _follow_root(length, before, pose):
     """Predict the end of a step: the feather moves rigidly with its root.
 
     before: (4,) root quaternion at the step's start.
@@ -86,7 +86,7 @@ def _follow_root(model, f, before, pose):
     move = multiply(pose.rotation[0], conjugate(before))
     for i in range(1, pose.rotation.shape[0]):
         store_rotation(pose.rotation[i], normalised(multiply(move, pose.rotation[i])))
-    rebuild_centres(model.length[f], pose)
+    rebuild_centres(length, pose)
 
 
 @kernel
@@ -105,18 +105,20 @@ def _keep_rates(f, h, pose, state):
 
 
 @kernel
-def _place(model, f, path, attempt, state, work):
-    """Coordinates of work.now where feather f is expected at the end of a step."""
-    now, before, h = work.now, state.rotation[f, 0], attempt.h
+def _place(model, f, path, attempt, state, now, expected):
+    """Coordinates of pose now where feather f is expected at the end of a step.
+
+    expected: (4,), scratch.
+    """
+    before, h = state.rotation[f, 0], attempt.h
     load_pose(model, f, state, now)
     if model.held[f]:
-        expected = work.trial.rotation[0]
         rotate_by(before, state.spin[f, 0], h, expected)
         root_at(path, f, attempt.fraction, now.rotation[0], now.centre[0])
         same_sign(expected, now.rotation[0])
     if attempt.way != GO_ON and model.held[f]:
         same_sign(before, now.rotation[0])
-        _follow_root(model, f, before, now)
+        _follow_root(model.length[f], before, now)
     else:
         _go_on(model, f, h, state, now)
 
@@ -130,7 +132,7 @@ def _predict(model, loads, f, path, attempt, state, work):
     weights = difference_weights(h, 0.0 if radius == EULER else state.step[f])
     last, before = strains_of(state.strains, f, 0), strains_of(state.strains, f, 1)
     set_reference_strains(weights, last, before, around.reference)
-    _place(model, f, path, attempt, state, work)
+    _place(model, f, path, attempt, state, now, work.trial.rotation[0])
     if loads.air[0] > 0.0:
         material_points(model, f, now)
         time, velocity = state.time[f] + h, state.velocity[f]

@@ -127,7 +127,8 @@ def _search(model, loads, f, fraction, factors, energy, tolerance, work):
     now, trial = work.now, work.trial
     scale, new, move = 1.0, energy, 0.0
     for _ in range(HALVINGS):
-        add_increment(model, f, work.system.right, scale, work)
+        step, gradient = work.system.right, work.beam.gradient
+        add_increment(model.length[f], now, step, scale, trial, gradient)
         new = evaluate(model, loads, f, fraction, factors, trial, work.around)
         move = largest_move(now.points, trial.points, model.length[f, 0]) / scale
         slack = 1e-9 * (abs(energy) + abs(new))

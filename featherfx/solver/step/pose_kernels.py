@@ -123,15 +123,16 @@ def keep_pose(f, pose, state):
 
 
 @kernel
-def add_increment(model, f, step, factor, work):
-    """Coordinates of pose work.now plus factor times the increment step (N,), to pose work.trial.
+def add_increment(length, now, step, factor, trial, gradient):
+    """Coordinates of pose now plus factor times the increment step (N,), to those of pose trial.
 
     Row frames are turned by their rotation vectors and coefficients are added; the rachis points
     are then rebuilt from the root so that every stretch and shear changes by exactly its linear
     increment. Moving the points straight instead would stretch the nearly inextensible shaft at
     second order, and that artificial energy is what makes Newton crawl.
+
+    length: (n-1,) m. gradient: (6, 12) scratch.
     """
-    now, trial, gradient, length = work.now, work.trial, work.beam.gradient, model.length[f]
     rows, count = now.rotation.shape[0], now.coefficient.shape[2]
     wide = 6 + 2 * count
     for i in range(rows):
