@@ -99,6 +99,13 @@ def parallel(direction: ArrayLike, up: ArrayLike) -> NDArray[np.bool_]:
     return np.asarray(sine <= 1e-4 * scale)
 
 
+def rotation_part(matrices: Array) -> Array:
+    """(..., 3, 3) proper rotations nearest to matrices (..., 3, 3)."""
+    left, _, right = np.linalg.svd(matrices)
+    left[..., 2] *= np.linalg.det(left @ right)[..., None]
+    return np.asarray(left @ right)
+
+
 def about_x(degrees: ArrayLike) -> Array:
     """(..., 3, 3) rotations about x."""
     angle = np.radians(np.asarray(degrees, dtype=float))

@@ -22,7 +22,7 @@ from featherfx.shot.types import Shot
 _LONGEST = 72
 _DIGITS = 16
 # Folders of the program whose code decides what a cache holds.
-_CODE = ("groom", "feather", "mechanics", "solver", "shot", "usd")
+_CODE = ("algebra", "groom", "feather", "mechanics", "solver", "shot", "usd")
 
 
 def shot_settings(shot: Shot) -> dict[str, str]:
@@ -89,7 +89,7 @@ def _plain(value: Any, seen: dict[int, Any]) -> Any:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     if hasattr(value, "origin"):  # a mesh or wind of a scene
-        return _plain(value.origin, seen)
+        return _plain([*value.origin, getattr(value, "knots", None)], seen)
     raise TypeError(f"a {type(value).__name__} has no fingerprint")
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,25 +37,11 @@ def _skin(skin: BoundSkin, chosen: NDArray[np.int64]) -> BoundSkin:
         kept = np.isin(part.members, chosen)
         if kept.any():
             members = np.searchsorted(chosen, part.members[kept])
-            parts.append(
-                replace(
-                    part,
-                    members=members,
-                    binding=_rows(part.binding, kept),
-                    triangles=part.triangles[kept],
-                )
-            )
+            parts.append(replace(part, members=members, binding=part.binding.some(kept)))
     return BoundSkin(
         ids=tuple(skin.ids[k] for k in chosen),
         rotations=skin.rotations[chosen],
         start=skin.start,
         parts=tuple(parts),
         roots=tuple(skin.roots[k] for k in chosen),
-    )
-
-
-def _rows(record: Any, kept: NDArray[np.bool_]) -> Any:
-    """A dataclass of arrays with some of their rows."""
-    return replace(
-        record, **{each.name: getattr(record, each.name)[kept] for each in fields(record)}
     )

@@ -131,6 +131,7 @@ def skinned(path: Path):
 
 def write_shot(folder: Path, make, count=60, more="", skin="", last=LAST):
     """A shot with a row of feathers along the body's back edge; make: sampled or skinned."""
+    folder.mkdir(exist_ok=True)
     make(folder / "creature.usda")
     root = "direction = [-1, 0, 0.1], up = [0, 0, 1]"
     (folder / "groom.toml").write_text(

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.rotation import rotation_part
 from featherfx.groom.skin.search import search_tree
 
 Array = NDArray[np.float64]
@@ -62,6 +63,18 @@ class TurnField:
         along, normal = (mean @ self.upright)[:, :, [0, 2]].transpose(2, 0, 1)
         return upright_frames(along, normal) @ self.upright.transpose(0, 2, 1)
 
+    def some(self, kept: NDArray[np.bool_]) -> TurnField:
+        """Those of the roots that are kept, (F,)."""
+        sizes = np.diff(self.starts, append=len(self.places))
+        pairs = np.repeat(kept, sizes)
+        return TurnField(
+            starts=np.cumsum(sizes[kept]) - sizes[kept],
+            places=self.places[pairs],
+            weights=self.weights[pairs],
+            inverse=self.inverse,
+            upright=self.upright[kept],
+        )
+
     def _mean(self, values: Array) -> Array:
         weighted = self.weights[:, None, None] * values[self.places]
         return np.asarray(np.add.reduceat(weighted, self.starts, axis=0))
@@ -77,14 +90,6 @@ def tangents(corners: Array, mirrored: bool = False) -> Array:
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / np.where(size > 0.0, size, 1.0)
     return np.stack([first, second, -normal if mirrored else normal], axis=2)
-
-
-def rotation_part(gradient: Array) -> Array:
-    """(F, 3, 3) proper rotations nearest to the gradients (F, 3, 3)."""
-    left, _, right = np.linalg.svd(gradient)
-    sign = np.linalg.det(left @ right)
-    left[:, :, 2] *= sign[:, None]
-    return np.asarray(left @ right)
 
 
 def upright_frames(along: Array, normal: Array) -> Array:

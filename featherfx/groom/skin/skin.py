@@ -40,6 +40,18 @@ class Binding:
     used: Indices
     own: Indices
 
+    def some(self, kept: NDArray[np.bool_]) -> Binding:
+        """The roots that are kept, (F,), on the same triangles."""
+        return Binding(
+            triangle=self.triangle[kept],
+            barycentric=self.barycentric[kept],
+            distance=self.distance[kept],
+            offset=self.offset[kept],
+            field=self.field.some(kept),
+            used=self.used,
+            own=self.own[kept],
+        )
+
 
 def is_flat(points: Array, triangles: Indices) -> NDArray[np.bool_]:
     """(T,) whether triangles have no area to speak of. points: (V, 3), triangles: (T, 3)."""

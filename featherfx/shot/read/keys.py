@@ -28,6 +28,13 @@ _START = Key(
     None,
 )
 
+_INTERPOLATION = Key(
+    Text(("smooth", "linear")),
+    "Motion between whole frames: smooth through the poses there, or as the stage has it, for "
+    "stages whose samples are finer than frames.",
+    "smooth",
+)
+
 GROOM_USD = {"usd": _FILE} | {name: key for name, key in USD.items() if name != "file"}
 
 SKIN = {
@@ -52,6 +59,7 @@ SKIN = {
     "beyond": Key(
         Text(("error", "hold")), "What a shot that is longer than the skin's samples does.", "error"
     ),
+    "interpolation": _INTERPOLATION,
 }
 
 WIND_USD = {
@@ -69,6 +77,7 @@ COLLIDER = {
     "prims": Key(ArrayOf(Text(), 0, 10_000), "Paths, or names with * and ?, of meshes.", ()),
     "collection": Key(Text(), "Collection, such as /Bird.collection:colliders.", None),
     "start": _START,
+    "interpolation": _INTERPOLATION,
 }
 
 CONTACT = {"enabled": Key(Flag(), "Whether feathers touch each other.", True)} | keys_of(Contact)

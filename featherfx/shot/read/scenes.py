@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from featherfx.algebra.between import Knots
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.values import Place
 from featherfx.groom.types import Groom
@@ -49,9 +51,8 @@ def read_skin(
             at.fail(f"{surface.path} has no primvars:st, but '{placed[0]}' is placed by skin uv")
     if len(place.problems) > count:
         return None
-    return SkinSurfaces(
-        tuple(surfaces), start, entry["tolerance"], at.source, at.key, entry["radius"]
-    )
+    moving = tuple(_moving(surface, entry, checked, start) for surface in surfaces)
+    return SkinSurfaces(moving, start, entry["tolerance"], at.source, at.key, entry["radius"])
 
 
 def read_wind(
@@ -86,7 +87,7 @@ def read_colliders(
         for mesh in meshes or []:
             start = _start(entry, checked, mesh.time_codes_per_second)
             _warn_of_range(mesh, checked, start, at)
-            found.append(TimedSurface(mesh, start))
+            found.append(TimedSurface(_moving(mesh, entry, checked, start), start))
     return tuple(found)
 
 
@@ -131,6 +132,29 @@ def _start(entry: dict[str, Any], checked: dict[str, Any], codes_per_second: flo
     if entry["start"] is not None:
         return float(entry["start"])
     return float(checked["frames"][0] * codes_per_second / checked["frames_per_second"])
+
+
+def _moving(
+    surface: Surface, entry: dict[str, Any], checked: dict[str, Any], start: float
+) -> Surface:
+    """A surface as it moves between whole frames: smoothly, unless the entry says otherwise.
+
+    At whole frames it is as the scene has it. Where the shot goes beyond the samples the scene
+    holds the last, and the motion comes to rest there; else it goes on.
+    """
+    if entry["interpolation"] == "linear" or surface.sampled is None:
+        return surface
+    step = surface.time_codes_per_second / checked["frames_per_second"]
+    first, last = checked["frames"]
+    low, high = ((code - start) / step for code in surface.sampled)
+    return surface.smoothed(
+        Knots(
+            start,
+            step,
+            math.ceil(low - 1e-6) if low < 1e-6 else None,
+            math.floor(high + 1e-6) if high > last - first - 1e-6 else None,
+        )
+    )
 
 
 def _check_range(

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.between import Knots
 from featherfx.groom.keys.values import Place
 from featherfx.groom.regions.regions import GroomReaders
 
@@ -56,6 +57,9 @@ class Surface(Protocol):
 
     def is_mirrored(self, code: float) -> bool:
         """Whether it is mirrored at a time code against rest."""
+
+    def smoothed(self, knots: Knots) -> Surface:
+        """The same, moving smoothly between the poses that it has at knots (time codes)."""
 
 
 class WindSource(Protocol):

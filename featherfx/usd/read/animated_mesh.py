@@ -6,17 +6,20 @@ again when they are asked for, so that memory does not grow with the number of f
 
 from __future__ import annotations
 
+import copy
+from collections import OrderedDict
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from featherfx.algebra.between import Knots
 from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.skin import is_flat
-from featherfx.usd.read.skinning import find_skinning
+from featherfx.usd.read.skinning import SkinPose, find_skinning
 from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
@@ -47,6 +50,20 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+class _KnotPose(NamedTuple):
+    """What a mesh is made of at a knot: joints, weights, points as of SkinPose, and the matrix from
+    their space to the world."""
+
+    joints: Array
+    weights: Array
+    points: NDArray[Any]
+    matrix: Array
+
+
+_NO_JOINTS = SkinPose(np.zeros((0, 4, 4)), np.zeros(0), np.zeros((0, 3), dtype=np.float32))
+_KEPT = 12  # knots, whose neighbours share most
+
+
 class AnimatedMesh(ScenePrim):
     """A mesh of T triangles and V points in the world: metres, z up.
 
@@ -54,13 +71,16 @@ class AnimatedMesh(ScenePrim):
     sides are cut into fans, holes and faces without area left out. face: (T,) their faces. rest:
     (V, 3) m, points at rest. st: (T, 3, 2) texture coordinates of the corners, None where there
     are none. sampled: first and last time code with samples of anything that moves it, None
-    where nothing does.
+    where nothing does. knots: where its poses are those of the scene, with smooth motion between
+    them; None: the scene's own motion.
     """
 
     def __init__(self, scene: SourceScene, mesh: Any, rest: float | None, skinning: Any) -> None:
         super().__init__(scene, mesh.GetPrim())
         self._mesh, self._skinning = mesh, skinning
         self.triangles, self.face, self.st = triangles_of(mesh)
+        self.knots: Knots | None = None
+        self._poses: OrderedDict[float, _KnotPose] = OrderedDict()
         self._rest_code = DEFAULT if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
         moving = [] if skinning is None else skinning.attributes()
@@ -74,17 +94,52 @@ class AnimatedMesh(ScenePrim):
     def space(self) -> tuple[float, str]:
         return self._scene.space
 
+    def smoothed(self, knots: Knots) -> AnimatedMesh:
+        """The same mesh, moving smoothly between the poses that it has at knots (time codes)."""
+        if self.sampled is None:
+            return self
+        found = copy.copy(self)
+        found.knots, found._poses = knots, OrderedDict()
+        return found
+
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
-        local, prim = self._local_points(Usd.TimeCode(code))
-        matrix = self._scene.matrix(prim, Usd.TimeCode(code))
+        local, matrix = self._pose(code)
         return self._finite(transformed(local[triangles].astype(np.float64), matrix), code)
 
     def points(self, code: float) -> Array:
         """(V, 3) m, all points at a time code."""
-        local, prim = self._local_points(Usd.TimeCode(code))
-        matrix = self._scene.matrix(prim, Usd.TimeCode(code))
+        local, matrix = self._pose(code)
         return self._finite(transformed(local.astype(np.float64), matrix), code)
+
+    def _pose(self, code: float) -> tuple[NDArray[Any], Array]:
+        """Points of the mesh, and the matrix from their space to the world, at a time code."""
+        if self.knots is None:
+            local, prim = self._local_points(Usd.TimeCode(code))
+            return local, self._scene.matrix(prim, Usd.TimeCode(code))
+        stencil = self.knots.stencil(code)
+        poses = [self._at_knot(time) for time in stencil.times.tolist()]
+        matrix = stencil.matrix(np.stack([each.matrix for each in poses]))
+        points = stencil.value(np.stack([each.points for each in poses]))
+        if self._skinning is None:
+            return points, matrix
+        joints = stencil.matrix(np.stack([each.joints for each in poses]))
+        weights = stencil.value(np.stack([each.weights for each in poses]))
+        return self._skinning.posed(SkinPose(joints, weights, points)), matrix
+
+    def _at_knot(self, time: float) -> _KnotPose:
+        """As the scene has it at a knot; the last few are kept."""
+        if time not in self._poses:
+            code = Usd.TimeCode(time)
+            if self._skinning is None:
+                local, prim = self._local_points(code)
+                pose = _NO_JOINTS._replace(points=local)
+            else:
+                pose, prim = self._skinning.pose(code), self._skinning.space
+            self._poses[time] = _KnotPose(*pose, self._scene.matrix(prim, code))
+            if len(self._poses) > _KEPT:
+                self._poses.popitem(last=False)
+        return self._poses[time]
 
     def is_mirrored(self, code: float) -> bool:
         """Whether the transforms mirror the mesh at a time code, and did not at rest."""

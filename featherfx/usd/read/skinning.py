@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,19 @@ from featherfx.usd.read.values import (
     targets_of,
 )
 
+Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _MISFIT = "joints, weights and bind pose do not fit"
+
+
+class SkinPose(NamedTuple):
+    """What moves a skinned mesh at a time: matrices (J, 4, 4) of the joints in their parents' space
+    (row vectors), weights (B,) of its blend shapes, and its own points (V, 3)."""
+
+    joints: Array
+    weights: Array
+    points: NDArray[Any]
 
 
 class Skinning:
@@ -44,7 +54,7 @@ class Skinning:
     def points(self, code: Any) -> Floats:
         """(V, 3) skinned points in the skeleton's space at a time code."""
         with reading(self._mesh.GetPrim()):
-            points = self.shaped(code)
+            points = self._shaped(self._mesh_points(code), self._shape_weights(code))
             if not self._skinning.HasJointInfluences():
                 return self._bound(np.asarray(points))
             transforms = self._skeleton.ComputeSkinningTransforms(code)
@@ -53,6 +63,33 @@ class Skinning:
             ):
                 raise fault(self._mesh.GetPrim(), f"USD cannot skin it {at(code)}; {_MISFIT}")
         return np.asarray(points)
+
+    def pose(self, code: Any) -> SkinPose:
+        """What moves the mesh at a time code."""
+        with reading(self._mesh.GetPrim()):
+            joints = self._skeleton.ComputeJointLocalTransforms(code)
+            weights = np.array(self._shape_weights(code), dtype=np.float64)
+            return SkinPose(np.array(joints), weights, np.array(self._mesh_points(code)))
+
+    def posed(self, pose: SkinPose) -> Floats:
+        """(V, 3) skinned points in the skeleton's space in a pose of our own."""
+        with reading(self._mesh.GetPrim()):
+            points = self._shaped(pose.points, pose.weights)
+            if not self._skinning.HasJointInfluences():
+                return self._bound(np.asarray(points))
+            transforms = Vt.Matrix4dArray.FromNumpy(self._from_bind(pose.joints))
+            if not self._skinning.ComputeSkinnedPoints(transforms, points, EARLIEST):
+                raise fault(self._mesh.GetPrim(), f"USD cannot skin it; {_MISFIT}")
+        return np.asarray(points)
+
+    def _from_bind(self, joints: Array) -> Array:
+        """(J, 4, 4) from the bind pose to a pose whose joints stand so in their parents' space."""
+        found = joints.copy()
+        for joint, parent in enumerate(self._skeleton.GetTopology().GetParentIndices()):
+            if parent >= 0:
+                found[joint] = found[joint] @ found[parent]
+        binds = np.array(self._skeleton.GetJointWorldBindTransforms())
+        return np.asarray(np.linalg.inv(binds) @ found)
 
     def bind_points(self) -> Floats:
         """(V, 3) points of the bind pose in the skeleton's space."""
@@ -82,17 +119,25 @@ class Skinning:
         bind = np.array(self._skinning.GetGeomBindTransform(EARLIEST))
         return (points @ bind[:3, :3] + bind[3, :3]).astype(np.float32)
 
-    def shaped(self, code: Any) -> Any:
-        """The mesh's points moved by its blend shapes; an array of our own."""
-        points = np.array(self._mesh_points(code), dtype=np.float32)
+    def earliest(self) -> Any:
+        """The mesh's points moved by its blend shapes at its first samples."""
+        return self._shaped(self._mesh_points(EARLIEST), self._shape_weights(EARLIEST))
+
+    def _shape_weights(self, code: Any) -> Any:
+        """Weights of the mesh's own blend shapes at a time; empty where none moves it."""
         query = self._skeleton.GetAnimQuery()
-        if self._shapes is not None and query:
-            weights = query.ComputeBlendShapeWeights(code)
-            mapper = self._skinning.GetBlendShapeMapper()
-            if mapper is not None:
-                weights = mapper.Remap(weights)
-            weights, shapes, parts = self._shapes.ComputeSubShapeWeights(weights)
-            for weight, shape, part in zip(weights, shapes, parts, strict=True):
+        if self._shapes is None or not query:
+            return ()
+        weights, mapper = query.ComputeBlendShapeWeights(code), self._skinning.GetBlendShapeMapper()
+        return weights if mapper is None else mapper.Remap(weights)
+
+    def _shaped(self, mesh_points: Any, weights: Any) -> Any:
+        """Points moved by blend shapes; an array of our own."""
+        points = np.array(mesh_points, dtype=np.float32)
+        if self._shapes is not None and len(weights):
+            given = Vt.FloatArray([float(weight) for weight in weights])
+            parts_of = self._shapes.ComputeSubShapeWeights(given)
+            for weight, shape, part in zip(*parts_of, strict=True):
                 chosen, moved = self._shape_points[shape], self._shape_offsets[part]
                 if len(moved):
                     points[chosen if len(chosen) else slice(None)] += np.float32(weight) * moved
@@ -152,7 +197,7 @@ def _find(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
     skinning = Skinning(mesh, skeleton, query, cache)
     if query.HasJointInfluences():
         transforms = skeleton.ComputeSkinningTransforms(EARLIEST)
-        points = skinning.shaped(EARLIEST)
+        points = skinning.earliest()
         if transforms is None or not query.ComputeSkinnedPoints(transforms, points, EARLIEST):
             place.fail(f"{path}: USD cannot skin it; {_MISFIT}")
             return None
