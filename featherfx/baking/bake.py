@@ -13,6 +13,7 @@ from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, takes
 from featherfx.baking.task import prepare
 from featherfx.files.whole import into, remove_leftovers, standing, write_all
+from featherfx.usd.write.resume import tidy
 
 NOTHING_DONE = {"mean": 0.0, "max": 0.0}
 
@@ -52,6 +53,7 @@ def bake(
     report = None if task.options.report is None else Path(task.options.report)
     before = standing(report) if report else None
     if task.finished:
+        tidy(task.path, task.settings)
         notify(task.samples, task.samples)
         figures: dict[str, Any]
         done, figures = task.samples, {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import io
+import os
+import signal
+import sys
+import threading
 import traceback
 import warnings
+from collections.abc import Iterator
 from typing import Any
 
 import click
@@ -58,10 +65,68 @@ class CommandGroup(_WithExamples, click.Group):
     command_class = Command
 
 
+class _Forgiving(io.FileIO):
+    """An open descriptor; what it does not take is lost."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data) or 0
+        except OSError:
+            return len(data)
+
+
+def _secure_streams() -> None:
+    """Let a bake outlive a stderr that is closed or full, and keep its number from files."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+    if sys.stderr is sys.__stderr__:
+        raw = io.BufferedWriter(_Forgiving(2, "w", closefd=False))
+        encoding = sys.stderr.encoding if sys.stderr else "utf-8"
+        sys.stderr = io.TextIOWrapper(raw, encoding, "backslashreplace", line_buffering=True)
+
+
+_came: list[int] = []  # interrupts of this run
+
+
+@contextlib.contextmanager
+def _noted_interrupts() -> Iterator[None]:
+    """Interrupts are raised as always, and noted: libraries swallow what is raised in their
+    callbacks."""
+    _came.clear()
+    usual = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(usual):
+        yield
+        return
+
+    def note(number: int, frame: Any) -> None:
+        _came.append(number)
+        usual(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+
+
+def raise_interrupt() -> None:
+    """Raise KeyboardInterrupt if one came before and was swallowed."""
+    if _came:
+        raise KeyboardInterrupt
+
+
 class Program(CommandGroup):
     """The outermost group. Exit codes: 0 done, 1 wrong input or failed work, 2 wrong usage."""
 
     group_class = CommandGroup
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        _secure_streams()
+        with _noted_interrupts():
+            return super().main(*args, **options)
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -69,6 +134,8 @@ class Program(CommandGroup):
                 warnings.simplefilter("always", InputWarning)
                 warnings.showwarning = _show_warning
                 return super().invoke(ctx)
+        except (click.ClickException, click.exceptions.Exit):
+            raise
         except (InputError, SimulationError) as error:
             self._fail(ctx, str(error), error)
         except KeyboardInterrupt as error:
@@ -78,6 +145,11 @@ class Program(CommandGroup):
                 raise
             place = f"{error.filename}: " if error.filename else ""
             self._fail(ctx, f"{place}{error.strerror or error}", error)
+        except Exception as error:
+            if not _came:
+                raise
+            # a library has made another error of it
+            self._fail(ctx, "interrupted", error)
 
     def _fail(self, ctx: click.Context, message: str, error: BaseException) -> None:
         if ctx.meta.get(_VERBOSE):

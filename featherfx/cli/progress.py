@@ -10,6 +10,8 @@ from typing import Any, Self
 
 import click
 
+from featherfx.cli.program import raise_interrupt
+
 _SECONDS_BETWEEN_LINES = 1.0
 
 
@@ -41,6 +43,7 @@ class Progress:
             self.bar.__exit__(kind, error, trace)
 
     def __call__(self, done: int, total: int) -> None:
+        raise_interrupt()
         if self.json:
             seconds = round(time.monotonic() - self.begin, 3)
             line = {"progress": self.label, "done": done, "total": total, "seconds": seconds}

@@ -1,20 +1,25 @@
 """Failures become one message and an exit code; wrong usage is told with help."""
 
+import contextlib
 import errno
 import os
+import signal
 import subprocess
 import sys
 import time
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from pxr import Usd
 
 from featherfx.baking import pipeline
 from featherfx.baking.options import BakeOptions, GroomOptions
 from featherfx.cli.main import main
 from featherfx.errors import InputError, Problem, SimulationError
 
+GROOM = Path(__file__).resolve().parents[2] / "samples/feather_pull/groom.toml"
 NO_SPACE = OSError(errno.ENOSPC, "No space left on device", "wing.usdc")
 FAILURES = [
     (
@@ -150,3 +155,24 @@ def test_help_answers_at_once():
     assert "bake" in done.stdout
     # Half a second on an idle machine; this bound only catches a heavy import.
     assert time.perf_counter() - begin < 1.5
+
+
+def test_an_interrupt_that_a_library_swallows_is_not_lost(monkeypatch):
+    def bake(shot, **options):
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        options["on_frame"](0, 2)
+        return {"feathers": 3, "frames": 2, "wall_seconds": 1.25}
+
+    monkeypatch.setattr(pipeline, "bake", bake)
+    result = run("bake", "s.toml")
+    assert (result.exit_code, result.stderr) == (1, "featherfx: interrupted\n")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a shell of Unix")
+@pytest.mark.parametrize("stream", ["2>/dev/full", "2>&-", "2>&1 | true", "<&- >&- 2>&-"])
+def test_a_stderr_that_takes_nothing_ends_no_work(tmp_path, stream):
+    output = tmp_path / "feathers.usdc"
+    command = f"{sys.executable} -m featherfx groom {GROOM} -o {output} {stream}"
+    subprocess.run(["sh", "-c", command], check=False)
+    assert Usd.Stage.Open(str(output)).GetDefaultPrim()

@@ -1,4 +1,7 @@
-"""Damaged inputs by the thousand: `python -m tests.fuzz --cases 300 --seed 0 usd`."""
+"""Damaged inputs by the thousand: `python -m tests.fuzz --cases 300 --seed 0 usd`.
+
+And bakes that are killed: `python -m tests.fuzz --cases 30 kill`.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from tests.fuzz import usd
+from tests.fuzz import kill, usd
 from tests.fuzz.cases import FINE, run
 
 KINDS = {"usd": usd.KIND}
@@ -15,7 +18,7 @@ KINDS = {"usd": usd.KIND}
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("kind", choices=sorted(KINDS))
+    parser.add_argument("kind", choices=sorted([*KINDS, "kill"]))
     parser.add_argument("--cases", type=int, default=300, metavar="N")
     parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
@@ -23,10 +26,13 @@ def main() -> int:
     given = parser.parse_args()
     start = time.monotonic()
     numbers = range(given.first, given.first + given.cases)
-    outcomes = run(KINDS[given.kind], numbers, given.seed, given.keep)
+    if given.kind == "kill":
+        outcomes = kill.run(numbers, given.seed, given.keep)
+    else:
+        outcomes = run(KINDS[given.kind], numbers, given.seed, given.keep)
     counts = ", ".join(f"{name} {count}" for name, count in sorted(outcomes.items()))
-    print(f"{given.cases} cases in {time.monotonic() - start:.0f} s; commands: {counts}")
-    return int(bool(set(outcomes) - set(FINE)))
+    print(f"{given.cases} cases in {time.monotonic() - start:.0f} s; {counts}")
+    return int(bool(set(outcomes) - {*FINE, "killed"}))
 
 
 sys.exit(main())

@@ -16,8 +16,10 @@ from featherfx.errors import InputError
 from featherfx.files import whole
 from featherfx.files.whole import into, write_all
 from featherfx.usd.types import OutputError
+from featherfx.usd.write import parts
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output
+from featherfx.usd.write.resume import tidy
 from featherfx.usd.write.write import CacheWriter
 
 SETTINGS = {"shot": "one"}
@@ -101,6 +103,27 @@ def test_what_a_killed_bake_left_is_removed_by_the_next(tmp_path, layout):
     (tmp_path / ".o.usdc.lock").touch()
     bake(path, layout=layout, overwrite=True)
     assert set(tree(tmp_path)) == names | {".o.notes.usdc", ".other.4242.tmp.usdc"}
+
+
+@pytest.mark.parametrize("layout", ["clips", "flat", "payload"])
+def test_what_a_bake_left_that_was_killed_when_all_was_there_is_removed(
+    tmp_path, layout, monkeypatch
+):
+    path = tmp_path / "o.usdc"
+    with monkeypatch.context() as killed:
+        killed.setattr(parts.Parts, "finish", lambda self, keep_chunks: self.close())
+        killed.setattr(parts.Lock, "release", lambda lock: lock._lock.release())
+        bake(path, layout=layout, settings=SETTINGS)
+    before = tree(tmp_path)
+    assert ".o.usdc.lock" in before
+    tidy(path, SETTINGS)
+    after = tree(tmp_path)
+    wanted = {"o.usdc"} if layout == "flat" else {"o.usdc", "o.payload.usdc", "o.animation.usdc"}
+    if layout == "clips":
+        wanted = {n for n in before if not n.endswith((".npz", "lock"))}
+    assert after == {name: before[name] for name in wanted}
+    tidy(path, SETTINGS)
+    assert tree(tmp_path) == after
 
 
 def damaged_record(file: Path) -> None:

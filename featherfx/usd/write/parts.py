@@ -40,6 +40,7 @@ _BLOCK = 1 << 18
 _SETTINGS = "bake.json"
 _LOCK = "lock"
 _FILE = re.compile(r"bake\.json|manifest\.usdc|\d{4,}\.(?:usdc|json|npz)")
+_PUBLISHED = re.compile(r"bake\.json|manifest\.usdc|\d{4,}\.(?:usdc|json)")
 _FOLDER = re.compile(r"[0-9a-f]{16}")
 
 Save = Callable[[Path], object]
@@ -70,24 +71,33 @@ class Parts:
 
     path: the output. layout: "flat", "payload" or "clips". settings: all that the chunks depend on.
     keep: whether chunks that an earlier run with these settings left are taken over; all others
-    are removed. Raises OutputError while another process writes this output or to the same
+    are removed. finished: the cache has its name, and only finish is to be called. Raises
+    OutputError while another process writes this output or to the same
     folder, and where something else has the folder's place.
     """
 
-    def __init__(self, path: Path, layout: str, settings: Mapping[str, str], keep: bool) -> None:
+    def __init__(
+        self,
+        path: Path,
+        layout: str,
+        settings: Mapping[str, str],
+        keep: bool,
+        finished: bool = False,
+    ) -> None:
         folder = parts_folder(path, layout)
         self.folder = folder / settings_digest(settings)
         self._settings = dict(settings)
         self.records: list[ChunkRecord] = []
         self._locks: list[Lock] = []
         with _told(path.parent):
-            self._lock(path.with_name(f".{path.name}.lock"), path)
+            self._lock(lock_file(path), path)
         try:
             _refuse_foreign(folder, self.folder)
             with _told(folder):
                 folder.mkdir(exist_ok=True)
                 self._lock(folder / _LOCK, folder)
-                self._start(keep)
+                if not finished:
+                    self._start(keep)
             for file in output_files(path, "payload"):
                 remove_leftovers(file)
         except BaseException:
@@ -138,11 +148,9 @@ class Parts:
 
     def finish(self, keep_chunks: bool) -> None:
         """The cache is published: remove what bakes left here that is no part of it."""
-        if keep_chunks:
-            self.state(len(self.records) - 1).unlink(missing_ok=True)
         for bake in _bakes(self.folder.parent):
-            if not (keep_chunks and bake == self.folder):
-                _remove_bake(bake)
+            kept = bake.iterdir() if keep_chunks and bake == self.folder else ()
+            _remove_bake(bake, {file for file in kept if _PUBLISHED.fullmatch(file.name)})
         self._release()
 
     def discard(self) -> None:
@@ -200,6 +208,11 @@ class Parts:
         for index in range(len(self.records)):
             wanted |= {self.chunk(index), self._record(index)}
         _remove_bake(self.folder, wanted if self.records else set())
+
+
+def lock_file(path: Path) -> Path:
+    """What stands beside an output while it is written, and after a kill."""
+    return path.with_name(f".{path.name}.lock")
 
 
 def _refuse_foreign(folder: Path, bake: Path) -> None:

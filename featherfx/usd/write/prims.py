@@ -62,6 +62,7 @@ def labels(id: str, kind: str, region: str) -> dict[str, Any]:
 
 def define_materials(stage: Any, scope: Any) -> dict[str, Any]:
     """UsdPreviewSurface materials "vane" and "rachis" under the path scope."""
+    UsdGeom.Scope.Define(stage, scope)
     return {name: _define_material(stage, scope.AppendChild(name), name) for name in COLOURS}
 
 

@@ -12,7 +12,7 @@ from featherfx.errors import Problem
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import clips_folder, output_files, parts_folder
-from featherfx.usd.write.parts import Parts, unfinished_settings
+from featherfx.usd.write.parts import Parts, lock_file, unfinished_settings
 
 _MOST_DIFFERENCES = 12
 
@@ -35,6 +35,17 @@ def is_finished(path: Path, settings: Mapping[str, str], overwrite: bool) -> boo
         if unfinished and settings not in unfinished and not overwrite:
             raise _refused(path, "was begun", unfinished[0], settings)
     return False
+
+
+def tidy(path: Path, settings: Mapping[str, str]) -> None:
+    """Remove what a bake left that was killed when its cache, now complete, had its name.
+
+    Raises OutputError where another bake is writing it.
+    """
+    if lock_file(path).exists():
+        layout = layer_metadata(path).get("layout", "flat")
+        parts = Parts(path, layout, settings, keep=True, finished=True)
+        parts.finish(keep_chunks=layout == "clips")
 
 
 def baked_settings(path: Path) -> dict[str, str]:
