@@ -19,7 +19,8 @@ from featherfx.baking.options import BakeOptions, GroomOptions
 from featherfx.cli.main import main
 from featherfx.errors import InputError, Problem, SimulationError
 
-GROOM = Path(__file__).resolve().parents[2] / "samples/feather_pull/groom.toml"
+SHOT = Path(__file__).resolve().parents[2] / "samples/feather_pull/shot.toml"
+GROOM = SHOT.with_name("groom.toml")
 NO_SPACE = OSError(errno.ENOSPC, "No space left on device", "wing.usdc")
 FAILURES = [
     (
@@ -176,3 +177,25 @@ def test_a_stderr_that_takes_nothing_ends_no_work(tmp_path, stream):
     command = f"{sys.executable} -m featherfx groom {GROOM} -o {output} {stream}"
     subprocess.run(["sh", "-c", command], check=False)
     assert Usd.Stage.Open(str(output)).GetDefaultPrim()
+
+
+@pytest.mark.parametrize(
+    ("variables", "told"),
+    [
+        ({"NUMBA_DISABLE_JIT": "1"}, "NUMBA_DISABLE_JIT: is set, but"),
+        (
+            {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+            "has letters that this locale does not know; set LC_ALL=C.UTF-8",
+        ),
+    ],
+)
+def test_an_environment_that_cannot_work_is_one_message(tmp_path, variables, told):
+    output = tmp_path / "h\u00e9ron.usdc"
+    command = [sys.executable, "-m", "featherfx", "bake", str(SHOT), "-o", str(output)]
+    done = subprocess.run(
+        command, env=os.environ | variables, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("featherfx: ")
+    assert told in done.stderr.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []

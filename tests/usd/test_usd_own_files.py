@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from featherfx.files.whole import into, write_all
 from featherfx.usd.types import OutputError
 from featherfx.usd.write import parts
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.output import check_output
+from featherfx.usd.write.output import check_output, parts_folder
 from featherfx.usd.write.resume import tidy
 from featherfx.usd.write.write import CacheWriter
 
@@ -279,3 +280,26 @@ def test_an_interrupt_among_renames_waits_for_the_last(tmp_path, monkeypatch):
     after = tree(tmp_path)
     assert set(after) == set(before)
     assert all(after[name] != before[name] for name in before)
+
+
+@pytest.mark.parametrize("layout", ["clips", "flat", "payload"])
+@pytest.mark.parametrize("gone", ["output", "chunks"])
+@pytest.mark.parametrize("when", ["early", "late"])
+def test_a_folder_that_is_removed_in_mid_bake_is_one_message(tmp_path, layout, gone, when):
+    path = tmp_path / "out" / "o.usdc"
+    path.parent.mkdir()
+    own = {"output": path.parent, "chunks": parts_folder(path, layout)}[gone]
+
+    def run() -> None:
+        options = WriteOptions(chunk=1, layout=layout)
+        with CacheWriter(path, feathers.entries(), (1, 3), options=options) as writer:
+            for number in (1, 2, 3):
+                writer.write(feathers.frame(number))
+                if number == {"early": 1, "late": 3}[when]:
+                    assert writer.samples_done == number
+                    shutil.rmtree(own)
+
+    with pytest.raises(OutputError) as caught:
+        run()
+    assert len(caught.value.problems) == 1
+    assert not path.exists()

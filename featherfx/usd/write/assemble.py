@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf
+from pxr import Sdf, Tf
 
 from featherfx.errors import Problem
 from featherfx.files.whole import Standing
@@ -72,7 +73,7 @@ def _moving(records: Sequence[ChunkRecord], static: Sequence[bool]) -> NDArray[n
 
 
 def _still_poses(layer: Any, prims: AnimatedPrims, still: Any, parts: Parts) -> None:
-    chunk, code = open_chunk(parts.chunk(0)), parts.records[0].codes[0]
+    chunk, code = _checked(parts, 0), parts.records[0].codes[0]
     with Sdf.ChangeBlock():
         for index in np.flatnonzero(still):
             for key, path in prims.paths[index].items():
@@ -123,8 +124,10 @@ def _clips(
 def _checked(parts: Parts, number: int) -> Any:
     """A chunk's layer, after a look at its size and time codes."""
     path, record = parts.chunk(number), parts.records[number]
-    size = path.stat().st_size if path.is_file() else 0
-    chunk = open_chunk(path) if size == record.bytes else None
+    chunk = None
+    with contextlib.suppress(OSError, Tf.ErrorException):
+        if path.stat().st_size == record.bytes:
+            chunk = open_chunk(path)
     ends = record.codes[0], record.codes[-1]
     if chunk is None or (chunk.startTimeCode, chunk.endTimeCode) != ends:
         raise OutputError(Problem(str(path), "", "is not the chunk that was written; bake again"))

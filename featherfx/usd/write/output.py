@@ -64,6 +64,11 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
         )
     if layout not in LAYOUTS:
         problems.append(Problem(source, "layout", f"'{layout}' is not one of {', '.join(LAYOUTS)}"))
+    try:
+        os.path.abspath(path).encode()
+    except UnicodeEncodeError:
+        message = "has letters that this locale does not know; set LC_ALL=C.UTF-8 or PYTHONUTF8=1"
+        raise OutputError(*problems, Problem(ascii(source), "", message)) from None
     problems += file_problems(output_files(path, layout), overwrite)
     if problems:
         raise OutputError(*problems)
