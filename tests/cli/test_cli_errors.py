@@ -174,8 +174,10 @@ def test_an_interrupt_that_a_library_swallows_is_not_lost(monkeypatch):
 @pytest.mark.parametrize("stream", ["2>/dev/full", "2>&-", "2>&1 | true", "<&- >&- 2>&-"])
 def test_a_stderr_that_takes_nothing_ends_no_work(tmp_path, stream):
     output = tmp_path / "feathers.usdc"
-    command = f"{sys.executable} -m featherfx groom {GROOM} -o {output} {stream}"
+    code = tmp_path / "code"
+    command = f"({sys.executable} -m featherfx groom {GROOM} -o {output}; echo $? >{code}) {stream}"
     subprocess.run(["sh", "-c", command], check=False)
+    assert code.read_text() == "0\n"
     assert Usd.Stage.Open(str(output)).GetDefaultPrim()
 
 

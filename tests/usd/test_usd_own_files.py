@@ -213,6 +213,19 @@ def test_two_bakes_of_one_name_in_two_layouts_do_not_meet(tmp_path):
     assert set(tree(tmp_path)) == {"o.usdc"}
 
 
+def test_what_is_published_before_the_lock_is_had_is_seen_before_any_work(tmp_path, monkeypatch):
+    path = tmp_path / "o.usdc"
+
+    def late(*given):
+        path.write_text("theirs")
+        return parts.Parts(*given)
+
+    monkeypatch.setattr("featherfx.usd.write.write.Parts", late)
+    with pytest.raises(OutputError, match=r"o\.usdc: another bake has just written it"):
+        CacheWriter(path, feathers.entries(), (1, 3))
+    assert tree(tmp_path) == {"o.usdc": b"theirs"}
+
+
 def test_a_payload_of_others_is_not_replaced_where_the_layout_is_chosen(tmp_path, monkeypatch):
     monkeypatch.setattr("featherfx.usd.write.output.AUTO_CLIPS_BYTES", 1)
     other = tmp_path / "o.payload.usdc"

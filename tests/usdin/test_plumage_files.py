@@ -88,6 +88,14 @@ def test_feathers_that_do_not_repeat_are_meshes(groom):
     assert len(Cache(output).feathers) == 60
 
 
+@pytest.mark.parametrize("instances", [True, False])
+def test_every_prim_has_a_type(groom, instances):
+    output = groom.with_name("o.usdc")
+    export_groom(groom, output, quality="draft", instances=instances)
+    stage = Usd.Stage.Open(str(output))
+    assert [str(prim.GetPath()) for prim in stage.TraverseAll() if not prim.GetTypeName()] == []
+
+
 def test_a_payload_of_instances(groom):
     output = groom.with_name("small.usda")
     export_groom(groom, output, quality="draft", layout="payload")

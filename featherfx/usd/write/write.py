@@ -106,6 +106,7 @@ class CacheWriter:
         self._parts: Parts | None = None
         if frames is not None:
             self._parts = Parts(self._path, self._layout, own, options.resume)
+            self._check_unchanged()
             step = 1.0 / (frames_per_second * self._subframes)
             self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
             most = chunk_bytes(len(self._feathers)) // (self._subframes * bytes_per_sample)
@@ -207,6 +208,16 @@ class CacheWriter:
         begun = unfinished_settings(parts_folder(self._path, self._layout))
         own = self._path.exists() or dict(settings) in begun
         check_output(self._path, options.overwrite or (options.resume and own), self._layout)
+
+    def _check_unchanged(self) -> None:
+        """Refuse what another bake has published before this one had the lock."""
+        assert self._parts is not None
+        for file, found in self._before.items():
+            if standing(file) != found:
+                leave = self._parts.close if self._parts.records else self._parts.discard
+                leave()
+                message = "another bake has just written it; choose another name, or --overwrite"
+                raise OutputError(Problem(str(file), "", message))
 
     def _settings_of_stage(self, chunk: int) -> dict[str, str]:
         """What tells one cache without settings from another of the same name."""
