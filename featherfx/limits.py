@@ -53,8 +53,8 @@ def irregular(path: Path) -> str:
 def memory_limit() -> tuple[float, str]:
     """Bytes that a command may plan to use, and what says so.
 
-    Those of the environment variable FEATHERFX_MEMORY (GB), else the machine's. Raises InputError
-    for a variable that is no number above 0.
+    Those of the environment variable FEATHERFX_MEMORY (GB), else the machine's or process's. Raises
+    InputError for a variable that is no number above 0.
     """
     given = os.environ.get(MEMORY_VARIABLE, "")
     if given:
@@ -65,8 +65,19 @@ def memory_limit() -> tuple[float, str]:
         if not limit > 0.0:
             raise InputError(Problem(MEMORY_VARIABLE, "", f"'{given}' is no number of GB above 0"))
         return limit, f"that {MEMORY_VARIABLE} allows"
+    return _memory_there(), f"that are there ({MEMORY_VARIABLE}, in GB, sets another limit)"
+
+
+def _memory_there() -> float:
+    """Bytes of the machine, or that the process may have; infinite where neither is told."""
+    try:
+        # not on Windows
+        import resource
+    except ImportError:
+        return math.inf
+    own = [resource.getrlimit(each)[0] for each in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
     machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return float(machine), f"of this machine ({MEMORY_VARIABLE}, in GB, sets another limit)"
+    return float(min([machine, *(limit for limit in own if limit != resource.RLIM_INFINITY)]))
 
 
 def refuse_beyond_memory(needed: float, source: str, key: str, what: str) -> None:

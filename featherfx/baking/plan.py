@@ -16,6 +16,7 @@ from featherfx.api import Folders, read_shot
 from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_text
+from featherfx.usd.write.output import check_output
 
 # Characters that a job's name may have at most.
 _NAME_LENGTH = 64
@@ -38,7 +39,8 @@ def plan(
     """
     shot = read_shot(shot_path, preset_folders)
     shot_path = Path(os.path.abspath(shot_path))
-    output = Path(os.path.abspath(default_output(shot) if output is None else output))
+    output = default_output(shot) if output is None else output
+    output = Path(os.path.abspath(check_output(output, overwrite=True)))
     most = len(shot.groom.feathers)
     if not 1 <= shares <= most:
         message = f"{shares} is out of range; allowed 1 to {most}, the number of feathers"

@@ -10,10 +10,10 @@ import sys
 import time
 from pathlib import Path
 
-from tests.fuzz import kill, usd
+from tests.fuzz import kill, toml, usd
 from tests.fuzz.cases import FINE, run
 
-KINDS = {"usd": usd.KIND}
+KINDS = {"toml": toml.KIND, "usd": usd.KIND}
 
 
 def main() -> int:

@@ -220,7 +220,7 @@ def test_memory_that_is_not_there_is_refused_with_an_estimate(
         with pytest.raises(InputError, match="is no number of GB above 0"):
             memory_limit()
     monkeypatch.delenv("FEATHERFX_MEMORY")
-    with pytest.raises(InputError, match=r"of this machine \(FEATHERFX_MEMORY, in GB, sets"):
+    with pytest.raises(InputError, match=r"that are there \(FEATHERFX_MEMORY, in GB, sets"):
         refuse_beyond_memory(1e18, "a.toml", "", "it")
 
 

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from featherfx.errors import Problem
+from featherfx.errors import CONTROL, Problem
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.options import LAYOUTS
 
@@ -57,6 +57,8 @@ def check_output(path: str | Path, overwrite: bool = False, layout: str = "flat"
     """
     path = Path(path)
     source = str(path)
+    if not path.name or CONTROL.search(path.name):
+        raise OutputError(Problem(source, "", "is no name of a file"))
     problems = []
     if path.suffix not in SUFFIXES:
         problems.append(
