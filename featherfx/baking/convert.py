@@ -9,7 +9,7 @@ from featherfx.usd.convert.alembic import export_alembic
 from featherfx.usd.convert.condensed import export_condensed
 from featherfx.usd.convert.export import flatten, mesh_sequence
 from featherfx.usd.write.join import join_shares
-from featherfx.usd.write.output import SUFFIXES
+from featherfx.usd.write.output import SUFFIXES, check_output
 
 
 def export(
@@ -46,6 +46,6 @@ def join(output: str | Path, shares: int, overwrite: bool = False) -> int:
     output: name of the whole; the shares stand beside it (featherfx.baking.task.part_path). Raises
     InputError where one is missing or was baked with other settings.
     """
-    path = Path(output)
+    path = check_output(output, overwrite)
     parts = [part_path(path, (k, shares)) for k in range(1, shares + 1)]
     return join_shares(path, parts, overwrite)

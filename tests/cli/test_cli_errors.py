@@ -118,6 +118,37 @@ def test_a_file_without_permission_is_a_problem_like_any_other(tmp_path, monkeyp
     assert "no permission to read it" in result.stdout
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["bake", "samples/feather_pull/shot.toml", "-o"],
+        ["bake", "samples/feather_pull/shot.toml", "--plan", "1", "-o"],
+        ["groom", "samples/feather_pull/groom.toml", "-o"],
+        ["join", "--shares", "2"],
+    ],
+)
+@pytest.mark.parametrize("output", [".", "/", "a\nb.usda"])
+def test_an_output_needs_a_name(arguments, output):
+    result = run(*arguments, output)
+    assert result.exit_code == 1
+    assert result.stderr == "featherfx: {}: is no name of a file\n".format(
+        output.replace("\n", "\\n")
+    )
+
+
+def test_meshes_that_fit_into_no_memory_are_refused(monkeypatch):
+    monkeypatch.setenv("FEATHERFX_MEMORY", "1")
+    for command, file in (("bake", "shot.toml"), ("groom", "groom.toml")):
+        path = f"samples/feather_pull/{file}"
+        size = ["--render-rows", "5000", "--render-columns", "500"]
+        result = run(command, path, "-o", "no.usdc", *size)
+        assert result.exit_code == 1
+        assert result.stderr == (
+            f"featherfx: {path}: 1 feathers of 5000 rows and 500 columns a side would need about "
+            "12.3 GB of memory, more than the 1 GB that FEATHERFX_MEMORY allows\n"
+        )
+
+
 def test_options_reach_the_bake(monkeypatch):
     seen = {}
 

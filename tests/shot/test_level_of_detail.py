@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from featherfx.errors import InputError
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.detail.changes import JUMP, Fades
@@ -119,6 +120,13 @@ def test_levels_follow_the_camera_and_are_there_before_they_are_needed() -> None
     shot = railed(feathers(1, 44), distance, coarse_below=60.0, rigid_below=10.0, fade=4)
     levels = [row[0] for row in names(shot)]
     assert levels == ["rigid"] * 16 + ["full"] * 18 + ["rigid"] * 11
+
+
+def test_frames_without_end_are_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FEATHERFX_MEMORY", "0.5")
+    shot = replace(feathers(2, 1_000_000), level_of_detail=rules(coarse_below=1.0))
+    with pytest.raises(InputError, match="level_of_detail: levels of 2 feathers in 1000001 frames"):
+        simulate(shot)
 
 
 def test_motion_makes_feathers_count_for_more() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind, random_pose
@@ -104,6 +106,15 @@ def test_jobs_do_not_change_a_byte():
                 state, report = solver.step(state, no_loads(3, EARTH), path, FRAME)
         results.append(b"".join(a.tobytes() for a in (*state.arrays().values(), *report)))
     assert results[0] == results[1] == results[2]
+
+
+def test_threads_are_no_more_than_feathers():
+    _, model = preset_batch("covert", **(SMALL | {"count": 3}))
+    before = threading.active_count()
+    state = at_origin(model)
+    with Solver(model, SETTINGS, jobs=100_000) as solver:
+        solver.step(state, no_loads(3, EARTH), hold_roots(state), FRAME)
+        assert threading.active_count() - before <= 3
 
 
 def test_a_feather_does_not_depend_on_the_others_of_its_batch():

@@ -17,6 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
+from featherfx.limits import refuse_beyond_memory
 from featherfx.shot.detail.detail import CARRIED, Detailer, Resolution
 from featherfx.shot.detail.guides import with_guides
 from featherfx.shot.detail.view import relative_sizes
@@ -30,6 +31,8 @@ Indices = NDArray[np.int64]
 NUMBER = {level: number for number, level in enumerate(LEVELS)}
 # m/s^2, accelerations are measured in
 GRAVITY = 9.81
+# of a feather and frame while levels are chosen: root frames, sizes, accelerations
+_SEEN_BYTES = 300
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,9 @@ def _resolutions(detailer: Detailer, table: Numbers) -> tuple[tuple[Resolution, 
 
 def _seen(shot: Shot, rules: LevelOfDetail, motion: Roots) -> Numbers:
     """(frames, F) by size in the picture and motion, the finest within the fade."""
-    frames = shot.last_frame - shot.first_frame + 1
+    frames, count = shot.last_frame - shot.first_frame + 1, len(shot.groom.feathers)
+    what = f"levels of {count} feathers in {frames} frames"
+    refuse_beyond_memory(_SEEN_BYTES * frames * count, str(shot.source), "level_of_detail", what)
     times = np.arange(frames) / shot.frames_per_second
     lengths = np.array([p.kind.length for p in shot.groom.feathers])
     roots = [motion.frames(float(time)) for time in times]

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from featherfx import limits
 from featherfx.groom.keys import groom as groom_keys
 from featherfx.groom.keys import preset as preset_keys
 from featherfx.groom.keys import regions as region_keys
@@ -94,6 +95,53 @@ _FAMILIES = (
 )
 
 
+_LIMITS = (
+    (
+        "Size of a TOML file",
+        f"{limits.MOST_TOML_BYTES / 1e6:g} MB",
+        "a [[table]] holds many feathers",
+    ),
+    ("Tables and arrays within each other", str(limits.MOST_NESTING), ""),
+    ("Characters of a text", str(limits.MOST_CHARACTERS), ""),
+    ("Presets that extend each other", str(limits.MOST_BASES), "merge some of them"),
+    ("Feathers of a groom", str(limits.MOST_FEATHERS), "share them among grooms"),
+    ("Patterns of [overrides]", str(limits.MOST_PATTERNS), ""),
+    ("One array of an NPZ file", f"{limits.MOST_ARRAY_BYTES / 1e6:g} MB", "share it among tables"),
+    ("Problems told of one file", str(limits.MOST_LISTED), "the others are counted"),
+    ("Shapes that `check` builds of a groom", str(limits.MOST_TRIED), "evenly chosen"),
+    ("`--jobs`", str(limits.MOST_JOBS), "never more threads than feathers"),
+    ("`--render-rows`, `--render-columns`", f"{limits.MOST_ROWS}, {limits.MOST_COLUMNS}", ""),
+    ("`--barbs`", str(limits.MOST_BARBS), ""),
+    ("`--subframes`", str(limits.MOST_SUBFRAMES), ""),
+    ("Shares of a bake", str(limits.MOST_SHARES), ""),
+    ("Side of a picture", f"{limits.MOST_SIDE} pixels", ""),
+    (
+        "Pixels of all pictures of a call",
+        f"{limits.MOST_PIXELS / 1e6:g} million",
+        "draw fewer frames at a time",
+    ),
+    (
+        "Memory that a bake, a groom's export or `check` may plan to use",
+        "that of the machine",
+        f"the environment variable `{limits.MEMORY_VARIABLE}`, in GB, sets another limit",
+    ),
+)
+
+
+def _limits() -> Iterator[str]:
+    yield "## Limits"
+    yield ""
+    yield (
+        "What is beyond is refused before it is read or made. Inputs are regular files; pipes and "
+        "devices are refused."
+    )
+    yield ""
+    yield "| what | at most | |"
+    yield "|---|---|---|"
+    for row in _LIMITS:
+        yield "| " + " | ".join(row) + " |"
+
+
 def reference() -> str:
     """The whole page as Markdown."""
     lines = [_HEAD]
@@ -101,6 +149,7 @@ def reference() -> str:
         lines += [_PRESETS] if parts is _FAMILIES else []
         for title, keys in parts:
             lines += [title, "", *_table(keys)]
+    lines += _limits()
     return "\n".join(lines).rstrip() + "\n"
 
 

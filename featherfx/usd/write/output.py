@@ -124,13 +124,15 @@ def unique_prim_names(ids: Sequence[str]) -> list[str]:
     """
     names = [prim_name(text) for text in ids]
     taken = {name for name, text in zip(names, ids, strict=True) if name == text}
+    counts: dict[str, int] = {}
     for index, (name, text) in enumerate(zip(names, ids, strict=True)):
         if name == text:
             continue
-        candidate, count = name, 1
+        candidate, count = name, counts.get(name, 1)
         while candidate in taken:
             count += 1
             candidate = f"{name}_{count}"
+        counts[name] = count  # those below are taken
         taken.add(candidate)
         names[index] = candidate
     return names
