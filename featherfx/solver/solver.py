@@ -89,8 +89,8 @@ class Solver:
     def __init__(self, model: Model, settings: Settings, jobs: int = 1) -> None:
         self.model, self.settings = model, settings
         self._local = local()
-        self._jobs = min(jobs, model.feathers, MOST_JOBS)
-        self._pool = ThreadPoolExecutor(self._jobs) if self._jobs > 1 else None
+        self.jobs = min(jobs, model.feathers, MOST_JOBS)
+        self._pool = ThreadPoolExecutor(self.jobs) if self.jobs > 1 else None
 
     def __enter__(self) -> Solver:
         return self
@@ -148,7 +148,7 @@ class Solver:
             of_frame = step_settings(settings or self.settings, duration, self.model.length[f])
             advance(self.model, loads, f, path, state, of_frame, self._work(), report)
 
-        self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
+        self.for_each(one, range(self.model.feathers) if feathers is None else feathers)
         return report
 
     def begin(
@@ -167,7 +167,7 @@ class Solver:
             start_acceleration(self.model, loads, f, duration, state, self._work(), path)
             state.step[f] = BEGUN
 
-        self._for_each(one, [f for f in feathers if state.step[f] == 0.0])
+        self.for_each(one, [f for f in feathers if state.step[f] == 0.0])
 
     def equilibrium(
         self,
@@ -197,7 +197,7 @@ class Solver:
                 self._work(),
             )
 
-        self._for_each(one, range(self.model.feathers) if feathers is None else feathers)
+        self.for_each(one, range(self.model.feathers) if feathers is None else feathers)
         return new, status, iterations
 
     def _work(self) -> Work:
@@ -207,19 +207,20 @@ class Solver:
         work: Work = self._local.work
         return work
 
-    def _for_each(self, function: Callable[[int], None], feathers: Iterable[int]) -> None:
+    def for_each(self, function: Callable[[int], None], numbers: Iterable[int]) -> None:
+        """Call a function with each number, by all threads."""
         if self._pool is None:
-            for f in feathers:
-                function(f)
+            for number in numbers:
+                function(number)
             return
-        # every thread takes the next feather when it is free
-        waiting = iter(list(feathers))
+        # every thread takes the next one when it is free
+        waiting = iter(list(numbers))
 
         def work() -> None:
-            for f in waiting:
-                function(f)
+            for number in waiting:
+                function(number)
 
-        for done in [self._pool.submit(work) for _ in range(self._jobs)]:
+        for done in [self._pool.submit(work) for _ in range(self.jobs)]:
             done.result()
 
 

@@ -16,13 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import without_directors
-from featherfx.solver.contact.surfaces import (
-    WALL_FIT,
-    Grids,
-    list_contacts,
-    moving_bodies,
-    no_memory,
-)
+from featherfx.solver.contact.search import Searcher
+from featherfx.solver.contact.surfaces import WALL_FIT, Grids, moving_bodies, no_memory
 from featherfx.solver.contact.types import Candidates, Search, VaneSurfaces
 
 Array = NDArray[np.float64]
@@ -125,7 +120,7 @@ def _votes(pairs: Indices, rest: Array, surfaces: VaneSurfaces, shorter: Array) 
         free = Candidates(pairs[some], np.zeros(len(some), dtype=np.int64))
         margin = float(NEAR * 2.0 ** (octave + 1.0))
         search = Search(surfaces, bodies, memory, margin, 0.0, WALL_FIT)
-        found = list_contacts(free, search).contacts
+        found = Searcher(free, surfaces).find(search).contacts
         pair, side = some[found["pair"]], found["side"]
         height = found["start_gap"] + found["thickness"]
         np.add.at(votes.side, pair, side)

@@ -4,6 +4,14 @@ from typing import NamedTuple
 
 from featherfx.algebra.vec3_kernels import cross, dot, length, store, sub
 from featherfx.jit.compiled import kernel
+from featherfx.solver.contact.clearance_kernels import (
+    BESIDE,
+    CREASE,
+    SLANT,
+    clear,
+    follow,
+    is_clear,
+)
 from featherfx.solver.contact.list_kernels import host_place, triangle_normal
 from featherfx.solver.contact.search_kernels import (
     barb_point,
@@ -14,11 +22,9 @@ from featherfx.solver.contact.search_kernels import (
     guest_place,
     guest_point,
     nearest_node,
+    row_boxes,
 )
 
-# how far beside its closest point, along the host, a node still meets it: thicknesses beyond an
-# edge, and so much of its height above a crease, up to so many thicknesses
-BESIDE, SLANT, CREASE = 1.0, 0.1, 20.0
 # part of a depth of up to so many thicknesses that a contact keeps in an interval: to close it at
 # once, by a force that is carried on from interval to interval, would make it swing
 KEPT, SMALL = 0.5, 0.1
@@ -191,14 +197,60 @@ def _find_pair(pair, side, bodies, search, touch, state):
 
 
 @kernel
-def find_contacts(candidates, search, earlier, touch):
-    """Contacts of all candidates, written to touch; returns how many there are.
+def refit(search, clearance, low, high):
+    """Boxes around the bodies from low to high - 1 at both ends of the interval; how far each goes
+    in it, and has gone since the search before."""
+    bodies, present = search.bodies, search.surfaces.present
+    for body in range(low, high):
+        bodies.way[body] = row_boxes(
+            bodies.start[body],
+            bodies.ahead[body],
+            present[body],
+            bodies.boxes[body],
+            bodies.bounds[body],
+        )
+        follow(body, search, clearance)
+
+
+@kernel
+def _first_key(key, least):
+    """Place of the first of ascending keys that is not less than the least."""
+    low, high = 0, key.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if key[middle] < least:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def _first_contact(touch, number, pair):
+    """Place of the first of the number of contacts that is of the pair, of one behind it or of a
+    wall."""
+    low, high = 0, number
+    while low < high:
+        middle = (low + high) // 2
+        if 0 <= touch[middle].pair < pair:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def find_contacts(candidates, search, earlier, clearance, low, high, touch):
+    """Contacts of the candidates from low to high - 1, written to touch; returns how many there
+    are, and how many pairs were looked at closely.
 
     More than touch has room for: only that they are too many is right.
     """
-    count, at, old, bounds = 0, 0, 0, search.bodies.bounds
-    before, kept, stale = earlier
-    for pair in range(candidates.pairs.shape[0]):
+    _, rows, width = search.surfaces.guests.shape
+    bodies, (before, kept, stale) = search.bodies, earlier
+    count, looked_at, old = 0, 0, _first_contact(before, kept, low)
+    at = _first_key(search.memory.key, low * rows * width)
+    for pair in range(low, high):
         guest, host = candidates.pairs[pair, 0], candidates.pairs[pair, 1]
         if stale[guest] == 0 and stale[host] == 0:
             while old < kept and 0 <= before[old].pair < pair:
@@ -207,7 +259,14 @@ def find_contacts(candidates, search, earlier, touch):
                 if count < touch.shape[0]:
                     touch[count] = before[old]
                 count, old = count + 1, old + 1
-        elif not boxes_apart(bounds[guest], bounds[host], search.margin):
-            side = candidates.order[pair]
-            count, at = _find_pair(pair, side, (guest, host), search, touch, (count, at))
-    return count
+            continue
+        if boxes_apart(bodies.bounds[guest], bodies.bounds[host], search.margin) or is_clear(
+            pair, guest, host, bodies, clearance
+        ):
+            continue
+        side, already = candidates.order[pair], count
+        looked_at += 1
+        count, at = _find_pair(pair, side, (guest, host), search, touch, (count, at))
+        if count == already and side != 0:
+            clear(pair, guest, host, side, search, clearance)
+    return count, looked_at

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Contacts, Loads
+from featherfx.solver.contact.colour_kernels import coloured
 from featherfx.solver.contact.list_kernels import (
     add_forces,
     closed_on_walls,
@@ -29,15 +30,13 @@ from featherfx.solver.contact.list_kernels import (
     update,
 )
 from featherfx.solver.contact.run import Run
+from featherfx.solver.contact.search import Found, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
     WALL_FIT,
-    Found,
     elastic_stiffness,
     grids_of,
-    list_contacts,
     moving_bodies,
     new_planes,
-    new_touch,
     no_memory,
     surfaces_of,
 )
@@ -129,6 +128,9 @@ class ContactSolver:
         self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
         self._mass = self.grids.together([model.mass for model in models])
         bodies = self.grids.bodies
+        widest = max(self.solvers, key=lambda solver: solver.jobs)
+        self._searcher = Searcher(candidates, self.surfaces, widest.jobs, widest.for_each)
+        self._coloured: tuple[Indices, list[Flags]] | None = None
         self.memory = no_memory(self.surfaces)
         self.found, self._spare, self._planes = (
             Found(new_touch(), 0),
@@ -213,7 +215,7 @@ class ContactSolver:
             WALL_FIT,
         )
         before = None if stale is None else self.found
-        found = list_contacts(self.candidates, search, walls, before, stale, self._spare)
+        found = self._searcher.find(search, walls, before, stale, self._spare)
         self._spare, self.found = self.found.touch, found
         if len(self._listed.items) < 2 * found.number:
             room = np.zeros(4 * found.number, dtype=np.int64)
@@ -266,19 +268,13 @@ class ContactSolver:
 
     def _colours(self) -> list[Flags]:
         """Bodies in groups that do not touch each other, greedily; all bodies in one of them."""
-        bodies = self.grids.bodies
-        found = np.unique(self.found.contacts["pair"])
-        pairs = self.candidates.pairs[found[found >= 0]]
-        near: list[set[int]] = [set() for _ in range(bodies)]
-        for guest, host in pairs.tolist():
-            near[guest].add(host)
-            near[host].add(guest)
-        colour = [-1] * bodies
-        for body in range(bodies):
-            taken = {colour[other] for other in near[body]}
-            colour[body] = next(c for c in range(bodies) if c not in taken)
-        every = np.array(colour)
-        return [every == c for c in range(int(every.max()) + 1)]
+        pair = self.found.contacts["pair"]
+        touching = pair[(pair >= 0) & (np.diff(pair, prepend=-1) > 0)]
+        if self._coloured is None or not np.array_equal(touching, self._coloured[0]):
+            every = coloured(self.candidates.pairs[touching], self.grids.bodies)
+            colours = [every == c for c in range(int(every.max()) + 1)]
+            self._coloured = touching, colours
+        return self._coloured[1]
 
     def _contacts(self, run: Run, mine: Flags, reach: float) -> Contacts:
         """The plane contacts of the bodies mine, by body; overwritten by the next call."""

@@ -7,11 +7,15 @@ walking over the triangles around it (Ericson 2005, section 5.1.5). Nothing is b
 A triangle is told by its place: side, cell (i, j) and half, 0 or 1.
 """
 
+from math import sqrt
+
 from featherfx.algebra.vec3_kernels import add, dot, length, normal_of, scale, sub
 from featherfx.jit.compiled import kernel
 
 # parts into which the rim between two rows is divided
 RIM_PARTS = 4
+# what the square of a guessed distance is rounded up by, of itself
+GUESSED = 1e-9
 
 
 @kernel
@@ -50,27 +54,32 @@ def guest_place(points, i, p, fraction):
 
 
 @kernel
-def row_boxes(points, present, boxes, bounds):
-    """Boxes (n, 6) of the strip's rows, low then high, and of all, bounds (6,); m.
+def row_boxes(start, ahead, present, boxes, bounds):
+    """Boxes (n, 6) around the strip's rows in two poses, low then high, and of all, bounds (6,); m.
 
-    points: (n, P, 3). present: (n, 2 m + 1). An empty box has a low above its high.
+    start, ahead: (n, P, 3). present: (n, 2 m + 1). An empty box has a low above its high. Returns
+    the farthest that a node is in one from the other, m.
     """
-    columns = (present.shape[1] - 1) // 2
+    columns, farthest = (present.shape[1] - 1) // 2, 0.0
     for k in range(3):
         bounds[k], bounds[3 + k] = 1e300, -1e300
-    for i in range(points.shape[0]):
+    for i in range(start.shape[0]):
         for k in range(3):
             boxes[i, k], boxes[i, 3 + k] = 1e300, -1e300
+        for p in range(start.shape[1]):
+            if p != 1 and p != 2:
+                farthest = max(farthest, _square(ahead[i, p], start[i, p]))
         for c in range(present.shape[1]):
             if present[i, c] == 0:
                 continue
-            x = points[i, strip_point(c, columns)]
+            p = strip_point(c, columns)
             for k in range(3):
-                boxes[i, k] = min(boxes[i, k], x[k])
-                boxes[i, 3 + k] = max(boxes[i, 3 + k], x[k])
+                boxes[i, k] = min(boxes[i, k], min(start[i, p, k], ahead[i, p, k]))
+                boxes[i, 3 + k] = max(boxes[i, 3 + k], max(start[i, p, k], ahead[i, p, k]))
         for k in range(3):
             bounds[k] = min(bounds[k], boxes[i, k])
             bounds[3 + k] = max(bounds[3 + k], boxes[i, 3 + k])
+    return sqrt(farthest)
 
 
 @kernel
@@ -109,8 +118,8 @@ def nearest_node(x, points, present, boxes, guess, limit):
     row, column = guess
     if row >= 0 and present[row, column] != 0:
         square = _square(points[row, strip_point(column, columns)], x)
-        if square < best:
-            best, found_row, found_column = square, row, column
+        # a little more, so that which of several equally near ones is found does not go by it
+        best = min(best, square + GUESSED * square)
     for i in range(points.shape[0]):
         if box_distance(x, boxes[i]) >= best:
             continue
@@ -240,5 +249,9 @@ def closest_point(x, points, exists, near):
         elif weight[2] > weight[0]:
             k = 2
         row, node = corner_node(place, k)
-        near = row, columns + node if place[0] == 0 else columns - node
+        column = columns + node if place[0] == 0 else columns - node
+        if row == near[0] and column == near[1]:
+            # the triangles around it have been seen
+            break
+        near = row, column
     return best[1], best[2]

@@ -1,4 +1,4 @@
-"""Surfaces of feathers as contact sees them, and the search for what touches.
+"""Surfaces of feathers as contact sees them.
 
 Feathers of several grids stand side by side, their points on the widest grid of all; points that a
 smaller grid lacks stay zero, and no surface has them.
@@ -8,30 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Contacts, Model, no_contacts
-from featherfx.solver.contact.find_kernels import find_contacts
-from featherfx.solver.contact.search_kernels import RIM_PARTS, row_boxes
+from featherfx.solver.contact.search_kernels import RIM_PARTS
 from featherfx.solver.contact.types import (
-    CONTACT,
     Array,
     Bytes,
-    Candidates,
-    Earlier,
     Indices,
     Memory,
     MovingBodies,
-    Search,
-    Touch,
     VaneSurfaces,
-    Wall,
 )
-from featherfx.solver.contact.wall_kernels import find_wall_contacts
 
 FIRST_ROOM = 1024
 # FIT for a wall, which does not yield, over that of the node
@@ -138,14 +127,13 @@ def _far(model: Model) -> Array:
 def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
     """Bodies (B, n, P, 3) whose boxes are yet to be fitted."""
     bodies, rows = start.shape[:2]
-    away = np.linalg.norm(without_directors(ahead - start), axis=3)
     return MovingBodies(
         start=start,
         ahead=ahead,
         boxes=np.zeros((bodies, rows, 6)),
         bounds=np.zeros((bodies, 6)),
         impedance=impedance,
-        way=away.max(axis=(1, 2)),
+        way=np.zeros(bodies),
     )
 
 
@@ -199,68 +187,6 @@ def no_memory(surfaces: VaneSurfaces) -> Memory:
     )
 
 
-class Found(NamedTuple):
-    """Contacts found: the first number of touch."""
-
-    touch: Touch
-    number: int
-
-    @property
-    def contacts(self) -> Touch:
-        """(number,) of CONTACT."""
-        return self.touch[: self.number]
-
-    def remembered(self, order: Indices, memory: Memory) -> Memory:
-        """What the next search needs of them: forces, and sides that no order tells."""
-        on_wall = self.contacts["host"] < 0
-        mine, others = self.contacts[on_wall], self.contacts[~on_wall]
-        wall = np.zeros_like(memory.wall)
-        wall[mine["guest"], mine["row"], mine["column"]] = mine["guest_force"]
-        forces = np.stack([others["guest_force"], others["host_force"]], axis=1)
-        kept = (forces > 0.0).any(axis=1) | (order[others["pair"]] == 0)
-        others, (_, rows, columns) = others[kept], memory.wall.shape
-        return Memory(
-            key=(others["pair"] * rows + others["row"]) * columns + others["column"],
-            force=forces[kept],
-            side=others["side"].astype(np.int8),
-            wall=wall,
-            inside=memory.inside.copy(),
-        )
-
-
-def list_contacts(
-    candidates: Candidates,
-    search: Search,
-    walls: Sequence[Wall] = (),
-    before: Found | None = None,
-    stale: NDArray[np.bool_] | None = None,
-    room: Touch | None = None,
-) -> Found:
-    """What touches; boxes of the bodies are refitted.
-
-    before: contacts that hold on for pairs of bodies that are not stale (B,). room: to be written
-    over; not before.
-    """
-    before = before or Found(new_touch(1), 0)
-    anew = np.ones(len(search.surfaces.far), dtype=bool) if stale is None else stale
-    earlier = Earlier(before.touch, before.number, anew.astype(np.int8))
-    touch = new_touch() if room is None else room
-    _refit(search.bodies, search.surfaces)
-    while True:
-        count = int(find_contacts(candidates, search, earlier, touch))
-        for wall in walls:
-            if count <= len(touch):
-                count = int(find_wall_contacts(wall, search, touch, count))
-        if count <= len(touch):
-            return Found(touch, count)
-        touch = new_touch(2 * count)
-
-
-def new_touch(count: int = FIRST_ROOM) -> Touch:
-    """Room for that many contacts."""
-    return np.zeros(count, dtype=CONTACT)
-
-
 def new_planes(bodies: int, count: int = FIRST_ROOM) -> Contacts:
     """Room for that many plane contacts of some bodies."""
     return no_contacts(bodies)._replace(
@@ -270,16 +196,3 @@ def new_planes(bodies: int, count: int = FIRST_ROOM) -> Contacts:
         target=np.zeros((count, 2, 3)),
         strength=np.zeros((count, 4)),
     )
-
-
-def _refit(bodies: MovingBodies, surfaces: VaneSurfaces) -> None:
-    """Boxes around each body's rows at both ends of the interval."""
-    boxes, bounds = np.zeros_like(bodies.boxes), np.zeros_like(bodies.bounds)
-    for body in range(len(bodies.start)):
-        row_boxes(bodies.start[body], surfaces.present[body], boxes[body], bounds[body])
-        row_boxes(
-            bodies.ahead[body], surfaces.present[body], bodies.boxes[body], bodies.bounds[body]
-        )
-    for mine, other in ((bodies.boxes, boxes), (bodies.bounds, bounds)):
-        np.minimum(mine[..., :3], other[..., :3], out=mine[..., :3])
-        np.maximum(mine[..., 3:], other[..., 3:], out=mine[..., 3:])

@@ -99,6 +99,25 @@ class Earlier(NamedTuple):
     stale: Bytes
 
 
+class Clearance(NamedTuple):
+    """What tells which of N pairs of B bodies cannot touch yet (clearance_kernels). nodes:
+    (B, n, P, 3) m, where they were to be in the search before. half: (B,) m, largest half
+    thickness. facets: (B, 8, T) triangles, the first facet_count (B,) of them: their middle, m,
+    normal, size and width, m. size: (B,) m, the largest. as_guest, as_host: (B,) m, what each body
+    has gone, as it counts for pairs in that role. until: (N,) m, sum of those of guest and host
+    until which they do not touch. wait: (N,) looks until that is asked for again."""
+
+    nodes: Array
+    half: Array
+    facets: Array
+    facet_count: Indices
+    size: Array
+    as_guest: Array
+    as_host: Array
+    until: Array
+    wait: Bytes
+
+
 class ByBody(NamedTuple):
     """Contacts of each body b: items[first[b]] to items[first[b + 1] - 1]; first (B + 1,)."""
 

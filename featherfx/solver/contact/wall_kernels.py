@@ -9,15 +9,8 @@ from math import floor, sqrt
 
 from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
 from featherfx.jit.compiled import kernel
-from featherfx.solver.contact.find_kernels import (
-    BESIDE,
-    CREASE,
-    SLANT,
-    Node,
-    set_gaps,
-    slot,
-    start_contact,
-)
+from featherfx.solver.contact.clearance_kernels import BESIDE, CREASE, SLANT
+from featherfx.solver.contact.find_kernels import Node, set_gaps, slot, start_contact
 from featherfx.solver.contact.search_kernels import (
     closest_weights,
     guest_place,

@@ -1,0 +1,180 @@
+"""The search for what touches: over blocks of bodies and pairs, by several threads.
+
+Contacts stand in the order of their pairs, whatever the blocks, so they do not depend on the
+number of threads. Which pairs need no look (clearance_kernels) changes no contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.solver.contact.find_kernels import find_contacts, refit
+from featherfx.solver.contact.types import (
+    CONTACT,
+    Candidates,
+    Clearance,
+    Earlier,
+    Indices,
+    Memory,
+    Search,
+    Touch,
+    VaneSurfaces,
+    Wall,
+)
+from featherfx.solver.contact.wall_kernels import find_wall_contacts
+
+FIRST_ROOM = 1024
+# pairs that are one piece of work, at the least, and pieces for each thread
+LEAST_PAIRS, PIECES = 2048, 8
+
+ForEach = Callable[[Callable[[int], None], Iterable[int]], None]
+
+
+class Found(NamedTuple):
+    """Contacts found: the first number of touch."""
+
+    touch: Touch
+    number: int
+
+    @property
+    def contacts(self) -> Touch:
+        """(number,) of CONTACT."""
+        return self.touch[: self.number]
+
+    def remembered(self, order: Indices, memory: Memory) -> Memory:
+        """What the next search needs of them: forces, and sides that no order tells."""
+        contacts, (_, rows, columns) = self.contacts, memory.wall.shape
+        on_wall, wall = contacts["host"] < 0, np.zeros_like(memory.wall)
+        mine, others = contacts[on_wall], np.nonzero(~on_wall)[0]
+        wall[mine["guest"], mine["row"], mine["column"]] = mine["guest_force"]
+        pressed = (contacts["guest_force"] > 0.0) | (contacts["host_force"] > 0.0)
+        kept = contacts[others[pressed[others] | (order[contacts["pair"][others]] == 0)]]
+        return Memory(
+            key=(kept["pair"] * rows + kept["row"]) * columns + kept["column"],
+            force=np.stack([kept["guest_force"], kept["host_force"]], axis=1),
+            side=kept["side"].astype(np.int8),
+            wall=wall,
+            inside=memory.inside.copy(),
+        )
+
+
+class Searcher:
+    """Searches for contacts between the same bodies again and again.
+
+    candidates: what may touch. surfaces: of the bodies. jobs: threads; for_each: calls a function
+    with each of some numbers, by these threads. looked_at: pairs that the last search could not
+    leave out.
+    """
+
+    def __init__(
+        self,
+        candidates: Candidates,
+        surfaces: VaneSurfaces,
+        jobs: int = 1,
+        for_each: ForEach | None = None,
+    ) -> None:
+        self.candidates, self._for_each = candidates, for_each or _one_by_one
+        pairs, bodies = len(candidates.pairs), len(surfaces.far)
+        pieces = 1 if jobs == 1 else max(1, min(PIECES * jobs, pairs // LEAST_PAIRS))
+        self._spans = np.linspace(0, pairs, pieces + 1).astype(np.int64).tolist()
+        self._bodies = np.linspace(0, bodies, pieces + 1).astype(np.int64).tolist()
+        self._rooms = [new_touch() for _ in range(pieces)]
+        self.looked_at = 0
+        self._clearance = _no_clearance(surfaces, pairs)
+
+    def find(
+        self,
+        search: Search,
+        walls: Sequence[Wall] = (),
+        before: Found | None = None,
+        stale: NDArray[np.bool_] | None = None,
+        room: Touch | None = None,
+    ) -> Found:
+        """What touches; boxes of the bodies are refitted.
+
+        before: contacts that hold on for pairs of bodies that are not stale (B,). room: to be
+        written over; not before.
+        """
+        before = before or Found(new_touch(1), 0)
+        anew = np.ones(len(search.surfaces.far), dtype=bool) if stale is None else stale
+        earlier = Earlier(before.touch, before.number, anew.astype(np.int8))
+        pieces, counts = range(len(self._rooms)), np.zeros((len(self._rooms), 2), dtype=np.int64)
+        clearance, bodies, spans = self._clearance, self._bodies, self._spans
+
+        def fit(k: int) -> None:
+            refit(search, clearance, bodies[k], bodies[k + 1])
+
+        def look(k: int) -> None:
+            low, high = spans[k], spans[k + 1]
+            while True:
+                counts[k] = find_contacts(
+                    self.candidates, search, earlier, clearance, low, high, self._rooms[k]
+                )
+                if counts[k, 0] <= len(self._rooms[k]):
+                    break
+                self._rooms[k] = new_touch(int(1.25 * counts[k, 0]))
+
+        self._for_each(fit, pieces)
+        self._for_each(look, pieces)
+        self.looked_at = int(counts[:, 1].sum())
+        return self._joined(counts[:, 0], search, walls, new_touch() if room is None else room)
+
+    def _joined(
+        self, counts: Indices, search: Search, walls: Sequence[Wall], touch: Touch
+    ) -> Found:
+        """The contacts of all pieces, then those of the walls."""
+        first = np.concatenate([[0], np.cumsum(counts)]).tolist()
+        total = first[-1]
+        if total > len(touch):
+            touch = new_touch(2 * total)
+        to = touch
+
+        def put(k: int) -> None:
+            _copy(self._rooms[k][: counts[k]], to[first[k] : first[k + 1]])
+
+        self._for_each(put, range(len(counts)))
+        while True:
+            count = total
+            for wall in walls:
+                if count <= len(touch):
+                    count = int(find_wall_contacts(wall, search, touch, count))
+            if count <= len(touch):
+                return Found(touch, count)
+            larger = new_touch(2 * count)
+            _copy(touch[:total], larger[:total])
+            touch = larger
+
+
+def _copy(contacts: Touch, to: Touch) -> None:
+    # as bytes, which takes no lock and goes through no fields
+    to.view(np.uint8)[:] = contacts.view(np.uint8)
+
+
+def new_touch(count: int = FIRST_ROOM) -> Touch:
+    """Room for that many contacts."""
+    return np.zeros(count, dtype=CONTACT)
+
+
+def _one_by_one(function: Callable[[int], None], numbers: Iterable[int]) -> None:
+    for number in numbers:
+        function(number)
+
+
+def _no_clearance(surfaces: VaneSurfaces, pairs: int) -> Clearance:
+    """Nothing looked at yet."""
+    bodies, _, rows, columns, _ = surfaces.exists.shape
+    return Clearance(
+        nodes=np.zeros((*surfaces.half.shape, 3)),
+        half=surfaces.half.max(axis=(1, 2), initial=0.0),
+        facets=np.zeros((bodies, 8, 4 * rows * columns)),
+        facet_count=np.zeros(bodies, dtype=np.int64),
+        size=np.zeros(bodies),
+        as_guest=np.zeros(bodies),
+        as_host=np.zeros(bodies),
+        until=np.full(pairs, -np.inf),
+        wait=np.zeros(pairs, dtype=np.int8),
+    )

@@ -1,0 +1,133 @@
+"""The search for contacts: pairs that are left out, and the work of several threads."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from contact_cases import THICKNESS, free_feathers
+
+from featherfx.solver.contact.colour_kernels import coloured
+from featherfx.solver.contact.search import Searcher
+from featherfx.solver.contact.surfaces import (
+    WALL_FIT,
+    grids_of,
+    moving_bodies,
+    no_memory,
+    surfaces_of,
+)
+from featherfx.solver.contact.types import Candidates, Search
+
+FEATHERS, MARGIN = 8, 6.0 * THICKNESS
+# what a search finds; the rest of a contact is measured later
+TOLD = ("pair", "row", "column", "side", "corner", "weight", "start_gap", "thickness", "spared")
+
+
+def turned(points, turn, rng):
+    """A pose (n, P, 3) turned by up to `turn` rad about its middle, around any axis."""
+    axis = rng.normal(size=3)
+    x, y, z = axis / np.linalg.norm(axis) * turn * rng.uniform(-1.0, 1.0)
+    middle = points.mean(axis=(0, 1))
+    return middle + (points - middle) @ (np.eye(3) + np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]))
+
+
+class Scene:
+    """Feathers in a loose stack that drift, turn and bend; every pair in both roles."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        places = self.rng.uniform(-1.0, 1.0, (FEATHERS, 3)) * (0.01, 0.01, 0.006)
+        model, state = free_feathers("body_contour", places, rows=7, columns=3)
+        grids = grids_of([model])
+        self.surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * FEATHERS)
+        self.points = grids.together([state.points])
+        pairs = np.array([(a, b) for a in range(FEATHERS) for b in range(FEATHERS) if a != b])
+        above = np.where(places[pairs[:, 0], 2] > places[pairs[:, 1], 2], 1, -1)
+        self.candidates = Candidates(pairs, np.where(self.rng.random(len(pairs)) < 0.9, above, 0))
+
+    def searches(self, count, drift=1.5e-4, turn=0.01):
+        """Poses one after the other, each feather with a speed of its own; some stay."""
+        speed = self.rng.normal(size=(FEATHERS, 1, 1, 3)) * drift
+        speed[: FEATHERS // 4] = 0.0
+        for _ in range(count):
+            start = self.points
+            ahead = start + speed * self.rng.uniform(-0.3, 1.0)
+            for body in range(FEATHERS // 4, FEATHERS):
+                ahead[body] = turned(ahead[body], turn, self.rng)
+                ahead[body, :, :, 2] += 2e-5 * self.rng.normal(size=ahead.shape[1:3])
+            bodies = moving_bodies(start, ahead, np.ones(start.shape[:3]))
+            yield Search(self.surfaces, bodies, no_memory(self.surfaces), MARGIN, 1e-4, WALL_FIT)
+            # what was tried is not always where they go
+            self.points = ahead if self.rng.random() < 0.7 else start
+
+
+def assert_same(first, second):
+    assert first.number == second.number
+    for name in TOLD:
+        assert np.array_equal(first.contacts[name], second.contacts[name]), name
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_left_out_is_no_contact(seed):
+    scene = Scene(seed)
+    kept, most, left_out, pairs = Searcher(scene.candidates, scene.surfaces), 0, 0, set()
+    for search in scene.searches(40):
+        anew = Searcher(scene.candidates, scene.surfaces)
+        found = kept.find(search)
+        assert_same(found, anew.find(search))
+        most = max(most, found.number)
+        pairs.add(len(np.unique(found.contacts["pair"])))
+        left_out += anew.looked_at - kept.looked_at
+    # the scene is one: contacts come and go, and some pairs were not looked at
+    assert most > 20
+    assert len(pairs) > 3
+    assert left_out > 10
+
+
+def test_a_jump_is_seen():
+    scene = Scene(3)
+    kept = Searcher(scene.candidates, scene.surfaces)
+    for search in scene.searches(20):
+        kept.find(search)
+    for way in (0.004, -0.004):
+        scene.points[0, :, :, 2] += way
+        (search,) = scene.searches(1)
+        assert_same(kept.find(search), Searcher(scene.candidates, scene.surfaces).find(search))
+
+
+def test_threads_change_no_contact(monkeypatch):
+    monkeypatch.setattr("featherfx.solver.contact.search.LEAST_PAIRS", 5)
+    scene = Scene(1)
+
+    with ThreadPoolExecutor(3) as pool:
+
+        def for_each(function, numbers):
+            list(pool.map(function, numbers))
+
+        one = Searcher(scene.candidates, scene.surfaces)
+        three = Searcher(scene.candidates, scene.surfaces, 3, for_each)
+        found = None
+        for search in scene.searches(6):
+            first, second = one.find(search), three.find(search)
+            assert_same(first, second)
+            # again, only for some bodies
+            stale = scene.rng.random(FEATHERS) < 0.4
+            assert_same(one.find(search, (), first, stale), three.find(search, (), second, stale))
+            found = second
+    assert found is not None
+    assert found.number > 20
+
+
+def test_bodies_that_touch_differ_in_colour():
+    rng = np.random.default_rng(5)
+    pairs = rng.integers(0, 40, (90, 2))
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    colour = coloured(pairs, 41)
+    assert (colour[pairs[:, 0]] != colour[pairs[:, 1]]).all()
+    # the first that is free
+    for body in range(41):
+        near = np.concatenate([pairs[pairs[:, 0] == body, 1], pairs[pairs[:, 1] == body, 0]])
+        taken = set(colour[near[near < body]].tolist())
+        assert colour[body] == min(set(range(41)) - taken)
+    assert (coloured(pairs[:0], 3) == 0).all()
