@@ -4,8 +4,9 @@ About every sample (a knot) there is a polynomial through the five nearest; betw
 motion passes from the polynomial of the one to that of the other by 3 u^2 - 2 u^3. It goes through
 all samples, its velocity and acceleration are continuous (C2), and it depends on three samples on
 either side only. At the ends of the samples the polynomials go through those that there are;
-beyond, the motion goes on with the velocity at the end, its acceleration fading out. Rotations are
-treated in the same way as rotation vectors against the knot, on the rotation group.
+beyond, places go on with the velocity at the end, their acceleration fading out, and what turns or
+changes its shape comes to rest, so that a wing does not turn over. Rotations are treated in the
+same way as rotation vectors against the knot, on the rotation group.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 
 # knots on either side of a knot that its polynomial goes through
 _REACH = 2
-# knots, over which acceleration fades out beyond the ends
+# knots beyond the ends, over which acceleration fades out, and turns come to rest
 _FADE = 4.0
 # of a knot's distance: as near a time is a knot
 _NEAR = 1e-9
@@ -33,18 +34,29 @@ class Stencil(NamedTuple):
     """What the motion at a time is made of.
 
     times: (n,) of knots. weights: (2, n) of the polynomials about the knot before and the one
-    after, which stand at numbers middles (2,) among them. share: of the latter.
+    after, which stand at numbers middles (2,) among them. share: of the latter. onwards: (n,)
+    weights of places, which differ beyond the ends.
     """
 
     times: Array
     weights: Array
+    onwards: Array
     middles: tuple[int, int]
     share: float
 
     def value(self, samples: Array) -> Array:
-        """(...) vectors between samples (n, ...), one for each of the times."""
+        """(...) values between samples (n, ...), one for each of the times."""
         weights = (1.0 - self.share) * self.weights[0] + self.share * self.weights[1]
         return np.asarray(np.tensordot(weights, samples, 1))
+
+    def place(self, samples: Array) -> Array:
+        """(...) the same of places, which go on beyond the ends."""
+        return np.asarray(np.tensordot(self.onwards, samples, 1))
+
+    def points(self, samples: Array) -> Array:
+        """(V, 3) points between samples (n, V, 3): their middle is a place."""
+        middle = samples.mean(axis=1, dtype=np.float64)
+        return np.asarray(self.value(samples) + self.place(middle) - self.value(middle))
 
     def turn(self, samples: Array) -> Array:
         """(..., 3, 3) rotations between samples (n, ..., 3, 3)."""
@@ -70,7 +82,7 @@ class Stencil(NamedTuple):
         stretch = self.value(linear @ np.swapaxes(turned, -1, -2))
         found = np.array(samples[0])
         found[..., :3, :3] = stretch @ self.turn(turned)
-        found[..., 3, :3] = self.value(samples[..., 3, :3])
+        found[..., 3, :3] = self.place(samples[..., 3, :3])
         return found
 
 
@@ -94,11 +106,13 @@ class Knots:
         if not first <= place <= last:
             end = int(min(max(place, first), last))
             knots = self._around(end)
-            weights = _onwards(np.array(knots) - end, place - end)
+            places, turns = _beyond(np.array(knots) - end, place - end)
             both = knots.index(end)
-            return Stencil(self._times(knots), np.stack([weights, weights]), (both, both), 0.0)
+            weights = np.stack([turns, turns])
+            return Stencil(self._times(knots), weights, places, (both, both), 0.0)
         if place == round(place):
-            return Stencil(self._times([int(place)]), np.ones((2, 1)), (0, 0), 0.0)
+            times, one = self._times([int(place)]), np.ones((2, 1))
+            return Stencil(times, one, one[0], (0, 0), 0.0)
         before = math.floor(place)
         around = [self._around(before), self._around(before + 1)]
         knots = list(range(around[0][0], around[1][-1] + 1))
@@ -107,7 +121,9 @@ class Knots:
             row[some[0] - knots[0] : some[-1] - knots[0] + 1] = _lagrange(np.array(some), place)
         middles = before - knots[0], before + 1 - knots[0]
         u = place - before
-        return Stencil(self._times(knots), weights, middles, u * u * (3.0 - 2.0 * u))
+        share = u * u * (3.0 - 2.0 * u)
+        both = (1.0 - share) * weights[0] + share * weights[1]
+        return Stencil(self._times(knots), weights, both, middles, share)
 
     def _around(self, knot: int) -> list[int]:
         low = knot - _REACH if self.first is None else max(knot - _REACH, self.first)
@@ -125,15 +141,21 @@ def _lagrange(knots: NDArray[np.int64], place: float) -> Array:
     return np.asarray(np.where(apart == 0.0, 1.0, ratio).prod(axis=1))
 
 
-def _onwards(knots: NDArray[np.int64], beyond: float) -> Array:
-    """(n,) weights of samples at an end, the knot 0, and those next to it, `beyond` it."""
+def _beyond(knots: NDArray[np.int64], way: float) -> tuple[Array, Array]:
+    """(n,) weights of samples at an end, the knot 0, and those next to it, a way beyond it: of
+    places and of what comes to rest."""
     powers = np.linalg.inv(np.vander(knots.astype(np.float64), increasing=True))
-    value, first = powers[0], powers[1] if len(knots) > 1 else 0.0
-    second = 2.0 * powers[2] if len(knots) > 2 else 0.0
-    away = abs(beyond)
-    left = max(1.0 - away / _FADE, 0.0)
-    bend = _FADE * away / 3.0 + _FADE**2 / 12.0 * (left**4 - 1.0)
-    return np.asarray(value + beyond * first + bend * second)
+    value, rate = powers[0], powers[1] if len(knots) > 1 else 0.0
+    bend = 2.0 * powers[2] if len(knots) > 2 else 0.0
+    away = abs(way) / _FADE
+    # the integrals of a rate of change that falls off as (1 - x)^2 from 1 to 0
+    fading = away / 3.0 + (max(1.0 - away, 0.0) ** 4 - 1.0) / 12.0
+    places = value + way * rate + _FADE**2 * fading * bend
+    x = min(away, 1.0)
+    # and those of 1 - 10 x^3 + 15 x^4 - 6 x^5 (once) and of (1 - x)^2 (1 - 4 x) (twice)
+    gone = math.copysign(x - x**4 * (2.5 + x * (x - 3.0)), way)
+    bent = x * x * (0.5 + x * (x * (0.75 - 0.2 * x) - 1.0))
+    return np.asarray(places), np.asarray(value + _FADE * gone * rate + _FADE**2 * bent * bend)
 
 
 def _rotations(vectors: Array) -> Array:

@@ -63,8 +63,9 @@ def make_groups(
     resolutions: Sequence[Sequence[Resolution]],
     motion: Roots,
     jobs: int,
+    time: float = 0.0,
 ) -> list[Group]:
-    """Batches of feathers of one grid, barb taper, clamp and exposure, at the first frame.
+    """Batches of feathers of one grid, barb taper, clamp and exposure, at a time in s.
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
     each feather ever has; it is in a batch for each at which something is solved.
@@ -79,7 +80,7 @@ def make_groups(
                 key = (resolution, taper, clamp, exposed[index])
                 alike.setdefault(key, []).append(index)
     return [
-        _group(shot, drawn, np.array(members), resolution, exposure, motion, jobs)
+        _group(shot, drawn, np.array(members), resolution, exposure, motion, jobs, time)
         for (resolution, _, _, exposure), members in alike.items()
     ]
 
@@ -92,6 +93,7 @@ def _group(
     exposure: float,
     motion: Roots,
     jobs: int,
+    time: float,
 ) -> Group:
     quality = shot.quality
     placements = [shot.groom.feathers[i] for i in members]
@@ -99,8 +101,9 @@ def _group(
     grid = resolution.rows, resolution.columns
     feathers = [feather_of(p, *grid) for p in placements]
     model = with_damping(make_model(feathers, kinds, resolution.coefficients), kinds)
-    positions, rotations = motion.frames(0.0)
+    positions, rotations = motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
+    state.time[:] = time
     place = {p.id: k for k, p in enumerate(placements)}
     newton = NEWTON_FRACTION if shot.contact is None else CONTACT_NEWTON_FRACTION
     settings = Settings(

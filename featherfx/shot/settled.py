@@ -12,7 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from featherfx.feather.types import shifted
 from featherfx.mechanics.model import Loads
+from featherfx.shot.motion.roots import RootFrames
 from featherfx.solver.solver import Solver, State, raise_if_failed
 from featherfx.solver.status import NO_REST
 from featherfx.solver.step.root_path import hold_roots
@@ -37,6 +39,20 @@ def settled(
     raise_if_failed(np.where(status == NO_REST, 0, status), state.time, names)
     fluttering = np.flatnonzero(status == NO_REST)
     return _in_motion(solver, state, loads, names, fluttering) if len(fluttering) else state
+
+
+def moving_with_roots(state: State, rates: tuple[RootFrames, ...]) -> State:
+    """Feathers that move as their roots do, all of a piece.
+
+    rates: of the roots of these feathers, and their first and second rates (see root_rates).
+    """
+    new, (now, first, second) = state.copy(), rates
+    local = shifted(state.points, -now.positions) @ now.rotations[:, None]
+    for values, rate in ((new.velocity, first), (new.acceleration, second)):
+        turning = np.swapaxes(rate.rotations, -1, -2)[:, None]
+        values[:] = shifted(local @ turning, rate.positions)
+    new.smoothed[:] = new.acceleration
+    return new
 
 
 def _in_motion(

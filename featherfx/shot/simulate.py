@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,9 @@ from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within, make_groups
 from featherfx.shot.motion.motion import root_motion, root_path
-from featherfx.shot.settled import settled
+from featherfx.shot.motion.preroll import RunUp, moves_before
+from featherfx.shot.motion.roots import RootFrames, root_rates
+from featherfx.shot.settled import moving_with_roots, settled
 from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.solver import RootPath, StepReport, raise_if_failed
 
@@ -53,7 +55,14 @@ class Simulation:
         wanted: Sequence[int] | None = None,
     ) -> None:
         self.shot, self._subframes, self._counts = shot, subframes, Counts()
-        self._motion = motion = root_motion(shot)
+        motion = root_motion(shot)
+        preroll = shot.preroll / shot.frames_per_second
+        self._first = 0
+        if moves_before(motion, preroll, shot.quality.tolerance):
+            motion, self._first = RunUp(motion, preroll), -shot.preroll * subframes
+            colliders = tuple(replace(each, run_up=preroll) for each in shot.colliders)
+            self.shot = shot = replace(shot, colliders=colliders)
+        self._motion = motion
         drawn = drawn_feathers(shot)
         chosen = range(len(drawn)) if wanted is None else wanted
         self._wanted: Indices = np.array(chosen, dtype=np.int64)
@@ -62,7 +71,9 @@ class Simulation:
         carried = Carried(shot, drawn, plan.of("guided"), plan.leading, self._wanted)
         plan = plan.part(np.union1d(self._wanted, carried.guides))
         self.resolutions: list[Resolution] = [plan.resolutions[f][0] for f in self._wanted]
-        self._groups = make_groups(shot, drawn, plan.resolutions, motion, jobs)
+        self._groups = make_groups(
+            shot, drawn, plan.resolutions, motion, jobs, self._time(self._first)
+        )
         if shot.cycle:
             for group in self._groups:
                 period, count = shot.cycle * subframes, len(group.members)
@@ -71,7 +82,7 @@ class Simulation:
             shot, plan, drawn, self._groups, motion, carried, self._wanted, subframes
         )
         self._contact = None if shot.contact is None else contact_of(shot, self._groups)
-        self._index = -1
+        self._index = self._first - 1
         if start is not None:
             self._take_over(start)
         self._frames = self._run(frames or (shot.first_frame, shot.last_frame))
@@ -104,17 +115,44 @@ class Simulation:
             warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)
 
     def _go_to(self, index: int) -> None:
-        """Bring all feathers to the sample with this index."""
-        if index:
+        """Bring all feathers to the sample with this index; those of the preroll are below 0."""
+        if index > 0:
             self._levels.begin(index)
-        if self._contact is not None and index:
+        if index == self._first:
+            self._begin()
+        elif self._contact is not None:
             self._advance_together(index)
         else:
             for group in self._groups:
                 self._advance(group, index)
-            self._settle_together(index)
-        self._levels.finish(index)
+        if index == 0:
+            for group in self._groups:
+                group.start = group.state.points.copy()
+        if index >= 0:
+            self._levels.finish(index)
         self._index = index
+
+    def _begin(self) -> None:
+        """Settle all feathers where the simulation begins, carried by their roots if these move."""
+        now = self._time(self._first)
+        if self.shot.settle:
+            self._settle()
+        rates = root_rates(self._motion, now - self._time(1), now)
+        if any(values.any() for rate in rates[1:] for values in rate):
+            for group in self._groups:
+                own = tuple(RootFrames(*(each[group.members] for each in rate)) for rate in rates)
+                group.state = moving_with_roots(group.state, own)
+
+    def _settle(self) -> None:
+        loads = [self._loads(group, self._first) for group in self._groups]
+        if self._contact is not None:
+            rested = self._contact.settle([group.state for group in self._groups], loads)
+            for group, state in zip(self._groups, rested, strict=True):
+                group.state = state
+            return
+        for group, acting in zip(self._groups, loads, strict=True):
+            chosen = np.flatnonzero(self._levels.active(group)).tolist()
+            group.state = settled(group.solver, group.state, acting, group.names, chosen)
 
     def checkpoint(self) -> Checkpoint:
         """The simulation after the frame that was yielded last."""
@@ -153,30 +191,23 @@ class Simulation:
 
     def _loads(self, group: Group, index: int) -> Loads:
         """What acts on a group on the way to the sample with this index."""
-        start, end = self._time(max(index - 1, 0)), self._time(index)
+        start, end = self._time(max(index - 1, self._first)), self._time(index)
         return loads_within(self.shot, group, self._motion, start, end, index > 0)
 
     def _advance(self, group: Group, index: int) -> None:
-        """Bring a group to the sample with this index, 0 at the first frame."""
-        loads = self._loads(group, index)
-        if index == 0:
-            if self.shot.settle and self._contact is None:
-                chosen = np.flatnonzero(self._levels.active(group)).tolist()
-                group.state = settled(group.solver, group.state, loads, group.names, chosen)
-                group.start = group.state.points.copy()
-            return
-        duration = self._time(1)
+        """Bring a group to the sample with this index."""
+        loads, duration = self._loads(group, index), self._time(1)
         path = root_path(self._motion, group.members, self._time(index - 1), self._time(index))
         path, active = self._levels.held(group, path), self._levels.active(group)
         sleeping = self._sleeping(group, path, loads, duration)
         repeating = np.zeros_like(active)
-        if group.cycle is not None:
+        if group.cycle is not None and index > 0:
             repeating = group.cycle.repeating(path, loads) & active & ~sleeping
         awake = np.flatnonzero(active & ~sleeping & ~repeating).tolist()
         group.state, report = group.solver.step(group.state, loads, path, duration, awake)
         if sleeping.any():
             group.state = asleep(group.state, sleeping, path, duration)
-        if group.cycle is not None:
+        if group.cycle is not None and index > 0:
             if repeating.any():
                 group.state = group.cycle.replayed(group.state, repeating, path, duration)
             group.cycle.keep(group.state, path, loads, active & ~self._levels.fresh(group))
@@ -226,15 +257,6 @@ class Simulation:
             everyone = np.ones(len(group.members), dtype=np.bool_)
             path = root_path(self._motion, group.members, self._time(index - 1), self._time(index))
             group.state = asleep(group.state, everyone, path, self._time(1))
-
-    def _settle_together(self, index: int) -> None:
-        """At the first frame, bring the feathers into balance against each other."""
-        if self._contact is None or index or not self.shot.settle:
-            return
-        loads = [self._loads(group, 0) for group in self._groups]
-        rested = self._contact.settle([group.state for group in self._groups], loads)
-        for group, state in zip(self._groups, rested, strict=True):
-            group.state, group.start = state, state.points.copy()
 
     def _sleeping(
         self, group: Group, path: RootPath, loads: Loads, duration: float

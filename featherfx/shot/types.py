@@ -250,6 +250,13 @@ class Shot:
     settle: Annotated[
         bool, "Whether feathers hang in balance at the first frame, instead of at rest."
     ] = True
+    preroll: Annotated[
+        int,
+        Number(0, 1000, "frames", whole=True),
+        "Frames before the first in which roots that move there are brought up from rest, along "
+        "the way that leads to the first frame. 0: feathers begin in balance, carried by their "
+        "roots.",
+    ] = 12
     skin: BoundSkin | None = None
     surfaces: SkinSurfaces | None = None
     wind_source: TimedWind | None = None

@@ -108,7 +108,14 @@ def skinned(path: Path):
     for code, time in times():
         turns = np.diff(bend(places, time), prepend=0.0)
         shift = 100.0 * body_shift(time)
-        own = steps + np.vstack([[shift[0], shift[2], -shift[1]], np.zeros((JOINTS - 1, 3))])
+        # the first joint stands where the chain's middle is the body's
+        long = 200.0 * HALF / (JOINTS - 1)
+        lengths = np.where(places[:-1] < -0.5 * long / 100, long, 0.0)
+        lengths[JOINTS // 2 - 1] = 0.5 * long
+        slopes = bend(places[:-1], time)
+        shift[1:] -= np.array([np.cos(slopes), np.sin(slopes)]) @ lengths
+        own = steps.copy()
+        own[0] = shift[0], shift[2], -shift[1]
         translations.Set(vec(own), code)
         quats = [Gf.Quatf(float(np.cos(t / 2)), float(np.sin(t / 2)), 0, 0) for t in turns]
         rotations.Set(Vt.QuatfArray(quats), code)
@@ -129,7 +136,7 @@ def skinned(path: Path):
     stage.Save()
 
 
-def write_shot(folder: Path, make, count=60, more="", skin="", last=LAST):
+def write_shot(folder: Path, make, count=60, more="", skin="", frames=(FIRST, LAST)):
     """A shot with a row of feathers along the body's back edge; make: sampled or skinned."""
     folder.mkdir(exist_ok=True)
     make(folder / "creature.usda")
@@ -141,7 +148,7 @@ def write_shot(folder: Path, make, count=60, more="", skin="", last=LAST):
     )
     path = folder / "shot.toml"
     path.write_text(
-        f'name = "creature"\ngroom = "groom.toml"\nframes = [{FIRST}, {last}]\n'
+        f'name = "creature"\ngroom = "groom.toml"\nframes = [{frames[0]}, {frames[1]}]\n'
         f'quality = "draft"\n{more}\n'
         f'[skin]\nusd = "creature.usda"\nprim = "/creature/skin"\ntolerance = 1\n{skin}\n'
     )

@@ -53,7 +53,7 @@ def test_roots_move_smoothly_between_samples(tmp_path, make):
     for frame in (3, 8, 13):
         before, bent_before, after, bent_after = rates(skin, frame / creature.RATE, 2e-3)
         assert np.abs(after - before).max() < 0.2
-        assert np.abs(bent_after - bent_before).max() < 0.2 * np.abs(bent_after).max()
+        assert np.abs(bent_after - bent_before).max() < 0.4 * np.abs(bent_after).max()
 
 
 def test_velocities_are_those_of_the_motion(tmp_path):
@@ -92,7 +92,11 @@ def test_motion_goes_on_beyond_the_samples_or_comes_to_rest_where_it_is_held(tmp
     before, after = (skin.frames(time).positions[1] for time in (-step, 0.0))
     assert (after - before)[0] == pytest.approx(creature.SPEED * step, rel=1e-3)
     path = creature.write_shot(
-        tmp_path / "held", creature.sampled, count=3, skin='beyond = "hold"', last=creature.LAST + 5
+        tmp_path / "held",
+        creature.sampled,
+        count=3,
+        skin='beyond = "hold"',
+        frames=(creature.FIRST, creature.LAST + 5),
     )
     skin = featherfx.read_shot(path).skin
     last = (creature.LAST - creature.FIRST) * step

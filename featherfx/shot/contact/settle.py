@@ -55,7 +55,8 @@ def settled_together(
     Raises SimulationError where a feather cannot be solved. One that finds no balance is left on
     its way, with a warning (InputWarning) that names the first.
     """
-    current = [_stopped(state) for state in states]
+    time = float(states[0].time[0])
+    current = [_stopped(state, time) for state in states]
     rest_depth, depth = None, 0.0
     spent, resting = np.zeros(len(names)), np.zeros(len(names), dtype=np.bool_)
     for longest in STEPS:
@@ -66,7 +67,7 @@ def settled_together(
                 break
             new, contact, h = _step(solver, bodies, current, loads, names, h, resting, spent)
             moved = _moves(new, current)
-            current = [_stopped(state) for state in new]
+            current = [_stopped(state, time) for state in new]
             solver.accept()
             bodies.begun = True
             rest_depth = contact.start_depth if rest_depth is None else rest_depth
@@ -97,7 +98,8 @@ def _step(
     yielding: Flags | None = None
     while True:
         paths = [hold_roots(state) for state in states]
-        walls = bodies.walls(states, 0.0, 0.0, solver.settings.margin)
+        now = float(states[0].time[0])
+        walls = bodies.walls(states, now, now, solver.settings.margin)
         new, reports, contact = solver.interval(
             states, loads, paths, h, walls, 1, resting, yielding
         )
@@ -123,11 +125,11 @@ def _moves(after: Sequence[State], before: Sequence[State]) -> NDArray[np.float6
     return np.concatenate(moves)
 
 
-def _stopped(state: State) -> State:
+def _stopped(state: State, time: float) -> State:
     new = state.copy()
     for rate in (new.velocity, new.acceleration, new.smoothed, new.spin, new.coefficient_rate):
         rate[:] = 0.0
-    new.step[:], new.proposal[:], new.time[:] = 0.0, 0.0, 0.0
+    new.step[:], new.proposal[:], new.time[:] = 0.0, 0.0, time
     return new
 
 

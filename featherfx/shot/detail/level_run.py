@@ -143,7 +143,7 @@ class LevelRun:
         return self._known[1]
 
     def _computed(self, index: int) -> Poses:
-        start, end = max(index - 1, 0) * self._duration, index * self._duration
+        start, end = (index - 1) * self._duration, index * self._duration
         every = self._computing
         found: Poses = {}
         for group in self._groups:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.between import Knots
 from featherfx.groom.keys.values import Place
 from featherfx.groom.regions.regions import GroomReaders
+from featherfx.shot.motion.preroll import run_up
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -99,14 +100,17 @@ class SceneReaders(GroomReaders):
 
 @dataclass(frozen=True)
 class TimedSurface:
-    """A scene's mesh over the shot's time. start: time code at 0 s."""
+    """A scene's mesh over the shot's time. start: time code at 0 s. run_up: s, before 0, in which
+    its motion is brought up from rest."""
 
     surface: Surface
     start: float
+    run_up: float = 0.0
 
     def points(self, time: float) -> Array:
         """(V, 3) m, all points at a time in s since the first frame."""
-        return self.surface.points(self.start + time * self.surface.time_codes_per_second)
+        own = run_up(time, self.run_up)
+        return self.surface.points(self.start + own * self.surface.time_codes_per_second)
 
 
 @dataclass(frozen=True)

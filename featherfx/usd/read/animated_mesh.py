@@ -120,7 +120,7 @@ class AnimatedMesh(ScenePrim):
         stencil = self.knots.stencil(code)
         poses = [self._at_knot(time) for time in stencil.times.tolist()]
         matrix = stencil.matrix(np.stack([each.matrix for each in poses]))
-        points = stencil.value(np.stack([each.points for each in poses]))
+        points = stencil.points(np.stack([each.points for each in poses]))
         if self._skinning is None:
             return points, matrix
         joints = stencil.matrix(np.stack([each.joints for each in poses]))

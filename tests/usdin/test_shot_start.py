@@ -1,0 +1,60 @@
+"""A shot that begins in mid-flight: no kick at its first frame, nor at any other."""
+
+import creature
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import featherfx
+from featherfx.shot.simulate import simulate
+
+SUBFRAMES = 8
+STEP = 1.0 / (creature.RATE * SUBFRAMES)
+
+
+def flight(folder, make=creature.sampled, **changes):
+    """Points and velocities (K, 2, 3) of root and tip of one feather, and the simulation."""
+    shot = featherfx.read_shot(creature.write_shot(folder, make, count=1, **changes))
+    run = simulate(shot, subframes=SUBFRAMES)
+    frames = list(run)
+    ends = [0, -1]
+    points = np.array([frame.points[0][ends, 0] for frame in frames])
+    return points, np.array([frame.velocities[0][ends, 0] for frame in frames]), run
+
+
+@pytest.mark.parametrize("make", [creature.sampled, creature.skinned])
+def test_velocities_are_those_of_the_points(tmp_path, make):
+    """From the first frame on, against a spline through eight samples a frame."""
+    points, velocities, run = flight(tmp_path, make)
+    times = STEP * np.arange(len(points))
+    off = np.linalg.norm(CubicSpline(times, points)(times, 1) - velocities, axis=2)
+    speeds = np.linalg.norm(velocities, axis=2)
+    assert off.max() < 0.02 * speeds.min()
+    # tips go as their roots do, at the first frame and at all others
+    assert (speeds[:, 1] < 1.05 * speeds[:, 0]).all()
+    assert (speeds[:, 1] > 0.95 * speeds[:, 0]).all()
+    assert np.abs(np.diff(speeds, axis=0)).max() < 0.02 * creature.SPEED
+    assert run.report["substeps_over_tolerance"] == 0
+
+
+@pytest.mark.parametrize("preroll", [0, 6])
+def test_the_first_frame_has_the_motions_velocity(tmp_path, preroll):
+    """Also without any preroll, where the settled feather is carried by its root."""
+    first = creature.FIRST
+    _, velocities, _ = flight(tmp_path, more=f"preroll = {preroll}", frames=(first, first + 1))
+    np.testing.assert_allclose(velocities[0, :, 0], creature.SPEED, rtol=0.01)
+    speeds = np.linalg.norm(velocities, axis=2)
+    # the air of the flight bends a feather that was settled at rest
+    assert np.abs(speeds[:, 1] - speeds[:, 0]).max() < 0.1 * creature.SPEED
+
+
+def test_a_skin_that_is_held_starts_and_stops_without_a_kick(tmp_path):
+    frames = (creature.FIRST - 4, creature.LAST + 4)
+    _, velocities, _ = flight(tmp_path, skin='beyond = "hold"', frames=frames)
+    speeds = np.linalg.norm(velocities, axis=2)
+    assert speeds[0].max() < 1e-9
+    assert speeds[: 2 * SUBFRAMES, 0].max() < 1e-6
+    # root and tip speed up and slow down together, over frames
+    assert speeds[:, 1].max() < 1.5 * speeds[:, 0].max()
+    assert np.abs(np.diff(speeds[:, 0])).max() < 0.25 * creature.SPEED
+    assert speeds[-1].max() < 0.2 * creature.SPEED
