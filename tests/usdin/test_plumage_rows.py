@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from pxr import Gf, UsdGeom, UsdSkel
+from pxr import Gf, Usd, UsdGeom, UsdSkel
 from regions_skin import grown, problems, region, roots, skin_folder, write_skin
-from usdin_scenes import new_stage
+from usdin_scenes import add_mesh, new_stage
 
 import featherfx
 from featherfx.errors import InputError
@@ -59,6 +59,7 @@ def write_skeleton(folder):
     places = [(0, 0, 0), (10, 0, 0), (10, 20, 0), (0, 0, -5), (0, 0, -9)]
     matrices = [Gf.Matrix4d().SetTranslate(Gf.Vec3d(*place)) for place in places]
     skeleton.CreateBindTransformsAttr(matrices)
+    skeleton.CreateRestTransformsAttr(matrices)
     stage.GetRootLayer().Save()
 
 
@@ -77,6 +78,35 @@ def test_a_row_along_the_joints_of_a_skeleton(tmp_path):
     # 0.1 m along the arm, then 0.2 m along the hand, 0.5 m above the ground
     wanted = [[0, 0, 0.5], [0.1, 0, 0.5], [0.1, 0.1, 0.5], [0.1, 0.2, 0.5]]
     assert np.allclose(positions, wanted)
+
+
+def test_a_row_along_joints_goes_on_to_the_end_of_the_last_bone(tmp_path):
+    write_skeleton(tmp_path)
+    row = ROW.replace("count = 5", "count = 4") + on_joints("arm", "hand")
+    wanted = [[0, 0, 0.5], [0.1, 0, 0.5], [0.1, 0.1, 0.5], [0.1, 0.2, 0.5]]
+    assert np.allclose(roots(grown(tmp_path, row, skin="name = 'wing'\n")), wanted)
+    short = row.replace("joints =", "tail = false, joints =")
+    positions = roots(grown(tmp_path, short, skin="name = 'wing'\n"))
+    assert np.allclose(positions[-1], [0.1, 0, 0.5])
+
+
+def test_the_last_bone_of_all_ends_where_its_skin_does(tmp_path):
+    write_skeleton(tmp_path)
+    row = ROW + on_joints("leg", "leg/tip")
+    bare = roots(grown(tmp_path, row, skin="name = 'wing'\n"))
+    assert np.allclose(bare[-1], [0, 0, 0.41])
+    stage = Usd.Stage.Open(str(tmp_path / "bones.usda"))
+    UsdSkel.Root.Define(stage, "/bird")
+    points = [(0, 0, -6), (1, 0, -10), (0, 1, -12), (0, 5, 10)]
+    mesh = add_mesh(stage, "/bird/skin", points, [3, 3], [0, 1, 2, 1, 2, 3])
+    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    binding.CreateSkeletonRel().SetTargets(["/bird/skeleton"])
+    # the last point hangs on the arm
+    binding.CreateJointIndicesPrimvar(False, 1).Set([3, 4, 4, 0])
+    binding.CreateJointWeightsPrimvar(False, 1).Set([1.0] * 4)
+    stage.Save()
+    clothed = roots(grown(tmp_path, row, skin="name = 'wing'\n"))
+    assert np.allclose(clothed[-1], [0, 0, 0.38])
 
 
 @pytest.mark.parametrize(

@@ -107,6 +107,12 @@ CURVE = {
         "one to the next, in the bind pose.",
         (),
     ),
+    "tail": Key(
+        Flag(),
+        "Of joints: the row goes on to the end of the last one's bone, the joint below it or the "
+        "end of the skin that it moves.",
+        True,
+    ),
 }
 
 ROW = {

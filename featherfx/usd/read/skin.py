@@ -15,6 +15,7 @@ from featherfx.groom.keys.values import Place, nearest
 from featherfx.groom.skin.faults import skin_faults
 from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh, topology_of
 from featherfx.usd.read.curves import curves_of
+from featherfx.usd.read.skinning import points_of_joint
 from featherfx.usd.read.stage import (
     SourceScene,
     find_prim,
@@ -195,7 +196,7 @@ def _lines(
         known = ", ".join(texts_of(UsdSkel.Skeleton(root).GetJointsAttr()))
         place.child("joints").fail(f"expects two or more of {entry['prim']}, known: {known}")
         return None
-    line = joint_line(scene, root, entry["joints"], place)
+    line = joint_line(scene, root, entry["joints"], place, entry["tail"])
     return None if line is None else [line]
 
 
@@ -227,10 +228,13 @@ def _polylines(scene: SourceScene, prim: Any, place: Place) -> list[Array]:
     return [transformed(curves.line(number), matrix) for number in range(len(curves))]
 
 
-def joint_line(scene: SourceScene, prim: Any, names: tuple[str, ...], place: Place) -> Array | None:
+def joint_line(
+    scene: SourceScene, prim: Any, names: tuple[str, ...], place: Place, tail: bool = False
+) -> Array | None:
     """(k, 3) m, places of joints in the bind pose of a skeleton; None after adding problems.
 
-    names: paths as the skeleton has them, or their last parts where these are unique.
+    names: paths as the skeleton has them, or their last parts where these are unique. tail: whether
+    the line goes on to the end of the last joint's bone.
     """
     skeleton = UsdSkel.Skeleton(prim)
     paths = texts_of(skeleton.GetJointsAttr(), EARLIEST)
@@ -242,9 +246,10 @@ def joint_line(scene: SourceScene, prim: Any, names: tuple[str, ...], place: Pla
     chosen = [each for each in found if each is not None]
     if len(chosen) < len(found):
         return None
-    points = transformed(
-        bind.astype(np.float64)[chosen, 3, :3], scene.matrix(prim, transform_code(prim, DEFAULT))
-    )
+    places = bind.astype(np.float64)[:, 3, :3]
+    end = _tail(scene, prim, paths, places, chosen) if tail else None
+    local = places[chosen] if end is None else np.vstack([places[chosen], end])
+    points = transformed(local, scene.matrix(prim, transform_code(prim, DEFAULT)))
     if not np.isfinite(points).all():
         place.fail(f"{prim.GetPath()} in {scene.path}: bind transforms are not finite")
         return None
@@ -252,6 +257,30 @@ def joint_line(scene: SourceScene, prim: Any, names: tuple[str, ...], place: Pla
         place.child("joints").fail("two joints that follow each other are at one place")
         return None
     return np.asarray(points)
+
+
+def _tail(
+    scene: SourceScene, prim: Any, paths: list[str], places: Array, chosen: list[int]
+) -> Array | None:
+    """(3,) end of the bone of the last of the chosen joints in the skeleton's space: the place of
+    the joint below it that goes on straightest, or as far on as the skin that it moves; None where
+    it has neither.
+    """
+    before, last = chosen[-2:]
+    onwards = places[last] - places[before]
+    size = float(np.linalg.norm(onwards))
+    if size == 0.0:
+        return None
+    straight = onwards / size
+    below = [k for k, path in enumerate(paths) if path.rpartition("/")[0] == paths[last]]
+    ways = np.array([places[k] - places[last] for k in below]).reshape(-1, 3)
+    long = np.linalg.norm(ways, axis=1)
+    if (long > 0.0).any():
+        bent = np.where(long > 0.0, ways @ straight / np.where(long > 0.0, long, 1.0), -np.inf)
+        return np.asarray(places[below[int(bent.argmax())]])
+    moved = points_of_joint(scene, prim, last)
+    reach = float(((moved - places[last]) @ straight).max(initial=0.0))
+    return places[last] + reach * straight if reach > 0.0 else None
 
 
 def _number(name: str, paths: list[str], place: Place) -> int | None:

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdSkel, Vt
+from pxr import Usd, UsdGeom, UsdSkel, Vt
 
-from featherfx.groom.keys.values import Place
-from featherfx.usd.read.stage import SourceScene
+from featherfx.groom.keys.values import Place, Problems
+from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
     DEFAULT,
     EARLIEST,
@@ -95,6 +95,21 @@ class Skinning:
         """(V, 3) points of the bind pose in the skeleton's space."""
         return self._bound(self._mesh_points(DEFAULT))
 
+    def points_of(self, joint: int) -> Array:
+        """(N, 3) points of the bind pose that a joint moves for the most part, in the skeleton's
+        space. joint: its number in the skeleton."""
+        points = self.bind_points().astype(np.float64)
+        found = self._skinning.ComputeVaryingJointInfluences(len(points))
+        if not self._skinning.HasJointInfluences() or not found:
+            return points[:0]
+        numbers, weights = (np.array(each).reshape(len(points), -1) for each in found)
+        own, every = self._skinning.GetJointOrder(), list(self._skeleton.GetJointOrder())
+        order = every if own is None else list(own)
+        if every[joint] not in order:
+            return points[:0]
+        share = np.where(numbers == order.index(every[joint]), weights, 0.0).sum(axis=1)
+        return points[share > 0.5 * weights.sum(axis=1)]
+
     def attributes(self) -> list[Any]:
         """What moves the skeleton, for its time samples."""
         query = self._skeleton.GetAnimQuery()
@@ -170,6 +185,21 @@ def _blend_shapes(
         if len(chosen) and not 0 <= chosen.min() <= chosen.max() < count:
             raise fault(prim, f"pointIndices are out of range, allowed 0 to {count - 1}")
     return places, offsets
+
+
+def points_of_joint(scene: SourceScene, skeleton: Any, joint: int) -> Array:
+    """(N, 3) points of all skins of a skeleton that a joint moves for the most part, in the
+    skeleton's space in the bind pose."""
+    found = [np.zeros((0, 3))]
+    for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
+        if not prim.IsA(UsdGeom.Mesh):
+            continue
+        bound = UsdSkel.BindingAPI(prim).GetInheritedSkeleton()
+        if bound and bound.GetPrim() == skeleton:
+            unread = Place(str(scene.path), str(prim.GetPath()), Problems())
+            skinning = find_skinning(scene, UsdGeom.Mesh(prim), unread)
+            found += [] if skinning is None else [skinning.points_of(joint)]
+    return np.concatenate(found)
 
 
 def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
