@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,6 +105,25 @@ def rotation_part(matrices: Array) -> Array:
     left, _, right = np.linalg.svd(matrices)
     left[..., 2] *= np.linalg.det(left @ right)[..., None]
     return np.asarray(left @ right)
+
+
+def transported(points: Array, stations: Array) -> Array:
+    """(n, 3, 3) turns since the first of places (n, 3) on a curve, without turning about it.
+
+    stations: (n,) where the places are along the curve, ascending.
+    """
+    if len(points) < 3:
+        return np.tile(np.eye(3), (len(points), 1, 1))
+    way = np.gradient(points, stations, axis=0, edge_order=2)
+    along = way / np.linalg.norm(way, axis=1, keepdims=True)
+    turns = [np.eye(3)]
+    for before, after in pairwise(along):
+        axis = np.cross(before, after)
+        sine = float(np.linalg.norm(axis))
+        angle = math.atan2(sine, float(before @ after))
+        step = from_rotation_vector(axis * (angle / sine if sine > 0.0 else 1.0))
+        turns.append(step @ turns[-1])
+    return np.stack(turns)
 
 
 def about_x(degrees: ArrayLike) -> Array:

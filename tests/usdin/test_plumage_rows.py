@@ -31,6 +31,25 @@ def test_a_row_along_a_curve(tmp_path):
     assert positions[:, 2] == pytest.approx(0.001)
 
 
+def test_roots_turn_with_their_curve(tmp_path):
+    """Along a wing's edge, straight and then bent, the shafts stand square to it."""
+    turn = np.linspace(0, np.pi / 2, 41)
+    bend = np.column_stack([-1 - np.sin(turn), np.cos(turn) - 1, np.zeros(41)])
+    edge = np.vstack([[0, 0, 0], bend])
+    row = ROW.replace(f"first = {ROOT}", f"first = {ROOT.replace('-1, 0, 0', '0, 1, 0')}")
+    row = row.replace("count = 5", "count = 41") + f"path = {edge.tolist()}\n"
+    apart = []
+    for keys in ("", "transport = true\n"):
+        feathers = grown(tmp_path, row + keys, skin="name = 'wing'\n").feathers
+        shafts = np.array([f.rotation[:, 0] for f in feathers])
+        square = np.array([np.minimum(f.position - [-1, -1, 0], [0, 9, 0]) for f in feathers])
+        square /= np.linalg.norm(square, axis=1, keepdims=True)
+        apart.append(np.degrees(np.arccos(np.clip((shafts * square).sum(axis=1), -1, 1))))
+        assert np.allclose([f.rotation[:, 2] for f in feathers], [0, 0, 1], atol=1e-9)
+    assert apart[0].max() > 20.0
+    assert apart[1].max() < 2.5
+
+
 def test_the_file_of_a_curve_is_an_input(tmp_path):
     write_skin(tmp_path)
     groom = tmp_path / "groom.toml"

@@ -139,6 +139,12 @@ ROW = {
         "of a wing, instead of `path`.",
         None,
     ),
+    "transport": Key(
+        Flag(),
+        "Roots turn with the curve or path that they stand on, from the first to the last, besides "
+        "what their frames differ in; otherwise they turn evenly from the one to the other.",
+        False,
+    ),
     "scale": Key(
         ArrayOf(_FACTOR, 2, 2), "Factors of length and diameters, first and last.", (1.0, 1.0)
     ),

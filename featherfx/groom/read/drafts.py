@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel
+from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel, transported
 from featherfx.groom.frames import along_polyline, mirrored_frames, mirrored_points
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
@@ -164,7 +164,10 @@ def _row_frames(
     points = (first["position"], last["position"]) if points is None else points
     positions = along_polyline(np.array(points), fractions)
     ends = [frames_from(root["direction"], root["up"]) for root in (first, last)]
-    rotations = interpolated(ends[0], ends[1], fractions)
+    turns = np.tile(np.eye(3), (count, 1, 1))
+    if entry["transport"]:
+        turns = transported(positions, fractions)
+    rotations = turns @ interpolated(ends[0], turns[-1].T @ ends[1], fractions)
     lift = entry["overlap"] * np.arange(count)[:, None] * rotations[:, :, 2]
     return positions + lift, rotations
 
