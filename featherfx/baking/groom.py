@@ -17,6 +17,7 @@ from featherfx.feather.build import feather_of, repeated_shapes
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
 from featherfx.usd.read.stage import refuse_inputs
+from featherfx.usd.space import origin_for
 from featherfx.usd.write.instances import write_instances
 from featherfx.usd.write.options import StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import check_output, output_files, unique_prim_names
@@ -60,7 +61,9 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     moving = drawn_entries(groom, grid, options, names, None)
     entries = [replace(entry, static=True) for entry in moving]
     written = {each.name: getattr(options, each.name) for each in fields(StageOptions)}
-    with CacheWriter(path, entries, None, options=WriteOptions(**written), metadata=metadata):
+    origin = origin_for([each.position for each in groom.feathers])
+    stage = WriteOptions(**written)
+    with CacheWriter(path, entries, None, options=stage, origin=origin, metadata=metadata):
         pass
     return len(entries)
 

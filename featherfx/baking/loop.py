@@ -11,6 +11,7 @@ from featherfx.baking.task import Task
 from featherfx.files.background import Background
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.simulate import simulate
+from featherfx.usd.space import origin_for
 from featherfx.usd.write.write import CacheWriter
 
 
@@ -31,6 +32,7 @@ def simulate_and_write(
         metadata=metadata_of(shot.groom, quality) | {"shot": shot.name, "settings": task.settings},
         settings=task.settings,
         root=task.root,
+        origin=origin_for([each.position for each in task.whole.groom.feathers]),
     )
     seconds = {"simulating": 0.0, "waiting": 0.0, "writing": 0.0, "finishing": 0.0}
     try:

@@ -5,25 +5,35 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from featherfx.usd.write.options import StageOptions
 
 Array = NDArray[np.float64]
 
+# m from the world's origin, beyond which points of single precision would be coarse
+FAR = 100.0
+
 
 @dataclass(frozen=True)
 class StageSpace:
-    """meters_per_unit: m, length of one stage unit. up_axis: "Y" or "Z"."""
+    """meters_per_unit: m, length of one stage unit. up_axis: "Y" or "Z". origin: m, world, where
+    the root prim stands; points are written from there."""
 
     meters_per_unit: float = 1.0
     up_axis: str = "Z"
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @staticmethod
     def of(options: StageOptions) -> StageSpace:
         """As options say: metres and "Z" where they leave it open."""
         unit, axis = options.meters_per_unit, options.up_axis
         return StageSpace(1.0 if unit is None else unit, "Z" if axis is None else axis)
+
+    @property
+    def is_moved(self) -> bool:
+        """Whether the root prim does not stand in the world's origin."""
+        return self.origin != (0.0, 0.0, 0.0)
 
     def directions(self, vectors: Array) -> Array:
         """(..., 3) directions, turned but not scaled."""
@@ -39,3 +49,12 @@ class StageSpace:
     def lengths(self, values: Array) -> Array:
         """Lengths in m, in stage units."""
         return values / self.meters_per_unit
+
+
+def origin_for(positions: ArrayLike) -> tuple[float, float, float]:
+    """Where the root prim of feathers at these (N, 3) positions, m, is to stand: the world's origin
+    unless they are far from it, else their middle, in whole metres."""
+    middle: Array = np.round(np.reshape(positions, (-1, 3)).mean(axis=0))
+    if np.linalg.norm(middle) <= FAR:
+        return 0.0, 0.0, 0.0
+    return float(middle[0]), float(middle[1]), float(middle[2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from featherfx.files.whole import standing
 from featherfx.groom.types import Placement
 from featherfx.shot.placement import place
 from featherfx.usd import arrays
-from featherfx.usd.space import StageSpace
+from featherfx.usd.space import StageSpace, origin_for
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.layout import finish_layers, new_layers
 from featherfx.usd.write.options import StageOptions
@@ -53,7 +54,7 @@ def write_instances(
     before = {file: standing(file) for file in output_files(target, layout)}
     info = StageInfo(
         prim_name(target.stem),
-        StageSpace.of(options),
+        replace(StageSpace.of(options), origin=origin_for([p.position for p in placements])),
         None,
         24.0,
         {**metadata, "layout": layout},
@@ -102,7 +103,7 @@ def _define_prototypes(
     UsdGeom.Scope.Define(stage, scope)
     names = unique_prim_names([entry.id for entry in entries])
     paths = [scope.AppendChild(name) for name in names]
-    posed = posed_feathers(entries, info.space)
+    posed = posed_feathers(entries, replace(info.space, origin=StageSpace.origin))
     poses = [each.rest() for each in posed]
     for entry, path, pose in zip(entries, paths, poses, strict=True):
         values = MeshValues(entry.feather.surface)
@@ -120,7 +121,7 @@ def _define_prototypes(
 def _author_instances(
     instancer: Any, placements: Sequence[Placement], chosen: Sequence[int], space: StageSpace
 ) -> None:
-    positions = space.positions(np.array([p.position for p in placements]))
+    positions = space.positions(np.array([p.position for p in placements]) - space.origin)
     to_stage = space.directions(np.eye(3)).T
     rotations = to_stage @ np.array([p.rotation for p in placements]) @ to_stage.T
     orientations = frames_to_quats(rotations)

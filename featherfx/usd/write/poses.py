@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import RACHIS as SHAFT
-from featherfx.feather.types import Feather, PointMap, Surface
+from featherfx.feather.types import Feather, PointMap, Surface, shifted
 from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
@@ -63,6 +63,7 @@ class PosedFeather:
     ) -> None:
         self._entry, self._surface = entry, surface
         self._to_stage = ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y")
+        self._to_origin = -np.array(space.origin) if space.is_moved else None
         self._accelerations = ACCELERATIONS in extras
         feather, barbs = entry.feather, entry.barbs
         self.widths = space.lengths(np.sqrt(feather.width * feather.height))
@@ -93,10 +94,11 @@ class PosedFeather:
     def rest(self) -> WrittenPose:
         """The rest pose; its rates are zero."""
         pose, barbs = self.new_pose(), self._entry.barbs
-        material = np.reshape(self._entry.rest_points, (-1, 3))
+        material = np.reshape(self._from_origin(self._entry.rest_points), (-1, 3))
         pose.finite = self._place(pose, material)
         if self.has_barbs and barbs:
-            pose.finite &= self._barb_points(pose, np.reshape(barbs.points, (-1, 3)))
+            points = barbs.points if self._to_origin is None else barbs.points + self._to_origin
+            pose.finite &= self._barb_points(pose, np.reshape(points, (-1, 3)))
         for (_, name), value in pose.values.items():
             if name in ("velocities", ACCELERATIONS):
                 value.numbers[...] = 0.0
@@ -112,6 +114,7 @@ class PosedFeather:
         own, expected = self._entry.points_map, np.shape(self._entry.rest_points)
         if own is None and not np.shape(points) == np.shape(velocities) == expected:
             raise ValueError(f"'{self._entry.id}': {np.shape(points)}, not {expected} points")
+        points = self._from_origin(points)
         pose.finite = self._place(pose, _mapped(own, points))
         pose.finite &= self._rates(pose, "velocities", _mapped(own, velocities))
         if self._accelerations and accelerations is not None:
@@ -127,6 +130,10 @@ class PosedFeather:
             out = pose.values[BARB, name].numbers
             mapped = _mapped(barbs.points_map, values)
             pose.finite &= bool(surface_kernels.write_points(mapped, 1, self._to_stage, out))
+
+    def _from_origin(self, points: Array) -> Array:
+        """(n, P, 3) material points as seen from where the root prim stands."""
+        return points if self._to_origin is None else shifted(points, self._to_origin)
 
     def changed(self, pose: WrittenPose, reference: WrittenPose, seconds: float) -> bool:
         """Whether the feather, as written, differs from a reference pose, or is on its way.

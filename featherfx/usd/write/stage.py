@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pxr import Kind, Sdf, Usd, UsdGeom
+import numpy as np
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom
 
 from featherfx.usd.space import StageSpace
 
@@ -54,7 +55,11 @@ def author_metadata(layer: Any, metadata: Mapping[str, Any]) -> None:
 
 
 def define_root(stage: Any, info: StageInfo, kind: str = Kind.Tokens.component) -> Any:
-    """The root prim, a model."""
-    root = UsdGeom.Xform.Define(stage, info.root_path).GetPrim()
+    """The root prim, a model, at its origin."""
+    form = UsdGeom.Xform.Define(stage, info.root_path)
+    if info.space.is_moved:
+        place = info.space.positions(np.array(info.space.origin))
+        form.AddTranslateOp().Set(Gf.Vec3d(*place.tolist()))
+    root = form.GetPrim()
     Usd.ModelAPI(root).SetKind(kind)
     return root

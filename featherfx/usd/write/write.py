@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -54,8 +55,9 @@ class CacheWriter:
     None for a rest pose without time. frames_per_second: also the time codes per second. options:
     points, velocities and widths are converted to the unit and axis, 1 m and "Z" where they are
     None; layouts are those of usd/write/layout.py; a chunk has fewer frames where they exceed
-    chunk_bytes. root: name of the root prim, by default the file's. metadata: plain values, kept
-    with the layout as custom data of the root layer.
+    chunk_bytes. root: name of the root prim, by default the file's. origin: m, world, where it
+    stands (origin_for of usd/space.py); what is below it is written as seen from there. metadata:
+    plain values, kept with the layout as custom data of the root layer.
 
     settings: texts of all that the frames depend on. Where given, finished chunks stay on disk
     when the block is left by an exception, or the process by a kill, and a writer with equal
@@ -76,12 +78,13 @@ class CacheWriter:
         options: WriteOptions = WriteOptions(),
         *,
         root: str = "",
+        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
         metadata: Mapping[str, Any] | None = None,
         settings: Mapping[str, str] | None = None,
     ) -> None:
         self._path = check_output(path, options.overwrite or options.resume, options.layout)
         check_arguments(self._path, feathers, frames, frames_per_second, options)
-        self._frames, space = frames, StageSpace.of(options)
+        self._frames, space = frames, replace(StageSpace.of(options), origin=origin)
         self._feathers, self._subframes = tuple(feathers), options.subframes
         self._accelerations = options.accelerations
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
