@@ -97,7 +97,7 @@ def test_a_jump_is_seen():
 
 
 def test_threads_change_no_contact(monkeypatch):
-    monkeypatch.setattr("featherfx.solver.contact.search.LEAST_PAIRS", 5)
+    monkeypatch.setattr("featherfx.solver.contact.search.LEAST_POINTS", 500)
     scene = Scene(1)
 
     with ThreadPoolExecutor(3) as pool:

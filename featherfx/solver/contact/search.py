@@ -28,8 +28,8 @@ from featherfx.solver.contact.types import (
 from featherfx.solver.contact.wall_kernels import find_wall_contacts
 
 FIRST_ROOM = 1024
-# pairs that are one piece of work, at the least, and pieces for each thread
-LEAST_PAIRS, PIECES = 2048, 8
+# points of guests that are one piece of work, at the least, and pieces for each thread
+LEAST_POINTS, PIECES = 50_000, 8
 
 ForEach = Callable[[Callable[[int], None], Iterable[int]], None]
 
@@ -79,7 +79,8 @@ class Searcher:
     ) -> None:
         self.candidates, self._for_each = candidates, for_each or _one_by_one
         pairs, bodies = len(candidates.pairs), len(surfaces.far)
-        pieces = 1 if jobs == 1 else max(1, min(PIECES * jobs, pairs // LEAST_PAIRS))
+        points = pairs * int(np.count_nonzero(surfaces.guests)) // bodies
+        pieces = 1 if jobs == 1 else max(1, min(PIECES * jobs, points // LEAST_POINTS))
         self._spans = np.linspace(0, pairs, pieces + 1).astype(np.int64).tolist()
         self._bodies = np.linspace(0, bodies, pieces + 1).astype(np.int64).tolist()
         self._rooms = [new_touch() for _ in range(pieces)]
