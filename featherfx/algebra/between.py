@@ -55,6 +55,8 @@ class Stencil(NamedTuple):
 
     def points(self, samples: Array) -> Array:
         """(V, 3) points between samples (n, V, 3): their middle is a place."""
+        if len(samples) == 1:
+            return np.asarray(samples[0])
         middle = samples.mean(axis=1, dtype=np.float64)
         return np.asarray(self.value(samples) + self.place(middle) - self.value(middle))
 
@@ -74,7 +76,7 @@ class Stencil(NamedTuple):
     def matrix(self, samples: Array) -> Array:
         """(..., 4, 4) affine maps of row vectors between samples (n, ..., 4, 4): place, stretch and
         rotation each on its own."""
-        if (samples == samples[0]).all():
+        if len(samples) == 1 or (samples == samples[0]).all():
             return np.asarray(samples[0])
         linear = samples[..., :3, :3]
         sign = np.where(np.linalg.det(linear) < 0.0, -1.0, 1.0)[..., None, None]

@@ -76,8 +76,9 @@ class TurnField:
         )
 
     def _mean(self, values: Array) -> Array:
-        weighted = self.weights[:, None, None] * values[self.places]
-        return np.asarray(np.add.reduceat(weighted, self.starts, axis=0))
+        weighted = values.reshape(-1, 9)[self.places]
+        weighted *= self.weights[:, None]
+        return np.asarray(np.add.reduceat(weighted, self.starts, axis=0).reshape(-1, 3, 3))
 
 
 def tangents(corners: Array, mirrored: bool = False) -> Array:

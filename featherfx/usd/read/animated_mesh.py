@@ -105,6 +105,10 @@ class AnimatedMesh(ScenePrim):
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
         local, matrix = self._pose(code)
+        if triangles.size > len(local):
+            # each point once
+            moved = transformed(local.astype(np.float64), matrix)
+            return self._finite(moved[triangles], code)
         return self._finite(transformed(local[triangles].astype(np.float64), matrix), code)
 
     def points(self, code: float) -> Array:
