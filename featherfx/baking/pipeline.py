@@ -16,12 +16,14 @@ if TYPE_CHECKING:
     from featherfx.baking.groom import export_groom
     from featherfx.baking.plan import plan
     from featherfx.baking.stats import plumage_stats
+    from featherfx.usd.read.inspect import inspect_stage
 
 _HOMES = {
     "bake": "featherfx.baking.bake",
     "check": "featherfx.baking.check",
     "export": "featherfx.baking.convert",
     "export_groom": "featherfx.baking.groom",
+    "inspect_stage": "featherfx.usd.read.inspect",
     "join": "featherfx.baking.convert",
     "plan": "featherfx.baking.plan",
     "plumage_stats": "featherfx.baking.stats",
@@ -32,6 +34,7 @@ __all__ = [
     "check",
     "export",
     "export_groom",
+    "inspect_stage",
     "join",
     "plan",
     "plumage_stats",

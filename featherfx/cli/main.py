@@ -9,6 +9,7 @@ from featherfx.cli.bake import bake, groom, join
 from featherfx.cli.bench import bench
 from featherfx.cli.check import check
 from featherfx.cli.export import export
+from featherfx.cli.inspect import inspect
 from featherfx.cli.lab.group import lab
 from featherfx.cli.presets import presets
 from featherfx.cli.preview import preview
@@ -26,5 +27,18 @@ def main() -> None:
     """
 
 
-for command in (bake, join, export, groom, check, schema, stats, presets, preview, lab, bench):
+for command in (
+    bake,
+    join,
+    export,
+    groom,
+    check,
+    inspect,
+    schema,
+    stats,
+    presets,
+    preview,
+    lab,
+    bench,
+):
     main.add_command(command)

@@ -1,0 +1,259 @@
+"""What a stage holds for grooms and shots to name: meshes, skeletons, curves, cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import UsdGeom, UsdSkel
+
+from featherfx.errors import InputError
+from featherfx.groom.keys.values import Place, Problems
+from featherfx.usd.read.stage import (
+    SourceScene,
+    broken_arcs,
+    broken_files,
+    open_scene,
+    prims_below,
+    rest_code,
+    sampled_range,
+    transform_code,
+    transformed,
+)
+from featherfx.usd.read.values import (
+    EARLIEST,
+    INTEGERS,
+    VECTORS,
+    collecting,
+    computed,
+    elements,
+    sized_array,
+    targets_of,
+    texts_of,
+    times_of,
+    value_of,
+)
+
+KINDS = {
+    "mesh": UsdGeom.Mesh,
+    "skeleton": UsdSkel.Skeleton,
+    "curves": UsdGeom.Curves,
+    "camera": UsdGeom.Camera,
+    "instancer": UsdGeom.PointInstancer,
+    "points": UsdGeom.PointBased,
+}
+
+
+@dataclass(frozen=True)
+class PrimvarReport:
+    """A primvar of a prim or of one above it.
+
+    count: values before indices are resolved, 1 for a single one. element_size: values for each
+    element.
+    """
+
+    name: str
+    type: str
+    interpolation: str
+    count: int
+    element_size: int
+    inherited: bool
+
+
+@dataclass(frozen=True)
+class PrimReport:
+    """A prim that grooms and shots may name.
+
+    kind: a key of KINDS. points: of a mesh, curves or points at rest. parts: faces of a mesh,
+    curves, joints, instances; 0 of others. size: (3,) m, of the box around the points along the
+    stage's axes, transforms included; None without points. sampled: first and last time code of
+    anything that moves it, skeletons included. samples: most that one of its own attributes has.
+    joints: paths of a skeleton's. subsets: names of a mesh's. skeleton: that moves a mesh, empty
+    where none does. prototypes: of an instancer. in_instance: lies within a native instance.
+    """
+
+    path: str
+    kind: str
+    type: str
+    points: int
+    parts: int
+    size: tuple[float, ...] | None
+    sampled: tuple[float, float] | None
+    samples: int
+    primvars: tuple[PrimvarReport, ...]
+    joints: tuple[str, ...]
+    subsets: tuple[str, ...]
+    skeleton: str
+    prototypes: tuple[str, ...]
+    in_instance: bool
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """What a stage says of itself, and its prims in the order of the stage.
+
+    start and end: time codes, None where they are not authored. problems: what cannot be read, and
+    files that are missing, one line each.
+    """
+
+    file: str
+    meters_per_unit: float
+    meters_per_unit_is_authored: bool
+    up_axis: str
+    default_prim: str
+    start: float | None
+    end: float | None
+    time_codes_per_second: float
+    frames_per_second: float
+    prims: tuple[PrimReport, ...]
+    problems: tuple[str, ...]
+
+    def of_kind(self, kind: str) -> tuple[PrimReport, ...]:
+        """The prims of a kind, a key of KINDS."""
+        return tuple(prim for prim in self.prims if prim.kind == kind)
+
+
+def inspect_stage(path: str | Path) -> StageReport:
+    """What is in a USD file, with its payloads, within native instances too.
+
+    Prims that cannot be read are left out and told in `problems`; raises InputError for a file
+    that cannot be opened.
+    """
+    problems = Problems()
+    place = Place(str(path), "", problems)
+    scene = open_scene(Path(path), place)
+    if scene is None:
+        raise InputError(*problems.listed())
+    prims = []
+    for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
+        kind = kind_of(prim)
+        if kind:
+            with collecting(place):
+                prims.append(_prim_report(scene, prim, kind))
+    for what, why in (broken_files(scene.stage) | broken_arcs(scene.stage)).items():
+        place.child(what).fail(why)
+    stage, default = scene.stage, scene.stage.GetDefaultPrim()
+    return StageReport(
+        file=str(path),
+        meters_per_unit=scene.space[0],
+        meters_per_unit_is_authored=bool(stage.HasAuthoredMetadata(UsdGeom.Tokens.metersPerUnit)),
+        up_axis=scene.space[1],
+        default_prim=str(default.GetPath()) if default else "",
+        start=_authored(stage, "startTimeCode"),
+        end=_authored(stage, "endTimeCode"),
+        time_codes_per_second=scene.time_codes_per_second,
+        frames_per_second=float(stage.GetFramesPerSecond()),
+        prims=tuple(prims),
+        problems=tuple(map(str, problems.listed())),
+    )
+
+
+def kind_of(prim: Any) -> str:
+    """The key of KINDS that a prim is of; empty for none."""
+    return next((name for name, schema in KINDS.items() if prim.IsA(schema)), "")
+
+
+def _authored(stage: Any, name: str) -> float | None:
+    return float(stage.GetMetadata(name)) if stage.HasAuthoredMetadata(name) else None
+
+
+def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
+    skeleton = _skeleton_of(prim) if kind == "mesh" else None
+    is_mesh, is_skeleton, is_instancer = (
+        kind == each for each in ("mesh", "skeleton", "instancer")
+    )
+    joints = texts_of(UsdSkel.Skeleton(prim).GetJointsAttr()) if is_skeleton else []
+    prototypes = targets_of(UsdGeom.PointInstancer(prim).GetPrototypesRel()) if is_instancer else []
+    subsets = UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(prim)) if is_mesh else []
+    places = _places(prim)
+    points = np.empty((0, 3)) if not places else sized_array(places, rest_code(places), VECTORS)
+    moving = _moving(prim, kind)
+    bones = [] if skeleton is None else _moving(skeleton, "skeleton")
+    return PrimReport(
+        path=str(prim.GetPath()),
+        kind=kind,
+        type=str(prim.GetTypeName()),
+        points=len(points),
+        parts=len(joints) if is_skeleton else _parts(prim, kind),
+        size=_size(scene, prim, points),
+        sampled=sampled_range(prim, [*moving, *bones]),
+        samples=max((len(times_of(each)) for each in moving), default=0),
+        primvars=_primvars(prim),
+        joints=tuple(joints),
+        subsets=tuple(each.GetPrim().GetName() for each in subsets),
+        skeleton="" if skeleton is None else str(skeleton.GetPath()),
+        prototypes=tuple(map(str, prototypes)),
+        in_instance=bool(prim.IsInstanceProxy()),
+    )
+
+
+def _skeleton_of(prim: Any) -> Any:
+    """The skeleton that a mesh is bound to, or None."""
+    found = computed(prim, UsdSkel.BindingAPI(prim).GetInheritedSkeleton)
+    return found.GetPrim() if found else None
+
+
+def _places(prim: Any) -> Any:
+    """The attribute of a prim's points, of an instancer's places; None of what has neither."""
+    if prim.IsA(UsdGeom.PointInstancer):
+        return UsdGeom.PointInstancer(prim).GetPositionsAttr()
+    return UsdGeom.PointBased(prim).GetPointsAttr() if prim.IsA(UsdGeom.PointBased) else None
+
+
+def _parts(prim: Any, kind: str) -> int:
+    attributes = {
+        "mesh": lambda: UsdGeom.Mesh(prim).GetFaceVertexCountsAttr(),
+        "curves": lambda: UsdGeom.Curves(prim).GetCurveVertexCountsAttr(),
+        "instancer": lambda: UsdGeom.PointInstancer(prim).GetProtoIndicesAttr(),
+    }
+    return len(sized_array(attributes[kind](), EARLIEST, INTEGERS)) if kind in attributes else 0
+
+
+def _moving(prim: Any, kind: str) -> list[Any]:
+    """Attributes of a prim that may move it; of a skeleton those of its animation."""
+    if kind == "skeleton":
+        source = computed(prim, UsdSkel.BindingAPI(prim).GetInheritedAnimationSource)
+        if not source:
+            return []
+        names = ("translations", "rotations", "scales", "blendShapeWeights")
+        return [source.GetAttribute(name) for name in names]
+    if kind == "camera":
+        return [UsdGeom.Camera(prim).GetFocalLengthAttr()]
+    turning = [UsdGeom.PointInstancer(prim).GetOrientationsAttr()] if kind == "instancer" else []
+    return [_places(prim), *turning]
+
+
+def _size(scene: SourceScene, prim: Any, points: NDArray[Any]) -> tuple[float, ...] | None:
+    if not len(points):
+        return None
+    low, high = points.min(axis=0), points.max(axis=0)
+    corners = np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(3, -1).T
+    # along the world's axes, then put back to the order of the stage's
+    matrix = scene.matrix(prim, transform_code(prim, rest_code(_places(prim))))
+    box = np.ptp(transformed(corners.astype(np.float64), matrix), axis=0)
+    turned = box[[0, 2, 1]] if scene.space[1] == "Y" else box
+    return tuple(turned.tolist())
+
+
+def _primvars(prim: Any) -> tuple[PrimvarReport, ...]:
+    api = UsdGeom.PrimvarsAPI(prim)
+    found = []
+    for primvar in computed(prim, api.FindPrimvarsWithInheritance):
+        attribute = primvar.GetAttr()
+        value = value_of(attribute, EARLIEST)
+        if value is None:
+            continue
+        found.append(
+            PrimvarReport(
+                name=str(primvar.GetPrimvarName()),
+                type=str(attribute.GetTypeName()),
+                interpolation=str(primvar.GetInterpolation()),
+                count=len(elements(value)),
+                element_size=int(primvar.GetElementSize()),
+                inherited=attribute.GetPrim() != prim,
+            )
+        )
+    return tuple(sorted(found, key=lambda each: each.name))

@@ -1,0 +1,123 @@
+"""`featherfx inspect`: what a stage holds for grooms and shots to name, by another process."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import creature
+import pytest
+from pxr import Gf, UsdGeom
+from usdin_scenes import add_curves, add_mesh, add_skinned, arc, new_stage, sheet
+
+from featherfx.baking.pipeline import export_groom, inspect_stage
+from featherfx.errors import InputError
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+
+
+def inspected(*arguments):
+    """Exit code, stdout and stderr of the command."""
+    command = [sys.executable, "-m", "featherfx", "inspect", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+def only(prims):
+    (prim,) = prims
+    return prim
+
+
+def test_the_body_of_the_pigeon():
+    code, out, _ = inspected(SAMPLES / "pigeon/body.usdc", "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert (found["meters_per_unit"], found["up_axis"]) == (1.0, "Z")
+    assert (found["start"], found["end"], found["time_codes_per_second"]) == (1, 96, 24)
+    mesh, skeleton = found["prims"]
+    assert (mesh["path"], mesh["points"], mesh["parts"]) == ("/pigeon/body", 10582, 10582)
+    assert (mesh["sampled"], mesh["skeleton"]) == ([1, 96], "/pigeon/skeleton")
+    assert skeleton["joints"][2] == "body/neck/head"
+    primvar = next(each for each in mesh["primvars"] if each["name"] == "wing")
+    kind = (primvar["type"], primvar["interpolation"], primvar["count"])
+    assert kind == ("float[]", "vertex", 10582)
+
+
+def test_a_creature_in_centimetres_is_told_in_metres(tmp_path):
+    creature.skinned(tmp_path / "creature.usda")
+    code, out, _ = inspected(tmp_path / "creature.usda")
+    assert code == 0
+    assert "0.01 m per unit, Y up" in out
+    assert "738 points, 0.4 x 0.197 x 2 m, moves from 1001 to 1024" in out
+    assert "24 joints, moves from 1001 to 1024, 24 samples" in out
+    assert "joints: j00, j01, j02" in out
+
+
+def test_a_cache_of_feathers_that_featherfx_wrote(tmp_path):
+    (tmp_path / "groom.toml").write_text(
+        'name = "one"\n[[feather]]\nid = "a"\nkind = "covert"\nposition = [0, 0, 0]\n'
+        "direction = [1, 0, 0]\nup = [0, 0, 1]\n"
+    )
+    export_groom(tmp_path / "groom.toml", tmp_path / "rest.usda")
+    report = inspect_stage(tmp_path / "rest.usda")
+    assert report.problems == ()
+    told = [each for prim in report.prims for each in prim.primvars]
+    assert "featherId" in {each.name for each in told}
+
+
+def test_instances_payloads_curves_and_cameras(tmp_path):
+    bird = new_stage(tmp_path / "bird.usda")
+    bird.SetDefaultPrim(add_skinned(bird).GetPrim().GetParent())
+    bird.Save()
+    stage = new_stage(tmp_path / "shot.usda", 0.1, "Y", 25.0)
+    for name in ("a", "b"):
+        prim = stage.DefinePrim(f"/flock/{name}", "Xform")
+        prim.GetPayloads().AddPayload("./bird.usda")
+        prim.SetInstanceable(True)
+    add_curves(stage, "/guides", [arc(), arc()])
+    lens = UsdGeom.Camera.Define(stage, "/cam").CreateFocalLengthAttr()
+    lens.Set(20.0, 3)
+    lens.Set(35.0, 9)
+    points, counts, quads = sheet()
+    mesh = add_mesh(stage, "/ground", points, counts, quads)
+    UsdGeom.Subset.CreateGeomSubset(mesh, "moss", "face", [0, 1])
+    UsdGeom.XformCommonAPI(mesh).SetScale(Gf.Vec3f(2, 1, 1))
+    UsdGeom.PointInstancer.Define(stage, "/pebbles").CreateProtoIndicesAttr([0, 0, 0])
+    stage.Save()
+    report = inspect_stage(tmp_path / "shot.usda")
+    meshes = {each.path: each for each in report.of_kind("mesh")}
+    assert set(meshes) == {"/flock/a/skin", "/flock/b/skin", "/ground"}
+    assert meshes["/flock/b/skin"].in_instance
+    assert meshes["/flock/b/skin"].skeleton == "/flock/b/skeleton"
+    assert meshes["/ground"].subsets == ("moss",)
+    assert meshes["/ground"].size == pytest.approx((0.08, 0.04, 0.0))
+    guides = only(report.of_kind("curves"))
+    assert (guides.parts, guides.points) == (2, 42)
+    assert only(report.of_kind("camera")).sampled == (3, 9)
+    assert only(report.of_kind("instancer")).parts == 3
+
+
+def test_what_cannot_be_read_is_told_beside_the_rest(tmp_path):
+    stage = new_stage(tmp_path / "odd.usda")
+    points, counts, quads = sheet()
+    add_mesh(stage, "/sound", points, counts, quads)
+    add_mesh(stage, "/odd", points, counts, quads)
+    stage.Save()
+    text = (tmp_path / "odd.usda").read_text()
+    head, tail = text.rsplit("point3f[] points", 1)
+    (tmp_path / "odd.usda").write_text(f"{head}string points = 'x'\n#{tail}")
+    code, out, err = inspected(tmp_path / "odd.usda")
+    assert code == 1
+    assert "/sound: Mesh, 64 faces, 81 points" in out
+    assert "/odd:" not in out
+    assert "/odd.points" in err
+    assert len(err.splitlines()) == 1
+
+
+def test_what_is_no_stage_is_one_message(tmp_path):
+    (tmp_path / "text.usda").write_text("nothing")
+    for path in (tmp_path / "text.usda", tmp_path, tmp_path / "none.usd"):
+        with pytest.raises(InputError) as caught:
+            inspect_stage(path)
+        assert len(caught.value.problems) == 1
+        assert str(caught.value).startswith(str(path))
