@@ -16,7 +16,7 @@ from featherfx.api import Folders, read_shot
 from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_text
-from featherfx.usd.write.output import check_output
+from featherfx.usd.write.output import check_output, file_problems
 
 # Characters that a job's name may have at most.
 _NAME_LENGTH = 64
@@ -28,6 +28,7 @@ def plan(
     shares: int,
     options: Sequence[str] = (),
     preset_folders: Folders = (),
+    overwrite: bool = False,
 ) -> list[Path]:
     """Write the items and the job template beside the output, and return both paths.
 
@@ -35,7 +36,8 @@ def plan(
     are absolute, and wing.openjd.json, whose job has shot and output as parameters.
 
     shares: items that bake, at least 1 and at most the number of feathers. options: of `featherfx
-    bake`, passed on to every item. Raises InputError where the shot or the number is wrong.
+    bake`, passed on to every item. overwrite: whether a plan that exists is replaced. Raises
+    InputError where the shot or the number is wrong, or a file stands there.
     """
     shot = read_shot(shot_path, preset_folders)
     shot_path = Path(os.path.abspath(shot_path))
@@ -53,6 +55,9 @@ def plan(
         output.with_suffix(".plan.json"): work_items(commands, join_command(output, str(shares))),
         output.with_suffix(".openjd.json"): template,
     }
+    problems = file_problems(list(texts), overwrite)
+    if problems:
+        raise InputError(*problems)
     for path, content in texts.items():
         write_text(path, json.dumps(content, indent=2) + "\n")
     return list(texts)

@@ -90,7 +90,12 @@ def bake(
     if shares:
         given = _given(ctx, PER_WORKER)
         for path in pipeline.plan(
-            shot, options["output"], shares, given, options["preset_folders"]
+            shot,
+            options["output"],
+            shares,
+            given,
+            options["preset_folders"],
+            options["overwrite"],
         ):
             click.echo(str(path), err=True)
         return

@@ -26,7 +26,7 @@ from featherfx.limits import MOST_SHEET
     "--output",
     required=True,
     type=click.Path(path_type=Path),
-    help="PNG file to write; replaced if it exists.",
+    help="PNG file to write.",
 )
 @click.option(
     "--frame",
@@ -57,6 +57,7 @@ from featherfx.limits import MOST_SHEET
     show_default=True,
     help="Where the camera stands; auto looks onto the vanes.",
 )
+@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def preview(
     file: Path,
     output: Path,
@@ -65,6 +66,7 @@ def preview(
     colour: str,
     size: tuple[int, int] | None,
     view: str,
+    overwrite: bool,
 ) -> None:
     """Draw the feathers of FILE (USD) to PNG, without a screen or a GPU.
 
@@ -77,7 +79,14 @@ def preview(
 
     chosen = list(frames) or (_spread(file, sheet) if sheet else None)
     for written in render(
-        file, output, chosen, size=size, colour=colour, sheet=bool(sheet), view=view
+        file,
+        output,
+        chosen,
+        size=size,
+        colour=colour,
+        sheet=bool(sheet),
+        view=view,
+        overwrite=overwrite,
     ):
         click.echo(str(written), err=True)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import write_all
+from featherfx.files.whole import Standing, standing, write_all
 from featherfx.render.annotate import add_key, contact_sheet, label
 from featherfx.render.camera import choose_camera
 from featherfx.render.colour import face_colours
@@ -18,6 +19,7 @@ from featherfx.render.picture import SHEET_FRAMES
 from featherfx.render.scene import load_pose, load_scene
 from featherfx.render.trace import Tracer
 from featherfx.usd.read.read import Cache
+from featherfx.usd.write.output import file_problems
 
 
 def draw(
@@ -28,10 +30,18 @@ def draw(
     colour: str,
     sheet: bool,
     view: str,
+    overwrite: bool,
 ) -> list[Path]:
     """As featherfx.render.picture.render, of arguments that are right."""
     cache = Cache(path)
     times = _times(path, cache, frames, sheet)
+    files = [output]
+    if len(times) > 1 and not sheet:
+        files = [output.with_suffix(f".{_number(time)}{output.suffix}") for time in times]
+    problems = file_problems(files, overwrite)
+    if problems:
+        raise InputError(*problems)
+    before = {file: standing(file) for file in files}
     scene = load_scene(cache)
     poses = [load_pose(cache, scene.triangles, time) for time in times]
     camera = choose_camera(scene, poses, view, cache.up_axis, size)
@@ -43,13 +53,9 @@ def draw(
     ]
     if sheet:
         labelled = [label(p, _name(t)) for p, t in zip(pictures, times, strict=True)]
-        return [_save(add_key(contact_sheet(labelled), key), output)]
-    if len(times) == 1:
-        return [_save(add_key(pictures[0], key), output)]
-    return [
-        _save(add_key(picture, key), output.with_suffix(f".{_number(time)}{output.suffix}"))
-        for picture, time in zip(pictures, times, strict=True)
-    ]
+        pictures = [contact_sheet(labelled)]
+    _save([add_key(picture, key) for picture in pictures], before)
+    return files
 
 
 def _times(
@@ -94,15 +100,15 @@ def _number(time: float | None) -> str:
     return f"{int(time):04d}" if time == int(time) else f"{time:08.3f}"
 
 
-def _save(picture: Any, output: Path) -> Path:
-    """Write a PNG in one piece."""
+def _save(pictures: Sequence[Any], before: Mapping[Path, Standing]) -> None:
+    """Write PNG files, all or none. before: what stood at each when the work began."""
 
-    def store(path: Path) -> None:
+    def store(path: Path, picture: Any) -> None:
         Image.fromarray(picture).save(path, format="PNG", optimize=True)
 
+    each = zip(before, pictures, strict=True)
     try:
-        write_all([(output, store)])
+        write_all(((file, partial(store, picture=picture)) for file, picture in each), before)
     except OSError as error:
         message = f"cannot be written: {error.strerror}"
-        raise InputError(Problem(str(output), "", message)) from error
-    return output
+        raise InputError(Problem(str(error.filename), "", message)) from error

@@ -23,6 +23,7 @@ def render(
     colour: str = "shaded",
     sheet: bool = False,
     view: str = "auto",
+    overwrite: bool = False,
 ) -> list[Path]:
     """Draw frames of a USD file to PNG and return the files written.
 
@@ -30,8 +31,9 @@ def render(
     size: (width, height) in pixels of one frame, 1280 x 720 or 480 x 320 on a sheet. colour:
     "shaded", "barb" (barb angle), "region" or "strain" (across the barbs). view: "auto" (three
     quarters onto the broad side), "top", "side" or "front". Several frames without sheet give
-    files OUTPUT.0001.png and so on. One camera frames all chosen frames. Raises InputError with
-    every problem: missing libraries, unknown options, a frame out of range, an unreadable file.
+    files OUTPUT.0001.png and so on; all appear, or none. overwrite: whether files that exist are
+    replaced. One camera frames all chosen frames. Raises InputError with every problem: missing
+    libraries, unknown options, a frame out of range, an unreadable file, an output that exists.
     """
     path, output = Path(path), Path(output)
     size = size or ((480, 320) if sheet else (1280, 720))
@@ -40,7 +42,7 @@ def render(
     # what it imports is checked
     from featherfx.render.draw import draw
 
-    return draw(path, output, frames, size, colour, sheet, view)
+    return draw(path, output, frames, size, colour, sheet, view, overwrite)
 
 
 def _check(

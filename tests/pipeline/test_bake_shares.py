@@ -145,6 +145,8 @@ def test_the_template_is_an_open_job_description(tmp_path):
     """Required keys, names, references and ranges of jobtemplate-2023-09."""
     path = tmp_path / "wing.usda"
     pipeline.plan(WING, path, 4, ["--subframes", "2"])
+    with pytest.raises(InputError, match="exists already"):
+        pipeline.plan(WING, path, 4)
     template = json.loads((tmp_path / "wing.openjd.json").read_text())
     assert template.keys() == {"specificationVersion", "name", "parameterDefinitions", "steps"}
     assert template["specificationVersion"] == "jobtemplate-2023-09"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -179,8 +180,22 @@ def Xform "a" (kind = "component") {
 """
     )
     for colour in COLOURS:
-        (path,) = render(tmp_path / "quad.usda", tmp_path / "q.png", None, (64, 48), colour)
+        (path,) = render(tmp_path / "quad.usda", tmp_path / f"{colour}.png", None, (64, 48), colour)
         assert drawn(pixels(path)).mean() > 0.2
+
+
+def test_pictures_replace_nothing_unasked_and_no_pipe(tmp_path, cache):
+    path, numbered = tmp_path / "a.png", tmp_path / "a.0002.png"
+    numbered.write_bytes(b"mine")
+    with pytest.raises(InputError, match=r"a\.0002\.png: exists already"):
+        render(cache, path, [1, 2], (32, 32))
+    assert [each.name for each in tmp_path.iterdir()] == ["a.0002.png"]
+    files = render(cache, path, [1, 2], (32, 32), overwrite=True)
+    assert files == [tmp_path / "a.0001.png", numbered]
+    assert numbered.read_bytes() != b"mine"
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="no regular file"):
+        render(cache, path, [1], (32, 32), overwrite=True)
 
 
 def test_all_wrong_options_are_named_at_once(tmp_path, cache):

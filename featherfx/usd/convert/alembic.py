@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import write_all
+from featherfx.files.whole import standing, write_all
 from featherfx.usd.read.read import Cache, CachedFeather, CachedPose
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import file_problems
@@ -38,7 +38,7 @@ def export_alembic(
     abc, output = _library(), Path(output)
     cache = Cache(path)
     codes = _codes(cache, frames)
-    problems = file_problems([output], overwrite)
+    before, problems = {output: standing(output)}, file_problems([output], overwrite)
     if problems:
         raise OutputError(*problems)
 
@@ -47,7 +47,7 @@ def export_alembic(
         _verify(abc, cache, codes, temporary)
 
     try:
-        write_all([(output, store)])
+        write_all([(output, store)], before)
     except (OSError, RuntimeError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise OutputError(Problem(str(output), "", f"not written: {reason}")) from error

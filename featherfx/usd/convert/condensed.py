@@ -18,6 +18,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING
+from featherfx.files.whole import standing
 from featherfx.usd import arrays
 from featherfx.usd.read.read import Cache, CachedFeather
 from featherfx.usd.read.stage import refuse_inputs
@@ -64,6 +65,7 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
     cache cannot be read, a mesh in it is not laid out on a barb grid, or the output not written.
     """
     target = check_output(output, overwrite)
+    before = {target: standing(target)}
     cache = Cache(path)
     refuse_inputs([target], [Path(path)])
     grids = [_grid(path, feather, cache.pose(k)) for k, feather in enumerate(cache.feathers)]
@@ -83,7 +85,7 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
             for code, pose in zip(codes, poses, strict=True):
                 _author_pose(curve, grid, pose, Usd.TimeCode(code))
     author_metadata(layer, {**layer_metadata(Path(path)), "layout": "condensed"})
-    publish([(layer, target)])
+    publish([(layer, target)], before)
     return len(cache.feathers)
 
 

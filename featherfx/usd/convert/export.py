@@ -12,7 +12,7 @@ import trimesh
 from pxr import Sdf
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import into, write_all
+from featherfx.files.whole import into, standing, write_all
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.stage import refuse_inputs
@@ -35,6 +35,7 @@ def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Pa
     InputError where one cannot be read or the other not be written.
     """
     target = check_output(output, overwrite)
+    before = {target: standing(target)}
     stage = open_stage(path)
     refuse_inputs([target], [Path(path)])
     layer = computed(stage.GetPseudoRoot(), stage.Flatten, False)
@@ -44,7 +45,7 @@ def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Pa
     # Export goes by the suffix of the layer's own name; a plain copy has the right one.
     plain = Sdf.Layer.CreateAnonymous(".usda")
     plain.TransferContent(layer)
-    publish([(plain, target)])
+    publish([(plain, target)], before)
     return target
 
 
@@ -70,6 +71,7 @@ def mesh_sequence(
         problems.append(Problem(str(output), "", message))
     if problems:
         raise OutputError(*problems)
+    before = {file: standing(file) for file in files}
 
     def put(file: BinaryIO, code: float | None) -> None:
         content = _scene(cache, code, output.suffix == ".glb").export(file_type=output.suffix[1:])
@@ -77,7 +79,7 @@ def mesh_sequence(
 
     try:
         each = zip(files, codes, strict=True)
-        write_all((file, into(partial(put, code=code))) for file, code in each)
+        write_all(((file, into(partial(put, code=code))) for file, code in each), before)
     except OSError as error:
         message = f"not written: {error.strerror or error}"
         raise OutputError(Problem(str(error.filename), "", message)) from error
