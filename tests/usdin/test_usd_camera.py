@@ -78,7 +78,10 @@ def test_an_orthographic_camera_has_metres(tmp_path):
 
 @pytest.mark.parametrize(
     ("prim", "message"),
-    [("/nothing", "no prim /nothing"), ("/box", "is no camera; cameras of .*: /cam")],
+    [
+        ("/nothing", "no prim /nothing"),
+        ("/box", "is no camera in .*; the stage has one camera: /cam"),
+    ],
 )
 def test_what_is_no_camera_is_told(tmp_path, prim, message):
     stage = write_camera(tmp_path)

@@ -8,8 +8,9 @@ from pathlib import Path
 import creature
 import pytest
 from pxr import Gf, UsdGeom
-from usdin_scenes import add_curves, add_mesh, add_skinned, arc, new_stage, sheet
+from usdin_scenes import add_curves, add_mesh, add_skinned, arc, new_stage, sheet, write_shot
 
+from featherfx import read_groom, read_shot
 from featherfx.baking.pipeline import export_groom, inspect_stage
 from featherfx.errors import InputError
 
@@ -121,3 +122,43 @@ def test_what_is_no_stage_is_one_message(tmp_path):
             inspect_stage(path)
         assert len(caught.value.problems) == 1
         assert str(caught.value).startswith(str(path))
+
+
+def refused(shot):
+    with pytest.raises(InputError) as caught:
+        read_shot(shot)
+    return str(caught.value)
+
+
+def test_a_wrong_path_of_a_skin_lists_the_meshes(tmp_path):
+    points, counts, quads = sheet()
+    stage = new_stage(tmp_path / "skin.usda")
+    add_mesh(stage, "/rig/geo/body", points, counts, quads)
+    stage.DefinePrim("/rig/bones", "Xform")
+    stage.Save()
+    skin = 'usd = "skin.usda"\nprim = "{}"'
+    for path in ("/bird/body", "/rig/bones", "/rig/bad path"):
+        told = refused(write_shot(tmp_path, skin.format(path)))
+        assert "the stage has one mesh: /rig/geo/body" in told
+        assert len(told.splitlines()) == 1
+    for number in range(40):
+        add_mesh(stage, f"/rig/props/prop_{number:02d}", points, counts, quads)
+    stage.Save()
+    told = refused(write_shot(tmp_path, skin.format("/rig/geo/bodi")))
+    assert "the stage has 41 of kind mesh, the nearest /rig/geo/body" in told
+    assert "prop_30" not in told
+
+
+def test_wrong_paths_of_colliders_and_cameras_list_what_is_there(tmp_path):
+    stage = new_stage(tmp_path / "set.usda")
+    add_mesh(stage, "/set/ground", *sheet())
+    UsdGeom.Camera.Define(stage, "/set/lens")
+    stage.Save()
+    collider = '[[collider]]\nusd = "set.usda"\nprims = ["{}"]\n'
+    for name in ("/ground", "rock_*"):
+        told = refused(write_shot(tmp_path, None, more=collider.format(name)))
+        assert "the stage has one mesh: /set/ground" in told
+    groom = tmp_path / "drawn.toml"
+    groom.write_text('name = "drawn"\n[[usd]]\nfile = "set.usda"\nkind = "covert"\n')
+    with pytest.raises(InputError, match="the stage has no curves; the stage has no instancer"):
+        read_groom(groom)

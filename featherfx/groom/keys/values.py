@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import Annotated, Any, Protocol, get_args, get_origin, get_type_hints
 
@@ -133,14 +133,20 @@ def shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def closest(name: str, names: Sequence[str], most: int) -> list[str]:
+    """Names that are like one, the likest first; none where it is too long to compare."""
+    if len(name) > _LONGEST_COMPARED:
+        return []
+    compared = [each for each in names[:MOST_COMPARED] if len(each) <= _LONGEST_COMPARED]
+    return difflib.get_close_matches(name, compared, n=most, cutoff=0.6)
+
+
 def nearest(name: str, names: Iterable[str]) -> str:
     """Half a sentence that names the likeliest meant name, or all of them if they are few."""
     known = sorted(names)
-    compared = [each for each in known[:MOST_COMPARED] if len(each) <= _LONGEST_COMPARED]
-    if len(name) <= _LONGEST_COMPARED:
-        close = difflib.get_close_matches(name, compared, n=1, cutoff=0.6)
-        if close:
-            return f"did you mean '{close[0]}'?"
+    close = closest(name, known, 1)
+    if close:
+        return f"did you mean '{close[0]}'?"
     if not known:
         return "there are none"
     more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""

@@ -30,6 +30,7 @@ from featherfx.usd.read.stage import (
     transform_code,
     transform_fault,
     transformed,
+    what_is_there,
 )
 from featherfx.usd.read.values import (
     DEFAULT,
@@ -190,12 +191,13 @@ def open_mesh(
     rest: time code of the rest pose; None: the bind pose of a skinned mesh, the default values or,
     where there are none, the first samples of any other.
     """
-    prim = find_prim(scene, path, place)
+    prim = find_prim(scene, path, place, "mesh")
     if prim is None:
         return None
     if not prim.IsA(UsdGeom.Mesh):
         meshes = [str(p.GetPath()) for p in Usd.PrimRange(prim) if p.IsA(UsdGeom.Mesh)][:3]
         hint = f"; below it is {', '.join(meshes)}" if meshes else ""
+        hint = hint or what_is_there(scene, ("mesh",), path)
         place.fail(f"{path} is a {prim.GetTypeName() or 'prim without type'}, no Mesh{hint}")
         return None
     with collecting(place):

@@ -27,6 +27,7 @@ from featherfx.usd.read.stage import (
     transform_code,
     transform_fault,
     transformed,
+    what_is_there,
 )
 from featherfx.usd.read.values import (
     DEFAULT,
@@ -69,7 +70,9 @@ def read_feathers(
     count = len(place.problems)
     paths = entry["prims"] or ("/",)
     roots = [
-        scene.stage.GetPseudoRoot() if each == "/" else find_prim(scene, each, place.child("prims"))
+        scene.stage.GetPseudoRoot()
+        if each == "/"
+        else find_prim(scene, each, place.child("prims"), "curves", "instancer")
         for each in paths
     ]
     feathers: list[DrawnFeather] = []
@@ -81,7 +84,8 @@ def read_feathers(
     if not feathers and len(place.problems) == count:
         where = ", ".join(paths)
         nothing = f"{path}: no curves and no instances at {where} or below"
-        place.child("prims").fail(nothing + broken_note(scene))
+        there = what_is_there(scene, ("curves", "instancer"), paths[0])
+        place.child("prims").fail(nothing + there + broken_note(scene))
     return (path, feathers) if len(place.problems) == count else None
 
 

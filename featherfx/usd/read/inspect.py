@@ -16,6 +16,7 @@ from featherfx.usd.read.stage import (
     SourceScene,
     broken_arcs,
     broken_files,
+    kind_of,
     open_scene,
     prims_below,
     rest_code,
@@ -36,15 +37,6 @@ from featherfx.usd.read.values import (
     times_of,
     value_of,
 )
-
-KINDS = {
-    "mesh": UsdGeom.Mesh,
-    "skeleton": UsdSkel.Skeleton,
-    "curves": UsdGeom.Curves,
-    "camera": UsdGeom.Camera,
-    "instancer": UsdGeom.PointInstancer,
-    "points": UsdGeom.PointBased,
-}
 
 
 @dataclass(frozen=True)
@@ -67,7 +59,7 @@ class PrimvarReport:
 class PrimReport:
     """A prim that grooms and shots may name.
 
-    kind: a key of KINDS. points: of a mesh, curves or points at rest. parts: faces of a mesh,
+    kind: a key of stage.KINDS. points: of a mesh, curves or points at rest. parts: faces of a mesh,
     curves, joints, instances; 0 of others. size: (3,) m, of the box around the points along the
     stage's axes, transforms included; None without points. sampled: first and last time code of
     anything that moves it, skeletons included. samples: most that one of its own attributes has.
@@ -112,7 +104,7 @@ class StageReport:
     problems: tuple[str, ...]
 
     def of_kind(self, kind: str) -> tuple[PrimReport, ...]:
-        """The prims of a kind, a key of KINDS."""
+        """The prims of a kind, a key of stage.KINDS."""
         return tuple(prim for prim in self.prims if prim.kind == kind)
 
 
@@ -149,11 +141,6 @@ def inspect_stage(path: str | Path) -> StageReport:
         prims=tuple(prims),
         problems=tuple(map(str, problems.listed())),
     )
-
-
-def kind_of(prim: Any) -> str:
-    """The key of KINDS that a prim is of; empty for none."""
-    return next((name for name, schema in KINDS.items() if prim.IsA(schema)), "")
 
 
 def _authored(stage: Any, name: str) -> float | None:

@@ -24,6 +24,7 @@ from featherfx.usd.read.stage import (
     sampled_range,
     transform_fault,
     transformed,
+    what_is_there,
 )
 from featherfx.usd.read.values import (
     DEFAULT,
@@ -70,7 +71,8 @@ def _by_name(scene: SourceScene, pattern: str, place: Place) -> list[str]:
         if prim.IsA(UsdGeom.Mesh) and fnmatch.fnmatchcase(prim.GetName(), pattern)
     ]
     if not found:
-        place.fail(f"no mesh is called '{pattern}' in {scene.path}")
+        there = what_is_there(scene, ("mesh",), pattern)
+        place.fail(f"no mesh is called '{pattern}' in {scene.path}{there}")
     return found
 
 
@@ -151,7 +153,7 @@ class SampledWind(ScenePrim):
 def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | SampledWind | None:
     """The wind that checked keys of [wind_usd] name; None after adding problems."""
     scene = open_scene(path, place.child("usd"))
-    prim = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"))
+    prim = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"), "points")
     if scene is None or prim is None:
         return None
     with collecting(place):
@@ -236,12 +238,11 @@ def open_camera(path: Path, prim: str, place: Place) -> SceneCamera | None:
     """The camera at a prim path of a file; None after adding problems."""
     scene = open_scene(path, place.child("usd"))
     at = place.child("prim")
-    found = None if scene is None else find_prim(scene, prim, at)
+    found = None if scene is None else find_prim(scene, prim, at, "camera")
     if scene is None or found is None:
         return None
     if not found.IsA(UsdGeom.Camera):
-        cameras = [str(p.GetPath()) for p in scene.stage.Traverse() if p.IsA(UsdGeom.Camera)]
-        at.fail(f"{prim} is no camera; cameras of {path}: {', '.join(cameras[:8]) or 'none'}")
+        at.fail(f"{prim} is no camera in {path}{what_is_there(scene, ('camera',), prim)}")
         return None
     fault = transform_fault(scene, found)
     if fault:

@@ -24,6 +24,7 @@ from featherfx.usd.read.stage import (
     rest_code,
     transform_code,
     transformed,
+    what_is_there,
 )
 from featherfx.usd.read.values import (
     DEFAULT,
@@ -176,7 +177,11 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
     entry: checked keys of the curve of a row. None after adding problems.
     """
     scene = open_scene(folder / entry["usd"], place.child("usd"))
-    root = None if scene is None else find_prim(scene, entry["prim"], place.child("prim"))
+    root = (
+        None
+        if scene is None
+        else find_prim(scene, entry["prim"], place.child("prim"), "curves", "skeleton")
+    )
     if scene is None or root is None:
         return None
     with collecting(place):
@@ -205,7 +210,7 @@ def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Ar
     found: list[Array] = []
     problems = len(place.problems)
     for path in prims:
-        root = find_prim(scene, path, place)
+        root = find_prim(scene, path, place, "curves")
         if root is None:
             return None
         for prim in prims_below(scene, root):
@@ -213,7 +218,8 @@ def _curves(scene: SourceScene, prims: tuple[str, ...], place: Place) -> list[Ar
                 with collecting(place):
                     found += _polylines(scene, prim, place)
     if not found and len(place.problems) == problems:
-        place.fail(f"no curves at {', '.join(prims)} or below in {scene.path}")
+        there = what_is_there(scene, ("curves",), prims[0])
+        place.fail(f"no curves at {', '.join(prims)} or below in {scene.path}{there}")
     return found if len(place.problems) == problems else None
 
 

@@ -9,15 +9,16 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Pcp, Sdf, Usd, UsdGeom, UsdUtils
+from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel, UsdUtils
 
 from featherfx.errors import InputError, InputWarning, Problem
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.values import Place, closest
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import (
     DEFAULT,
@@ -34,6 +35,17 @@ from featherfx.usd.types import OutputError
 
 Array = NDArray[np.float64]
 
+# what grooms and shots name in a stage
+KINDS = {
+    "mesh": UsdGeom.Mesh,
+    "skeleton": UsdSkel.Skeleton,
+    "curves": UsdGeom.Curves,
+    "camera": UsdGeom.Camera,
+    "instancer": UsdGeom.PointInstancer,
+    "points": UsdGeom.PointBased,
+}
+
+_SHOWN, _NEAREST = 8, 3  # paths that are listed: all where there are so few, else the nearest
 _SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
@@ -66,6 +78,15 @@ class SourceScene:
         """Every file that the open stage is made of, clips included; no textures."""
         layers = {layer.realPath for layer in self.stage.GetUsedLayers()} | clip_files(self.stage)
         return tuple(Path(path) for path in sorted(layers) if path)
+
+    @cached_property
+    def paths(self) -> dict[str, list[str]]:
+        """Paths of the prims of each of KINDS."""
+        found: dict[str, list[str]] = {kind: [] for kind in KINDS}
+        for prim in prims_below(self, self.stage.GetPseudoRoot()):
+            if kind := kind_of(prim):
+                found[kind].append(str(prim.GetPath()))
+        return found
 
     def matrix(self, prim: Any, code: Any) -> Array:
         """(4, 4) local space of a prim to the world, row vectors, at a time code."""
@@ -189,18 +210,47 @@ def open_scene(path: Path, place: Place) -> SourceScene | None:
     return SourceScene(path, stage, scale * turn)
 
 
-def find_prim(scene: SourceScene, path: str, place: Place) -> Any:
-    """The prim at a path, also within an instance; None after adding a problem."""
+def kind_of(prim: Any) -> str:
+    """The key of KINDS that a prim is of; empty for none."""
+    return next((name for name, schema in KINDS.items() if prim.IsA(schema)), "")
+
+
+def what_is_there(scene: SourceScene, kinds: Sequence[str], path: str = "") -> str:
+    """Paths of the prims of some of KINDS, as the end of a message; of many the nearest to a path.
+
+    Empty where no kind is asked for.
+    """
+    return "".join(f"; {_listed(kind, scene.paths[kind], path)}" for kind in kinds)
+
+
+def _listed(kind: str, paths: list[str], path: str) -> str:
+    if len(paths) < 2:
+        return f"the stage has one {kind}: {paths[0]}" if paths else f"the stage has no {kind}"
+    if len(paths) <= _SHOWN:
+        return f"the stage has {len(paths)} of kind {kind}: {', '.join(paths)}"
+    near = closest(path, paths, _NEAREST) or paths[:_NEAREST]
+    return f"the stage has {len(paths)} of kind {kind}, the nearest {', '.join(near)}"
+
+
+def find_prim(scene: SourceScene, path: str, place: Place, *kinds: str) -> Any:
+    """The prim at a path, also within an instance; None after adding a problem.
+
+    kinds: of KINDS, that are listed where there is no prim at the path.
+    """
     if not (
         Sdf.Path.IsValidPathString(path)
         and Sdf.Path(path).IsAbsolutePath()
         and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
     ):
-        place.fail(f"'{path}' is no absolute prim path such as /Bird/body")
+        place.fail(
+            f"'{path}' is no absolute prim path such as /Bird/body"
+            + what_is_there(scene, kinds, path)
+        )
         return None
     prim = scene.stage.GetPrimAtPath(path)
     if not prim:
-        place.fail(_absent(scene, Sdf.Path(path)) + broken_note(scene))
+        there = what_is_there(scene, kinds, path)
+        place.fail(_absent(scene, Sdf.Path(path)) + there + broken_note(scene))
         return None
     if not prim.IsActive():
         place.fail(f"{path} is inactive in {scene.path}")
