@@ -28,6 +28,7 @@ from featherfx.groom.regions.regions import GroomReaders, plumage_of
 from featherfx.groom.types import Groom, Joint, Placement
 from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
 
+_SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
 SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 # changes of feathers by id pattern
 Overrides = dict[str, dict[str, Any]]
@@ -65,6 +66,9 @@ def collect_groom(
     else:
         raw = load_toml(path, library.problems)
     if raw is None:
+        return None
+    if raw.keys() >= _SHOT_KEYS:
+        library.problems.add(path, "", "is a shot, expects a groom")
         return None
     return groom_of(raw, path, library, readers, above)
 

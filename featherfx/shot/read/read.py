@@ -17,7 +17,7 @@ from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import INVALID, Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
-from featherfx.groom.read.read import collect_groom, groom_of
+from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
 from featherfx.shot.read.keys import SHOT_FILE
@@ -84,8 +84,17 @@ def _file_kind(raw: dict[str, Any], path: Path) -> str:
 
 def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot | None:
     problems = library.problems
+    if path.suffix.lower() in SCENE_SUFFIXES and path.is_file():
+        problems.add(path, "", "is a USD file, expects a shot, which may name it as its groom")
+        return None
     raw = load_toml(path, problems)
     if raw is None:
+        return None
+    kind = "shot" if {"groom", "frames"} & raw.keys() else _file_kind(raw, path)
+    if kind not in ("shot", ""):
+        told = "a groom" if kind == "groom" else f"a {kind} preset"
+        more = f', a file with groom = "{path.name}" and frames' if kind == "groom" else ""
+        problems.add(path, "", f"is {told}, expects a shot{more}")
         return None
     place = Place(str(path), "", problems)
     parts = SHOT_FILE.parts(raw, place)
