@@ -231,7 +231,9 @@ class Text:
     def schema(self, partial: bool) -> JsonSchema:
         if self.choices:
             return {"type": "string", "enum": list(self.choices)}
-        return {"type": "string"} if self.empty else {"type": "string", "minLength": 1}
+        control: JsonSchema = {"type": "string", "pattern": CONTROL.pattern}
+        found: JsonSchema = {"type": "string", "maxLength": MOST_CHARACTERS, "not": control}
+        return found if self.empty else {**found, "minLength": 1}
 
 
 @dataclass(frozen=True)
