@@ -9,6 +9,7 @@ import click
 from featherfx.baking import pipeline
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.cli.program import Command
+from featherfx.groom.read.places import located
 
 
 @click.command(
@@ -30,7 +31,7 @@ def check(ctx: click.Context, files: tuple[Path, ...], preset_folders: tuple[Pat
     """
     found = [problem for file in files for problem in pipeline.check(file, preset_folders)]
     for problem in dict.fromkeys(found):
-        click.echo(str(problem))
+        click.echo(located(problem))
     if found:
         ctx.exit(1)
     click.echo(f"{len(files)} checked, no problems", err=True)

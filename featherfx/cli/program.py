@@ -17,6 +17,7 @@ from typing import Any
 import click
 
 from featherfx.errors import InputError, InputWarning, SimulationError
+from featherfx.groom.read.places import located
 
 _VERBOSE = "featherfx.verbose"
 
@@ -136,7 +137,9 @@ class Program(CommandGroup):
                 return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit):
             raise
-        except (InputError, SimulationError) as error:
+        except InputError as error:
+            self._fail(ctx, "\n".join(map(located, error.problems)), error)
+        except SimulationError as error:
             self._fail(ctx, str(error), error)
         except KeyboardInterrupt as error:
             self._fail(ctx, str(error) or "interrupted", error)

@@ -249,3 +249,18 @@ def test_a_file_of_another_kind_is_told_in_one_line(command, file, words, tmp_pa
     assert done.exit_code == 1
     (line,) = done.stderr.splitlines()
     assert f"{path}: {words}" in line
+
+
+def test_problems_name_the_line_and_the_entry(tmp_path):
+    groom = tmp_path / "groom.toml"
+    groom.write_text(
+        'name = "wing"\nlayot = 1\n\n[[row]]\nid = "first"\nkind = "covert"\n\n'
+        '[[row]]  # the long ones\nid = "primary"\nkind = "covert"\ncount = 0\n'
+    )
+    told = run("check", groom).stdout.splitlines()
+    by_key = {line.split(": ")[1]: line for line in told}
+    assert by_key["row[1].count"].endswith(" (line 11, row 'primary')")
+    assert by_key["row[0].count"].endswith(" (line 4, row 'first')")
+    assert by_key["layot"].endswith(" (line 2)")
+    done = run("groom", groom, "-o", tmp_path / "out.usda")
+    assert f"featherfx: {by_key['row[1].count']}" in done.stderr.splitlines()
