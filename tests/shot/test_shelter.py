@@ -61,7 +61,7 @@ def test_air_in_the_plumage_goes_with_the_body() -> None:
     # keys reach far to both sides, because a motion starts and ends at rest
     times = np.linspace(-5.0, 5.0, 101).tolist()
     keys = [{"time": t, "joint": "", "position": (10.0 * t, 0.0, 0.0)} for t in times]
-    flight = {"motion": Motion("keys", {"keyframes": keys}), "settle": False}
+    flight = {"motion": Motion("keys", {"keyframes": keys}), "settle": False, "preroll": 0}
     inside = replace(one_feather(0.0, 1.0, 0.0), **flight)
     wind = replace(inside.wind, speed=10.0, direction=np.array([1.0, 0.0, 0.0]))
     outside = replace(one_feather(0.0, None, 0.0), **flight)
