@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numba
-
 from featherfx.jit.cache import KernelCache
 from featherfx.jit.parts import (
     ApartCompiler,
@@ -71,9 +69,6 @@ def shared_kernel(function: Callable[..., Any]) -> Any:
 
 
 def _entry(function: Callable[..., Any], linked: Part | Shared) -> Any:
-    config: Any = numba.config
-    if config.DISABLE_JIT:
-        return function
     entry: Any = Kernel(function, targetoptions=OPTIONS, pipeline_class=EntryCompiler)
     entry.linked, entry._cache = linked, KernelCache(function)
     return entry
