@@ -16,6 +16,7 @@ from featherfx.files.whole import write_text
 from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.feathers.strip import StripTest, run_strip
+from featherfx.lab.fibres.rupture import RuptureTest, run_rupture
 from featherfx.lab.networks.unit_cell import CellTest, cell_moduli, vane_of, vane_text
 from featherfx.lab.ribbons.experiments import HangTest, hang
 from featherfx.lab.rods.experiments import (
@@ -239,6 +240,12 @@ EXPERIMENTS = {
         "--angle 45 --strain 0.1 --json",
         "--size-effect -o size.png",
         more=(SIZE_EFFECT, PICTURE),
+    ),
+    "rupture": Experiment(
+        RuptureTest,
+        lambda test: [run_rupture(test)],
+        "--elements 1 --sigma 1.5708 --mu 1.5708",
+        "--elements 9 --sigma 0.5236 --weak 2 --json",
     ),
     "calibrate": Experiment(
         CalibrateTest,

@@ -117,6 +117,12 @@ STUDIES: tuple[Study, ...] = (
         "featherfx.lab.studies.unit_cell:elements",
     ),
     Study(
+        "fibre_rupture",
+        "A membrane of fibres is pulled until it tears",
+        "Jacquemoud 2007, sections 4.5 and 4.6",
+        "featherfx.lab.studies.fibre_rupture:rupture",
+    ),
+    Study(
         "unit_cell",
         "The vane as a lattice of barbs and barbules",
         "Houghton 2020, applied to the moduli of Jouve 2024, tables 5.1 and 5.2",

@@ -1,0 +1,1 @@
+"""Membranes of fibres that yield and break."""

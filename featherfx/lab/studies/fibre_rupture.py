@@ -1,0 +1,124 @@
+"""A membrane of fibres torn (Jacquemoud 2007): stresses, elements, where a tear starts."""
+
+from __future__ import annotations
+
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.lab.fibres.rupture import Rupture, RuptureTest, run_rupture
+from featherfx.lab.studies.study import StudyResult, bounded, compared, draw, reported
+
+READ = (
+    "published: the last equilibrium before the first fibre breaks, E22 = 0.215; it breaks at"
+    " (C_r - 1) / 2 = 0.22, where the stress is largest"
+)
+
+
+def rupture(folder: Path) -> StudyResult:
+    """Plateau and peak stresses; 1, 9 and 24 elements; weak elements."""
+    along, across, narrow, nine = (
+        run_rupture(RuptureTest(elements=elements, mu=mu, sigma=sigma, fibres=801))
+        for elements, mu, sigma in (
+            (1, pi / 2, pi / 2),
+            (1, 0.0, pi / 2),
+            (1, pi / 2, pi / 6),
+            (9, pi / 2, pi / 6),
+        )
+    )
+    weak = run_rupture(RuptureTest(elements=9, sigma=pi / 6, weak=1, fibres=801))
+    two = run_rupture(RuptureTest(elements=24, sigma=pi / 6, weak=2, weak_mu=pi / 12, fibres=401))
+    rows = [
+        compared(
+            "plateau of a fibre, (C_c, C_r) = (1.36, 1.41)",
+            narrow.fibre.plateau,
+            15.96e6,
+            1e-3,
+            unit="Pa",
+        ),
+        compared("plateau of a fibre, (1.34, 1.44)", along.fibre.plateau, 13.85e6, 1e-3, unit="Pa"),
+        compared(
+            "S22 at E22 = 0.215, fibres along", stress_at(along, 0.215), 5.41e6, 3e-3, unit="Pa"
+        ),
+        compared(
+            "S22 at E22 = 0.215, fibres across", stress_at(across, 0.215), 4.10e6, 3e-3, unit="Pa"
+        ),
+        compared(
+            "largest S22, fibres along", along.peak.stress, 5.41e6, 0.02, unit="Pa", note=READ
+        ),
+        compared(
+            "largest S22, fibres across", across.peak.stress, 4.10e6, 0.02, unit="Pa", note=READ
+        ),
+        compared("E22 there, fibres along", along.peak.strain, 0.215, 0.03, note=READ),
+        bounded(
+            "nine elements against one: largest difference of S22 up to the peak, over the peak",
+            apart(nine, narrow),
+            at_most=0.02,
+            note="published: the curves lie on each other (figure 4-11)",
+        ),
+        reported(
+            "E22 where nine equal elements stop being equal",
+            uneven(nine),
+            note="published: the simulation ends sooner with nine",
+        ),
+        compared(
+            "element that breaks first, of nine with a weak sixth",
+            weak.weakest,
+            5.0,
+            0.0,
+            absolute=True,
+            note="published: element 5, beside the weak one, has the fewest fibres (figure 4-15)",
+        ),
+        reported(
+            "element that breaks first, of 24 with a weak 11th and 12th",
+            two.weakest,
+            note="published as a picture only (figure A8-6)",
+        ),
+    ]
+    return StudyResult(rows, draw(folder / "rupture.png", CAPTION, _paint(along, across, narrow)))
+
+
+CAPTION = "Stress of the specimen against its strain, and the share of its fibres that are whole."
+
+
+def stress_at(found: Rupture, strain: float) -> float:
+    """S_22 (Pa) at a strain before the peak, between the equilibria of its path."""
+    strains = [each.strain for each in found.path]
+    return float(np.interp(strain, strains, [each.stress for each in found.path]))
+
+
+def apart(first: Rupture, second: Rupture) -> float:
+    """Largest difference of stress at equal strain before the peak of the first, over the peak."""
+    last = min(first.peak.strain, second.peak.strain)
+    before = [each for each in first.path if each.strain <= last]
+    worst = max(abs(each.stress - stress_at(second, each.strain)) for each in before)
+    return worst / second.peak.stress
+
+
+def uneven(found: Rupture) -> float:
+    """E_22 at which elements that were given alike first differ by 1e-3 of the strain."""
+    for each in found.path:
+        if np.ptp(each.strains[..., 1]) > 1e-3 * max(each.strain, 1e-6):
+            return each.strain
+    return found.path[-1].strain
+
+
+def _paint(along: Rupture, across: Rupture, narrow: Rupture) -> Any:
+    def paint(canvas: Any) -> None:
+        left, right = canvas.subplots(1, 2)
+        named = (
+            (along, "deviation pi/2, along"),
+            (across, "deviation pi/2, across"),
+            (narrow, "deviation pi/6, along"),
+        )
+        for found, name in named:
+            strains = [each.strain for each in found.path]
+            left.plot(strains, [1e-6 * each.stress for each in found.path], label=name)
+            right.plot(strains, [each.intact.mean() for each in found.path], label=name)
+        left.set(xlabel="E22", ylabel="S22, MPa")
+        right.set(xlabel="E22", ylabel="share of whole fibres")
+        left.legend()
+
+    return paint
