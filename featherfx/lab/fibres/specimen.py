@@ -94,7 +94,7 @@ def pull(specimen: Specimen, step: float, furthest: float) -> Iterator[Pulled]:
     """
     mesh = _Mesh(specimen)
     moved = np.zeros((mesh.count, 2))
-    largest = np.ones(mesh.fibres.weight.shape)
+    largest: Array = np.ones(mesh.fibres.weight.shape)
     system = _System(specimen, mesh)
     direction = np.zeros(system.unknowns)
     direction[-1] = 1.0
@@ -132,7 +132,7 @@ class _System:
         self.map = np.zeros((size, self.unknowns))
         self.map[free, np.arange(len(free))] = 1.0
         self.map[place[mesh.top, 1], -1] = 1.0
-        self.largest = np.zeros(0)
+        self.largest: Array = np.zeros(0)
 
     def unknowns_of(self, moved: Array) -> Array:
         """Unknowns of displacements (nodes, 2) that the clamps allow."""
