@@ -16,6 +16,7 @@ from featherfx.api import Folders, read_shot
 from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_text
+from featherfx.groom.presets.folders import SHIPPED, own_folders
 from featherfx.usd.write.output import check_output, file_problems
 
 # Characters that a job's name may have at most.
@@ -33,7 +34,9 @@ def plan(
     """Write the items and the job template beside the output, and return both paths.
 
     output: of the whole cache, default as for a bake; wing.usdc gives wing.plan.json, whose paths
-    are absolute, and wing.openjd.json, whose job has shot and output as parameters.
+    are absolute, and wing.openjd.json, whose job has shot, output and every folder of presets that
+    is searched here (preset_folders, then those of FEATHERFX_PRESETS and of the user) as
+    parameters. Workers search these and the shipped ones, none of their own.
 
     shares: items that bake, at least 1 and at most the number of feathers. options: of `featherfx
     bake`, passed on to every item. overwrite: whether a plan that exists is replaced. Raises
@@ -47,10 +50,14 @@ def plan(
     if not 1 <= shares <= most:
         message = f"{shares} is out of range; allowed 1 to {most}, the number of feathers"
         raise InputError(Problem(str(shot_path), "plan", message))
+    folders = own_folders(preset_folders)
+    searched = [*_searched([str(folder) for folder in folders]), *options]
     commands = [
-        bake_command(shot_path, output, f"{k}/{shares}", options) for k in range(1, shares + 1)
+        bake_command(shot_path, output, f"{k}/{shares}", searched) for k in range(1, shares + 1)
     ]
-    template = job_template(shot.name, shares, most, _paths(shot_path, output), options)
+    paths = _paths(shot_path, output, folders)
+    named = [f"{{{{Param.{each['name']}}}}}" for each in paths if each["name"] in _named(folders)]
+    template = job_template(shot.name, shares, most, paths, [*_searched(named), *options])
     texts = {
         output.with_suffix(".plan.json"): work_items(commands, join_command(output, str(shares))),
         output.with_suffix(".openjd.json"): template,
@@ -89,15 +96,30 @@ def work_items(commands: Sequence[Sequence[str]], join: Sequence[str]) -> dict[s
     return {"items": [*items, {"name": "join", "command": list(join), "after": names}]}
 
 
-def _paths(shot: Path, output: Path) -> list[dict[str, Any]]:
-    """The parameters Shot and Output, which a farm may map to its own paths.
+def _searched(folders: Sequence[str]) -> list[str]:
+    """Options by which a worker finds presets in these folders and the shipped ones only."""
+    return [part for folder in (*folders, SHIPPED) for part in ("--presets", folder)]
+
+
+def _named(folders: Sequence[Path]) -> list[str]:
+    """Names of the parameters for folders of presets."""
+    return [f"Presets{k}" for k in range(1, len(folders) + 1)]
+
+
+def _paths(shot: Path, output: Path, folders: Sequence[Path]) -> list[dict[str, Any]]:
+    """The parameters Shot, Output and Presets1..., which a farm may map to its own paths.
 
     Defaults of paths are relative to the template's folder, which stands beside the output, and
-    must lie within it; a shot elsewhere has none, and is named where the job is submitted.
+    must lie within it; what is elsewhere has none, and is named where the job is submitted.
     """
     parameters: list[dict[str, Any]] = []
-    for name, path, flow in (("Shot", shot, "IN"), ("Output", output, "OUT")):
-        each = {"name": name, "type": "PATH", "objectType": "FILE", "dataFlow": flow}
+    given = [("Shot", shot, "FILE", "IN"), ("Output", output, "FILE", "OUT")]
+    given += [
+        (name, folder, "DIRECTORY", "IN")
+        for name, folder in zip(_named(folders), folders, strict=True)
+    ]
+    for name, path, what, flow in given:
+        each = {"name": name, "type": "PATH", "objectType": what, "dataFlow": flow}
         if path.is_relative_to(output.parent):
             each["default"] = path.relative_to(output.parent).as_posix()
         parameters.append(each)
@@ -114,7 +136,7 @@ def job_template(
     """An Open Job Description template: a step with a task per share, and one that joins.
 
     shares: the default of the job's parameter Shares, most: its greatest value. paths: its
-    parameters Shot and Output. options: of every bake.
+    parameters that are paths. options: of every bake.
     """
     share = "{{Task.Param.Share}}/{{Param.Shares}}"
     bake = bake_command("{{Param.Shot}}", "{{Param.Output}}", share, options)

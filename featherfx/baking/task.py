@@ -31,7 +31,7 @@ from featherfx.usd.write.output import (
     prim_name,
     unique_prim_names,
 )
-from featherfx.usd.write.resume import is_finished
+from featherfx.usd.write.resume import is_finished, refuse_unfinished
 
 Options = TypeVar("Options", bound=StageOptions)
 
@@ -69,7 +69,10 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
 
     def checked(path: str | Path) -> Path:
         own = part_path(Path(path), feathers) if feathers else path
-        return check_output(own, options.overwrite or options.resume, options.layout)
+        kept = check_output(own, options.overwrite or options.resume, options.layout)
+        if not (options.overwrite or options.resume):
+            refuse_unfinished(kept)
+        return kept
 
     shot, chosen, path, *_ = all_of(
         lambda: wanted_shot(shot_path, options, read.append),

@@ -27,7 +27,9 @@ from featherfx.usd.write.options import StageOptions
 STAGE = tuple(each.name for each in fields(StageOptions))
 DRAWN = tuple(each.name for each in fields(DrawnOptions) if each.name != "preset_folders")
 # Options of a bake that a plan sets itself, or that belong to one worker.
-PER_WORKER = ("--output", "--plan", "--feathers", "--resume", "--progress", "--report")
+PER_WORKER = (
+    "--output", "--plan", "--feathers", "--resume", "--progress", "--report", "--presets",
+)  # fmt: skip
 
 
 @click.command(

@@ -11,6 +11,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import click
 
+from featherfx.groom.presets.folders import SHIPPED
 from featherfx.limits import MOST_JOBS, MOST_SHARES, MOST_SIDE
 
 _MOST_DIGITS = 8  # of a frame, a share or a side: with sign, more than any may have
@@ -155,12 +156,23 @@ def quality_option(text: str) -> Callable[[Decorated], Decorated]:
     return click.option("--quality", metavar="NAME", help=text)
 
 
+class PresetFolder(click.Path):
+    """A folder that is there, or SHIPPED."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path, file_okay=False, exists=True)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return value if value == SHIPPED else super().convert(value, param, ctx)
+
+
 def presets_option(command: Decorated) -> Decorated:
     return click.option(
         "--presets",
         "preset_folders",
-        type=click.Path(path_type=Path, file_okay=False, exists=True),
+        type=PresetFolder(),
         multiple=True,
         metavar="FOLDER",
-        help="Folder of presets that win over the shipped ones. Repeatable.",
+        help="Folder of presets that win over those of FEATHERFX_PRESETS, your own and the shipped"
+        f" ones, or '{SHIPPED}': the shipped ones win over what comes after. Repeatable.",
     )(command)

@@ -129,6 +129,22 @@ def test_an_interrupted_bake_takes_over_its_chunks(tmp_path, layout):
         assert values.tobytes() == points(path)[prim].tobytes()
 
 
+@pytest.mark.parametrize("layout", ["clips", "flat"])
+def test_the_frames_of_an_interrupted_bake_are_not_thrown_away(tmp_path, layout):
+    path = tmp_path / "pull.usda"
+    options = OPTIONS | {"layout": layout, "frames": (1, 8)}
+    with pytest.raises(KeyboardInterrupt, match=r"(\d+) of 8 samples are kept") as stopped:
+        featherfx.bake(SHOT, path, on_frame=stop_after(6), **options)
+    kept = str(stopped.value).split()[1]
+    left = {f: f.read_bytes() for f in tmp_path.rglob("*") if f.is_file()}
+    with pytest.raises(InputError, match=f"holds {kept} samples .* --resume .* --overwrite"):
+        featherfx.bake(SHOT, path, **options)
+    assert {f: f.read_bytes() for f in tmp_path.rglob("*") if f.is_file()} == left
+    result = featherfx.bake(SHOT, path, overwrite=True, **options)
+    assert result["samples_taken_over"] == 0
+    assert len(points(path)) > 0
+
+
 def test_a_finished_bake_is_left_alone(tmp_path, undisturbed):
     before = {f: f.stat().st_mtime_ns for f in undisturbed.parent.rglob("*.usd*")}
     begin = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 import featherfx
 from featherfx.baking import pipeline
@@ -139,6 +139,44 @@ def test_the_items_of_a_plan_do_what_the_bake_does(tmp_path, whole):
         assert result.exit_code == 0, result.stderr
     for prim, values in poses(whole).items():
         np.testing.assert_array_equal(values, poses(path)[prim])
+
+
+def test_a_plan_takes_presets_along(tmp_path, monkeypatch):
+    """Workers find the presets that the plan was made with, and none of their own."""
+    given, own, home, worker = (tmp_path / name for name in ("given", "own", "home", "worker"))
+    for folder, gust in (
+        (given, 0.1),
+        (own, 0.2),
+        (home / "featherfx/presets", 0.3),
+        (worker, 0.4),
+    ):
+        (folder / "wind").mkdir(parents=True)
+        (folder / "wind/mine.toml").write_text(f'base = "breeze"\ngust = {gust}\n')
+    (worker / "wind/breeze.toml").write_text('base = "breeze"\nspeed = 33.0\n')
+    monkeypatch.setenv("FEATHERFX_PRESETS", str(own))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(home))
+    shot, path = tmp_path / "shot.toml", tmp_path / "pull.usda"
+    groom = (SAMPLES / "feather_pull/groom.toml").as_posix()
+    shot.write_text(f'name = "pull"\ngroom = "{groom}"\nframes = [1, 4]\nwind = "mine"\n')
+    result = run("bake", shot, "-o", path, "--presets", given, "--frames", "1-1", "--plan", 1)
+    assert result.exit_code == 0, result.stderr
+    template = json.loads((tmp_path / "pull.openjd.json").read_text())
+    folders = template["parameterDefinitions"][2:-1]
+    assert [each["default"] for each in folders] == ["given", "own", "home/featherfx/presets"]
+    assert {(each["type"], each["objectType"]) for each in folders} == {("PATH", "DIRECTORY")}
+    arguments = template["steps"][0]["script"]["actions"]["onRun"]["args"]
+    named = [arguments[k + 1] for k, each in enumerate(arguments) if each == "--presets"]
+    assert named == [*(f"{{{{Param.Presets{k}}}}}" for k in (1, 2, 3)), "shipped"]
+    # a worker of other presets, and none of the planner's
+    monkeypatch.setenv("FEATHERFX_PRESETS", str(worker))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    item = json.loads((tmp_path / "pull.plan.json").read_text())["items"][0]
+    result = run(*item["command"][1:])
+    assert result.exit_code == 0, result.stderr
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "pull.1of1.usda"))
+    settings = layer.customLayerData["featherfx"]["settings"]
+    assert settings["shot.wind.gust"] == "0.1"
+    assert float(settings["shot.wind.speed"]) < 33.0
 
 
 def test_the_template_is_an_open_job_description(tmp_path):

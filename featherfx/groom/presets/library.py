@@ -1,8 +1,7 @@
-"""Where presets are found, and how `base` and overrides merge, each value with its source."""
+"""How presets, their `base` and overrides merge, each value with its source."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +10,9 @@ from typing import Any
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import REQUIRED, Key, Place, Problems, Table, expected
+from featherfx.groom.presets.folders import search_path, shipped_folder
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MOST_BASES
-
-ENVIRONMENT_VARIABLE = "FEATHERFX_PRESETS"
 
 
 @dataclass(frozen=True)
@@ -26,22 +24,6 @@ class Sourced:
 
 
 Tree = dict[str, Any]  # nested tables whose leaves are Sourced
-
-
-def shipped_folder() -> Path:
-    """The presets that come with featherfx: within the package, or beside it in a checkout."""
-    package = Path(__file__).resolve().parents[2]
-    inside = package / "_presets"
-    return inside if inside.is_dir() else package.parent / "presets"
-
-
-def search_path(folders: Iterable[str | Path] = ()) -> tuple[Path, ...]:
-    """Folders of presets, the strongest first: given ones, FEATHERFX_PRESETS, home, shipped."""
-    listed = [Path(folder) for folder in folders]
-    variable = os.environ.get(ENVIRONMENT_VARIABLE, "")
-    listed += [Path(part) for part in variable.split(os.pathsep) if part]
-    home = os.environ.get("XDG_CONFIG_HOME") or str(Path("~/.config").expanduser())
-    return (*listed, Path(home) / "featherfx" / "presets", shipped_folder())
 
 
 def sourced(table: dict[str, Any], source: str) -> Tree:

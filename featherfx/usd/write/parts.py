@@ -272,6 +272,12 @@ def unfinished_settings(folder: Path) -> list[dict[str, str]]:
     return [settings for each in begun if (settings := _read_settings(each))]
 
 
+def unfinished_samples(folder: Path) -> int:
+    """Samples of the chunks that bakes have left in a parts folder."""
+    records = (_read_record(file) for bake in _bakes(folder) for file in bake.glob("[0-9]*.json"))
+    return sum(len(record.codes) for record in records if record is not None)
+
+
 def checksum(path: Path) -> tuple[int, int]:
     """Bytes and CRC-32 of a file: tells a damaged file at half the time of a SHA-256."""
     size, crc, block = 0, 0, bytearray(_BLOCK)

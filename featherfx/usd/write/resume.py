@@ -12,7 +12,12 @@ from featherfx.errors import Problem
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import clips_folder, output_files, parts_folder
-from featherfx.usd.write.parts import Parts, lock_file, unfinished_settings
+from featherfx.usd.write.parts import (
+    Parts,
+    lock_file,
+    unfinished_samples,
+    unfinished_settings,
+)
 
 _MOST_DIFFERENCES = 12
 
@@ -35,6 +40,17 @@ def is_finished(path: Path, settings: Mapping[str, str], overwrite: bool) -> boo
         if unfinished and settings not in unfinished and not overwrite:
             raise _refused(path, "was begun", unfinished[0], settings)
     return False
+
+
+def refuse_unfinished(path: Path) -> None:
+    """Raise OutputError where an interrupted bake has left samples that a new one would remove."""
+    kept = sum(unfinished_samples(parts_folder(path, layout)) for layout in ("flat", "clips"))
+    if kept and not path.exists():
+        message = (
+            f"holds {kept} sample{'s' * (kept > 1)} of a bake that did not come to its end; "
+            "--resume goes on after them, --overwrite removes them and bakes anew"
+        )
+        raise OutputError(Problem(str(path), "", message))
 
 
 def tidy(path: Path, settings: Mapping[str, str]) -> None:

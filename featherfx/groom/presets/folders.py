@@ -1,0 +1,38 @@
+"""Where presets are found; importable without numpy."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+ENVIRONMENT_VARIABLE = "FEATHERFX_PRESETS"
+# stands for the folder of shipped presets among folders that are given
+SHIPPED = "shipped"
+
+
+def shipped_folder() -> Path:
+    """The presets that come with featherfx: within the package, or beside it in a checkout."""
+    package = Path(__file__).resolve().parents[2]
+    inside = package / "_presets"
+    return inside if inside.is_dir() else package.parent / "presets"
+
+
+def search_path(folders: Iterable[str | Path] = ()) -> tuple[Path, ...]:
+    """Folders of presets, the strongest first: given ones, FEATHERFX_PRESETS, home, shipped.
+
+    folders: SHIPPED among them is the folder of shipped presets; what comes after it matters no
+    more.
+    """
+    listed = [shipped_folder() if folder == SHIPPED else Path(folder) for folder in folders]
+    variable = os.environ.get(ENVIRONMENT_VARIABLE, "")
+    listed += [Path(part) for part in variable.split(os.pathsep) if part]
+    home = os.environ.get("XDG_CONFIG_HOME") or str(Path("~/.config").expanduser())
+    return (*listed, Path(home) / "featherfx" / "presets", shipped_folder())
+
+
+def own_folders(folders: Iterable[str | Path] = ()) -> tuple[Path, ...]:
+    """Folders of the search path that are there and are not the shipped ones, absolute."""
+    found = [Path(os.path.abspath(folder)) for folder in search_path(folders) if folder.is_dir()]
+    shipped = Path(os.path.abspath(shipped_folder()))
+    return tuple(dict.fromkeys(folder for folder in found if folder != shipped))
