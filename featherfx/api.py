@@ -7,13 +7,11 @@ the process has, and only where a file is a USD file or names one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from featherfx.errors import all_of
-from featherfx.feather.build import feather_of
+from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
@@ -73,8 +71,7 @@ def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]
     Raises InputError with the problems of all feathers that cannot be built.
     """
     grid = read_quality(quality) if isinstance(quality, str) else quality
-    built = (partial(feather_of, each, grid.rows, grid.columns) for each in groom.feathers)
-    return tuple(all_of(*built))
+    return tuple(feathers_of(groom.feathers, grid.rows, grid.columns))
 
 
 def simulate(

@@ -12,8 +12,8 @@ from numba import types
 from numba.core import registry
 
 from featherfx.algebra import copy_kernels
+from featherfx.files.trust import distrust
 from featherfx.jit import cache, compiled
-from featherfx.jit.trust import distrust
 
 ROOT = Path(cache.__file__).parents[1]
 

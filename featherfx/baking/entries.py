@@ -10,8 +10,9 @@ from typing import Any
 from featherfx._version import __version__
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import all_of
-from featherfx.feather.build import feather_of, repeated_shapes
+from featherfx.feather.build import repeated_shapes
 from featherfx.feather.render import barb_curves, render_feather
+from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, PointMap
 from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.limits import refuse_beyond_memory
@@ -85,9 +86,12 @@ def drawn_entries(
     """
     grid, count = (quality.rows, quality.columns), drawn.barbs
     meshes = drawn.grid(quality)
-    built = all_of(
-        *(partial(_drawn_feather, placement, grid, meshes) for placement in groom.feathers)
-    )
+    built: list[tuple[Feather, PointMap | None]]
+    if grid == meshes:
+        built = [(feather, None) for feather in feathers_of(groom.feathers, *grid)]
+    else:
+        tasks = (partial(_drawn_feather, each, grid, meshes) for each in groom.feathers)
+        built = all_of(*tasks)
     entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
     for index, placement in enumerate(groom.feathers):
         barbs = None
@@ -105,8 +109,6 @@ def _drawn_feather(
     placement: Placement, grid: tuple[int, int], meshes: tuple[int, int]
 ) -> tuple[Feather, PointMap | None]:
     """The feather to draw, and the map to it from a simulated one of another grid."""
-    if grid == meshes:
-        return feather_of(placement, *grid), None
     return render_feather(placement.kind, grid, meshes, placement.mirrored)
 
 

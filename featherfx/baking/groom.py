@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,8 @@ from featherfx.baking.entries import drawn_entries, metadata_of, refuse_too_larg
 from featherfx.baking.options import GroomOptions, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
-from featherfx.feather.build import feather_of, repeated_shapes
+from featherfx.feather.build import repeated_shapes
+from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Groom
 from featherfx.usd.read.stage import refuse_inputs
@@ -71,4 +71,4 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
 def _prototypes(groom: Groom, first: Sequence[int], grid: tuple[int, int]) -> list[Feather]:
     """Rest geometry of every shape, at the size of its prototype."""
     placements = [replace(groom.feathers[k], size=1.0) for k in first]
-    return all_of(*(partial(feather_of, placement, *grid) for placement in placements))
+    return feathers_of(placements, *grid)

@@ -11,8 +11,9 @@ from typing import Any
 from featherfx.api import Folders, read_groom, read_quality, read_shot
 from featherfx.baking.cost import bake_cost
 from featherfx.errors import all_of
-from featherfx.feather.build import feather_of, repeated_shapes
+from featherfx.feather.build import repeated_shapes
 from featherfx.feather.layout.layout import cover, measured
+from featherfx.feather.shapes import feathers_of
 from featherfx.groom.types import Groom
 from featherfx.shot.types import Quality
 
@@ -61,9 +62,8 @@ def _of_groom(groom: Groom, quality: Quality) -> dict[str, Any]:
     report = measured(groom)
     lengths = [feather.kind.length for feather in groom.feathers]
     used = Counter(shapes)
-    points = [
-        len(feather_of(groom.feathers[k], quality.rows, quality.columns).surface.row) for k in first
-    ]
+    built = feathers_of([groom.feathers[k] for k in first], quality.rows, quality.columns)
+    points = [len(feather.surface.row) for feather in built]
     return {
         "name": groom.name,
         "feathers": len(groom.feathers),

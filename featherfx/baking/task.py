@@ -14,10 +14,11 @@ from featherfx.api import read_quality, read_shot
 from featherfx.baking.entries import refuse_too_large
 from featherfx.baking.options import BakeOptions
 from featherfx.errors import InputError, Problem, all_of
+from featherfx.files.content import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.guides import uses_guides
-from featherfx.shot.fingerprint import program_digest, shot_settings
+from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot

@@ -41,7 +41,7 @@ def build_feather(
         feather = mirror_feather(build_feather(kind, rows, columns, False, tube_sides))
     else:
         feather = _build(kind, rows, columns, tube_sides)
-    _make_read_only(feather)
+    make_read_only(feather)
     return feather
 
 
@@ -158,13 +158,14 @@ def _raise_if_any(problems: list[Problem]) -> None:
         raise InputError(*problems)
 
 
-def _make_read_only(record: Any) -> None:
+def make_read_only(record: Any) -> None:
+    """Let nobody write to the arrays of a record."""
     for entry in fields(record):
         value = getattr(record, entry.name)
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
         elif is_dataclass(value):
-            _make_read_only(value)
+            make_read_only(value)
 
 
 _REFLECTION = np.array([1.0, -1.0, 1.0])
@@ -215,5 +216,5 @@ def scaled(feather: Feather, size: float) -> Feather:
         surface=replace(feather.surface, weights=weights),
         **{name: size * getattr(feather, name) for name in lengths},
     )
-    _make_read_only(result)
+    make_read_only(result)
     return result

@@ -6,7 +6,7 @@ asked for, not those of the functions that it calls. Nothing else about a file c
 anew elsewhere, it finds its machine code. These folders are in $FEATHERFX_CACHE, else in the
 system's own folder for caches of a user (on Linux $XDG_CACHE_HOME/featherfx, else
 ~/.cache/featherfx), else in one that is removed when the process ends. Folders that others can
-write to are not used (trust.py), unless $FEATHERFX_TRUSTED_CACHE names them.
+write to are not used (files/trust.py), unless $FEATHERFX_TRUSTED_CACHE names them.
 
 Every entry is a file of its own: a checksum, then the key that it is of and the machine code. What
 is damaged, of another key, or of types that are gone counts as missing, and is compiled anew.
@@ -28,14 +28,13 @@ from pathlib import Path
 from typing import Any
 
 import numba
-import platformdirs
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.serialize import dumps
 
 from featherfx.errors import InputWarning
+from featherfx.files.cache_folder import doubt, wanted_folder
 from featherfx.files.whole import write_whole
 from featherfx.jit.parts import needs_of
-from featherfx.jit.trust import distrust
 
 ROOT = Path(__file__).resolve().parents[1]
 # how kernels are compiled, and what is stored of them
@@ -69,10 +68,8 @@ def _digest(source: Path) -> str:
 def _fault(folder: Path) -> str:
     """Why a folder, made if need be, cannot hold machine code; empty if it can."""
     try:
-        named = os.environ.get("FEATHERFX_TRUSTED_CACHE")
-        fault = "" if named and Path(named) == folder else distrust(folder)
-        if fault:
-            return f"{fault}; FEATHERFX_TRUSTED_CACHE={folder} would trust it"
+        if fault := doubt(folder):
+            return fault
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError as error:
         return f"{folder}: {error.strerror or error}"
@@ -83,8 +80,7 @@ def _fault(folder: Path) -> str:
 def root_folder() -> Path:
     """Folder that holds the caches of all sources: the one asked for, else the user's own, else one
     for this process, with a warning that says why."""
-    asked = os.environ.get("FEATHERFX_CACHE")
-    wanted = Path(asked) if asked else platformdirs.user_cache_path("featherfx", appauthor=False)
+    wanted = wanted_folder()
     fault = _fault(wanted)
     if not fault:
         return wanted

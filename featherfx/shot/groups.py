@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.build import build_feather, feather_of
+from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map, scaled_map
+from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, PointMap
+from featherfx.files.store import kept
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
-from featherfx.mechanics.model import Loads
+from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
@@ -97,10 +100,11 @@ def _group(
 ) -> Group:
     quality = shot.quality
     placements = [shot.groom.feathers[i] for i in members]
-    kinds = [p.kind for p in placements]
     grid = resolution.rows, resolution.columns
-    feathers = [feather_of(p, *grid) for p in placements]
-    model = with_damping(make_model(feathers, kinds, resolution.coefficients), kinds)
+    some = [drawn[i] for i in members]
+    as_drawn = grid == (some[0].rows, some[0].columns)
+    feathers = some if as_drawn else feathers_of(placements, *grid)
+    model = _model(placements, feathers, resolution)
     positions, rotations = motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
@@ -117,7 +121,7 @@ def _group(
         exposure=exposure,
         members=members,
         feathers=feathers,
-        maps=_maps(placements, feathers, [drawn[i] for i in members]),
+        maps=_maps(placements, feathers, some),
         names=[p.id for p in placements],
         grips=[(place[g.feather], g) for g in shot.grips if g.feather in place],
         forces=[
@@ -128,6 +132,31 @@ def _group(
         solver=Solver(model, settings, jobs),
         state=state,
         start=state.points.copy(),
+    )
+
+
+def _model(
+    placements: Sequence[Placement], feathers: Sequence[Feather], resolution: Resolution
+) -> Model:
+    """Constant arrays of a batch: made once for feathers of one shape and size."""
+    first: dict[tuple[int, float, bool], int] = {}
+    shapes = [(id(p.prototype or p.kind), p.size, p.mirrored) for p in placements]
+    for k, shape in enumerate(shapes):
+        first.setdefault(shape, k)
+    number = {shape: n for n, shape in enumerate(first)}
+    chosen = [number[shape] for shape in shapes]
+    own = [placements[k] for k in first.values()]
+    kinds = [each.kind for each in own]
+
+    def compute() -> dict[str, Any]:
+        some = [feathers[k] for k in first.values()]
+        model = make_model(some, kinds, resolution.coefficients)
+        return with_damping(model, kinds)._asdict()
+
+    sizes = [(each.kind, each.prototype, each.size, each.mirrored) for each in own]
+    made = Model(**kept("models", [sizes, resolution], compute))
+    return made._replace(
+        **{name: part[chosen] for name, part in made._asdict().items() if name != "shapes"}
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
-from featherfx.feather.build import feather_of
+from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.shot.checkpoint import Checkpoint
@@ -342,7 +342,7 @@ def _mean_and_max(counts: list[NDArray[np.float64]]) -> dict[str, float]:
 def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:
     """All feathers of a shot on the grid of its quality. Raises InputError."""
     rows, columns = shot.quality.rows, shot.quality.columns
-    return tuple(feather_of(each, rows, columns) for each in shot.groom.feathers)
+    return tuple(feathers_of(shot.groom.feathers, rows, columns))
 
 
 def contact_of(shot: Shot, groups: Sequence[Group]) -> ShotContact | None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from featherfx.feather.layout.arrangement import (
 )
 from featherfx.feather.layout.move_kernels import Limits, Neighbours, Travel, sweep
 from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
+from featherfx.files.store import kept
 from featherfx.groom.presets.kinds import resized
 from featherfx.groom.types import Groom, Layout, Placement
 
@@ -109,25 +111,67 @@ def laid_out(groom: Groom) -> tuple[Groom, LayoutReport | None]:
     """
     if groom.layout is None or not groom.feathers:
         return groom, None
+    layout, inputs = groom.layout, [groom.feathers, groom.layout, groom.skin]
+    laid = Laid(**kept("layout", inputs, lambda: _laid(groom, layout)._asdict()))
+    feathers = tuple(
+        _moved(groom.feathers[f], laid, k) for k, f in enumerate(np.flatnonzero(laid.kept))
+    )
+    return replace(groom, feathers=feathers), _report(groom, laid)
+
+
+class Laid(NamedTuple):
+    """A layout's result for the K of F feathers that it keeps, and their P pairs.
+
+    kept: (F,). place: (K, 3) m and rotation: (K, 3, 3). rank: (K,) place in the order, upwards.
+    share: (K,) of its length that a feather has kept. moves: (K, 3) raise (rad), roll (rad), lift
+    (m). heights: (K,) m over the skin, NaN without one. pairs: (P, 2) and gaps: (P,) m.
+    """
+
+    kept: Mask
+    place: Array
+    rotation: Array
+    rank: Indices
+    share: Array
+    moves: Array
+    heights: Array
+    pairs: Indices
+    gaps: Array
+
+
+def _laid(groom: Groom, layout: Layout) -> Laid:
     skin = None if groom.skin is None else SkinPlanes(groom.skin)
     feathers = arrangement_of(groom.feathers)
-    pairs, order = _Solving(feathers, skin, groom.layout).solve(strips_of(groom.feathers))
-    rank = np.argsort(order)
-    kept = tuple(
-        _moved(groom.feathers[k], feathers, k, int(rank[k]))
-        for k in np.flatnonzero(feathers.kept).tolist()
+    pairs, order = _Solving(feathers, skin, layout).solve(strips_of(groom.feathers))
+    return _result(feathers, np.argsort(order), pairs, skin)
+
+
+def _result(feathers: Arrangement, rank: Indices, pairs: Indices, skin: SkinPlanes | None) -> Laid:
+    chosen = feathers.kept
+    number = np.cumsum(chosen) - 1
+    pairs = pairs[chosen[pairs].all(axis=1)]
+    gaps, _ = feathers.gaps(pairs)
+    over = ~np.isnan(gaps)
+    return Laid(
+        kept=chosen,
+        place=feathers.place[chosen],
+        rotation=feathers.rotation[chosen],
+        rank=rank[chosen],
+        share=(feathers.size / feathers.placed_size)[chosen],
+        moves=feathers.moves[chosen],
+        heights=feathers.heights(skin)[chosen],
+        pairs=number[pairs[over]],
+        gaps=gaps[over],
     )
-    return replace(groom, feathers=kept), _report(groom, feathers, pairs, skin)
 
 
-def _moved(placement: Placement, feathers: Arrangement, k: int, rank: int) -> Placement:
-    """The placement as feather k of an arrangement."""
-    place, rotation = feathers.place[k].copy(), feathers.rotation[k].copy()
-    moved = replace(placement, position=place, rotation=rotation, rank=rank)
-    kept = float(feathers.size[k] / feathers.placed_size[k])
-    if abs(kept - 1.0) < _UNCHANGED:
+def _moved(placement: Placement, laid: Laid, k: int) -> Placement:
+    """The placement as the k-th of those that a layout keeps."""
+    place, rotation = laid.place[k].copy(), laid.rotation[k].copy()
+    moved = replace(placement, position=place, rotation=rotation, rank=int(laid.rank[k]))
+    share = float(laid.share[k])
+    if abs(share - 1.0) < _UNCHANGED:
         return moved
-    prototype, size = placement.prototype or placement.kind, placement.size * kept
+    prototype, size = placement.prototype or placement.kind, placement.size * share
     return replace(moved, kind=resized(prototype, size), prototype=prototype, size=size)
 
 
@@ -238,42 +282,43 @@ def _covering(pairs: Indices, depths: Array, grown: Mask) -> Mask:
 
 def measured(groom: Groom) -> LayoutReport:
     """What lies over what in a groom as it is, without any change to it."""
-    skin = None if groom.skin is None else SkinPlanes(groom.skin)
-    pairs, _ = shingle_pairs(strips_of(groom.feathers))
-    return _report(groom, arrangement_of(groom.feathers), pairs, skin)
+
+    def compute() -> dict[str, Any]:
+        skin = None if groom.skin is None else SkinPlanes(groom.skin)
+        pairs, order = shingle_pairs(strips_of(groom.feathers))
+        return _result(arrangement_of(groom.feathers), np.argsort(order), pairs, skin)._asdict()
+
+    return _report(groom, Laid(**kept("overlap", [groom.feathers, groom.skin], compute)))
 
 
 def cover(groom: Groom) -> float:
     """Mean number of feathers over a point of a vane, itself included."""
-    pairs, _ = shingle_pairs(strips_of(groom.feathers))
-    return arrangement_of(groom.feathers).cover(pairs)
+
+    def compute() -> dict[str, Any]:
+        pairs, _ = shingle_pairs(strips_of(groom.feathers))
+        return {"cover": arrangement_of(groom.feathers).cover(pairs)}
+
+    return float(kept("cover", [groom.feathers], compute)["cover"])
 
 
-def _report(
-    groom: Groom, feathers: Arrangement, pairs: Indices, skin: SkinPlanes | None
-) -> LayoutReport:
+def _report(groom: Groom, laid: Laid) -> LayoutReport:
     """Of the feathers that are kept."""
-    kept = np.flatnonzero(feathers.kept)
-    number = np.cumsum(feathers.kept) - 1
-    pairs = pairs[feathers.kept[pairs].all(axis=1)]
-    gaps, _ = feathers.gaps(pairs)
-    over = ~np.isnan(gaps)
-    pairs, gaps = number[pairs[over]], gaps[over]
-    skin_gaps = feathers.heights(skin)[kept]
-    ids = [groom.feathers[k].id for k in kept]
+    ids = [groom.feathers[k].id for k in np.flatnonzero(laid.kept)]
     left = [
-        Penetration(ids[pairs[k, 0]], ids[pairs[k, 1]], float(-gaps[k]))
-        for k in np.flatnonzero(gaps < 0.0)
+        Penetration(ids[laid.pairs[k, 0]], ids[laid.pairs[k, 1]], float(-laid.gaps[k]))
+        for k in np.flatnonzero(laid.gaps < 0.0)
     ]
-    left += [Penetration(ids[k], "", float(-skin_gaps[k])) for k in np.flatnonzero(skin_gaps < 0.0)]
+    left += [
+        Penetration(ids[k], "", float(-laid.heights[k])) for k in np.flatnonzero(laid.heights < 0.0)
+    ]
     return LayoutReport(
-        pairs=pairs,
-        gaps=gaps,
-        skin_gaps=skin_gaps,
-        raised=np.degrees(feathers.moves[kept, 0]),
-        rolled=np.degrees(feathers.moves[kept, 1]),
-        lifted=feathers.moves[kept, 2],
-        shortened=feathers.size[kept] / feathers.placed_size[kept],
-        dropped=tuple(groom.feathers[k].id for k in np.flatnonzero(~feathers.kept)),
+        pairs=laid.pairs,
+        gaps=laid.gaps,
+        skin_gaps=laid.heights,
+        raised=np.degrees(laid.moves[:, 0]),
+        rolled=np.degrees(laid.moves[:, 1]),
+        lifted=laid.moves[:, 2],
+        shortened=laid.share,
+        dropped=tuple(groom.feathers[k].id for k in np.flatnonzero(~laid.kept)),
         unresolved=tuple(sorted(left, key=lambda each: (-each.depth, each.upper, each.lower))),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.files.store import kept
 from featherfx.groom.skin.search import size_classes
 
 Array = NDArray[np.float64]
@@ -59,6 +60,12 @@ def signed_volume(corners: Array) -> float:
 
 
 def crossing_triangles(points: Array, triangles: Indices) -> Indices:
+    """(K, 2) pairs of triangles that pass through each other; see _crossing."""
+    inputs = [points, triangles]
+    return kept("crossings", inputs, lambda: {"pairs": _crossing(points, triangles)})["pairs"]
+
+
+def _crossing(points: Array, triangles: Indices) -> Indices:
     """(K, 2) pairs of triangles without a common point that pass through each other."""
     corners = points[triangles]
     pairs = _near_pairs(corners)

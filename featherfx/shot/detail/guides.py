@@ -32,6 +32,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from featherfx.errors import InputError, Problem
+from featherfx.files.store import kept
 from featherfx.groom.skin.skin import closest
 from featherfx.shot.types import Shot
 
@@ -105,6 +106,18 @@ def guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> tuple[I
 
     followers, simulated: numbers of feathers in the groom.
     """
+    roots, regions = (
+        _roots(shot, range(len(shot.groom.feathers))),
+        [placement.region for placement in shot.groom.feathers],
+    )
+    inputs = [roots, regions, followers, simulated, _skin(shot)]
+    found = kept("guide-weights", inputs, lambda: _guide_weights(shot, followers, simulated))
+    parts = found["value"], found["column"], found["start"]
+    return found["guides"], sparse.csr_array(parts, shape=(len(followers), len(found["guides"])))
+
+
+def _guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> dict[str, Any]:
+    """The guides, and the parts of their weights as a compressed sparse matrix."""
     regions = np.array([placement.region for placement in shot.groom.feathers], dtype=object)
     rows, columns, values = [], [], []
     for region in dict.fromkeys(regions[followers]):
@@ -116,7 +129,9 @@ def guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> tuple[I
         values.append(value)
     used, place = np.unique(np.concatenate(columns), return_inverse=True)
     entries = np.concatenate(values), (np.concatenate(rows), place)
-    return used, sparse.coo_array(entries, shape=(len(followers), len(used))).tocsr()
+    weights = sparse.coo_array(entries, shape=(len(followers), len(used))).tocsr()
+    parts = {"value": weights.data, "column": weights.indices, "start": weights.indptr}
+    return {"guides": used, **parts}
 
 
 def _weights(shot: Shot, followers: Indices, guides: Indices) -> tuple[Indices, Indices, Array]:

@@ -1,4 +1,4 @@
-"""Which folders machine code may be loaded from: whoever can write there runs code as this user.
+"""Which folders may be loaded from: whoever can write machine code there runs it as this user.
 
 A folder is trusted if it and all folders above it, links followed and not, belong to this user or
 to root, and nobody else can write there. A folder such as /tmp, where each may remove only what is

@@ -1,0 +1,87 @@
+"""Rest geometry of many placed feathers: every shape built once, and kept for later runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+
+from featherfx.errors import all_of
+from featherfx.feather.build import build_feather, make_read_only, repeated_shapes, scaled
+from featherfx.feather.types import Feather, Surface
+from featherfx.files.store import Arrays, kept
+from featherfx.groom.types import FeatherKind, Placement
+
+_SURFACE = tuple(each.name for each in fields(Surface))
+_FEATHER = tuple(each.name for each in fields(Feather) if each.name != "surface")
+# grids of a shot's feathers that are remembered: meshes, simulated, coarse
+_GRIDS = 4
+
+
+def feathers_of(placements: Sequence[Placement], rows: int, columns: int) -> list[Feather]:
+    """Rest geometry of placed feathers, each in its own frame, as feather_of gives it.
+
+    Feathers of one shape and size share theirs. rows, columns: as in build_feather. Raises
+    InputError with the problems of all shapes that cannot be built.
+    """
+    first, chosen = repeated_shapes(placements)
+    shapes = tuple((p.prototype or p.kind, p.mirrored) for p in (placements[k] for k in first))
+    built = _built(shapes, rows, columns)
+    sized: dict[tuple[int, float], Feather] = {}
+    for shape, placement in zip(chosen, placements, strict=True):
+        size = 1.0 if placement.prototype is None else placement.size
+        if (shape, size) not in sized:
+            sized[shape, size] = scaled(built[shape], size)
+    return [
+        sized[shape, 1.0 if placement.prototype is None else placement.size]
+        for shape, placement in zip(chosen, placements, strict=True)
+    ]
+
+
+@lru_cache(maxsize=_GRIDS)
+def _built(
+    shapes: tuple[tuple[FeatherKind, bool], ...], rows: int, columns: int
+) -> tuple[Feather, ...]:
+    """shapes: kind, and whether mirrored."""
+
+    def compute() -> Arrays:
+        tasks = (partial(build_feather, kind, rows, columns, side) for kind, side in shapes)
+        return _packed(all_of(*tasks))
+
+    return tuple(_unpacked(kept("shapes", [shapes, rows, columns], compute), len(shapes)))
+
+
+def _packed(feathers: Sequence[Feather]) -> Arrays:
+    """All arrays of one name end to end, and their sizes."""
+    found: Arrays = {}
+    for owner, names in (("", _FEATHER), ("surface.", _SURFACE)):
+        for name in names:
+            parts = [getattr(each.surface if owner else each, name) for each in feathers]
+            found[owner + name] = np.concatenate([np.ravel(part) for part in parts])
+            found[f"{owner}{name}.shape"] = np.array([part.shape for part in parts])
+    return found
+
+
+def _unpacked(arrays: Mapping[str, Any], count: int) -> list[Feather]:
+    """What _packed was given."""
+    parts = {
+        name: _split(value, arrays[f"{name}.shape"])
+        for name, value in arrays.items()
+        if not name.endswith(".shape")
+    }
+    found = []
+    for k in range(count):
+        surface = Surface(**{name: parts[f"surface.{name}"][k] for name in _SURFACE})
+        feather = Feather(**{name: parts[name][k] for name in _FEATHER}, surface=surface)
+        make_read_only(feather)
+        found.append(feather)
+    return found
+
+
+def _split(values: Any, shapes: Any) -> list[Any]:
+    ends = np.cumsum(shapes.prod(axis=1, dtype=np.int64))
+    cut = np.split(values, ends[:-1])
+    return [part.reshape(shape) for part, shape in zip(cut, shapes, strict=True)]

@@ -1,0 +1,100 @@
+"""Digests of values: the same for equal content, whatever object, file or process holds it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+DIGITS = 16
+# folders of the program whose code decides what it computes
+_CODE = ("algebra", "groom", "feather", "mechanics", "solver", "shot", "usd")
+
+
+def digest(*values: Any) -> str:
+    """Of numbers, texts, arrays, records, and lists and tables of these.
+
+    Records count by their fields, but those whose name begins with "_"; arrays by their bytes;
+    paths by the content of their file. What has an `origin` (a mesh or wind of a scene) counts by
+    that. Raises TypeError for anything else.
+    """
+    return _digest(_Walk().of(values))
+
+
+@cache
+def program_digest() -> str:
+    """Of the program's own code, and of numpy, which it computes with."""
+    package = Path(__file__).resolve().parent.parent
+    found = hashlib.sha256(np.__version__.encode())
+    for folder in _CODE:
+        for file in sorted((package / folder).rglob("*.py")):
+            found.update(str(file.relative_to(package)).encode())
+            found.update(file.read_bytes())
+    return found.hexdigest()[:DIGITS]
+
+
+def members(record: Any) -> list[tuple[str, Any]]:
+    """Names and values of a record's fields that count; not where it was read from."""
+    kind: Any = type(record)
+    found = ((name, getattr(record, name)) for name in _names(kind))
+    return [each for each in found if each[0] != "source" or not isinstance(each[1], Path)]
+
+
+@cache
+def _names(kind: Any) -> tuple[str, ...]:
+    return tuple(each.name for each in fields(kind) if not each.name.startswith("_"))
+
+
+class _Walk:
+    """Bytes that tell values apart; records that are there more than once are walked once."""
+
+    def __init__(self) -> None:
+        # the records themselves are held, so that no other takes the place of one
+        self._known: dict[int, tuple[Any, bytes]] = {}
+
+    def of(self, value: Any) -> bytes:
+        """Bytes of a value, of its type and size first, so that two cannot be taken for one."""
+        if value is None or isinstance(value, (bool, int, float, str)):
+            return f"{type(value).__name__} {value!r};".encode()
+        if isinstance(value, np.generic):
+            return self.of(value.item())
+        if isinstance(value, np.ndarray):
+            head = f"array {value.shape} {value.dtype.str} ".encode()
+            return head + _hashed(np.ascontiguousarray(value).tobytes())
+        if isinstance(value, (tuple, list)):
+            return f"list {len(value)} ".encode() + b"".join(map(self.of, value))
+        if isinstance(value, Mapping):
+            pairs = sorted((str(key), part) for key, part in value.items())
+            return self.of([part for pair in pairs for part in pair])
+        if isinstance(value, Path):
+            return _file(value) if value.is_file() else self.of(str(value))
+        return self._record(value)
+
+    def _record(self, value: Any) -> bytes:
+        if id(value) not in self._known:
+            if is_dataclass(value):
+                parts: Any = members(value)
+            elif hasattr(value, "origin"):
+                parts = [*value.origin, getattr(value, "knots", None)]
+            else:
+                raise TypeError(f"a {type(value).__name__} has no digest")
+            self._known[id(value)] = value, _hashed(self.of(parts))
+        return b"record " + self._known[id(value)][1]
+
+
+def _file(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
+
+
+def _hashed(data: bytes) -> bytes:
+    return hashlib.sha256(data).digest()
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:DIGITS]

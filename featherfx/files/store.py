@@ -1,0 +1,166 @@
+"""Arrays that were computed once for the same content, in the user's cache folder.
+
+Every entry is a file of its own: a checksum, then plain arrays (NPZ, nothing that is unpickled).
+Its name holds a digest of all that it was computed from, the program's own code included. What is
+damaged counts as missing. Nothing is loaded from a folder that others can write to (trust.py);
+where nothing can be kept, all is computed anew, with the same result. Processes that want the same
+entry at a time wait for the one that computes it. Entries that were used least lately are removed
+where all together take more than MOST_KEPT_BYTES, or $FEATHERFX_CACHE_SIZE (GB).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import os
+import re
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from filelock import FileLock
+from numpy.typing import NDArray
+
+from featherfx.files.cache_folder import doubt, wanted_folder
+from featherfx.files.content import digest, program_digest
+from featherfx.limits import MOST_KEPT_BYTES
+
+Arrays = dict[str, NDArray[Any]]
+
+SIZE_VARIABLE = "FEATHERFX_CACHE_SIZE"
+_FOLDER = "content"
+_ENTRY = re.compile(r"[a-z-]+\.[0-9a-f]+\.arrays")
+_CHECKSUM_BYTES = hashlib.sha256().digest_size
+# s that a process waits for another that computes the same, before it does so itself
+_PATIENCE = 300.0
+# part of the limit that is left after the oldest entries were removed
+_LEFT = 0.8
+
+
+def kept(what: str, inputs: Sequence[Any], compute: Callable[[], Mapping[str, Any]]) -> Arrays:
+    """The arrays that compute gives, from the store where they were computed before.
+
+    what: names the computation, in small letters and hyphens. inputs: all that the result depends
+    on, but the program: what featherfx.files.content.digest takes. Arrays hold no objects. Raises
+    what compute raises.
+    """
+    file = _file_of(what, inputs)
+    if file is None:
+        return _arrays(compute())
+    found = _load(file)
+    if found is None:
+        with _alone(file):
+            # another process may have made it meanwhile
+            found = _load(file)
+            if found is None:
+                found = _arrays(compute())
+                _save(file, found)
+    return found
+
+
+def _arrays(values: Mapping[str, Any]) -> Arrays:
+    return {name: np.asarray(value, order="C") for name, value in values.items()}
+
+
+def _file_of(what: str, inputs: Sequence[Any]) -> Path | None:
+    """Where an entry stands; None where nothing is kept."""
+    folder = wanted_folder() / _FOLDER
+    try:
+        if _limit() <= 0.0 or doubt(folder):
+            return None
+        with contextlib.suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if not folder.is_dir():
+            return None
+    except OSError:
+        return None
+    return folder / f"{what}.{digest(program_digest(), what, *inputs)}.arrays"
+
+
+def _limit() -> float:
+    """Bytes that all entries together may take."""
+    try:
+        return 1e9 * float(os.environ.get(SIZE_VARIABLE, ""))
+    except ValueError:
+        return MOST_KEPT_BYTES
+
+
+def _load(file: Path) -> Arrays | None:
+    """The arrays of an entry; None where none is sound."""
+    try:
+        stored = file.read_bytes()
+    except OSError:
+        return None
+    content = memoryview(stored)[_CHECKSUM_BYTES:]
+    if hashlib.sha256(content).digest() != stored[:_CHECKSUM_BYTES]:
+        return None
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            found = {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    with contextlib.suppress(OSError):
+        os.utime(file)  # used lately
+    return found
+
+
+def _save(file: Path, arrays: Arrays) -> None:
+    """Keep an entry if the system lets us. Not forced to disk: a checksum tells what is damaged."""
+    stream = io.BytesIO()
+    np.savez(stream, allow_pickle=False, **arrays)
+    content = stream.getbuffer()
+    if len(content) > 0.5 * _limit():
+        return
+    temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as out:
+            out.write(hashlib.sha256(content).digest())
+            out.write(content)
+        os.replace(temporary, file)
+        _remove_oldest(file.parent)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Let no other process compute the same entry; without that where no lock can be made."""
+    lock = FileLock(file.with_name(f".{file.name}.lock"))
+    if not os.access(file.parent, os.W_OK):
+        yield
+        return
+    try:
+        lock.acquire(timeout=_PATIENCE)
+    except (OSError, NotImplementedError):
+        yield
+        return
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            # who waits for it holds a file without a name, and computes once more at worst
+            os.unlink(lock.lock_file)
+        lock.release()
+
+
+def _remove_oldest(folder: Path) -> None:
+    """Keep to the limit: entries that were used least lately go, and what killed processes left."""
+    entries = []
+    for file in folder.iterdir():
+        with contextlib.suppress(OSError):
+            found = file.lstat()
+            if _ENTRY.fullmatch(file.name.strip(".").partition(".arrays")[0] + ".arrays"):
+                entries.append((found.st_mtime_ns, found.st_size, file))
+    total, limit = sum(size for _, size, _ in entries), _limit()
+    if total <= limit:
+        return
+    for _, size, file in sorted(entries):
+        if total <= _LEFT * limit:
+            break
+        with contextlib.suppress(OSError):
+            file.unlink()
+            total -= size
