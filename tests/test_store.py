@@ -92,7 +92,7 @@ def test_a_folder_that_cannot_be_written_to_costs_time_only(folder, monkeypatch)
         raise PermissionError(13, "Permission denied")
 
     # root may write to any folder
-    monkeypatch.setattr(Path, "open", refused)
+    monkeypatch.setattr(store.os, "replace", refused)
     monkeypatch.setattr(store.os, "access", lambda *_: False)
     assert [found(calls)[0] for _ in range(2)] == [[1.0] * 3] * 2
     assert len(calls) == 1
