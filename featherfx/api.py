@@ -17,6 +17,7 @@ from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.read import read_groom as read_groom_file
 from featherfx.groom.types import Groom
+from featherfx.phases import phase
 from featherfx.shot.placement import lay_out, place_feathers
 from featherfx.shot.read.read import read_shot as read_shot_file
 from featherfx.shot.read.sources import SceneReaders
@@ -40,7 +41,9 @@ def read_groom(
     file that is read. Raises InputError with all problems of the file, of the tables and scenes
     that it names, and of the presets.
     """
-    return lay_out(read_groom_file(path, preset_folders, scene_readers(note)))
+    with phase("reading", 1.0):
+        groom = read_groom_file(path, preset_folders, scene_readers(note))
+    return lay_out(groom)
 
 
 def read_shot(
@@ -55,7 +58,9 @@ def read_shot(
     scenes and presets; InputWarning for roots that are far from the skin, and for feathers that
     the layout leaves out or cannot part.
     """
-    return place_feathers(read_shot_file(path, preset_folders, scene_readers(note)))
+    with phase("reading", 1.0):
+        shot = read_shot_file(path, preset_folders, scene_readers(note))
+    return place_feathers(shot)
 
 
 def read_quality(name: str, preset_folders: Folders = ()) -> Quality:

@@ -14,6 +14,7 @@ ORDER = (
     "_version",
     "errors",
     "limits",
+    "phases",
     "files",
     "jit",
     "algebra",

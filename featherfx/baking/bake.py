@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,17 @@ from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, takes
 from featherfx.baking.task import prepare
 from featherfx.files.whole import into, remove_leftovers, standing, write_all
+from featherfx.phases import Account, account, phase
 from featherfx.usd.write.resume import tidy
 
 NOTHING_DONE = {"mean": 0.0, "max": 0.0}
+# what the seconds of a report are made of; setting_up is all the rest
+PHASES = {
+    "settling": ("settling",),
+    "simulating": ("preroll", "simulating"),
+    "writing": ("writing",),
+    "finishing": ("finishing",),
+}
 
 
 @takes(BakeOptions)
@@ -47,9 +54,25 @@ def bake(
     shot, groom, presets and outputs before any work, SimulationError where a feather cannot be
     advanced.
     """
-    begin = time.perf_counter()
-    notify = on_frame or (lambda done, total: None)
-    task = prepare(shot_path, output, BakeOptions(**options))
+    current = account()
+    if current is not None:
+        return _bake(shot_path, output, on_frame or _unheard, BakeOptions(**options), current)
+    with Account() as own:
+        return _bake(shot_path, output, on_frame or _unheard, BakeOptions(**options), own)
+
+
+def _unheard(done: int, total: int) -> None:
+    pass
+
+
+def _bake(
+    shot_path: str | Path,
+    output: str | Path | None,
+    notify: Callable[[int, int], None],
+    options: BakeOptions,
+    timed: Account,
+) -> dict[str, Any]:
+    task = prepare(shot_path, output, options)
     report = None if task.options.report is None else Path(task.options.report)
     before = standing(report) if report else None
     if task.finished:
@@ -57,7 +80,7 @@ def bake(
         notify(task.samples, task.samples)
         figures: dict[str, Any]
         done, figures = task.samples, {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}
-        figures |= {"worst_residual": 0.0, "skipped": {}, "seconds": {}}
+        figures |= {"worst_residual": 0.0, "skipped": {}}
     else:
         # the solver takes its time to load, which a finished cache does without
         from featherfx.baking.loop import simulate_and_write
@@ -71,16 +94,33 @@ def bake(
         "frames": last - first + 1,
         "samples": task.samples,
         "samples_taken_over": done,
-        "wall_seconds": time.perf_counter() - begin,
+        "wall_seconds": 0.0,
         "simulated_seconds": (last - task.shot.first_frame) / task.shot.frames_per_second,
         "peak_memory_bytes": peak_memory_bytes(),
         **figures,
     }
-    if report is not None:
-        remove_leftovers(report)
-        text = json.dumps(result, indent=2) + "\n"
-        write_all([(report, into(lambda file: file.write(text.encode())))], {report: before})
+    with phase("finishing", silent=True):
+        if report is not None:
+            remove_leftovers(report)
+        result |= _seconds(timed)
+        if report is not None:
+            text = json.dumps(result, indent=2) + "\n"
+            write_all([(report, into(lambda file: file.write(text.encode())))], {report: before})
     return result
+
+
+def _seconds(timed: Account) -> dict[str, Any]:
+    """Where the time has gone: the five parts of a bake, which add up to wall_seconds, and each
+    phase by its own name."""
+    phases = timed.seconds()
+    parts = {part: sum(phases.get(name, 0.0) for name in names) for part, names in PHASES.items()}
+    total = sum(phases.values())
+    setting_up = max(total - sum(parts.values()), 0.0)
+    return {
+        "wall_seconds": total,
+        "seconds": {"setting_up": setting_up, **parts},
+        "phases": phases,
+    }
 
 
 def peak_memory_bytes() -> int | None:

@@ -16,6 +16,7 @@ from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, PointMap
 from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.limits import refuse_beyond_memory
+from featherfx.phases import phase
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.placement import place
 from featherfx.shot.types import Quality
@@ -87,11 +88,16 @@ def drawn_entries(
     grid, count = (quality.rows, quality.columns), drawn.barbs
     meshes = drawn.grid(quality)
     built: list[tuple[Feather, PointMap | None]]
-    if grid == meshes:
-        built = [(feather, None) for feather in feathers_of(groom.feathers, *grid)]
-    else:
-        tasks = (partial(_drawn_feather, each, grid, meshes) for each in groom.feathers)
-        built = all_of(*tasks)
+    with phase("building", len(groom.feathers)) as done:
+        if grid == meshes:
+            built = [(feather, None) for feather in feathers_of(groom.feathers, *grid)]
+        else:
+
+            def build(number: int, placement: Placement) -> tuple[Feather, PointMap | None]:
+                done(number)
+                return _drawn_feather(placement, grid, meshes)
+
+            built = all_of(*(partial(build, *each) for each in enumerate(groom.feathers)))
     entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
     for index, placement in enumerate(groom.feathers):
         barbs = None

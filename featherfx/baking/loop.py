@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 from featherfx.baking.entries import drawn_entries, metadata_of
 from featherfx.baking.task import Task
 from featherfx.files.background import Background
+from featherfx.jit.told import TELLER
+from featherfx.phases import phase
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.simulate import simulate
 from featherfx.usd.space import origin_for
@@ -22,40 +23,48 @@ def simulate_and_write(
 
     notify: called with the samples done and their number.
     """
-    shot, quality, options, samples = task.shot, task.shot.quality, task.options, task.samples
-    writer = CacheWriter(
-        task.path,
-        drawn_entries(shot.groom, quality, options, task.names, shot.skin),
-        task.frames,
-        shot.frames_per_second,
-        options,
-        metadata=metadata_of(shot.groom, quality) | {"shot": shot.name, "settings": task.settings},
-        settings=task.settings,
-        root=task.root,
-        origin=origin_for([each.position for each in task.whole.groom.feathers]),
-    )
-    seconds = {"simulating": 0.0, "waiting": 0.0, "writing": 0.0, "finishing": 0.0}
+    options, samples = task.options, task.samples
+    TELLER.works = ("bake",) if task.shot.contact is None else ("bake", "contact")
+    with phase("building", silent=True):
+        writer = _writer(task)
     try:
         with writer:
             done = taken_over = writer.samples_done
             notify(done, samples)
             start = Checkpoint.load(writer.state) if writer.state else None
-            simulation = simulate(
-                task.whole, options.jobs, task.frames, options.subframes, start, task.wanted
-            )
-            sink, mark = Background(writer.write), time.perf_counter()
+            with phase("building", silent=True):
+                simulation = simulate(
+                    task.whole, options.jobs, task.frames, options.subframes, start, task.wanted
+                )
+            sink = Background(writer.write)
             with sink:
-                for frame in simulation if done < samples else ():
-                    mark = _spent(seconds, "simulating", mark)
-                    sink(frame, simulation.checkpoint().save)
-                    mark = _spent(seconds, "waiting", mark)
-                    done += 1
-                    notify(done, samples)
-            seconds["writing"] = sink.seconds
+                with phase("simulating", silent=True):
+                    for frame in simulation if done < samples else ():
+                        with phase("writing", silent=True):
+                            sink(frame, simulation.checkpoint().save)
+                        done += 1
+                        notify(done, samples)
+                with phase("writing"):
+                    sink.close()
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(_state_of(writer, task)) from error
-    _spent(seconds, "finishing", mark)
-    return taken_over, simulation.report | {"seconds": seconds}
+    return taken_over, simulation.report | {"writing_beside": sink.seconds}
+
+
+def _writer(task: Task) -> CacheWriter:
+    """The sink of a bake."""
+    shot, quality = task.shot, task.shot.quality
+    return CacheWriter(
+        task.path,
+        drawn_entries(shot.groom, quality, task.options, task.names, shot.skin),
+        task.frames,
+        shot.frames_per_second,
+        task.options,
+        metadata=metadata_of(shot.groom, quality) | {"shot": shot.name, "settings": task.settings},
+        settings=task.settings,
+        root=task.root,
+        origin=origin_for([each.position for each in task.whole.groom.feathers]),
+    )
 
 
 def _state_of(writer: CacheWriter, task: Task) -> str:
@@ -65,10 +74,3 @@ def _state_of(writer: CacheWriter, task: Task) -> str:
     if kept := writer.samples_kept:
         return f"interrupted: {kept} of {task.samples} samples are kept for --resume"
     return "interrupted: nothing was written"
-
-
-def _spent(seconds: dict[str, float], what: str, since: float) -> float:
-    """Add the time since then to what; returns now."""
-    now = time.perf_counter()
-    seconds[what] += now - since
-    return now

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -89,6 +90,25 @@ def _secure_streams() -> None:
         sys.stderr = io.TextIOWrapper(raw, encoding, "backslashreplace", line_buffering=True)
 
 
+_begun = [time.perf_counter()]  # reading of the clock when this command began
+
+
+def command_begin() -> float:
+    """When this command began, as time.perf_counter tells time."""
+    return _begun[0]
+
+
+def _process_begin() -> float:
+    """When this process began; where the system does not say it, when this file was imported."""
+    try:
+        with open("/proc/self/stat", "rb") as file:
+            ticks = int(file.read().rpartition(b")")[2].split()[19])
+        since = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, IndexError, AttributeError):
+        return _begun[0]
+    return min(time.perf_counter() - since, _begun[0])
+
+
 _came: list[int] = []  # interrupts of this run
 
 
@@ -125,6 +145,9 @@ class Program(CommandGroup):
     group_class = CommandGroup
 
     def main(self, *args: Any, **options: Any) -> Any:
+        # with arguments it is called by a program that has been running for a while
+        own = not args and options.get("args") is None
+        _begun[0] = _process_begin() if own else time.perf_counter()
         _secure_streams()
         with _noted_interrupts():
             return super().main(*args, **options)

@@ -4,33 +4,54 @@ from __future__ import annotations
 
 import json
 import sys
+import threading
 import time
+from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Self
 
 import click
 
-from featherfx.cli.program import raise_interrupt
+from featherfx.cli.program import command_begin, raise_interrupt
+from featherfx.phases import Account, Told, time_left
 
 _SECONDS_BETWEEN_LINES = 1.0
+# of phases: those that are over sooner are not worth a line, others not one every second
+_SHORT_PHASE, _SECONDS_BETWEEN_PHASE_LINES = 1.0, 2.0
+_SECONDS_BETWEEN_JSON_LINES = 0.25
+# s that are left, below which it is not said
+_SOON = 1.0
 
 
 class Progress:
-    """Context manager; call it with the units of work done and their number.
+    """Context manager; hears of every phase of the work in it (featherfx/phases.py). Call it with
+    the units of work done and their number where the work itself is counted by its caller.
 
-    style: "auto", or "json" for lines {"progress": LABEL, "done": 3, "total": 24, "seconds": 1.5},
-    one for each call: seconds since the start, so that a scheduler sees that work goes on.
+    label: of these units. style: "auto", or "json" for lines
+
+        {"progress": LABEL, "phase": NAME, "done": 3, "total": 24, "seconds": 1.5, "left": 10.5}
+
+    one for each call, and for phases one at begin and end and at most four a second between. LABEL
+    is the phase, for units the given one. seconds: since the start, so that a scheduler sees that
+    work goes on. left: s to the end of the phase, null: not known. working: phases whose time the
+    units take.
     """
 
-    def __init__(self, label: str, style: str = "auto") -> None:
-        self.label, self.json = label, style == "json"
-        self.begin = time.monotonic()
+    def __init__(
+        self, label: str, style: str = "auto", working: tuple[str, ...] = ("simulating", "writing")
+    ) -> None:
+        self.label, self.json, self.working = label, style == "json", working
+        self.account = Account(self._hear, command_begin())
         self.terminal = sys.stderr.isatty()
+        self.lock = threading.RLock()
         self.bar: Any = None
-        self.done = 0
-        self.last_line = float("-inf")
+        self.shown, self.bar_done = "", 0
+        self.marks: list[tuple[int, float]] = []
+        self.last_line, self.last_json = float("-inf"), ("", 0.0, 0.0)
+        self.announced: set[str] = set()
 
     def __enter__(self) -> Self:
+        self.account.__enter__()
         return self
 
     def __exit__(
@@ -39,26 +60,111 @@ class Progress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self.bar is not None:
-            self.bar.__exit__(kind, error, trace)
+        self._close_bar()
+        self.account.__exit__(kind, error, trace)
+        if isinstance(error, KeyboardInterrupt) and not str(error) and self.account.failed:
+            raise KeyboardInterrupt(f"interrupted during {self.account.failed}") from error
 
     def __call__(self, done: int, total: int) -> None:
         raise_interrupt()
-        if self.json:
-            seconds = round(time.monotonic() - self.begin, 3)
-            line = {"progress": self.label, "done": done, "total": total, "seconds": seconds}
-            click.echo(json.dumps(line), err=True)
-            return
-        if self.terminal:
-            if self.bar is None:
-                bar = click.progressbar(
-                    length=total, label=self.label, file=sys.stderr, show_pos=True
-                )
-                self.bar = bar.__enter__()
-            self.bar.update(done - self.done)
-            self.done = done
-            return
-        now = time.monotonic()
-        if done == total or now - self.last_line >= _SECONDS_BETWEEN_LINES:
-            self.last_line = now
-            click.echo(f"{self.label}: {done} of {total}", err=True)
+        spent = self.account.spent(*self.working) or self.account.elapsed
+        # the first unit may cost nothing, as the frame that all feathers are settled at
+        if len(self.marks) < 2:
+            self.marks.append((done, spent))
+        first, since = self.marks[-1]
+        left = 0.0 if done == total else time_left(first, done, total, spent - since)
+        with self.lock:
+            if self.json:
+                self._json_line(self.label, self.working[0], done, total, left)
+            elif self.terminal:
+                self._bar(self.label, done, total, left)
+            else:
+                now = time.monotonic()
+                if done == total or now - self.last_line >= _SECONDS_BETWEEN_LINES:
+                    self.last_line = now
+                    self._line(self.label, done, total, left)
+
+    def _hear(self, told: Told) -> None:
+        if threading.current_thread() is threading.main_thread():
+            raise_interrupt()
+        with self.lock:
+            if told.name == "compiling" and not self.json:
+                self._announce(told)
+            if self.json:
+                self._json_phase(told)
+            elif self.terminal:
+                if told.ended:
+                    self._close_bar()
+                else:
+                    self._bar(told.name, told.done, told.total or 1, told.left)
+            elif not told.ended and told.seconds >= _SHORT_PHASE and told.total:
+                now = time.monotonic()
+                if now - self.last_line >= _SECONDS_BETWEEN_PHASE_LINES:
+                    self.last_line = now
+                    self._line(told.name, told.done, told.total, told.left)
+
+    def _announce(self, told: Told) -> None:
+        """Say once that there is compiling, before the first kernel."""
+        if told.name not in self.announced and told.left and told.left > _SOON:
+            self._close_bar()
+            click.echo(f"compiling, once, {about(told.left)}", err=True)
+        self.announced.add(told.name)
+
+    def _json_phase(self, told: Told) -> None:
+        now, total = time.monotonic(), told.total or 1
+        done = told.done if told.total else int(told.ended)
+        name, last, when = self.last_json
+        is_news = (name, last) != (told.name, done)
+        if is_news and (
+            told.ended or name != told.name or now - when > _SECONDS_BETWEEN_JSON_LINES
+        ):
+            self.last_json = told.name, done, now
+            self._json_line(told.name, told.name, done, total, told.left)
+
+    def _json_line(
+        self, label: str, phase: str, done: float, total: float, left: float | None
+    ) -> None:
+        line = {
+            "progress": label,
+            "phase": phase,
+            "done": int(done) if done == int(done) else done,
+            "total": int(total) if total == int(total) else total,
+            "seconds": round(self.account.elapsed, 3),
+            "left": None if left is None else round(left, 2),
+        }
+        click.echo(json.dumps(line), err=True)
+
+    def _line(self, label: str, done: float, total: float, left: float | None) -> None:
+        more = f", {about(left)} left" if left is not None and left > _SOON else ""
+        click.echo(f"{label}: {done:g} of {total:g}{more}", err=True)
+
+    def _bar(self, label: str, done: float, total: float, left: float | None) -> None:
+        if self.bar is None or self.shown != label:
+            self._close_bar()
+            bar: AbstractContextManager[Any] = click.progressbar(
+                length=round(total),
+                label=label,
+                file=sys.stderr,
+                show_pos=True,
+                show_eta=False,
+                item_show_func=lambda each: str(each) if each else None,
+            )
+            self.bar, self.shown, self.bar_done = bar.__enter__(), label, 0
+        told = f"{about(left)} left" if left is not None and left > _SOON else None
+        self.bar.update(round(done) - self.bar_done, told)
+        self.bar_done = round(done)
+
+    def _close_bar(self) -> None:
+        if self.bar is not None:
+            self.bar.__exit__(None, None, None)
+            self.bar = None
+
+
+def about(seconds: float) -> str:
+    """A time for people."""
+    if seconds < 45:
+        return f"about {max(round(seconds), 1)} s"
+    minutes = seconds / 60
+    if minutes < 1.5:
+        return "about a minute"
+    return f"about {minutes:.0f} min" if minutes < 90 else f"about {minutes / 60:.1f} h"

@@ -17,6 +17,7 @@ from featherfx.files.store import kept
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads, Model
+from featherfx.phases import counted
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
@@ -84,7 +85,7 @@ def make_groups(
                 alike.setdefault(key, []).append(index)
     return [
         _group(shot, drawn, np.array(members), resolution, exposure, motion, jobs, time)
-        for (resolution, _, _, exposure), members in alike.items()
+        for (resolution, _, _, exposure), members in counted("building", alike.items(), len(alike))
     ]
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import shifted
 from featherfx.groom.types import Groom
+from featherfx.phases import phase
 from featherfx.shot.types import Shot
 
 Array = NDArray[np.float64]
@@ -30,7 +31,8 @@ def lay_out(groom: Groom) -> Groom:
     # what has no layout does without compiled code
     from featherfx.feather.layout import layout
 
-    return layout.lay_out(groom)
+    with phase("layout", silent=True):
+        return layout.lay_out(groom)
 
 
 def place_feathers(shot: Shot) -> Shot:

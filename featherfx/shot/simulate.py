@@ -14,6 +14,7 @@ from featherfx.errors import SimulationError
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
+from featherfx.phases import counted
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.contact.contact import ShotContact
 from featherfx.shot.detail.carried import Carried
@@ -101,18 +102,23 @@ class Simulation:
         with ExitStack() as solvers:
             for group in self._groups:
                 solvers.enter_context(group.solver)
+            preroll = range(self._index + 1, 0)
+            for index in counted("preroll", preroll, len(preroll)) if preroll else ():
+                self._reach(index)
             for index in range(self._index + 1, end + 1):
-                try:
-                    self._go_to(index)
-                except SimulationError as error:
-                    number = sample_number(self.shot.first_frame, index, self._subframes)
-                    raise SimulationError(
-                        error.feather, error.time, error.reason, number
-                    ) from error
+                self._reach(index)
                 if index >= wanted:
                     yield self._frame(index)
             cycles = [group.cycle for group in self._groups]
             warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)
+
+    def _reach(self, index: int) -> None:
+        """As _go_to; an error names the frame."""
+        try:
+            self._go_to(index)
+        except SimulationError as error:
+            number = sample_number(self.shot.first_frame, index, self._subframes)
+            raise SimulationError(error.feather, error.time, error.reason, number) from error
 
     def _go_to(self, index: int) -> None:
         """Bring all feathers to the sample with this index; those of the preroll are below 0."""
@@ -150,7 +156,8 @@ class Simulation:
             for group, state in zip(self._groups, rested, strict=True):
                 group.state = state
             return
-        for group, acting in zip(self._groups, loads, strict=True):
+        groups = zip(self._groups, loads, strict=True)
+        for group, acting in counted("settling", groups, len(loads)):
             chosen = np.flatnonzero(self._levels.active(group)).tolist()
             group.state = settled(group.solver, group.state, acting, group.names, chosen)
 

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -217,5 +218,13 @@ def test_progress_lines_are_json(tmp_path):
     )
     assert result.exit_code == 0, result.stderr
     lines = [json.loads(line) for line in result.stderr.splitlines() if line.startswith("{")]
-    assert [(line["done"], line["total"]) for line in lines] == [(0, 3), (1, 3), (2, 3), (3, 3)]
-    assert all(line["progress"] == "frames" and line["seconds"] >= 0 for line in lines)
+    frames = [line for line in lines if line["progress"] == "frames"]
+    assert [(line["done"], line["total"]) for line in frames] == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    phases = list(dict.fromkeys(line["phase"] for line in lines if line["phase"] != "compiling"))
+    # roots that move at the first frame are led into their motion
+    told = ["reading", "building", "simulating", "settling", "writing", "finishing"]
+    assert [name for name in phases if name != "preroll"] == told
+    for before, line in pairwise(lines):
+        assert before["seconds"] <= line["seconds"]
+        assert 0 <= line["done"] <= line["total"]
+        assert line["left"] is None or line["left"] >= 0.0

@@ -196,7 +196,10 @@ def test_a_bake_has_the_units_and_axis_of_its_skin(tmp_path, asked):
     stage.Save()
     shot = write_shot(tmp_path, 'usd = "skin.usda"\nprim = "/bird/skin"', (1, 2))
     report = featherfx.bake(shot, tmp_path / "out.usda", **asked)
-    assert set(report["seconds"]) == {"simulating", "waiting", "writing", "finishing"}
+    parts = ["setting_up", "settling", "simulating", "writing", "finishing"]
+    assert list(report["seconds"]) == parts
+    assert all(seconds >= 0.0 for seconds in report["seconds"].values())
+    assert sum(report["seconds"].values()) == pytest.approx(report["wall_seconds"])
     cache = Usd.Stage.Open(str(tmp_path / "out.usda"))
     unit, axis = UsdGeom.GetStageMetersPerUnit(cache), str(UsdGeom.GetStageUpAxis(cache))
     assert (unit, axis) == ((1.0, "Z") if asked else (0.01, "Y"))

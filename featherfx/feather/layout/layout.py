@@ -28,12 +28,15 @@ from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.files.store import kept
 from featherfx.groom.presets.kinds import resized
 from featherfx.groom.types import Groom, Layout, Placement
+from featherfx.phases import Done, phase
 
 _MOST_SWEEPS = 30
 _SWEEPS_PER_SEARCH = 10  # after which the skin's tangent planes are looked up again
 _SETTLED = 0.05  # share of the clearance that may be lacking
 # shortening: by how much in one round, rounds, and sweeps after each
 _SHORTER, _MOST_ROUNDS, _SWEEPS_PER_ROUND = 0.9, 12, 5
+# sweeps until all are shortened that are to be
+_SHORTENED = _MOST_SWEEPS + _SWEEPS_PER_SEARCH + _MOST_ROUNDS * _SWEEPS_PER_ROUND
 _DROPS = 3  # how often feathers are dropped and the others let settle
 _MOST_NAMED = 5
 _UNCHANGED = 1e-12  # relative, of a length
@@ -141,7 +144,8 @@ class Laid(NamedTuple):
 def _laid(groom: Groom, layout: Layout) -> Laid:
     skin = None if groom.skin is None else SkinPlanes(groom.skin)
     feathers = arrangement_of(groom.feathers)
-    pairs, order = _Solving(feathers, skin, layout).solve(strips_of(groom.feathers))
+    with phase("layout", _Solving.most_sweeps(layout)) as done:
+        pairs, order = _Solving(feathers, skin, layout, done).solve(strips_of(groom.feathers))
     return _result(feathers, np.argsort(order), pairs, skin)
 
 
@@ -177,11 +181,21 @@ def _moved(placement: Placement, laid: Laid, k: int) -> Placement:
 
 @dataclass(frozen=True)
 class _Solving:
-    """Moves, shortens and drops feathers until none pass through each other."""
+    """Moves, shortens and drops feathers until none pass through each other.
+
+    done: is told of sweeps, those that were not needed counted as done.
+    """
 
     feathers: Arrangement
     skin: SkinPlanes | None
     layout: Layout
+    done: Done
+
+    @staticmethod
+    def most_sweeps(layout: Layout) -> int:
+        """Sweeps at most."""
+        drops = 0 if layout.drop is None else _DROPS
+        return _SHORTENED + drops * _MOST_SWEEPS
 
     def solve(self, strips: Strips) -> tuple[Indices, Indices]:
         """strips: of the feathers as they are placed.
@@ -190,10 +204,12 @@ class _Solving:
         """
         pairs, order = shingle_pairs(strips)
         self._settle(pairs, order, _MOST_SWEEPS)
+        self.done(_MOST_SWEEPS)
         strips = replace(strips, rank=np.argsort(order))
         pairs = self._search(strips)
         self._settle(pairs, order, _SWEEPS_PER_SEARCH)
         self._shorten(pairs, order)
+        self.done(_SHORTENED)
         pairs = self._search(strips)
         if self.layout.drop is None:
             return pairs, order
@@ -203,6 +219,7 @@ class _Solving:
             if number == 0:
                 self.feathers.put_back()  # what was in the way of others is gone
             self._settle(pairs, order, _MOST_SWEEPS)
+            self.done(_SHORTENED + (number + 1) * _MOST_SWEEPS)
             pairs = self._search(strips)
         self._drop(pairs, self.layout.drop)
         return pairs, order
@@ -237,7 +254,8 @@ class _Solving:
         if self.layout.least_size >= 1.0:
             return
         least = self.layout.least_size * size
-        for _ in range(_MOST_ROUNDS):
+        for number in range(_MOST_ROUNDS):
+            self.done(_MOST_SWEEPS + _SWEEPS_PER_SEARCH + number * _SWEEPS_PER_ROUND)
             gaps, places = self.feathers.gaps(pairs)
             through = np.flatnonzero(gaps < 0.0)
             # how far towards the tip, of the upper and the lower feather

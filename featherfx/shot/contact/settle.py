@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputWarning
 from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Loads
+from featherfx.phases import phase
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.solver.contact.interval import ContactReport, ContactSolver
 from featherfx.solver.solver import raise_if_failed
@@ -59,23 +60,25 @@ def settled_together(
     current = [_stopped(state, time) for state in states]
     rest_depth, depth = None, 0.0
     spent, resting = np.zeros(len(names)), np.zeros(len(names), dtype=np.bool_)
-    for longest in STEPS:
-        h = longest
-        resting[:] = False
-        for _ in range(MOST_STEPS):
-            if spent.max() > MOST_ITERATIONS:
-                break
-            new, contact, h = _step(solver, bodies, current, loads, names, h, resting, spent)
-            moved = _moves(new, current)
-            current = [_stopped(state, time) for state in new]
-            solver.accept()
-            bodies.begun = True
-            rest_depth = contact.start_depth if rest_depth is None else rest_depth
-            depth = contact.depth
-            resting = (moved < solver.settings.tolerance) & (h == longest)
-            if resting.all():
-                break
-            h = min(longest, h / CUT)
+    with phase("settling", len(STEPS) * MOST_STEPS) as done:
+        for stage, longest in enumerate(STEPS):
+            h = longest
+            resting[:] = False
+            for number in range(MOST_STEPS):
+                done(stage * MOST_STEPS + number)
+                if spent.max() > MOST_ITERATIONS:
+                    break
+                new, contact, h = _step(solver, bodies, current, loads, names, h, resting, spent)
+                moved = _moves(new, current)
+                current = [_stopped(state, time) for state in new]
+                solver.accept()
+                bodies.begun = True
+                rest_depth = contact.start_depth if rest_depth is None else rest_depth
+                depth = contact.depth
+                resting = (moved < solver.settings.tolerance) & (h == longest)
+                if resting.all():
+                    break
+                h = min(longest, h / CUT)
     if not resting.all():
         _warn(names, resting)
     return Settled(current, depth, rest_depth or 0.0)

@@ -15,6 +15,7 @@ import numpy as np
 from featherfx.errors import Problem, SimulationError
 from featherfx.files.background import Background
 from featherfx.files.whole import standing
+from featherfx.phases import phase
 from featherfx.shot.types import Frame, sample_number
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
@@ -230,20 +231,23 @@ class CacheWriter:
 
     def _finish(self) -> None:
         frames = self._frames
-        self._committing.close()
+        with phase("writing", silent=True):
+            self._committing.close()
         if frames is not None and self._next < self._samples:
             message = f"not written: frames {self._code:g} to {frames[1]} never came"
             raise OutputError(Problem(str(self._path), "frames", message))
         if self._parts:
             # Samples are on disk; their memory is wanted for what is constant.
             del self._chunk
-        layers = new_layers(self._info, self._layout)
-        define_prims(layers.topology, self._info, self._feathers, self._prims)
-        assemble(
-            layers, self._info, self._prims, self._static, self._path, self._parts, self._before
-        )
-        if self._parts:
-            self._parts.finish(keep_chunks=self._layout == "clips")
+        with phase("finishing", 2.0) as done:
+            layers = new_layers(self._info, self._layout)
+            define_prims(layers.topology, self._info, self._feathers, self._prims)
+            done(1)
+            assemble(
+                layers, self._info, self._prims, self._static, self._path, self._parts, self._before
+            )
+            if self._parts:
+                self._parts.finish(keep_chunks=self._layout == "clips")
 
     def _check_finite(self, bad: Sequence[int], time: float) -> None:
         for index in bad:

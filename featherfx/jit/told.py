@@ -1,0 +1,133 @@
+"""Compiling is told as a phase of whatever work needs the code.
+
+How many kernels are still to come, and how long they take, follows from seconds.json: what
+docs/measure_compiling.py has measured of the kernels of a layout, of a bake and of one with
+contact. Those whose code is stored need no compiling. Seconds of another machine become those of
+this one by what has been compiled so far.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba.core import event
+
+from featherfx.jit.cache import ROOT, cache_folder
+from featherfx.phases import Account, accounts
+
+COMPILING = "compiling"
+SECONDS = Path(__file__).with_name("seconds.json")
+# of a kernel that seconds.json does not know
+_UNKNOWN = 1.0
+
+
+@cache
+def measured_seconds() -> dict[str, dict[str, float]]:
+    """Processor seconds of compiling, by what is done, then by kernel (module and name)."""
+    found: dict[str, dict[str, float]] = json.loads(SECONDS.read_text(encoding="utf-8"))
+    return found
+
+
+def name_of(function: Any) -> str:
+    """Module and name of a kernel."""
+    return f"{function.__module__}.{function.__qualname__}"
+
+
+def is_stored(name: str) -> bool:
+    """Whether machine code is kept of a kernel, or, of name#2, of a second one of its name for
+    other types; true of one that is no more."""
+    name, _, number = name.partition("#")
+    module, _, own = name.rpartition(".")
+    source = ROOT.parent.joinpath(*module.split(".")).with_suffix(".py")
+    if not source.is_file():
+        return True
+    return len(list(cache_folder(source).glob(f"*.{own}-*"))) >= int(number or 1)
+
+
+def seconds_to_come(*works: str) -> float:
+    """Processor seconds of compiling what some works need and is not stored, on the machine of
+    seconds.json."""
+    return sum(_missing(works).values())
+
+
+def _missing(works: Iterable[str]) -> dict[str, float]:
+    """Seconds by kernel of what some works need and is not stored."""
+    kernels = {name: s for work in works for name, s in measured_seconds()[work].items()}
+    return {name: seconds for name, seconds in kernels.items() if not is_stored(name)}
+
+
+class Compiling(event.Listener):
+    """Tells all open accounts of the kernels that are compiled, one after another.
+
+    works: what is about to be done, by its names in seconds.json.
+    """
+
+    def __init__(self) -> None:
+        self.works: tuple[str, ...] = ()
+        self._lock = threading.Lock()
+        self._phases: list[tuple[Account, Any]] = []
+        self._depth, self._since, self._spent = 0, 0.0, 0.0
+        # seconds that were expected of what has been compiled
+        self._done: dict[str, float] = {}
+
+    def on_start(self, event: Any) -> None:
+        with self._lock:
+            self._depth += 1
+            if self._depth > 1:
+                return
+            self._since = time.perf_counter()
+            to_come = self._to_come(event)
+            count, total = len(self._done), len(self._done) + len(to_come)
+            left = self._left(to_come)
+            self._phases = [
+                (each, each.open(COMPILING, total, count, left=left)) for each in accounts()
+            ]
+
+    def on_end(self, event: Any) -> None:
+        with self._lock:
+            self._depth -= 1
+            now = time.perf_counter()
+            self._spent, self._since = self._spent + now - self._since, now
+            to_come = self._to_come(event)
+            name = self._name(event)
+            self._done[name] = to_come.pop(name)
+            for account, own in self._phases:
+                account.advance(own, len(self._done), self._left(to_come))
+                if self._depth == 0:
+                    account.close(own)
+
+    def _name(self, event: Any) -> str:
+        """Of the kernel of an event, numbered where it is not the first of its name."""
+        name = name_of(event.data["dispatcher"].py_func)
+        before = sum(each.partition("#")[0] == name for each in self._done)
+        return f"{name}#{before + 1}" if before else name
+
+    def _to_come(self, event: Any) -> dict[str, float]:
+        """Seconds by kernel of what is to be compiled, with that of an event."""
+        name = self._name(event)
+        works = [work for work in self.works if work in measured_seconds()] or [
+            min(
+                (each for each in measured_seconds() if name in measured_seconds()[each]),
+                key=lambda each: len(measured_seconds()[each]),
+                default="",
+            )
+        ]
+        known = {k: s for each in measured_seconds().values() for k, s in each.items()}
+        missing = _missing(each for each in works if each)
+        to_come = {k: s for k, s in missing.items() if k not in self._done}
+        return {name: known.get(name, _UNKNOWN), **to_come}
+
+    def _left(self, to_come: dict[str, float]) -> float:
+        """s that kernels will take, on this machine as far as it is known."""
+        expected = sum(self._done.values())
+        return sum(to_come.values()) * (self._spent / expected if expected else 1.0)
+
+
+TELLER = Compiling()
+event.register("numba:compile", TELLER)

@@ -1,0 +1,202 @@
+"""What long work is doing: named phases, timed, and told to whoever listens.
+
+Work that takes long says so where it happens,
+
+    with phase("layout", total=12) as done:
+        for number in range(12):
+            ...
+            done(number + 1)
+
+and costs nothing unless an Account is open around it. Phases may lie within each other; time
+belongs to the innermost, so that the seconds of all phases add up to the time since the account
+began.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from types import TracebackType
+from typing import NamedTuple, Self, TypeVar
+
+STARTING = "starting"
+Part = TypeVar("Part")
+
+# what a phase is told of its progress: parts done, and seconds left where it knows better
+Done = Callable[..., None]
+
+
+class Told(NamedTuple):
+    """State of a phase. name: of it. done, total: parts; a total of 0 is not known. seconds: spent
+    in it, without those of phases within it. left: s until its end, None: not known. ended: over,
+    complete or not."""
+
+    name: str
+    done: float
+    total: float
+    seconds: float
+    left: float | None
+    ended: bool
+
+
+Listener = Callable[[Told], object]
+
+
+@dataclass
+class _Phase:
+    """An open phase. first: parts done when it began. silent: timed, not told."""
+
+    name: str
+    total: float
+    first: float
+    done: float
+    seconds: float = 0.0
+    silent: bool = False
+
+
+def time_left(first: float, done: float, total: float, seconds: float) -> float | None:
+    """s that the parts from done to total take if they go on as those from first on did in seconds;
+    None before there are any."""
+    return seconds * (total - done) / (done - first) if done > first else None
+
+
+class Account:
+    """Where the time of one piece of work goes; a context manager that phases within it report to.
+
+    listener: is told of every phase. begin: reading of time.perf_counter from which time counts,
+    default now; until the first phase it belongs to STARTING. failed: name of the innermost phase
+    that an exception left, empty: none.
+    """
+
+    def __init__(self, listener: Listener | None = None, begin: float | None = None) -> None:
+        self._listener = listener
+        self._lock = threading.RLock()
+        self._open = [_Phase(STARTING, 0.0, 0.0, 0.0)]
+        self._mark = time.perf_counter() if begin is None else begin
+        self._begin = self._mark
+        self._seconds: dict[str, float] = {}
+        self.failed = ""
+
+    def __enter__(self) -> Self:
+        self._token = _current.set(self)
+        _open_accounts.append(self)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        _open_accounts.remove(self)
+        _current.reset(self._token)
+
+    def seconds(self) -> dict[str, float]:
+        """s spent so far, by name of phase; they add up to the time since the beginning."""
+        with self._lock:
+            self._spend()
+            return dict(self._seconds)
+
+    def spent(self, *names: str) -> float:
+        """s spent so far in some phases."""
+        seconds = self.seconds()
+        return sum(seconds.get(name, 0.0) for name in names)
+
+    @property
+    def elapsed(self) -> float:
+        """s since the beginning."""
+        return time.perf_counter() - self._begin
+
+    def open(
+        self,
+        name: str,
+        total: float = 0.0,
+        first: float = 0.0,
+        silent: bool = False,
+        left: float | None = None,
+    ) -> _Phase:
+        """Begin a phase within those that are open; of any thread. left: as of advance."""
+        with self._lock:
+            self._spend()
+            own = _Phase(name, total, first, first, silent=silent)
+            self._open.append(own)
+        self._tell(own, left)
+        return own
+
+    def advance(self, own: _Phase, done: float, left: float | None = None) -> None:
+        """Tell how far a phase is. left: s, where it is better known than by the parts done."""
+        with self._lock:
+            self._spend()
+            own.done = done
+        self._tell(own, left)
+
+    def close(self, own: _Phase, failed: bool = False) -> None:
+        """End a phase, its time being that until now. failed: by an exception."""
+        with self._lock:
+            self._spend()
+            self._open.remove(own)
+            if failed and not self.failed:
+                self.failed = own.name
+            if not failed and own.total:
+                own.done = own.total
+        self._tell(own, ended=True)
+
+    def _spend(self) -> None:
+        now, top = time.perf_counter(), self._open[-1]
+        top.seconds += now - self._mark
+        self._seconds[top.name] = self._seconds.get(top.name, 0.0) + now - self._mark
+        self._mark = now
+
+    def _tell(self, own: _Phase, left: float | None = None, ended: bool = False) -> None:
+        if self._listener is None or own.silent:
+            return
+        if left is None:
+            left = time_left(own.first, own.done, own.total, own.seconds)
+        self._listener(Told(own.name, own.done, own.total, own.seconds, left, ended))
+
+
+_current: ContextVar[Account | None] = ContextVar("account", default=None)
+_open_accounts: list[Account] = []
+
+
+def account() -> Account | None:
+    """The account that this thread's work is told to."""
+    return _current.get()
+
+
+def accounts() -> tuple[Account, ...]:
+    """All that are open, for work that the whole process waits for."""
+    return tuple(_open_accounts)
+
+
+@contextmanager
+def phase(
+    name: str, total: float = 0.0, first: float = 0.0, silent: bool = False
+) -> Iterator[Done]:
+    """Work under a name; call what this gives with the parts done so far.
+
+    total: parts, 0: not known. first: those done before. silent: timed, not told.
+    """
+    current = _current.get()
+    if current is None:
+        yield lambda done, left=None: None
+        return
+    own = current.open(name, total, first, silent)
+    try:
+        yield lambda done, left=None: current.advance(own, done, left)
+    except BaseException:
+        current.close(own, failed=True)
+        raise
+    current.close(own)
+
+
+def counted(name: str, parts: Iterable[Part], total: int) -> Iterator[Part]:
+    """The parts of some work, told as a phase while they are gone through."""
+    with phase(name, total) as done:
+        for number, part in enumerate(parts, 1):
+            yield part
+            done(number)
