@@ -23,7 +23,7 @@ from featherfx.solver.step.frame_kernels import advance
 from featherfx.solver.step.retry_kernels import StepSettings
 from featherfx.solver.step.root_path import RootPath as RootPath
 from featherfx.solver.step.root_path import hold_roots as hold_roots
-from featherfx.solver.step.start import start_acceleration
+from featherfx.solver.step.start_kernels import start_acceleration
 from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]
@@ -33,8 +33,6 @@ NEWTON_ITERATIONS = 32
 HARD = 12
 # of the feather's length, error that a step may not exceed where it can be shorter
 COARSE = 0.01
-# length of the last step of a feather that has none, but its first acceleration
-BEGUN = -1.0
 
 
 @dataclass(frozen=True)
@@ -129,45 +127,22 @@ class Solver:
         path: RootPath,
         duration: float,
         feathers: Sequence[int] | None = None,
-        start: State | None = None,
-        settings: Settings | None = None,
     ) -> StepReport:
         """Advance feathers by a duration in s in place.
 
-        start: where they begin, if that is not where the state has them. settings: other than the
-        solver's. A feather that cannot be solved stays at its last good sub-step.
+        A feather that cannot be solved stays at its last good sub-step.
         """
         loads = wind_of_each(loads, self.model.feathers)
         report = no_steps(self.model.feathers)
 
         def one(f: int) -> None:
-            if start is not None:
-                state.take(start, f)
             if state.step[f] == 0.0:
-                start_acceleration(self.model, loads, f, duration, state, self._work(), path)
-            of_frame = step_settings(settings or self.settings, duration, self.model.length[f])
+                start_acceleration(self.model, loads, f, float(duration), state, self._work(), path)
+            of_frame = step_settings(self.settings, duration, self.model.length[f])
             advance(self.model, loads, f, path, state, of_frame, self._work(), report)
 
         self.for_each(one, range(self.model.feathers) if feathers is None else feathers)
         return report
-
-    def begin(
-        self,
-        state: State,
-        loads: Loads,
-        path: RootPath,
-        duration: float,
-        feathers: Sequence[int],
-    ) -> None:
-        """Set the first accelerations of feathers that have not been stepped yet, in place; solves
-        from this state do not do it again. duration: s, of the step to come."""
-        loads = wind_of_each(loads, self.model.feathers)
-
-        def one(f: int) -> None:
-            start_acceleration(self.model, loads, f, duration, state, self._work(), path)
-            state.step[f] = BEGUN
-
-        self.for_each(one, [f for f in feathers if state.step[f] == 0.0])
 
     def equilibrium(
         self,

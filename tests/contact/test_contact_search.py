@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from contact_cases import THICKNESS, free_feathers
 
-from featherfx.solver.contact.colour_kernels import coloured
+from featherfx.solver.contact.colour_kernels import colour_some, neighbours
+from featherfx.solver.contact.run import no_colours, no_islands
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.surfaces import (
     WALL_FIT,
@@ -17,6 +18,7 @@ from featherfx.solver.contact.surfaces import (
     no_memory,
     surfaces_of,
 )
+from featherfx.solver.contact.sweep_kernels import Marks
 from featherfx.solver.contact.types import Candidates, Search
 
 FEATHERS, MARGIN = 8, 6.0 * THICKNESS
@@ -123,11 +125,35 @@ def test_bodies_that_touch_differ_in_colour():
     rng = np.random.default_rng(5)
     pairs = rng.integers(0, 40, (90, 2))
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    colour = coloured(pairs, 41)
-    assert (colour[pairs[:, 0]] != colour[pairs[:, 1]]).all()
+    active = rng.random(41) < 0.8
+    colours, marks = no_colours(41), in_one_island(active)
+    colour_some(neighbours(pairs, 41), marks, no_islands(1), colours)
+    colour = colours.colour
+    assert (colour[~active] == -1).all()
+    both = active[pairs].all(axis=1)
+    assert (colour[pairs[both, 0]] != colour[pairs[both, 1]]).all()
     # the first that is free
-    for body in range(41):
+    for body in np.flatnonzero(active):
         near = np.concatenate([pairs[pairs[:, 0] == body, 1], pairs[pairs[:, 1] == body, 0]])
-        taken = set(colour[near[near < body]].tolist())
+        taken = set(colour[near[(near < body) & active[near]]].tolist())
         assert colour[body] == min(set(range(41)) - taken)
-    assert (coloured(pairs[:0], 3) == 0).all()
+    # all of them by colours, each once
+    count = int(colours.count[0])
+    bodies, first = colours.bodies[: colours.first[count]], colours.first[: count + 1]
+    assert (np.repeat(np.arange(count), np.diff(first)) == colour[bodies]).all()
+    assert sorted(bodies.tolist()) == np.flatnonzero(active).tolist()
+
+
+def in_one_island(active):
+    """Marks of bodies of which some are to be solved."""
+    bodies = len(active)
+    return Marks(
+        mine=np.ones(bodies, dtype=np.int8),
+        island=np.zeros(bodies, dtype=np.int64),
+        fresh=np.zeros(bodies, dtype=np.int8),
+        active=active.astype(np.int8),
+        worst=np.zeros(bodies),
+        depth=np.zeros(bodies),
+        solves=np.zeros(bodies, dtype=np.int64),
+        status=np.zeros(bodies),
+    )

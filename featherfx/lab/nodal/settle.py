@@ -13,7 +13,7 @@ from featherfx.solver.settle.settle import FIRST, GROWTH, LAST, SHORTEST, STEPS
 from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.step.start import INSTANT
+from featherfx.solver.step.start_kernels import INSTANT
 
 
 def nodal_settle(
@@ -95,7 +95,7 @@ def nodal_start(
 ) -> None:
     """Set the accelerations of feather f, in place, to those that its loads give at rest.
 
-    As start_acceleration of featherfx/solver/step/start.py; duration: s.
+    As start_acceleration of featherfx/solver/step/start_kernels.py; duration: s.
     """
     square = (INSTANT * duration) ** 2
     nodal_system(model, nodal, loads, f, 1.0 / square, state, work)

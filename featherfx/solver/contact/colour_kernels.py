@@ -1,35 +1,59 @@
-"""Bodies in colours, so that no two of a colour touch."""
+"""Bodies that touch: in islands, and in colours, so that no two of a colour touch."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from featherfx.jit.compiled import kernel
-from featherfx.solver.contact.types import Indices
+from featherfx.solver.contact.types import ByBody, Indices
 
 
-def coloured(pairs: Indices, bodies: int) -> Indices:
-    """(bodies,) the colour of each, from 0 on: the first that none before it has which it touches.
+def neighbours(pairs: Indices, bodies: int) -> ByBody:
+    """Which bodies each touches. pairs: (N, 2) bodies that touch."""
+    both = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    first = np.searchsorted(both[:, 0], np.arange(bodies + 1)).astype(np.int64)
+    return ByBody(first, np.ascontiguousarray(both[:, 1]))
 
-    pairs: (N, 2) bodies that touch.
-    """
-    both = np.concatenate([pairs, pairs[:, ::-1]])
-    both = both[np.argsort(both[:, 0], kind="stable")]
-    first = np.searchsorted(both[:, 0], np.arange(bodies + 1))
-    colour = np.zeros(bodies, dtype=np.int64)
-    _colour(first, np.ascontiguousarray(both[:, 1]), np.full(bodies + 1, -1), colour)
-    return colour
+
+def islands_of(touching: ByBody) -> tuple[int, Indices]:
+    """How many islands there are of bodies that touch, directly or through others, and (B,) in
+    which each body is."""
+    bodies = len(touching.first) - 1
+    parts = np.ones(len(touching.items)), touching.items, touching.first
+    graph = csr_array(parts, shape=(bodies, bodies))
+    count, island = connected_components(graph, directed=False)
+    return int(count), island.astype(np.int64)
 
 
 @kernel
-def _colour(first, near, taken_by, colour):
-    """Colours of bodies whose neighbours are near[first[b]] to near[first[b + 1] - 1], to colour.
-
-    taken_by: (B + 1,) -1, of each colour the last body that it was taken for.
-    """
-    for body in range(colour.shape[0]):
+def colour_some(touching, marks, islands, colours):
+    """Put the active bodies of open islands (sweep_kernels.Marks, Islands) into colours (Colours):
+    each gets the first that none before it has which it touches."""
+    first, near = touching
+    bodies, most = colours.colour.shape[0], 0
+    for c in range(bodies + 1):
+        colours.taken_by[c], colours.first[c] = -1, 0
+    colours.first[bodies + 1] = 0
+    for body in range(bodies):
+        colours.colour[body] = -1
+        if marks.active[body] == 0 or islands.open[marks.island[body]] == 0:
+            continue
         for at in range(first[body], first[body + 1]):
-            if near[at] < body:
-                taken_by[colour[near[at]]] = body
-        while taken_by[colour[body]] == body:
-            colour[body] += 1
+            if near[at] < body and colours.colour[near[at]] >= 0:
+                colours.taken_by[colours.colour[near[at]]] = body
+        own = 0
+        while colours.taken_by[own] == body:
+            own += 1
+        colours.colour[body] = own
+        colours.first[own + 2] += 1
+        most = max(most, own + 1)
+    for c in range(most):
+        colours.first[c + 2] += colours.first[c + 1]
+    for body in range(bodies):
+        own = colours.colour[body]
+        if own >= 0:
+            colours.bodies[colours.first[own + 1]] = body
+            colours.first[own + 1] += 1
+    colours.count[0] = most

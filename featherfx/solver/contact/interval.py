@@ -17,29 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import without_directors
-from featherfx.mechanics.model import Contacts, Loads
-from featherfx.solver.contact.colour_kernels import coloured
-from featherfx.solver.contact.list_kernels import (
-    add_forces,
-    closed_on_walls,
-    hand_out,
-    list_by_body,
-    measure,
-    residuals,
-    soften,
-    update,
-)
-from featherfx.solver.contact.run import Run
+from featherfx.mechanics.model import Loads
+from featherfx.solver.contact.colour_kernels import islands_of, neighbours
+from featherfx.solver.contact.list_kernels import add_forces, list_by_body, soften
+from featherfx.solver.contact.run import Run, Team, no_colours, no_islands
 from featherfx.solver.contact.search import Found, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
     WALL_FIT,
     elastic_stiffness,
     grids_of,
     moving_bodies,
-    new_planes,
     no_memory,
     surfaces_of,
 )
+from featherfx.solver.contact.sweep_kernels import RoundRules, Sweep
 from featherfx.solver.contact.types import (
     Array,
     ByBody,
@@ -130,13 +121,11 @@ class ContactSolver:
         bodies = self.grids.bodies
         widest = max(self.solvers, key=lambda solver: solver.jobs)
         self._searcher = Searcher(candidates, self.surfaces, widest.jobs, widest.for_each)
-        self._coloured: tuple[Indices, list[Flags]] | None = None
+        self._team = Team(solvers, self.grids, widest.jobs)
+        self._colours = no_colours(bodies)
+        self._touching: tuple[Indices, ByBody] | None = None
         self.memory = no_memory(self.surfaces)
-        self.found, self._spare, self._planes = (
-            Found(new_touch(), 0),
-            new_touch(),
-            new_planes(bodies),
-        )
+        self.found, self._spare = Found(new_touch(), 0), new_touch()
         self._listed = ByBody(np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
     def interval(
@@ -160,7 +149,7 @@ class ContactSolver:
         node meets each. A feather that cannot be solved has a status in its batch's report, and
         then the other results mean nothing.
         """
-        run = Run(self.solvers, self.grids, states, loads, paths, duration, substeps)
+        run = Run(self._team, states, loads, paths, duration, substeps)
         memory, rounds = self.memory, 0
         stale = np.ones(self.grids.bodies, dtype=np.bool_) if resting is None else ~resting
         forces = np.zeros(self.grids.bodies)
@@ -184,7 +173,7 @@ class ContactSolver:
         report = ContactReport(
             contacts=int(np.count_nonzero(contacts["guest_force"] > 0.0)),
             rounds=rounds,
-            solves=run.solves,
+            solves=int(run.solves.sum()),
             residual=residual,
             depth=depth,
             start_depth=float(contacts["spared"].max(initial=0.0)),
@@ -235,60 +224,49 @@ class ContactSolver:
         stale: (B,) bodies that are solved in the first round, whatever their contacts.
         """
         settings = self.settings
-        measure(*self.found, run.now)
-        colours = self._colours()
-        worst = np.zeros(self.grids.bodies)
-        depth = float(residuals(*self.found, worst))
-        worst[stale] = np.inf
-        number = 0
-        while number < settings.rounds and worst.max() >= settings.tolerance:
-            number += 1
-            again = worst > QUIET * settings.tolerance
-            # at first they may still go far
-            reach = np.inf if number == 1 else FAR * settings.margin
-            self._round(run, [again & colour for colour in colours], reach)
-            if run.failed():
-                break
-            depth = float(residuals(*self.found, worst))
-            if number == 1 < settings.rounds and settings.friction > 0.0:
-                closed = np.zeros(len(worst), dtype=np.bool_)
-                closed_on_walls(*self.found, closed)
-                worst[closed] = np.inf
-        return number, depth, float(worst.max())
+        touching = self._neighbours()
+        count, island = islands_of(touching)
+        marks, islands = run.marks(island, stale), no_islands(count)
+        room = 3 * int(np.diff(self._listed.first).max(initial=0))
+        batches, held = run.batches(room)
+        sweep = Sweep(
+            batches=batches,
+            step=run.step,
+            touch=self.found.touch,
+            count=self.found.number,
+            listed=self._listed,
+            touching=touching,
+            handing=self._handing(run),
+            rules=RoundRules(
+                rounds=settings.rounds,
+                tolerance=settings.tolerance,
+                quiet=QUIET * settings.tolerance,
+                reach=FAR * settings.margin,
+                friction=settings.friction > 0.0,
+            ),
+            start=run.start,
+            now=run.now,
+            marks=marks,
+            islands=islands,
+            colours=self._colours,
+        )
+        run.solve(sweep)
+        del held
+        return int(islands.rounds.max()), float(marks.depth.max()), float(islands.worst.max())
 
-    def _round(self, run: Run, groups: Sequence[Flags], reach: float) -> None:
-        """Solve groups of bodies, one after the other, with the forces that they feel now.
+    def _handing(self, run: Run) -> Handing:
+        slip = self.settings.smoothing * run.duration
+        widest, columns = self.grids.most_columns, self.surfaces.columns
+        return Handing(self.settings.friction, slip, np.inf, widest, columns)
 
-        reach: m, gap beyond which contacts without a force are left out.
-        """
-        for mine in groups:
-            if mine.any():
-                run.solve(mine, self._contacts(run, mine, reach))
-                update(self.found.touch, self._listed, mine.astype(np.int8), run.now)
-
-    def _colours(self) -> list[Flags]:
-        """Bodies in groups that do not touch each other, greedily; all bodies in one of them."""
+    def _neighbours(self) -> ByBody:
+        """Which bodies each has contacts with."""
         pair = self.found.contacts["pair"]
         touching = pair[(pair >= 0) & (np.diff(pair, prepend=-1) > 0)]
-        if self._coloured is None or not np.array_equal(touching, self._coloured[0]):
-            every = coloured(self.candidates.pairs[touching], self.grids.bodies)
-            colours = [every == c for c in range(int(every.max()) + 1)]
-            self._coloured = touching, colours
-        return self._coloured[1]
-
-    def _contacts(self, run: Run, mine: Flags, reach: float) -> Contacts:
-        """The plane contacts of the bodies mine, by body; overwritten by the next call."""
-        settings, flags = self.settings, mine.astype(np.int8)
-        slip = settings.smoothing * run.duration
-        widest, columns = self.grids.most_columns, self.surfaces.columns
-        rules = Handing(settings.friction, slip, float(reach), widest, columns)
-        touch, listed = self.found.touch, self._listed
-        while True:
-            planes = self._planes
-            count = hand_out(touch, listed, flags, run.start, run.now, rules, planes)
-            if count <= len(planes.node):
-                return planes
-            self._planes = new_planes(self.grids.bodies, 2 * count)
+        if self._touching is None or not np.array_equal(touching, self._touching[0]):
+            near = neighbours(self.candidates.pairs[touching], self.grids.bodies)
+            self._touching = touching, near
+        return self._touching[1]
 
 
 def _largest_moves(after: Array, before: Array) -> Array:

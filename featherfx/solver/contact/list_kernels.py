@@ -58,12 +58,12 @@ def _measure(contact, now):
 
 
 @kernel
-def measure(touch, count, now):
-    """Gaps, normals and places of all contacts in a pose now (B, n, P, 3).
+def measure(touch, low, high, now):
+    """Gaps, normals and places of the contacts from low to high - 1 in a pose now (B, n, P, 3).
 
     Those of a wall have been there since they were found.
     """
-    for k in range(count):
+    for k in range(low, high):
         _measure(touch[k], now)
 
 
@@ -89,54 +89,57 @@ def list_by_body(touch, count, listed):
 
 
 @kernel
-def update(touch, listed, mine, now):
-    """Measure the contacts of the bodies mine (B,), which were just solved, and set the forces that
-    those felt."""
-    for body in range(mine.shape[0]):
-        if mine[body] == 0:
-            continue
-        for at in range(listed.first[body], listed.first[body + 1]):
-            contact = touch[listed.items[at]]
-            _measure(contact, now)
-            if contact.guest == body:
-                push = contact.host_force - contact.guest_stiffness * contact.gap
-                contact.guest_force = max(0.0, push)
-            else:
-                push = contact.guest_force - contact.host_stiffness * contact.gap
-                contact.host_force = max(0.0, push)
+def is_led(contact, body, mine):
+    """Whether what a body touches is not solved for: a wall, or a body that is not mine (B,)."""
+    other = contact.host if contact.guest == body else contact.guest
+    return other < 0 or mine[other] == 0
 
 
 @kernel
-def residuals(touch, count, worst):
-    """Largest distance from contact's complementarity, per body, to worst (B,), m.
+def update(body, touch, listed, now):
+    """Measure the contacts of a body that was just solved, and set the forces that it felt."""
+    for at in range(listed.first[body], listed.first[body + 1]):
+        contact = touch[listed.items[at]]
+        _measure(contact, now)
+        if contact.guest == body:
+            push = contact.host_force - contact.guest_stiffness * contact.gap
+            contact.guest_force = max(0.0, push)
+        else:
+            push = contact.guest_force - contact.host_stiffness * contact.gap
+            contact.host_force = max(0.0, push)
+
+
+@kernel
+def residual(body, touch, listed):
+    """Largest distance of a body's contacts from complementarity, and deepest penetration, m.
 
     A gap that is closed (g < 0) or held shut from both sides with a force counts by its size.
-    Returns the deepest penetration (m).
     """
-    worst[:] = 0.0
-    depth = 0.0
-    for k in range(count):
-        contact = touch[k]
+    worst, depth = 0.0, 0.0
+    for at in range(listed.first[body], listed.first[body + 1]):
+        contact = touch[listed.items[at]]
         force = min(contact.guest_force, contact.host_force)
         stiffness = max(contact.guest_stiffness, contact.host_stiffness)
         wrong = abs(min(contact.gap, force / stiffness))
         mismatch = abs(contact.guest_force - contact.host_force) / stiffness
-        wrong = max(wrong, mismatch)
-        worst[contact.guest] = max(worst[contact.guest], wrong)
-        if contact.host >= 0:
-            worst[contact.host] = max(worst[contact.host], wrong)
+        worst = max(worst, max(wrong, mismatch))
         depth = max(depth, contact.spared - contact.gap)
-    return depth
+    return worst, depth
 
 
 @kernel
-def closed_on_walls(touch, count, closed):
-    """Mark bodies (B,) one of whose contacts with a wall closed in the last solve: it had no
+def closed_on_led(body, touch, listed, mine):
+    """Whether a contact of a body with what is led (is_led) closed in the last solve: it had no
     friction yet, for that goes by the force of the solve before."""
-    for k in range(count):
-        contact = touch[k]
-        if contact.host < 0 and contact.host_force == 0.0 and contact.guest_force > 0.0:
-            closed[contact.guest] = True
+    for at in range(listed.first[body], listed.first[body + 1]):
+        contact = touch[listed.items[at]]
+        if is_led(contact, body, mine):
+            is_guest = contact.guest == body
+            now = contact.guest_force if is_guest else contact.host_force
+            before = contact.host_force if is_guest else contact.guest_force
+            if before == 0.0 and now > 0.0:
+                return True
+    return False
 
 
 @kernel
@@ -164,29 +167,26 @@ def add_forces(touch, count, total):
 
 
 @kernel
-def hand_out(touch, listed, mine, start, now, rules, planes):
-    """Write the plane contacts of the bodies mine (B,) to planes; returns how many there are.
+def hand_out(body, touch, listed, mine, start, now, rules, planes):
+    """Write the plane contacts of a body to planes; returns how many there are.
 
-    start, now: (B, n, P, 3) poses at the interval's start and at the last iterate. rules: Handing.
-    One more than planes has room for: too many.
+    mine: (B,) bodies that are solved for. start, now: (B, n, P, 3) poses at the interval's start
+    and at the last iterate. rules: Handing.
     """
     to = 0
-    for body in range(mine.shape[0]):
-        planes.first[body] = to
-        if mine[body] == 0:
-            continue
-        for at in range(listed.first[body], listed.first[body + 1]):
-            contact = touch[listed.items[at]]
-            if contact.host < 0:
-                # a wall's force is what the feather felt last
+    for at in range(listed.first[body], listed.first[body + 1]):
+        contact = touch[listed.items[at]]
+        is_guest = contact.guest == body
+        if is_led(contact, body, mine):
+            # the force of what is led is what the feather felt last
+            if is_guest:
                 contact.host_force = contact.guest_force
-            force = contact.host_force if contact.guest == body else contact.guest_force
-            if force == 0.0 and contact.gap > rules.reach:
-                continue
-            if to + 3 > planes.node.shape[0]:
-                return planes.node.shape[0] + 1
-            to = _hand_to(contact, body, start, now, rules, planes, to)
-    planes.first[mine.shape[0]] = to
+            else:
+                contact.guest_force = contact.host_force
+        force = contact.host_force if is_guest else contact.guest_force
+        if force == 0.0 and contact.gap > rules.reach:
+            continue
+        to = _hand_to(contact, body, start, now, rules, planes, to)
     return to
 
 

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.mechanics.model import Contacts, Loads
+from featherfx.jit.team import new_team
+from featherfx.jit.views import Held, views_of
+from featherfx.mechanics.model import Contacts, Loads, wind_of_each
 from featherfx.solver.contact.surfaces import Grids
+from featherfx.solver.contact.sweep_kernels import (
+    KINDS,
+    Batches,
+    Colours,
+    Islands,
+    Marks,
+    Sweep,
+    solve_rounds,
+)
 from featherfx.solver.settle.take_up import carry_to
-from featherfx.solver.solver import Solver
+from featherfx.solver.solver import COARSE, HARD, NEWTON_ITERATIONS, Solver
 from featherfx.solver.state import State, StepReport, no_steps
+from featherfx.solver.step.retry_kernels import StepSettings
 from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.work import make_work
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -22,87 +35,136 @@ Flags = NDArray[np.bool_]
 
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
 MOST_ITERATIONS = 1000
-# counts of a report that add up over a feather's solves; of the others the last one's holds
-SUMS = ("iterations", "matrices", "rejected", "failed", "fallbacks")
+
+
+class Team:
+    """Threads that sweep over batches, and what each of them and each batch needs for that.
+
+    solvers: of the batches, with the same settings. grids: theirs. jobs: threads.
+    """
+
+    def __init__(self, solvers: Sequence[Solver], grids: Grids, jobs: int) -> None:
+        self.solvers, self.grids, self.jobs = tuple(solvers), grids, jobs
+        self._pool = ThreadPoolExecutor(jobs - 1) if jobs > 1 else None
+        models = [solver.model for solver in solvers]
+        self.models = views_of(models)
+        self.works = views_of([make_work(model) for _ in range(jobs) for model in models])
+        counts = np.diff(grids.first)
+        self.batch = np.repeat(np.arange(len(models)), counts)
+        self.place = np.concatenate([np.arange(count) for count in counts])
+
+    def on_all(self, function: Callable[[int], None]) -> None:
+        """Call a function with the number of every thread, by all threads at once."""
+        if self._pool is None:
+            function(0)
+            return
+        others = [self._pool.submit(function, thread) for thread in range(1, self.jobs)]
+        function(0)
+        for other in others:
+            other.result()
+
+    def loads(self, loads: Sequence[Loads], room: int) -> Held:
+        """The loads of the batches, for each thread with room for contacts of one feather."""
+        windy = [
+            wind_of_each(each, solver.model.feathers)
+            for each, solver in zip(loads, self.solvers, strict=True)
+        ]
+        found = []
+        for _ in range(self.jobs):
+            planes = _planes(room)
+            for each, solver in zip(windy, self.solvers, strict=True):
+                first = np.zeros(solver.model.feathers + 1, dtype=np.int64)
+                found.append(each._replace(contacts=planes._replace(first=first)))
+        return views_of(found)
 
 
 class Run:
     """Where the batches started, and where the last iterate stands.
 
-    solvers: of the batches. grids: theirs. duration: s. substeps: most regular steps of a feather
-    within it. start, now: (B, n, P, 3) m, all bodies on the widest grid. report:
-    of all solves and bodies.
+    duration: s. substeps: most regular steps of a feather within it. start, now: (B, n, P, 3) m,
+    all bodies on the widest grid. report: of all solves and bodies.
     """
 
     def __init__(
         self,
-        solvers: Sequence[Solver],
-        grids: Grids,
+        team: Team,
         states: Sequence[State],
         loads: Sequence[Loads],
         paths: Sequence[RootPath],
         duration: float,
         substeps: int = 1,
     ) -> None:
-        self.solvers, self.grids, self.duration = solvers, grids, duration
-        self.loads, self.paths = loads, paths
-        self.settings = [
-            replace(
-                solver.settings,
-                max_substeps=substeps,
-                max_iterations=min(solver.settings.max_iterations, MOST_ITERATIONS),
-            )
-            for solver in solvers
-        ]
+        self._team, self.duration, self._loads = team, duration, loads
+        grids = team.grids
         self.old = [state.copy() for state in states]
-        for solver, state, path in zip(solvers, self.old, paths, strict=True):
+        for solver, state, path in zip(team.solvers, self.old, paths, strict=True):
             carry_to(solver.model, state, path)
         self.new = [state.copy() for state in self.old]
         self.start = grids.together([state.points for state in self.old])
         velocity = grids.together([state.velocity for state in self.old])
         self.now = self.start + duration * velocity
-        self.solves = 0
+        self.solves = np.zeros(grids.bodies, dtype=np.int64)
         self.report = no_steps(grids.bodies)
+        self._step = self._step_settings(substeps)
+        self._old, self._new = views_of(self.old), views_of(self.new)
+        self._rows = [views_of([_rows(each) for each in states]) for states in (self.old, self.new)]
+        self._paths, self._reports = views_of(paths), views_of(self.reports())
 
-    def solve(self, mine: Flags, contacts: Contacts) -> None:
-        """Solve the bodies mine anew from the interval's start. contacts: of all bodies.
+    def _step_settings(self, substeps: int) -> StepSettings:
+        settings = self._team.solvers[0].settings
+        return StepSettings(
+            duration=float(self.duration),
+            shortest=float(self.duration / substeps),
+            spectral_radius=float(settings.spectral_radius),
+            tolerance=float(settings.tolerance),
+            coarse=COARSE,
+            newton=float(settings.newton),
+            iterations=NEWTON_ITERATIONS,
+            hard=HARD,
+            most_iterations=min(settings.max_iterations, MOST_ITERATIONS),
+        )
 
-        All rounds begin with the step length that the interval before left, so that a feather that
-        takes shorter steps of its own takes the same ones in every round.
-        """
-        for g, solver in enumerate(self.solvers):
-            low, high = self.grids.first[g], self.grids.first[g + 1]
-            feathers = np.flatnonzero(mine[low:high])
-            if len(feathers) == 0:
-                continue
-            own = contacts._replace(first=contacts.first[low : high + 1])
-            loads = self.loads[g]._replace(contacts=own)
-            old, new = self.old[g], self.new[g]
-            solver.begin(old, loads, self.paths[g], self.duration, feathers.tolist())
-            report = solver.advance(
-                new,
-                loads,
-                self.paths[g],
-                self.duration,
-                feathers.tolist(),
-                old,
-                self.settings[g],
-            )
-            self.grids.put(new.points[feathers], g, feathers, self.now)
-            self.solves += len(feathers)
-            # the next try starts from this pose: rates that lead there
-            old.spin[feathers] = new.spin[feathers]
-            old.coefficient_rate[feathers] = new.coefficient_rate[feathers]
-            self._count(low, feathers, report)
+    def marks(self, island: Indices, fresh: Flags) -> Marks:
+        """Bodies of some islands (B,), -1 for those that are not solved."""
+        return Marks(
+            mine=(island >= 0).astype(np.int8),
+            island=island,
+            fresh=fresh.astype(np.int8),
+            active=np.zeros(len(island), dtype=np.int8),
+            worst=np.zeros(len(island)),
+            depth=np.zeros(len(island)),
+            solves=self.solves,
+            status=self.report.status,
+        )
 
-    def _count(self, low: int, feathers: Indices, report: StepReport) -> None:
-        for name, total, new in zip(report._fields, self.report, report, strict=True):
-            bodies, more = low + feathers, new[feathers]
-            if name in SUMS:
-                more = more + total[bodies]
-            elif name == "status":
-                more = np.maximum(more, total[bodies])
-            total[bodies] = more
+    def batches(self, room: int) -> tuple[Batches, Held]:
+        """All batches, with room for so many contacts of one feather; and the loads, which must be
+        held as long as these are used."""
+        team, loads = self._team, self._team.loads(self._loads, room)
+        batches = Batches(
+            batch=team.batch,
+            place=team.place,
+            model=team.models.views,
+            old=self._old.views,
+            new=self._new.views,
+            rows_old=self._rows[0].views,
+            rows_new=self._rows[1].views,
+            path=self._paths.views,
+            report=self._reports.views,
+            loads=loads.views,
+            work=team.works.views,
+        )
+        return batches, loads
+
+    def solve(self, sweep: Sweep) -> None:
+        """All rounds of a sweep over these batches."""
+        counters, size = new_team(KINDS), self._team.jobs
+        self._team.on_all(lambda thread: solve_rounds(thread, counters, size, sweep))
+
+    @property
+    def step(self) -> StepSettings:
+        """Of the feathers within the interval; coarse over the feather's length."""
+        return self._step
 
     def failed(self) -> bool:
         return bool(self.report.status.any())
@@ -111,5 +173,42 @@ class Run:
         """Per batch, all solves of the interval as one report: counts add, the last error holds."""
         return [
             StepReport(*(each[low:high] for each in self.report))
-            for low, high in pairwise(self.grids.first)
+            for low, high in pairwise(self._team.grids.first)
         ]
+
+
+def no_islands(count: int) -> Islands:
+    """Islands with all rounds before them."""
+    return Islands(
+        rounds=np.zeros(count, dtype=np.int64),
+        worst=np.zeros(count),
+        failed=np.zeros(count, dtype=np.int8),
+        open=np.ones(count, dtype=np.int8),
+    )
+
+
+def no_colours(bodies: int) -> Colours:
+    """Scratch for the colours of so many bodies."""
+    return Colours(
+        bodies=np.zeros(bodies, dtype=np.int64),
+        first=np.zeros(bodies + 2, dtype=np.int64),
+        count=np.zeros(1, dtype=np.int64),
+        colour=np.zeros(bodies, dtype=np.int64),
+        taken_by=np.zeros(bodies + 1, dtype=np.int64),
+    )
+
+
+def _rows(state: State) -> tuple[Array, ...]:
+    """All arrays of a state, a row of numbers per feather."""
+    return tuple(array.reshape(len(array), -1) for array in state.arrays().values())
+
+
+def _planes(room: int) -> Contacts:
+    return Contacts(
+        first=np.zeros(0, dtype=np.int64),
+        node=np.zeros((room, 2), dtype=np.int64),
+        normal=np.zeros((room, 3)),
+        offset=np.zeros((room, 2)),
+        target=np.zeros((room, 2, 3)),
+        strength=np.zeros((room, 4)),
+    )

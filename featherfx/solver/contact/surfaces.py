@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.mechanics.model import Contacts, Model, no_contacts
+from featherfx.mechanics.model import Model
 from featherfx.solver.contact.search_kernels import RIM_PARTS
 from featherfx.solver.contact.types import (
     Array,
@@ -22,7 +22,6 @@ from featherfx.solver.contact.types import (
     VaneSurfaces,
 )
 
-FIRST_ROOM = 1024
 # FIT for a wall, which does not yield, over that of the node
 WALL_FIT = 4.0
 # part of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
@@ -184,15 +183,4 @@ def no_memory(surfaces: VaneSurfaces) -> Memory:
         side=np.zeros(0, dtype=np.int8),
         wall=np.zeros(surfaces.guests.shape),
         inside=np.zeros(surfaces.guests.shape, dtype=np.int8),
-    )
-
-
-def new_planes(bodies: int, count: int = FIRST_ROOM) -> Contacts:
-    """Room for that many plane contacts of some bodies."""
-    return no_contacts(bodies)._replace(
-        node=np.zeros((count, 2), dtype=np.int64),
-        normal=np.zeros((count, 3)),
-        offset=np.zeros((count, 2)),
-        target=np.zeros((count, 2, 3)),
-        strength=np.zeros((count, 4)),
     )

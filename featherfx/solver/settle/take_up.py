@@ -30,7 +30,7 @@ def take_up(
 
     frames: (n, 3, 3) row frames. centres: (n, 3) m. coefficients: (2, n, 2 C). velocity:
     (n, P, 3) m/s of the material points. time: s. The first step then finds the accelerations that
-    belong to pose and velocity (featherfx/solver/step/start.py).
+    belong to pose and velocity (featherfx/solver/step/start_kernels.py).
     """
     state.rotation[f] = along_rows(frames_to_quats(frames))
     state.centre[f], state.coefficient[f] = centres, coefficients

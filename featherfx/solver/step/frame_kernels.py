@@ -9,7 +9,7 @@ from featherfx.algebra.rotation_kernels import (
     store_rotation,
 )
 from featherfx.algebra.vec3_kernels import over, store
-from featherfx.jit.compiled import kernel
+from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.status import CONVERGED, GREW, TOO_MUCH_WORK
 from featherfx.solver.step.energy_promise_kernels import (
@@ -176,7 +176,7 @@ def _accept(f, attempt, state, now, around):
     state.time[f] += h
 
 
-@kernel
+@shared_kernel
 def advance(model, loads, f, path, state, settings, work, report):
     """Bring feather f of the state through one frame, in place.
 

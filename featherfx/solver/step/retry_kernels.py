@@ -44,6 +44,28 @@ class StepSettings(NamedTuple):
     most_iterations: int
 
 
+@kernel
+def settings_of(frame, length):
+    """Settings of a frame for a feather with rachis elements length (n-1,), m.
+
+    frame: StepSettings whose coarse is a part of the feather's length.
+    """
+    total = 0.0
+    for i in range(length.shape[0]):
+        total += length[i]
+    return StepSettings(
+        frame.duration,
+        frame.shortest,
+        frame.spectral_radius,
+        frame.tolerance,
+        frame.coarse * total,
+        frame.newton,
+        frame.iterations,
+        frame.hard,
+        frame.most_iterations,
+    )
+
+
 class Attempt(NamedTuple):
     """A try of a step: its length h (s), the fraction of the frame at its end, GO_ON, FOLLOW or
     BACKWARD (way), the spectral radius, Newton iterations at most (limit), the Promise."""

@@ -1,0 +1,80 @@
+"""Threads that work together inside compiled code: shared tickets, and places to meet.
+
+All threads of a team call the same kernel. What is to be done is numbered, and each thread takes
+the next number when it is free (`ticket`); where all must be done before anyone goes on, they
+`meet`. A thread that waits gives way to others after a while.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from typing import Any
+
+import numpy as np
+from llvmlite import binding
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from featherfx.jit.compiled import kernel
+
+# numbers of one cache line, so that counters do not disturb each other
+LINE = 8
+# looks at a meeting before a thread gives way
+LOOKS = 2000
+# counters of a team that are not tickets: who has arrived, and how often all have met
+ARRIVED, MET, OWN = 0, 1, 2
+
+_SYSTEM: Any = ctypes.windll.kernel32 if os.name == "nt" else ctypes.CDLL(None)
+_GIVE_WAY = _SYSTEM.SwitchToThread if os.name == "nt" else _SYSTEM.sched_yield
+binding.add_symbol("featherfx_give_way", ctypes.cast(_GIVE_WAY, ctypes.c_void_p).value)
+_give_way = types.ExternalFunction("featherfx_give_way", types.int32())
+
+
+def new_team(kinds: int) -> NDArray[np.int64]:
+    """Counters of a team with so many kinds of tickets, all at zero."""
+    return np.zeros((OWN + kinds) * LINE, dtype=np.int64)
+
+
+@intrinsic
+def _fetch_add(typing_context: Any, counters: Any, place: Any, more: Any) -> Any:
+    """Add to a counter at once; what it was before."""
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(counters)(context, builder, arguments[0])
+        at = cgutils.get_item_pointer(
+            context, builder, counters, array, [arguments[1]], wraparound=False
+        )
+        return builder.atomic_rmw("add", at, arguments[2], "seq_cst")
+
+    return types.int64(counters, types.intp, types.int64), code
+
+
+@kernel
+def ticket(team, kind):
+    """The next number of a kind, from 0 on; each is given to one thread."""
+    return _fetch_add(team, (OWN + kind) * LINE, 1)
+
+
+@kernel
+def forget_tickets(team, kind):
+    """Begin again at 0; by one thread, while none takes tickets of this kind."""
+    team[(OWN + kind) * LINE] = 0
+
+
+@kernel
+def meet(team, size):
+    """Wait until all threads of a team of this size are here."""
+    if size == 1:
+        return
+    before = _fetch_add(team, MET * LINE, 0)
+    if _fetch_add(team, ARRIVED * LINE, 1) == size - 1:
+        _fetch_add(team, ARRIVED * LINE, -size)
+        _fetch_add(team, MET * LINE, 1)
+        return
+    looks = 0
+    while _fetch_add(team, MET * LINE, 0) == before:
+        looks += 1
+        if looks >= LOOKS:
+            _give_way()

@@ -1,0 +1,271 @@
+"""Rounds of solves of feathers that touch, entirely compiled, by a team of threads.
+
+In a round every body that is not done is solved anew from the interval's start, against the planes
+of what it touches and with the forces that those felt last. Bodies of one colour do not touch each
+other: the threads take them one by one, and meet before the next colour. So no result depends on
+how many threads there are. What belongs together (an island) has rounds of its own: it is done
+when all its contacts are solved, when one of its bodies cannot be, or after so many rounds.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.copy_kernels import copy_values
+from featherfx.jit.compiled import kernel
+from featherfx.jit.team import forget_tickets, meet, ticket
+from featherfx.jit.views import Views, viewed
+from featherfx.solver.contact.colour_kernels import colour_some
+from featherfx.solver.contact.list_kernels import (
+    closed_on_led,
+    hand_out,
+    measure,
+    residual,
+    update,
+)
+from featherfx.solver.contact.types import Array, ByBody, Bytes, Handing, Indices
+from featherfx.solver.step.frame_kernels import advance
+from featherfx.solver.step.retry_kernels import StepSettings, settings_of
+from featherfx.solver.step.start_kernels import start_acceleration
+
+# length of the last step of a feather that has none, but its first acceleration
+BEGUN = -1.0
+# contacts, and bodies, that a thread takes at a time
+CONTACTS, BODIES = 1024, 64
+# what a team takes tickets for: two kinds, in turns
+KINDS = 2
+
+
+class Batches(NamedTuple):
+    """Batches of feathers as the sweep takes them. batch, place: (B,) of each body. Views: model,
+    old and new states, rows_old and rows_new (theirs, by feather), path and report by batch; loads
+    and work by thread and batch, loads with room for the contacts of one feather."""
+
+    batch: Indices
+    place: Indices
+    model: Views
+    old: Views
+    new: Views
+    rows_old: Views
+    rows_new: Views
+    path: Views
+    report: Views
+    loads: Views
+    work: Views
+
+
+class Marks(NamedTuple):
+    """B bodies of an interval. mine: which are solved. island: (B,) of those, -1 of others. fresh:
+    to be solved in the first round, whatever their contacts. active: to be solved in this round.
+    worst, depth: m, of their contacts. solves: of each. status: of the solves."""
+
+    mine: Bytes
+    island: Indices
+    fresh: Bytes
+    active: Bytes
+    worst: Array
+    depth: Array
+    solves: Indices
+    status: Array
+
+
+class Islands(NamedTuple):
+    """I islands. rounds: taken. worst: m. failed: whether a body could not be solved. open: whether
+    rounds go on."""
+
+    rounds: Indices
+    worst: Array
+    failed: Bytes
+    open: Bytes
+
+
+class Colours(NamedTuple):
+    """The bodies of a round by colours: bodies[first[c]] to bodies[first[c + 1] - 1]; first
+    (B + 2,), count: (1,) colours. colour, taken_by: (B,), (B + 1,) scratch."""
+
+    bodies: Indices
+    first: Indices
+    count: Indices
+    colour: Indices
+    taken_by: Indices
+
+
+class RoundRules(NamedTuple):
+    """rounds: most of an island. tolerance: m, residual of a solved island. quiet: m, that of a
+    body that is not solved again. reach: m, gap beyond which contacts without a force are left out
+    after the first round. friction: whether there is any."""
+
+    rounds: int
+    tolerance: float
+    quiet: float
+    reach: float
+    friction: bool
+
+
+class Sweep(NamedTuple):
+    """What the team works on. start, now: (B, n, P, 3) m. touching: bodies that each touches, of
+    those solved. count: of contacts in touch."""
+
+    batches: Batches
+    step: StepSettings
+    touch: NDArray[np.void]
+    count: int
+    listed: ByBody
+    touching: ByBody
+    handing: Handing
+    rules: RoundRules
+    start: Array
+    now: Array
+    marks: Marks
+    islands: Islands
+    colours: Colours
+
+
+@kernel
+def _take(source, target, f):
+    """Copy feather f of a state, by its rows, to another's."""
+    for k in range(len(source)):
+        copy_values(source[k][f], target[k][f])
+
+
+@kernel
+def _put(points, columns, to):
+    """Write the points (n, P, 3) of a body to its place on the widest grid."""
+    ahead, shift = 3 + columns, (to.shape[1] - points.shape[1]) // 2
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            q = p if p < ahead else p + shift
+            for k in range(3):
+                to[i, q, k] = points[i, p, k]
+
+
+@kernel
+def _solve(body, thread, reach, sweep):
+    """Solve one body from the interval's start, with the forces that it feels now."""
+    batches, marks = sweep.batches, sweep.marks
+    g, f = batches.batch[body], batches.place[body]
+    own = thread * batches.model.words.shape[0] + g
+    model = viewed(batches.model, g)
+    old = viewed(batches.old, g)
+    new = viewed(batches.new, g)
+    path = viewed(batches.path, g)
+    loads = viewed(batches.loads, own)
+    work = viewed(batches.work, own)
+    report = viewed(batches.report, g)
+    given = sweep.handing
+    handing = Handing(given.friction, given.smoothing, reach, given.widest, given.columns)
+    planes = loads.contacts
+    planes.first[f] = 0
+    planes.first[f + 1] = hand_out(
+        body, sweep.touch, sweep.listed, marks.mine, sweep.start, sweep.now, handing, planes
+    )
+    if old.step[f] == 0.0:
+        start_acceleration(model, loads, f, sweep.step.duration, old, work, path)
+        old.step[f] = BEGUN
+    _take(
+        viewed(batches.rows_old, g),
+        viewed(batches.rows_new, g),
+        f,
+    )
+    report.steps[f] = report.forced[f] = report.error[f] = report.move[f] = 0.0
+    advance(model, loads, f, path, new, settings_of(sweep.step, model.length[f]), work, report)
+    _put(new.points[f], model.joints.shape[3], sweep.now[body])
+    # the next try starts from this pose: rates that lead there
+    copy_values(new.spin[f], old.spin[f])
+    copy_values(new.coefficient_rate[f], old.coefficient_rate[f])
+    marks.solves[body] += 1
+    update(body, sweep.touch, sweep.listed, sweep.now)
+
+
+@kernel
+def _measure(team, size, kind, sweep):
+    """All contacts in the pose now."""
+    count = sweep.count
+    while True:
+        low = CONTACTS * ticket(team, kind)
+        if low >= count:
+            break
+        measure(sweep.touch, low, min(low + CONTACTS, count), sweep.now)
+
+
+@kernel
+def _judge(team, size, kind, first, sweep):
+    """How far the contacts of each body are off. first: whether nothing is solved yet."""
+    marks, bodies = sweep.marks, sweep.marks.mine.shape[0]
+    while True:
+        low = BODIES * ticket(team, kind)
+        if low >= bodies:
+            break
+        for body in range(low, min(low + BODIES, bodies)):
+            marks.active[body] = 0
+            if marks.mine[body] == 0 or sweep.islands.open[marks.island[body]] == 0:
+                continue
+            worst, depth = residual(body, sweep.touch, sweep.listed)
+            again = worst > sweep.rules.quiet
+            if first:
+                again = again or marks.fresh[body] != 0
+            marks.active[body] = 1 if again else 0
+            marks.worst[body], marks.depth[body] = worst, depth
+
+
+@kernel
+def _close(number, sweep):
+    """End the islands that are done after so many rounds; the bodies of the next by colours."""
+    marks, islands, rules = sweep.marks, sweep.islands, sweep.rules
+    for i in range(islands.open.shape[0]):
+        if islands.open[i] != 0:
+            islands.worst[i] = 0.0
+            islands.rounds[i] = number
+    anew = rules.friction and number == 1 and rules.rounds > 1
+    for body in range(marks.mine.shape[0]):
+        if marks.mine[body] == 0 or islands.open[marks.island[body]] == 0:
+            continue
+        island, worst = marks.island[body], marks.worst[body]
+        if number == 0 and marks.fresh[body] != 0:
+            worst = np.inf
+        elif anew and closed_on_led(body, sweep.touch, sweep.listed, marks.mine):
+            worst, marks.active[body] = np.inf, 1
+        if marks.status[body] != 0.0:
+            islands.failed[island] = 1
+        islands.worst[island] = max(islands.worst[island], worst)
+    for i in range(islands.open.shape[0]):
+        if number >= rules.rounds or islands.failed[i] != 0 or islands.worst[i] < rules.tolerance:
+            islands.open[i] = 0
+    colour_some(sweep.touching, marks, islands, sweep.colours)
+
+
+@kernel
+def solve_rounds(thread, team, size, sweep):
+    """All rounds of all islands; each thread of a team of this size calls it, with its number."""
+    kind, number = 0, 0
+    _measure(team, size, kind, sweep)
+    while True:
+        meet(team, size)
+        kind = 1 - kind
+        if thread == 0:
+            forget_tickets(team, 1 - kind)
+        _judge(team, size, kind, number == 0, sweep)
+        meet(team, size)
+        kind = 1 - kind
+        if thread == 0:
+            forget_tickets(team, 1 - kind)
+            _close(number, sweep)
+        meet(team, size)
+        colours = sweep.colours
+        if colours.count[0] == 0:
+            return
+        number += 1
+        # at first they may still go far
+        reach = np.inf if number == 1 else sweep.rules.reach
+        for c in range(colours.count[0]):
+            if c > 0:
+                meet(team, size)
+                kind = 1 - kind
+                if thread == 0:
+                    forget_tickets(team, 1 - kind)
+            while True:
+                at = colours.first[c] + ticket(team, kind)
+                if at >= colours.first[c + 1]:
+                    break
+                _solve(colours.bodies[at], thread, reach, sweep)
