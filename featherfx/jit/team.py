@@ -26,8 +26,10 @@ LOOKS = 2000
 # counters of a team that are not tickets: who has arrived, and how often all have met
 ARRIVED, MET, OWN = 0, 1, 2
 
-_SYSTEM: Any = ctypes.windll.kernel32 if os.name == "nt" else ctypes.CDLL(None)
-_GIVE_WAY = _SYSTEM.SwitchToThread if os.name == "nt" else _SYSTEM.sched_yield
+_SYSTEM: Any = ctypes
+_GIVE_WAY = (
+    _SYSTEM.windll.kernel32.SwitchToThread if os.name == "nt" else _SYSTEM.CDLL(None).sched_yield
+)
 binding.add_symbol("featherfx_give_way", ctypes.cast(_GIVE_WAY, ctypes.c_void_p).value)
 _give_way = types.ExternalFunction("featherfx_give_way", types.int32())
 

@@ -26,7 +26,7 @@ class Kind:
         self.like = like
 
 
-class KindType(types.Type):  # type: ignore[misc]
+class KindType(types.Type):
     """How kernels see a Kind. types: of the tuple."""
 
     def __init__(self, like: Any) -> None:

@@ -138,7 +138,7 @@ def test_bodies_that_touch_differ_in_colour():
         taken = set(colour[near[(near < body) & active[near]]].tolist())
         assert colour[body] == min(set(range(41)) - taken)
     # all of them by colours, each once
-    count = int(colours.count[0])
+    count = int(colours.number[0])
     bodies, first = colours.bodies[: colours.first[count]], colours.first[: count + 1]
     assert (np.repeat(np.arange(count), np.diff(first)) == colour[bodies]).all()
     assert sorted(bodies.tolist()) == np.flatnonzero(active).tolist()

@@ -56,4 +56,4 @@ def colour_some(touching, marks, islands, colours):
         if own >= 0:
             colours.bodies[colours.first[own + 1]] = body
             colours.first[own + 1] += 1
-    colours.count[0] = most
+    colours.number[0] = most

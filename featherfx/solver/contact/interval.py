@@ -233,7 +233,7 @@ class ContactSolver:
             batches=batches,
             step=run.step,
             touch=self.found.touch,
-            count=self.found.number,
+            contacts=self.found.number,
             listed=self._listed,
             touching=touching,
             handing=self._handing(run),

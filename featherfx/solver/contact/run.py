@@ -192,7 +192,7 @@ def no_colours(bodies: int) -> Colours:
     return Colours(
         bodies=np.zeros(bodies, dtype=np.int64),
         first=np.zeros(bodies + 2, dtype=np.int64),
-        count=np.zeros(1, dtype=np.int64),
+        number=np.zeros(1, dtype=np.int64),
         colour=np.zeros(bodies, dtype=np.int64),
         taken_by=np.zeros(bodies + 1, dtype=np.int64),
     )

@@ -82,11 +82,11 @@ class Islands(NamedTuple):
 
 class Colours(NamedTuple):
     """The bodies of a round by colours: bodies[first[c]] to bodies[first[c + 1] - 1]; first
-    (B + 2,), count: (1,) colours. colour, taken_by: (B,), (B + 1,) scratch."""
+    (B + 2,), number: (1,) of colours. colour, taken_by: (B,), (B + 1,) scratch."""
 
     bodies: Indices
     first: Indices
-    count: Indices
+    number: Indices
     colour: Indices
     taken_by: Indices
 
@@ -105,12 +105,12 @@ class RoundRules(NamedTuple):
 
 class Sweep(NamedTuple):
     """What the team works on. start, now: (B, n, P, 3) m. touching: bodies that each touches, of
-    those solved. count: of contacts in touch."""
+    those solved. contacts: how many there are in touch."""
 
     batches: Batches
     step: StepSettings
     touch: NDArray[np.void]
-    count: int
+    contacts: int
     listed: ByBody
     touching: ByBody
     handing: Handing
@@ -181,7 +181,7 @@ def _solve(body, thread, reach, sweep):
 @kernel
 def _measure(team, size, kind, sweep):
     """All contacts in the pose now."""
-    count = sweep.count
+    count = sweep.contacts
     while True:
         low = CONTACTS * ticket(team, kind)
         if low >= count:
@@ -253,12 +253,12 @@ def solve_rounds(thread, team, size, sweep):
             _close(number, sweep)
         meet(team, size)
         colours = sweep.colours
-        if colours.count[0] == 0:
+        if colours.number[0] == 0:
             return
         number += 1
         # at first they may still go far
         reach = np.inf if number == 1 else sweep.rules.reach
-        for c in range(colours.count[0]):
+        for c in range(colours.number[0]):
             if c > 0:
                 meet(team, size)
                 kind = 1 - kind
