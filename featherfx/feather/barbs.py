@@ -4,7 +4,9 @@ A barb leaves its row's rachis point at the barb angle and turns at a constant r
 within the vane and by `camber` towards ventral over its whole length. Because the whole turning
 is given, and not its rate, the end of a flat barb of any length lies on one ray from its root: the
 chord, half a curl off the root's direction. Where that ray meets the outline gives the length
-without iteration.
+without iteration. The outline near a vane's base is steeper than barbs are, so the first ones
+would cut it off in a straight edge; where the base is rounded they grow to the outline instead, as
+a quarter of an ellipse of the way.
 
 A barb is carried onto the curved shaft by turning it, on top of its own curl and camber, as much
 as the shaft turns over the stretch that the flat barb reaches forward. Its length and its angle at
@@ -18,7 +20,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from featherfx.feather.outline import distance_outside, monotone, outline_curve, ray_lengths
+from featherfx.feather.outline import (
+    distance_outside,
+    monotone,
+    opening,
+    outline_curve,
+    ray_lengths,
+)
 from featherfx.feather.rachis import Rachis, turn
 from featherfx.feather.types import LEADING, Array
 from featherfx.groom.types import BarbGuide, FeatherKind
@@ -73,7 +81,7 @@ def trace_barbs(
         return _place(np.zeros((3, len(x))), np.zeros(len(x)), x, turning, columns), []
     vane_length = (1.0 - kind.calamus) * kind.length
     angles = interpolate_guides(vane.guides, x / vane_length)
-    curve = outline_curve(vane.outline) * [vane_length, kind.length]
+    curve = outline_curve(vane.outline, vane.rounded_tip) * [vane_length, kind.length]
     chord_angle = angles[0] - 0.5 * angles[1]
     backward = (np.sin(chord_angle) <= 0.0) & (x >= 0.0)
     messages = [
@@ -84,6 +92,9 @@ def trace_barbs(
     ]
     chord = ray_lengths(curve, x, chord_angle, 1e-9 * kind.length)
     arc_length = chord / np.sinc(angles[1] / (2.0 * np.pi))
+    if vane.rounded_base > 0.0:
+        begin = max(vane.outline[0][0], 0.0)
+        arc_length = arc_length * opening((x / vane_length - begin) / vane.rounded_base)
     kept = (x >= 0.0) & ~backward & (arc_length >= SHORTEST_BARB * kind.length)
     barbs = _place(angles, np.where(kept, arc_length, 0.0), x, turning, columns)
     return barbs, messages + _bulges(barbs, curve, x / vane_length, kind.length)

@@ -3,8 +3,9 @@
 The control points are joined in their order by a monotone cubic (PCHIP) of the chord length in
 each coordinate: it passes through every point, has no corner and never swings beyond its
 neighbours, so an outline drawn at y >= 0 stays there. An outline that starts or ends away from
-the rachis is closed by a straight edge at right angles to it. The vane lies to the right of the
-curve, between it and the rachis.
+the rachis is closed by a straight edge at right angles to it; a rounded tip is led to the rachis
+instead, its distance from there falling off as a quarter of an ellipse. The vane lies to the right
+of the curve, between it and the rachis.
 
 The cubic is that of Fritsch and Butland (1984, SIAM J. Sci. Stat. Comput. 5): between two points
 the cubic Hermite curve of their values and slopes. The slope at a point is the weighted harmonic
@@ -29,6 +30,7 @@ from featherfx.feather.types import Array
 Outline = tuple[tuple[float, float], ...]
 
 _SAMPLES_PER_SPAN = 24
+_END_SAMPLES = 49
 _PARALLEL = 1e-14
 _END_SLACK = 1e-9
 
@@ -53,21 +55,33 @@ def outline_fault(control: Outline) -> str:
 
 
 @lru_cache(maxsize=1024)
-def outline_curve(control: Outline) -> Array:
+def outline_curve(control: Outline, rounded_tip: float = 0.0) -> Array:
     """(K, 2) the outline as a fine polyline, base to tip, closed to the rachis; read-only.
 
     Same coordinates as the control points: x in lengths of the vane, y in lengths of the
-    feather.
+    feather. rounded_tip: share of the vane's length over which an open tip is closed.
     """
     points = np.asarray(control, dtype=np.float64)
     chord = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
     fine = np.linspace(chord[:-1], chord[1:], _SAMPLES_PER_SPAN, endpoint=False, axis=1).ravel()
+    blunt = points[-1, 1] > 0.0
+    if blunt and rounded_tip > 0.0:
+        near = chord[-1] - min(rounded_tip, chord[-1]) * np.linspace(1.0, 0.0, _END_SAMPLES) ** 2
+        fine = np.unique(np.concatenate((fine, near[:-1])))
     curve = np.concatenate((monotone(chord, points, fine), points[-1:]))
+    if blunt and rounded_tip > 0.0:
+        curve[:, 1] *= opening((curve[-1, 0] - curve[:, 0]) / rounded_tip)
     base = [[points[0, 0], 0.0]] if points[0, 1] > 0.0 else np.empty((0, 2))
-    tip = [[points[-1, 0], 0.0]] if points[-1, 1] > 0.0 else np.empty((0, 2))
+    tip = [[points[-1, 0], 0.0]] if curve[-1, 1] > 0.0 else np.empty((0, 2))
     curve = np.concatenate((base, curve, tip))
     curve.flags.writeable = False
     return curve
+
+
+def opening(way: Array) -> Array:
+    """How far a vane has opened, 0 to 1, after shares of a rounded end: a quarter of an ellipse."""
+    within = np.clip(way, 0.0, 1.0)
+    return np.sqrt(within * (2.0 - within))
 
 
 def _self_crossing(curve: Array) -> Array | None:

@@ -63,7 +63,8 @@ class BarbGuide:
 class VaneShape:
     """One vane at rest, on the flattened feather (before camber, sweep and twist of the rachis).
 
-    guides: at least one where there is an outline.
+    guides: at least one where there is an outline. What is made in code has the square ends that
+    its outline has; files round them unless they say otherwise.
     """
 
     outline: Annotated[
@@ -78,6 +79,20 @@ class VaneShape:
         ArrayOf(Table(keys_of(BarbGuide), "table of a guide"), 0, 100),
         "Barb guides in ascending position; barbs in between are interpolated.",
     ] = ()
+    rounded_base: Annotated[
+        float,
+        Number(0, 1),
+        "Share of the vane's length, from where its outline begins, over which barbs grow to the "
+        "outline, so that the vane rises from the shaft in a curve; 0: the first barb is whole.",
+        Default(0.15),
+    ] = 0.0
+    rounded_tip: Annotated[
+        float,
+        Number(0, 1),
+        "Share of the vane's length over which an outline that ends away from the shaft is led to "
+        "it in a curve; 0: closed square by a straight edge.",
+        Default(0.08),
+    ] = 0.0
 
 
 _STIFFNESS = Number(1e-10, 10, "N m")
@@ -157,6 +172,14 @@ class FeatherKind:
     barb_spacing: Annotated[
         float, Number(1e-5, 0.02, "m"), "Distance of real barbs along the rachis."
     ] = 5e-4
+    scaling: Annotated[
+        str,
+        Text(("similar", "behaviour", "fixed_vane")),
+        "What follows where a feather is scaled: similar, all thicknesses, of the same keratin "
+        "(droop over length goes as the size, frequencies as 1 / size); behaviour, moduli grow too, "
+        "so that it hangs and moves as before, at 1 / sqrt(size) of the rate; fixed_vane, the "
+        "shaft alone, and the vane's figures stay as written.",
+    ] = "similar"
     vane_material: Annotated[
         VaneMaterial, Preset("material/vane", keys_of(VaneMaterial)), "Material of both vanes."
     ]

@@ -47,6 +47,51 @@ def test_a_blunt_outline_is_closed_to_the_rachis():
     assert distance_outside(curve, beyond) == pytest.approx([0.03, 0.2])
 
 
+def test_a_rounded_tip_leads_a_blunt_outline_to_the_rachis():
+    square, rounded = outline_curve(BAND), outline_curve(BAND, 0.2)
+    assert tuple(rounded[-1]) == (1.0, 0.0)
+    # an ellipse with half axes 0.2 and 0.1, and before it the outline as drawn
+    x, y = rounded[1:].T
+    wanted = 0.1 * np.sqrt(1.0 - np.clip((x - 0.8) / 0.2, 0.0, 1.0) ** 2)
+    np.testing.assert_allclose(y, wanted, atol=1e-8)
+    # in steps that leave no facet: none reaches over a twentieth of the half axis
+    assert np.diff(y[x > 0.8]).min() > -0.05 * 0.1
+    assert np.array_equal(outline_curve(BAND, 0.0), square)
+    pointed = LEADING_VANE.outline
+    assert np.array_equal(outline_curve(pointed, 0.2), outline_curve(pointed))
+
+
+def sharpest_turn(shape, rows):
+    """Largest turn, deg, of the vane's edge from one barb's end to the next, in the lower half."""
+    feather = build_feather(feather_kind(shape, NO_VANE, calamus=0.0, **FLAT), rows, 1)
+    ends = feather.points[:, 3, :2]
+    ends = ends[feather.barb_length[LEADING] > 0.0]
+    heading = np.unwrap(np.arctan2(*np.diff(ends, axis=0).T[::-1]))
+    turns = np.abs(np.degrees(np.diff(heading)))
+    return turns[: rows // 2].max()
+
+
+def test_a_rounded_base_has_no_corner_where_the_first_barb_would_cut_the_outline():
+    # steeper at its base than barbs of 45 degrees, which cut it off
+    steep = ((0.0, 0.0), (0.05, 0.2), (0.5, 0.25), (1.0, 0.0))
+    square = vane(steep, (0.0, 45.0, 0.0, 0.0))
+    rounded = replace(square, rounded_base=0.2)
+    first = {"rows": 41, "columns": 1}
+    lengths = [
+        build_feather(feather_kind(each, NO_VANE, calamus=0.0, **FLAT), **first).barb_length[0]
+        for each in (square, rounded)
+    ]
+    place = np.linspace(0.0, 1.0, 41)
+    assert lengths[0][0] > 0.05
+    assert lengths[1][0] == 0.0
+    # an ellipse's quarter of the way to the outline, and all of it beyond
+    way = np.minimum(place / 0.2, 1.0)
+    np.testing.assert_allclose(lengths[1], lengths[0] * np.sqrt(way * (2.0 - way)), atol=1e-12)
+    # a smooth edge turns half as much at twice the rows
+    assert sharpest_turn(rounded, 161) < 0.6 * sharpest_turn(rounded, 81)
+    assert sharpest_turn(rounded, 161) < 8.0
+
+
 def test_rays_end_at_the_first_edge_they_meet():
     curve = outline_curve(BAND)
     root = np.array([0.0, 0.5, 0.95, 1.0, 1.1, -0.1])

@@ -15,7 +15,7 @@ from featherfx.feather.build import build_feather, feather_of, repeated_shapes, 
 from featherfx.feather.layout.layout import cover, laid_out, lay_out, measured
 from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
 from featherfx.groom.keys.values import Place, Problems
-from featherfx.groom.presets.kinds import adjusted, kind_of
+from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import Groom, Layout, Placement
 from featherfx.shot.placement import place_feathers
@@ -30,7 +30,7 @@ def kind():
     _, tree = load_preset("feather/body_contour")
     found = kind_of("body_contour", tree, Place("", "", Problems()))
     # 3 cm long, flat
-    return adjusted(found, 0.5, 1.0, -found.rachis.camber, 0.0, -8.0)
+    return adjusted(found, Change(scale=0.5, camber=-found.rachis.camber, hollow=-8.0))
 
 
 def placed(kind, name, position, direction=(-1, 0, 0), **more):
@@ -125,7 +125,7 @@ def test_cleared_feathers_do_not_meet_as_meshes(kind):
 def test_the_skin_is_cleared(kind):
     sphere = trimesh.creation.icosphere(4, radius=0.1)
     corners = np.array(sphere.vertices)[np.array(sphere.faces)]
-    bent = adjusted(kind, 1.0, 1.0, 60.0)
+    bent = adjusted(kind, Change(camber=60.0))
     feather = placed(bent, "a", (0, 0, 0.1))
     before = measured(groom_of(feather, skin=corners))
     assert before.skin_gaps[0] < -1e-3
@@ -230,7 +230,7 @@ def test_distance_of_segments():
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_scaled_feather_is_the_feather_of_the_scaled_kind(kind, mirrored):
-    wanted = build_feather(adjusted(kind, 1.7, 1.0, 0.0), 11, 4, mirrored)
+    wanted = build_feather(adjusted(kind, Change(scale=1.7)), 11, 4, mirrored)
     found = scaled(build_feather(kind, 11, 4, mirrored), 1.7)
     for name in ("points", "station", "width", "height", "barb_length", "barb_span"):
         assert np.allclose(getattr(found, name), getattr(wanted, name), rtol=1e-12, atol=1e-15)
@@ -240,7 +240,7 @@ def test_a_scaled_feather_is_the_feather_of_the_scaled_kind(kind, mirrored):
 
 
 def test_repeated_shapes(kind):
-    other = adjusted(kind, 1.0, 1.2, 0.0)
+    other = adjusted(kind, Change(width=1.2))
     feathers = [
         placed(kind, "a", (0, 0, 0)),
         placed(kind, "b", (0, 0, 0), prototype=kind, size=1.0),

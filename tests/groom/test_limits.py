@@ -146,7 +146,7 @@ def test_names_are_one_line(tmp_path: Path) -> None:
 
 KEYS = (
     *("id", "kind", "position", "direction", "up", "rotation", "region", "joint", "side"),
-    *("mirror", "scale", "width", "roll", "overrides"),
+    *("mirror", "scale", "width", "roll", "stiffness", "weight", "overrides"),
 )
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.groom.presets.kinds import adjusted
+from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.resolution import ROWS, rachis_deflection, rows_for
@@ -181,7 +181,7 @@ def test_rows_are_of_the_list_and_at_most_those_asked_for() -> None:
 @pytest.mark.parametrize("scale", [1.0, 0.3])
 def test_the_estimated_deflection_is_that_of_a_settled_feather(scale: float) -> None:
     """A cantilever's formula against statics; small loads, so within the vane's share of it."""
-    kind = adjusted(shaken().groom.feathers[0].kind, scale, 1.0, 0.0)
+    kind = adjusted(shaken().groom.feathers[0].kind, Change(scale=scale))
     feather = build_feather(kind, 21, 4)
     model = make_model([feather], [kind], 1)
     start = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])

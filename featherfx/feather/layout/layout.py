@@ -26,7 +26,7 @@ from featherfx.feather.layout.arrangement import (
 from featherfx.feather.layout.move_kernels import Limits, Neighbours, Travel, sweep
 from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.files.store import kept
-from featherfx.groom.presets.kinds import resized
+from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import Groom, Layout, Placement
 from featherfx.phases import Done, phase
 
@@ -176,7 +176,8 @@ def _moved(placement: Placement, laid: Laid, k: int) -> Placement:
     if abs(share - 1.0) < _UNCHANGED:
         return moved
     prototype, size = placement.prototype or placement.kind, placement.size * share
-    return replace(moved, kind=resized(prototype, size), prototype=prototype, size=size)
+    kind = adjusted(prototype, Change(scale=size))
+    return replace(moved, kind=kind, prototype=prototype, size=size)
 
 
 @dataclass(frozen=True)

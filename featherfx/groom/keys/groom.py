@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.preset import FEATHER, names_or_list
+from featherfx.groom.keys.preset import DIALS, FEATHER, names_or_list
 from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN
 from featherfx.groom.keys.values import (
     ArrayOf,
@@ -57,13 +57,14 @@ _MIRROR = Key(
     None,
 )
 _FACTORS = {
-    "scale": Key(_FACTOR, "Factor of length and diameters.", 1.0),
+    "scale": Key(_FACTOR, "Factor of the size; what follows is told by the kind's `scaling`.", 1.0),
     "width": Key(_FACTOR, "Factor of the vanes' widths.", 1.0),
     "roll": Key(
         Number(-360, 360, "deg"),
         "Turning of the root about the shaft; positive lifts the leading vane.",
         0.0,
     ),
+    **DIALS,
 }
 _SOME_FEATHER_KEYS = Partial(Table(FEATHER))
 _KIND = Key(Text(), "Name of a feather preset.")
@@ -146,10 +147,11 @@ ROW = {
         False,
     ),
     "scale": Key(
-        ArrayOf(_FACTOR, 2, 2), "Factors of length and diameters, first and last.", (1.0, 1.0)
+        ArrayOf(_FACTOR, 2, 2), "Factors of the size, first and last.", (1.0, 1.0)
     ),
     "width": _FACTORS["width"],
     "roll": _FACTORS["roll"],
+    **DIALS,
     "overlap": Key(
         Number(-0.1, 0.1, "m"),
         "Lift of each root over the one before it, so that neighbours lie like shingles.",
@@ -170,7 +172,8 @@ TABLE = {
     "file": Key(
         Text(),
         "CSV or NPZ file beside the groom. Columns: id, kind, x, y, z, direction_x, "
-        "direction_y, direction_z, up_x, up_y, up_z, scale, width, roll, region, joint, side "
+        "direction_y, direction_z, up_x, up_y, up_z, scale, width, roll, stiffness, weight, region, "
+        "joint, side "
         "(NPZ: position, direction and up are arrays of three columns). Only id, the position, "
         "the direction and up are needed; the keys below stand for missing columns.",
     ),
@@ -214,7 +217,7 @@ USD = {
 
 VARIATION = {
     "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed; each feather draws by seed and id.", 1),
-    "length": Key(Number(0, 0.3), "Standard deviation of length and diameters, relative.", 0.0),
+    "length": Key(Number(0, 0.3), "Standard deviation of the size, relative.", 0.0),
     "width": Key(Number(0, 0.3), "Standard deviation of the vanes' widths, relative.", 0.0),
     "camber": Key(Number(0, 60, "deg"), "Standard deviation of the shaft's camber.", 0.0),
     "roll": Key(Number(0, 60, "deg"), "Standard deviation of the roots' roll.", 0.0),
@@ -250,7 +253,8 @@ GROOM = {
     "overrides": Key(
         Named(Partial(Table(CHANGE))),
         'By feather id, with * and ? as wild cards: "primary_*" = { rachis.camber = 5 }. Any key '
-        "of a feather preset, and scale, width (both multiply) and roll (adds). Applied in order.",
+        "of a feather preset, and scale, width, stiffness, weight (which multiply) and roll (adds). "
+        "Applied in order.",
         {},
     ),
     "variation": Key(Table(VARIATION), "Seeded variation of all feathers.", None),

@@ -97,7 +97,18 @@ class Wind:
     seed: Annotated[int, Number(0, 2**31 - 1, whole=True), "Seed of the gusts."] = 1
 
 
-FEATHER = keys_of(FeatherKind)
+_DIAL = Number(1e-3, 1e3)
+DIALS = {
+    "stiffness": Key(
+        _DIAL,
+        "Factor of all stiffnesses together: shaft, barbs, vane and its bending. Frequencies go as "
+        "its root.",
+        1.0,
+    ),
+    "weight": Key(_DIAL, "Factor of all masses together: shaft and vane.", 1.0),
+}
+
+FEATHER = keys_of(FeatherKind) | DIALS
 
 KEYFRAME = {
     "time": Key(Number(-1e4, 1e5, "s"), "Time since the first frame."),

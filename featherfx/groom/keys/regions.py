@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.preset import FEATHER, names_or_list
+from featherfx.groom.keys.preset import DIALS, FEATHER, names_or_list
 from featherfx.groom.keys.values import (
     ArrayOf,
     Direction,
@@ -148,6 +148,7 @@ REGION = {
         "Turning of the root about the shaft; positive lifts the leading vane.",
         0.0,
     ),
+    **DIALS,
     "blend": Key(
         Flag(),
         "Length, width, curl, tilt and flow pass into those of regions of the same skin where "

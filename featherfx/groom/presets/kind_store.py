@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from featherfx.groom.keys.values import Place
-from featherfx.groom.presets.kinds import adjusted, blended, kind_of
+from featherfx.groom.presets.kinds import Change, adjusted, blended, kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree, merged
 from featherfx.groom.types import FeatherKind
 
@@ -83,19 +83,11 @@ class KindStore:
         finished = None if tree is None else library.finish("feather", tree, at)
         return None if finished is None else kind_of(name, finished, at)
 
-    def adjusted(
-        self,
-        kind: FeatherKind,
-        scale: float,
-        width: float,
-        camber: float,
-        sweep: float = 0.0,
-        hollow: float = 0.0,
-    ) -> FeatherKind:
-        """The kind scaled, widened and bent; one object for equal requests."""
-        if (scale, width, camber, sweep, hollow) == (1.0, 1.0, 0.0, 0.0, 0.0):
+    def adjusted(self, kind: FeatherKind, change: Change) -> FeatherKind:
+        """The kind with a change; one object for equal requests."""
+        if change == Change():
             return kind
-        key = (id(kind), scale, width, camber, sweep, hollow)
+        key = (id(kind), change)
         if key not in self._adjusted:
-            self._adjusted[key] = adjusted(kind, scale, width, camber, sweep, hollow)
+            self._adjusted[key] = adjusted(kind, change)
         return self._adjusted[key]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
+from featherfx.groom.presets.scaling import dialled, materials_resized
 from featherfx.groom.types import (
     BarbGuide,
     FeatherKind,
@@ -30,6 +31,8 @@ def _vane(values: dict[str, Any]) -> VaneShape:
     return VaneShape(
         outline=tuple(values["outline"]),
         guides=tuple(BarbGuide(**guide) for guide in values["guides"]),
+        rounded_base=values["rounded_base"],
+        rounded_tip=values["rounded_tip"],
     )
 
 
@@ -41,6 +44,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
         length=values["length"],
         calamus=values["calamus"],
         barb_spacing=values["barb_spacing"],
+        scaling=values["scaling"],
         rachis=RachisShape(**values["rachis"]),
         leading=_vane(values["leading"]),
         trailing=_vane(values["trailing"]),
@@ -60,7 +64,9 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
         source = _source(tree, "rachis", "diameter_tip")
         at = Place(source, place.child("rachis.diameter_tip").key, place.problems)
         at.fail(f"{tip:g} is out of range, allowed up to diameter_base = {base:g} m")
-    return kind if len(place.problems) == count else None
+    if len(place.problems) > count:
+        return None
+    return dialled(kind, values["stiffness"], values["weight"])
 
 
 def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
@@ -105,37 +111,41 @@ def _outline_faults(vane: VaneShape) -> list[tuple[str, str]]:
     return faults
 
 
-def resized(kind: FeatherKind, scale: float) -> FeatherKind:
-    """The kind `scale` times as large."""
-    return adjusted(kind, scale, 1.0, 0.0)
+class Change(NamedTuple):
+    """What a feather changes of its kind.
 
-
-def adjusted(
-    kind: FeatherKind,
-    scale: float,
-    width: float,
-    camber: float,
-    sweep: float = 0.0,
-    hollow: float = 0.0,
-) -> FeatherKind:
-    """The kind `scale` times as large, `width` times as wide, camber and sweep (deg) added.
-
-    hollow: deg, added to the camber of all barbs.
+    scale: factor of the size; materials follow the kind's `scaling`. width: factor of the vanes'
+    widths. camber, sweep: deg, added to the shaft's. hollow: deg, added to the camber of all barbs.
+    stiffness, weight: factors of all stiffnesses and all masses.
     """
+
+    scale: float = 1.0
+    width: float = 1.0
+    camber: float = 0.0
+    sweep: float = 0.0
+    hollow: float = 0.0
+    stiffness: float = 1.0
+    weight: float = 1.0
+
+
+def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
+    """The kind with a change."""
+    scale = change.scale
     rachis = replace(
         kind.rachis,
         diameter_base=kind.rachis.diameter_base * scale,
         diameter_tip=kind.rachis.diameter_tip * scale,
-        camber=kind.rachis.camber + camber,
-        sweep=kind.rachis.sweep + sweep,
+        camber=kind.rachis.camber + change.camber,
+        sweep=kind.rachis.sweep + change.sweep,
     )
-    return replace(
+    shaped = replace(
         kind,
         length=kind.length * scale,
         rachis=rachis,
-        leading=_hollowed(_widened(kind.leading, width), hollow),
-        trailing=_hollowed(_widened(kind.trailing, width), hollow),
+        leading=_hollowed(_widened(kind.leading, change.width), change.hollow),
+        trailing=_hollowed(_widened(kind.trailing, change.width), change.hollow),
     )
+    return dialled(materials_resized(shaped, scale), change.stiffness, change.weight)
 
 
 def _hollowed(vane: VaneShape, hollow: float) -> VaneShape:

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 _MOST_GUIDES = 12
 _MOST_OUTLINE_POINTS = 60
 _BARE = 0.002  # barbs shorter than this share of the shaft are none
+_AS_DRAWN = {"rounded_base": 0.0, "rounded_tip": 0.0}
 _SHORT = 0.1  # barbs shorter than this share of the longest say nothing about direction
 
 
@@ -90,7 +91,7 @@ def _vane(
     """outline and guides of one vane; both empty where it has no barbs."""
     rows = np.flatnonzero((length > _BARE * station[-1]) & (station >= bare))
     if len(rows) < 2:
-        return {"outline": [], "guides": []}
+        return {"outline": [], "guides": [], **_AS_DRAWN}
     vane_length = station[-1] - bare
     angle, curl, camber, ends = _arcs(barbs[rows], frames[rows], sign)
     position = (station[rows] - bare) / vane_length
@@ -109,7 +110,7 @@ def _vane(
         }
         for k in chosen
     ]
-    return {"outline": corners[:-1] if ends_at_tip else corners, "guides": guides}
+    return {"outline": corners[:-1] if ends_at_tip else corners, "guides": guides, **_AS_DRAWN}
 
 
 def _spread(count: int, most: int) -> NDArray[np.int64]:

@@ -42,7 +42,7 @@ class Draft:
     """One feather on its way into a groom.
 
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
-    scale, width: factors. place: where it was written, for problems. shape: of a drawn feather.
+    scale, width, stiffness, weight: factors. place: where it was written, for problems. shape: of a drawn feather.
     skin, skin_uv, layer, stack, grown: as in Placement. curl, hollow: deg, added to the
     camber of the shaft and of the barbs.
     """
@@ -66,6 +66,8 @@ class Draft:
     layer: int = 0
     stack: int = 0
     grown: bool = False
+    stiffness: float = 1.0
+    weight: float = 1.0
 
 
 def other_side(name: str) -> str | None:
@@ -125,7 +127,8 @@ def _rotation(entry: dict[str, Any], place: Place) -> Array | None:
 
 def belonging(entry: dict[str, Any]) -> dict[str, Any]:
     """What a draft takes from its table as it stands there."""
-    as_they_are = {name: entry[name] for name in ("region", "joint", "width", "roll")}
+    taken = ("region", "joint", "width", "roll", "stiffness", "weight")
+    as_they_are = {name: entry[name] for name in taken}
     return as_they_are | {"left": entry["side"] == "left"}
 
 

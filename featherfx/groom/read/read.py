@@ -18,6 +18,7 @@ from featherfx.groom.frames import mirrored_points
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.values import INVALID, Place, Problems
 from featherfx.groom.presets.kind_store import KindStore
+from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import Library, sourced
 from featherfx.groom.read import drafts as draft_rules
 from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
@@ -33,6 +34,7 @@ SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 # changes of feathers by id pattern
 Overrides = dict[str, dict[str, Any]]
 _WILD = re.compile(r"[*?[]")  # what makes a pattern more than an id
+_MULTIPLIED = ("scale", "width", "stiffness", "weight")
 _SIDES = {"left": 1, "right": -1, "middle": 0}
 
 
@@ -193,7 +195,7 @@ def _overridden(
     for pattern, entry in rules.items():
         at = place.child(f'"{pattern}"')
         change = dict(entry)
-        scale, width = change.pop("scale", 1.0), change.pop("width", 1.0)
+        factors = {name: change.pop(name, 1.0) for name in _MULTIPLIED}
         roll = change.pop("roll", 0.0)
         number = (store.change(sourced(change, place.source), at),) if change else ()
         if _WILD.search(pattern):
@@ -208,9 +210,8 @@ def _overridden(
             drafts[index] = replace(
                 draft,
                 choice=replace(draft.choice, changes=draft.choice.changes + number),
-                scale=draft.scale * scale,
-                width=draft.width * width,
                 roll=draft.roll + roll,
+                **{name: getattr(draft, name) * each for name, each in factors.items()},
             )
     return drafts
 
@@ -282,11 +283,19 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
         scale = draft.scale * drawn[0] * (1.0 + change[0])
         width = draft.width * (1.0 + change[1])
         camber = drawn[1] + draft.curl + change[2]
-        prototype = store.adjusted(kind, 1.0, width, camber, drawn[2], draft.hollow)
+        shape = Change(
+            width=width,
+            camber=camber,
+            sweep=drawn[2],
+            hollow=draft.hollow,
+            stiffness=draft.stiffness,
+            weight=draft.weight,
+        )
+        prototype = store.adjusted(kind, shape)
         placements.append(
             Placement(
                 id=draft.id,
-                kind=store.adjusted(prototype, scale, 1.0, 0.0),
+                kind=store.adjusted(prototype, Change(scale=scale)),
                 region=draft.region,
                 position=draft.position,
                 rotation=rotation,

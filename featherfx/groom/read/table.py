@@ -30,7 +30,7 @@ VECTORS = {
     "direction": ("direction_x", "direction_y", "direction_z"),
     "up": ("up_x", "up_y", "up_z"),
 }
-FACTORS = ("scale", "width", "roll")
+FACTORS = ("scale", "width", "roll", "stiffness", "weight")
 TEXTS = ("kind", "region", "joint", "side")
 NUMBERS = tuple(name for names in VECTORS.values() for name in names)
 COLUMNS = ("id", *TEXTS, *NUMBERS, *FACTORS)
@@ -270,10 +270,8 @@ def _drafts(path: Path, columns: Columns, entry: dict[str, Any], problems: Probl
                 region=values["region"][number],
                 joint=values["joint"][number],
                 left=values["side"][number] == "left",
-                scale=values["scale"][number],
-                width=values["width"][number],
-                roll=values["roll"][number],
                 place=place,
+                **{name: values[name][number] for name in FACTORS},
             )
         )
     return drafts

@@ -221,6 +221,8 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
             hollow=float(hollow[k]),
             layer=entry["layer"],
             grown=True,
+            stiffness=entry["stiffness"],
+            weight=entry["weight"],
         )
         for k in range(len(points))
     ]

@@ -245,7 +245,8 @@ def _checked(test: FeatherTest, preset_folders: tuple[str | Path, ...]) -> Feath
 
 
 def feather_kind(preset: str, preset_folders: tuple[str | Path, ...] = ()) -> FeatherKind:
-    """The kind that a feather preset describes. Raises InputError."""
+    """The kind that a feather preset describes, its vanes square as in what was measured and
+    published. Raises InputError."""
     family, tree = load_preset(preset, preset_folders)
     if family != "feather":
         raise InputError(Problem("presets", preset, f"is of family {family}, not feather"))
@@ -253,4 +254,6 @@ def feather_kind(preset: str, preset_folders: tuple[str | Path, ...] = ()) -> Fe
     kind = kind_of(preset.rpartition("/")[2], tree, Place("presets", preset, problems))
     problems.raise_any()
     assert kind is not None
-    return kind
+    square = {"rounded_base": 0.0, "rounded_tip": 0.0}
+    vanes = replace(kind.leading, **square), replace(kind.trailing, **square)
+    return replace(kind, leading=vanes[0], trailing=vanes[1])
