@@ -1,25 +1,35 @@
-"""Feathers mirrored at y = 0, and places along a polyline. Batches first."""
+"""Mirror images of feathers, and places along a polyline. Batches first."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Mirroring at y = 0 as seen by a feather: its x and z axes are mirrored, and y follows from them,
-# so the frame stays right-handed and the leading vane changes to the side of -y.
-_MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))
 
+@dataclass(frozen=True)
+class Mirror:
+    """A plane. normal: (3,) unit. distance: m, from the origin along the normal."""
 
-def mirrored_frames(rotation: Array) -> Array:
-    """(..., 3, 3) frames of feathers mirrored at y = 0, right-handed, dorsal still dorsal."""
-    return rotation * _MIRROR
+    normal: Array
+    distance: float = 0.0
 
+    def points(self, points: Array) -> Array:
+        """(..., 3) points mirrored."""
+        above = points @ self.normal - self.distance
+        return np.asarray(points - 2.0 * above[..., None] * self.normal)
 
-def mirrored_points(points: Array) -> Array:
-    """(..., 3) points mirrored at y = 0."""
-    return points * (1.0, -1.0, 1.0)
+    def frames(self, rotation: Array) -> Array:
+        """(..., 3, 3) frames of feathers mirrored, right-handed, dorsal still dorsal.
+
+        x and z of the feather are mirrored, and y follows from them, so that the leading vane
+        changes to the other side of its frame.
+        """
+        reflection = np.eye(3) - 2.0 * np.outer(self.normal, self.normal)
+        return np.asarray(reflection @ rotation * (1.0, -1.0, 1.0))
 
 
 def along_polyline(points: Array, fraction: Array) -> Array:

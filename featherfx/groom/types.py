@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.values import ArrayOf, Default, Number, Table, Text, keys_of, vector
+from featherfx.groom.keys.places import POINT
+from featherfx.groom.keys.values import ArrayOf, Default, Number, Table, Text, keys_of
 
 Array = NDArray[np.float64]
 
-POSITION = vector(-1e4, 1e4, "m")
 _TURNING = Number(-360, 360, "deg")
 _HALF_TURNING = Number(-180, 180, "deg")
 _BENT = Number(-120, 120, "deg")
@@ -176,8 +176,8 @@ class FeatherKind:
         str,
         Text(("similar", "behaviour", "fixed_vane")),
         "What follows where a feather is scaled: similar, all thicknesses, of the same keratin "
-        "(droop over length goes as the size, frequencies as 1 / size); behaviour, moduli grow too, "
-        "so that it hangs and moves as before, at 1 / sqrt(size) of the rate; fixed_vane, the "
+        "(droop over length goes as the size, frequencies as 1 / size); behaviour, moduli grow "
+        "too, so that it hangs and moves as before, at 1 / sqrt(size) of the rate; fixed_vane, the "
         "shaft alone, and the vane's figures stay as written.",
     ] = "similar"
     vane_material: Annotated[
@@ -200,7 +200,7 @@ class Joint:
     """
 
     name: Annotated[str, "Name, unique in the groom."]
-    position: Annotated[Array, POSITION, "Pivot at rest."]
+    position: Annotated[Array, POINT, "Pivot at rest."]
     parent: Annotated[str, Text(empty=True), "Name of the parent joint; empty: none."] = ""
     role: Annotated[
         str, Text(("body", "shoulder", "elbow", "wrist")), "What a flap drives it as."

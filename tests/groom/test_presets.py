@@ -170,7 +170,7 @@ VANE_FAULTS = [
     ("leading.outline = [[0, 0], [0.5, -0.1], [1, 0]]", "-0.1 is out of range, allowed 0 to 1.5"),
     ("leading.guides = []", "there is an outline but no guide"),
     ("trailing.rounded_base = 1.5", "1.5 is out of range, allowed 0 to 1"),
-    ("trailing.rounded_tip = \"soft\"", "'soft' is not a number"),
+    ('trailing.rounded_tip = "soft"', "'soft' is not a number"),
     (
         "leading.guides = [{position = 0.5, angle = 40}, {position = 0.5, angle = 41}]",
         "0.5 is not above the guide before it (0.5)",

@@ -14,6 +14,7 @@ from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.resolution import ROWS, rachis_deflection, rows_for
+from featherfx.shot.detail.detail import _level, length_factor
 from featherfx.shot.motion.roots import end_rates
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.simulate import Simulation, simulate
@@ -100,6 +101,25 @@ def test_lengths_choose_levels_and_patterns_win() -> None:
         chosen, details=(Detail(level="rachis"), Detail(feathers="feather", level="full"))
     )
     assert run(pinned)[0].resolutions[0].level == "full"
+
+
+def test_lengths_of_a_quality_grow_with_the_body() -> None:
+    """The creature of 2.8 m: with lengths for a bird of 0.45 m nothing of it was short."""
+    shot = shaken(1)
+    groom, own = shot.groom, shot.groom.feathers[0].kind.length
+    quality = replace(shot.quality, coarse_below=2.0 * own, guided_below=0.9 * own)
+    box = np.array([[[0.0, 0.0, 0.0], [0.3, 0.0, 0.2], [0.3, 0.1, 0.0]]])
+    size = float(np.sqrt(0.3**2 + 0.1**2 + 0.2**2))
+    for scale, level in ((0.4, "full"), (1.0, "coarse"), (1.2, "guided")):
+        larger = replace(groom, skin=scale * box)
+        chosen = replace(shot, groom=larger, quality=replace(quality, body=size))
+        assert length_factor(chosen) == pytest.approx(scale)
+        assert _level(chosen, groom.feathers[0], length_factor(chosen)).level == level
+    # as they are, whatever the body; and of a feather that is all there is, its length
+    fixed = replace(shot, groom=replace(groom, skin=40.0 * box), quality=quality)
+    assert length_factor(fixed) == 1.0
+    alone = replace(shot, quality=replace(quality, body=0.5 * own))
+    assert length_factor(alone) == pytest.approx(2.0)
 
 
 def test_a_rigid_feather_is_its_rest_shape_with_the_rates_of_its_root() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from featherfx.groom.keys.places import POINT, SPACE
 from featherfx.groom.keys.preset import DIALS, FEATHER, names_or_list
 from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN
 from featherfx.groom.keys.values import (
@@ -18,7 +19,7 @@ from featherfx.groom.keys.values import (
     keys_of,
     vector,
 )
-from featherfx.groom.types import POSITION, Joint
+from featherfx.groom.types import Joint
 from featherfx.limits import MOST_FEATHERS
 
 # what a primvar is called where [[usd]] does not say otherwise
@@ -51,9 +52,9 @@ _BELONGS = {
     ),
 }
 _MIRROR = Key(
-    Text(("y",)),
-    'Also makes the mirror image at y = 0: "left" and "right" change places in ids and joints, '
-    "and side changes.",
+    Text(("x", "y", "z")),
+    'Also makes the mirror image at 0 of this axis: "left" and "right" change places in ids and '
+    "joints, and side changes.",
     None,
 )
 _FACTORS = {
@@ -76,7 +77,7 @@ CHANGE = FEATHER | _FACTORS
 FEATHER_ENTRY = {
     "id": Key(Text(), "Name, unique in the groom."),
     "kind": _KIND,
-    "position": Key(POSITION, "Place of the follicle."),
+    "position": Key(POINT, "Place of the follicle."),
     "direction": _DIRECTION,
     "up": _UP,
     "rotation": Key(
@@ -94,7 +95,7 @@ FEATHER_ENTRY = {
 }
 
 ROOT = {
-    "position": Key(POSITION, "Place of the follicle."),
+    "position": Key(POINT, "Place of the follicle."),
     "direction": Key(Direction(), "Direction of the shaft."),
     "up": Key(Direction(), "Dorsal side."),
 }
@@ -129,7 +130,7 @@ ROW = {
     "first": Key(Table(ROOT, "table of a root"), "Root of the first feather."),
     "last": Key(Table(ROOT, "table of a root"), "Root of the last feather."),
     "path": Key(
-        ArrayOf(POSITION, 2, 10_000),
+        ArrayOf(POINT, 2, 10_000),
         "Polyline that the roots stand on, at equal distances, instead of the straight line from "
         "first.position to last.position.",
         None,
@@ -146,9 +147,7 @@ ROW = {
         "what their frames differ in; otherwise they turn evenly from the one to the other.",
         False,
     ),
-    "scale": Key(
-        ArrayOf(_FACTOR, 2, 2), "Factors of the size, first and last.", (1.0, 1.0)
-    ),
+    "scale": Key(ArrayOf(_FACTOR, 2, 2), "Factors of the size, first and last.", (1.0, 1.0)),
     "width": _FACTORS["width"],
     "roll": _FACTORS["roll"],
     **DIALS,
@@ -172,10 +171,10 @@ TABLE = {
     "file": Key(
         Text(),
         "CSV or NPZ file beside the groom. Columns: id, kind, x, y, z, direction_x, "
-        "direction_y, direction_z, up_x, up_y, up_z, scale, width, roll, stiffness, weight, region, "
-        "joint, side "
-        "(NPZ: position, direction and up are arrays of three columns). Only id, the position, "
-        "the direction and up are needed; the keys below stand for missing columns.",
+        "direction_y, direction_z, up_x, up_y, up_z, scale, width, roll, stiffness, weight, "
+        "region, joint, side (NPZ: position, direction and up are arrays of three columns). Only "
+        "id, the position, the direction and up are needed; the keys below stand for missing "
+        "columns.",
     ),
     "kind": Key(Text(), "Feather preset, where there is no column kind.", None),
     **_FACTORS,
@@ -232,6 +231,7 @@ VARIATION = {
 
 GROOM = {
     "name": Key(Text(), "Name of the groom."),
+    "space": Key(Table(SPACE), "Axes and unit that the groom is written in.", None),
     "joint": Key(Tables(Table(JOINT), 10_000), "Joints of the skeleton.", ()),
     "feather": Key(Tables(Table(FEATHER_ENTRY), MOST_FEATHERS), "Feathers placed one by one.", ()),
     "row": Key(Tables(Table(ROW), 10_000), "Rows of feathers.", ()),
@@ -253,8 +253,8 @@ GROOM = {
     "overrides": Key(
         Named(Partial(Table(CHANGE))),
         'By feather id, with * and ? as wild cards: "primary_*" = { rachis.camber = 5 }. Any key '
-        "of a feather preset, and scale, width, stiffness, weight (which multiply) and roll (adds). "
-        "Applied in order.",
+        "of a feather preset, and scale, width, stiffness, weight (these multiply) and roll "
+        "(adds). Applied in order.",
         {},
     ),
     "variation": Key(Table(VARIATION), "Seeded variation of all feathers.", None),

@@ -77,6 +77,13 @@ class Quality:
         "Of feathers that are guided by their length, every n-th of each region is a guide.",
     ] = 8
     rigid_below: Annotated[float, _LENGTH, "Shorter ones follow their roots rigidly."] = 0.0
+    body: Annotated[
+        float,
+        Number(0, 1e4, "m"),
+        "Size of the body that these four lengths are for, the diagonal of the box around its "
+        "skin, else around all roots; on larger and smaller bodies they are longer and shorter in "
+        "proportion. 0: they hold as they are.",
+    ] = 0.0
 
 
 @dataclass(frozen=True)

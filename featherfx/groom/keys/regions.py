@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from featherfx.groom.keys.places import POINT, RADIUS, Sphere
 from featherfx.groom.keys.preset import DIALS, FEATHER, names_or_list
 from featherfx.groom.keys.values import (
     ArrayOf,
@@ -15,7 +16,7 @@ from featherfx.groom.keys.values import (
     Text,
     keys_of,
 )
-from featherfx.groom.types import POSITION, Layout
+from featherfx.groom.types import Layout
 
 MOST_SCATTERED = 200_000
 
@@ -48,24 +49,24 @@ WHERE = {
         None,
     ),
     "box": Key(
-        ArrayOf(POSITION, 2, 2), "1 within a box, given by its least and greatest corner.", None
+        ArrayOf(POINT, 2, 2), "1 within a box, given by its least and greatest corner.", None
     ),
     "sphere": Key(
-        ArrayOf(Number(-1e4, 1e4, "m"), 4, 4), "1 within a sphere: centre and radius.", None
+        Sphere(), "1 within a sphere: [x, y, z, radius], or a table of centre and radius.", None
     ),
     "x": Key(_RANGE, "1 between two values of x.", None),
     "y": Key(_RANGE, "1 between two values of y.", None),
     "z": Key(_RANGE, "1 between two values of z.", None),
     "facing": Key(Direction(), "1 where the skin faces a direction, to within `angle`.", None),
     "room": Key(
-        Number(0, 100, "m"),
+        RADIUS,
         "1 where a ball of this radius can touch the skin from outside: not in creases, and not "
         "where parts of the body face each other.",
         None,
     ),
     "angle": Key(Number(0, 180, "deg"), "Of `facing`.", 90.0),
     "soft": Key(
-        Number(0, 100, "m"),
+        RADIUS,
         "Width over which box, sphere, ranges and room fade out, inside and out.",
         0.0,
     ),
@@ -75,8 +76,8 @@ WHERE = {
 
 FLOW = {
     "direction": Key(Direction(), "Combed along one direction, laid onto the skin.", None),
-    "away": Key(POSITION, "Combed away from a point.", None),
-    "towards": Key(POSITION, "Combed towards a point.", None),
+    "away": Key(POINT, "Combed away from a point.", None),
+    "towards": Key(POINT, "Combed towards a point.", None),
     "primvar": Key(Text(), "Vector primvar of the skin.", None),
     "curves": Key(
         ArrayOf(Text(), 1, 10_000),
@@ -161,7 +162,8 @@ REGION = {
     "joint": Key(Text(empty=True), "Joint that carries the roots; empty: the groom itself.", ""),
     "side": Key(
         Text(("auto", "left", "right")),
-        "Wing that the feathers are shaped for; auto: left where y is above 0.",
+        "Wing that the feathers are shaped for; auto: left where the root is on the left of 0 (y "
+        "of the groom, or `left` of [space]).",
         "auto",
     ),
     "variation": Key(Table(SPREAD), "Seeded variation.", _NO_SPREAD),

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel, transported
-from featherfx.groom.frames import along_polyline, mirrored_frames, mirrored_points
+from featherfx.groom.frames import Mirror, along_polyline
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.rachis_curve import FittedCurve
+from featherfx.groom.read.space import Space
 
 Array = NDArray[np.float64]
 
@@ -42,9 +43,9 @@ class Draft:
     """One feather on its way into a groom.
 
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
-    scale, width, stiffness, weight: factors. place: where it was written, for problems. shape: of a drawn feather.
-    skin, skin_uv, layer, stack, grown: as in Placement. curl, hollow: deg, added to the
-    camber of the shaft and of the barbs.
+    scale, width, stiffness, weight: factors. place: where it was written, for problems. shape: of
+    a drawn feather. skin, skin_uv, layer, stack, grown: as in Placement. curl, hollow: deg, added
+    to the camber of the shaft and of the barbs.
     """
 
     id: str
@@ -78,8 +79,10 @@ def other_side(name: str) -> str | None:
     return None
 
 
-def with_mirror_images(drafts: list[Draft], place: Place) -> list[Draft]:
-    """The drafts followed by their mirror images at y = 0; problems where ids name no side."""
+def with_mirror_images(drafts: list[Draft], place: Place, mirror: Mirror | None) -> list[Draft]:
+    """The drafts followed by their mirror images; problems where ids name no side."""
+    if mirror is None:
+        return drafts
     images = []
     for draft in drafts:
         name = other_side(draft.id)
@@ -90,8 +93,8 @@ def with_mirror_images(drafts: list[Draft], place: Place) -> list[Draft]:
             replace(
                 draft,
                 id=name,
-                position=mirrored_points(draft.position),
-                rotation=mirrored_frames(draft.rotation),
+                position=mirror.points(draft.position),
+                rotation=mirror.frames(draft.rotation),
                 joint=other_side(draft.joint) or draft.joint,
                 left=not draft.left,
             )
@@ -106,15 +109,15 @@ def _changes(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[int
     return (store.change(sourced(entry["overrides"], place.source), at),)
 
 
-def _rotation(entry: dict[str, Any], place: Place) -> Array | None:
+def _rotation(entry: dict[str, Any], place: Place, space: Space) -> Array | None:
     direction, up, angles = entry["direction"], entry["up"], entry["rotation"]
     if angles is not None:
         if direction is not None or up is not None:
             place.child("rotation").fail("stands beside direction or up, expects one of the two")
             return None
-        return from_angles(angles)
+        return space.axes @ from_angles(angles)
     if direction is None and up is None:
-        return np.eye(3)
+        return space.axes
     if direction is None or up is None:
         missing = "direction" if direction is None else "up"
         place.child(missing).fail("missing, direction and up go together")
@@ -125,6 +128,11 @@ def _rotation(entry: dict[str, Any], place: Place) -> Array | None:
     return frames_from(direction, up)
 
 
+def mirror_of(entry: dict[str, Any], space: Space) -> Mirror | None:
+    """The plane that a table mirrors at, None where it does not."""
+    return space.mirror(entry["mirror"]) if entry["mirror"] else None
+
+
 def belonging(entry: dict[str, Any]) -> dict[str, Any]:
     """What a draft takes from its table as it stands there."""
     taken = ("region", "joint", "width", "roll", "stiffness", "weight")
@@ -132,9 +140,9 @@ def belonging(entry: dict[str, Any]) -> dict[str, Any]:
     return as_they_are | {"left": entry["side"] == "left"}
 
 
-def single(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]:
+def single(entry: dict[str, Any], place: Place, store: KindStore, space: Space) -> list[Draft]:
     """The drafts of one [[feather]] (two when mirrored, none after adding problems)."""
-    rotation = _rotation(entry, place)
+    rotation = _rotation(entry, place, space)
     if rotation is None:
         return []
     choice = KindChoice((entry["kind"],), 0.0, _changes(entry, place, store), place)
@@ -147,7 +155,7 @@ def single(entry: dict[str, Any], place: Place, store: KindStore) -> list[Draft]
         place=place,
         **belonging(entry),
     )
-    return with_mirror_images([draft], place) if entry["mirror"] else [draft]
+    return with_mirror_images([draft], place, mirror_of(entry, space))
 
 
 def _row_frames(
@@ -217,7 +225,12 @@ def _row_choices(entry: dict[str, Any], changes: tuple[int, ...], place: Place) 
 
 
 def row(
-    entry: dict[str, Any], place: Place, store: KindStore, folder: Path, read: CurveReader | None
+    entry: dict[str, Any],
+    place: Place,
+    store: KindStore,
+    space: Space,
+    folder: Path,
+    read: CurveReader | None,
 ) -> list[Draft]:
     """The drafts of one [[row]], its mirror image last; none after adding problems.
 
@@ -247,7 +260,7 @@ def row(
         )
         for number in range(count)
     ]
-    return with_mirror_images(drafts, place) if entry["mirror"] else drafts
+    return with_mirror_images(drafts, place, mirror_of(entry, space))
 
 
 LIMIT = 3.0  # standard deviations; keeps lengths positive

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import about_x
-from featherfx.groom.frames import mirrored_points
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.values import INVALID, Place, Problems
 from featherfx.groom.presets.kind_store import KindStore
@@ -23,6 +22,7 @@ from featherfx.groom.presets.library import Library, sourced
 from featherfx.groom.read import drafts as draft_rules
 from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
 from featherfx.groom.read.drawn import drawn_changes, drawn_drafts
+from featherfx.groom.read.space import Space, in_groom, kept_skins
 from featherfx.groom.read.table import MOST_REPORTED, read_table
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.regions.regions import GroomReaders, plumage_of
@@ -85,10 +85,13 @@ def groom_of(
     """The groom of tables as they stand in a file at path; see collect_groom."""
     place = Place(str(path), "", library.problems)
     parts = GROOM_FILE.parts(raw, place)
-    joints = _joints(parts["joint"])
+    if readers is not None:
+        readers = replace(readers, skin=kept_skins(readers.skin))
+    space = in_groom(parts, place, None if readers is None else readers.skin)
+    joints = _joints(parts["joint"], space)
     store = KindStore(library)
-    plumage = plumage_of(raw, parts, place, store, readers)
-    written = _drafts(parts, path.parent, store, readers) if _may_be(parts, place) else ()
+    plumage = plumage_of(raw, parts, place, store, readers, space)
+    written = _drafts(parts, path.parent, store, readers, space) if _may_be(parts, place) else ()
     drafts = [*islice(written, MOST_FEATHERS + 1), *plumage.drafts]
     if len(drafts) > MOST_FEATHERS:
         place.fail(f"holds more than {MOST_FEATHERS} feathers")
@@ -118,22 +121,27 @@ def _may_be(parts: dict[str, Any], place: Place) -> bool:
 
 
 def _drafts(
-    parts: dict[str, Any], folder: Path, store: KindStore, readers: GroomReaders | None
+    parts: dict[str, Any],
+    folder: Path,
+    store: KindStore,
+    readers: GroomReaders | None,
+    space: Space,
 ) -> Iterator[Draft]:
+    curves = readers.curves if readers else None
     for at, entry in parts["feather"]:
-        yield from draft_rules.single(entry, at, store)
+        yield from draft_rules.single(entry, at, store, space)
     for at, entry in parts["row"]:
-        yield from draft_rules.row(entry, at, store, folder, readers.curves if readers else None)
+        yield from draft_rules.row(entry, at, store, space, folder, curves)
     for at, entry in parts["table"]:
-        yield from read_table(entry, folder, at)
+        yield from read_table(entry, folder, at, space)
     for at, entry in parts["usd"]:
         yield from drawn_drafts(entry, folder, at, store, readers.feathers if readers else None)
 
 
-def _joints(entries: list[tuple[Place, dict[str, Any]]]) -> tuple[Joint, ...]:
+def _joints(entries: list[tuple[Place, dict[str, Any]]], space: Space) -> tuple[Joint, ...]:
     found: dict[str, tuple[Joint, Place]] = {}
     for at, entry in entries:
-        for joint in _joint_pair(entry, at):
+        for joint in _joint_pair(entry, at, space):
             if joint.name in found:
                 at.child("name").fail(f"'{joint.name}' is taken by {found[joint.name][1].key}")
             else:
@@ -171,18 +179,19 @@ def _cycles(parents: dict[str, str]) -> Iterator[list[str]]:
         yield loop
 
 
-def _joint_pair(entry: dict[str, Any], at: Place) -> list[Joint]:
+def _joint_pair(entry: dict[str, Any], at: Place, space: Space) -> list[Joint]:
     position = np.array(entry["position"])
     side = _SIDES[entry["side"]]
     joint = Joint(entry["name"], position, entry["parent"], entry["role"], side)
-    if not entry["mirror"]:
+    mirror = draft_rules.mirror_of(entry, space)
+    if mirror is None:
         return [joint]
     name = other_side(joint.name)
     if name is None:
         at.child("name").fail(f'\'{joint.name}\' must hold "left" or "right" to be mirrored')
         return [joint]
     parent = other_side(joint.parent) or joint.parent
-    return [joint, Joint(name, mirrored_points(position), parent, joint.role, -side)]
+    return [joint, Joint(name, mirror.points(position), parent, joint.role, -side)]
 
 
 def _overridden(

@@ -22,7 +22,8 @@ from featherfx.errors import CONTROL
 from featherfx.groom.keys.groom import TABLE
 from featherfx.groom.keys.values import Number, Place, Problems, shown
 from featherfx.groom.presets.kind_store import KindChoice
-from featherfx.groom.read.drafts import Draft, with_mirror_images
+from featherfx.groom.read.drafts import Draft, mirror_of, with_mirror_images
+from featherfx.groom.read.space import Space
 from featherfx.limits import MOST_ARRAY_BYTES, MOST_CHARACTERS, MOST_FEATHERS, irregular
 
 VECTORS = {
@@ -44,7 +45,7 @@ _UNREADABLE = (
 Columns = dict[str, NDArray[Any]]
 
 
-def read_table(entry: dict[str, Any], folder: Path, place: Place) -> list[Draft]:
+def read_table(entry: dict[str, Any], folder: Path, place: Place, space: Space) -> list[Draft]:
     """The drafts of one [[table]]; none after adding problems.
 
     entry: checked keys. folder: of the groom. place: of the entry in the groom.
@@ -60,8 +61,8 @@ def read_table(entry: dict[str, Any], folder: Path, place: Place) -> list[Draft]
     _check_rows(path, columns, place.problems)
     if len(place.problems) > count:
         return []
-    drafts = _drafts(path, columns, entry, place.problems)
-    return with_mirror_images(drafts, place) if entry["mirror"] else drafts
+    drafts = _drafts(path, columns, entry, place.problems, space)
+    return with_mirror_images(drafts, place, mirror_of(entry, space))
 
 
 def _load(path: Path, problems: Problems) -> Columns | None:
@@ -245,9 +246,12 @@ def _vectors(columns: Columns, name: str) -> NDArray[np.float64]:
     return np.column_stack([columns[each] for each in VECTORS[name]])
 
 
-def _drafts(path: Path, columns: Columns, entry: dict[str, Any], problems: Problems) -> list[Draft]:
+def _drafts(
+    path: Path, columns: Columns, entry: dict[str, Any], problems: Problems, space: Space
+) -> list[Draft]:
     position, direction, up = (_vectors(columns, name) for name in VECTORS)
-    rotation = frames_from(direction, up)
+    position = space.points(position)
+    rotation = frames_from(space.directions(direction), space.directions(up))
     count = len(position)
     # columns that are missing stand in the groom, the same for all
     values = {

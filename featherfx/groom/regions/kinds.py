@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,9 +10,9 @@ import numpy as np
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
-from featherfx.groom.regions.rules import Rule, presence
+from featherfx.groom.regions.rules import GroomSkin, Rule, presence
 from featherfx.groom.regions.scatter import hashed, uniform
-from featherfx.groom.skin.points import Array, Indices, SkinSurface, SurfacePoints
+from featherfx.groom.skin.points import Array, Indices, SurfacePoints
 from featherfx.groom.types import FeatherKind
 
 _STREAM = 24  # of the draws of kinds
@@ -63,7 +62,7 @@ class RegionKinds:
 
 
 def region_kinds(
-    entry: dict[str, Any], place: Place, surface: SkinSurface, folder: Path, store: KindStore
+    entry: dict[str, Any], place: Place, skin: GroomSkin, store: KindStore
 ) -> RegionKinds | None:
     """The kinds of a region with checked keys; None after adding problems."""
     count = len(place.problems)
@@ -79,7 +78,7 @@ def region_kinds(
         at = place.child("kind") if single else place.child("kind").item(number)
         choice = KindChoice((each["name"],), 0.0, changes, place if single else at)
         kind = store.kind(choice)
-        map_of = presence(each["where"], surface, folder, at.child("where"))
+        map_of = presence(each["where"], skin, at.child("where"))
         if kind is not None and map_of is not None:
             choices.append(choice)
             kinds.append(kind)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,17 +16,13 @@ from featherfx.groom.keys.values import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.read.drafts import CurveReader, Draft
 from featherfx.groom.read.drawn import SceneReader
+from featherfx.groom.read.space import SkinsReader, Space
 from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
-from featherfx.groom.regions.rules import Rule, along_skin, flow, presence
+from featherfx.groom.regions.rules import GroomSkin, Rule, along_skin, flow, presence
 from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
-from featherfx.groom.skin.points import Array, Indices, SkinSource, SkinSurface, SurfacePoints
+from featherfx.groom.skin.points import Array, Indices, SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Layout
-
-# (checked keys of [skin], paths of meshes, folder, place) to the meshes; None after problems.
-SkinReader = Callable[
-    [dict[str, Any], tuple[str, ...], Path, Place], "dict[str, SkinSource] | None"
-]
 
 _MOST_NAMED = 5
 _LEAST_FIT = 0.25  # of a feather's length, left where there is no room
@@ -42,6 +38,7 @@ class _Region:
     kinds: RegionKinds
     presence: Rule
     flow: Rule
+    space: Space
 
     def length(self, points: SurfacePoints) -> Array:
         """(N,) m, at points; of several kinds the mean."""
@@ -61,7 +58,7 @@ class GroomReaders:
     """How a groom reads scenes; each returns None after adding problems at the place."""
 
     feathers: SceneReader
-    skin: SkinReader
+    skin: SkinsReader
     curves: CurveReader
 
 
@@ -80,6 +77,7 @@ def plumage_of(
     place: Place,
     store: KindStore,
     readers: GroomReaders | None,
+    space: Space,
 ) -> Plumage:
     """The plumage of a groom's file at place, as written and checked; problems go to place."""
     checked = parts["layout"]
@@ -99,7 +97,7 @@ def plumage_of(
     if readers is None:
         at.fail("is a USD scene, which featherfx.read_groom and the commands read")
         return Plumage(layout=layout)
-    drafts, corners = _region_drafts(skin, entries, at, store, readers.skin)
+    drafts, corners = _region_drafts(skin, entries, at, store, readers.skin, space)
     return Plumage(drafts, layout, corners)
 
 
@@ -108,7 +106,8 @@ def _region_drafts(
     entries: Sequence[tuple[Place, dict[str, Any]]],
     place: Place,
     store: KindStore,
-    read: SkinReader,
+    read: SkinsReader,
+    space: Space,
 ) -> tuple[tuple[Draft, ...], Array | None]:
     """The drafts of all [[region]]s and the corners (T, 3, 3) m of their meshes.
 
@@ -121,30 +120,31 @@ def _region_drafts(
     sources = read(skin, paths, folder, place)
     if sources is None:
         return (), None
-    surfaces = {path: SkinSurface(source) for path, source in sources.items()}
+    skins = {path: GroomSkin(SkinSurface(each), space, folder) for path, each in sources.items()}
     built = [
-        _region(entry, at, surfaces[entry["prim"] or skin["prim"]], folder, store)
-        for at, entry in entries
+        _region(entry, at, skins[entry["prim"] or skin["prim"]], store) for at, entry in entries
     ]
     regions = [region for region in built if region is not None]
     counts = [_count(region) for region in regions]
     _check_total(regions, counts, skin["most"], place)
     if len(place.problems) > count:
         return (), None
+    surfaces = [each.surface for each in skins.values()]
     drafts: list[Draft] = []
     for region, wanted in zip(regions, counts, strict=True):
         drafts += _grown(region, wanted, regions, region.entry["prim"] or "")
-    return tuple(drafts), np.concatenate([surface.corners for surface in surfaces.values()])
+    return tuple(drafts), np.concatenate([surface.corners for surface in surfaces])
 
 
 def _region(
-    entry: dict[str, Any], place: Place, surface: SkinSurface, folder: Path, store: KindStore
+    entry: dict[str, Any], place: Place, skin: GroomSkin, store: KindStore
 ) -> _Region | None:
+    surface = skin.surface
     count = len(place.problems)
     if (entry["density"] is None) == (entry["count"] is None):
         place.child("density").fail("expects either density or count, one of the two")
-    kinds = region_kinds(entry, place, surface, folder, store)
-    where = presence(entry["where"], surface, folder, place.child("where"))
+    kinds = region_kinds(entry, place, skin, store)
+    where = presence(entry["where"], skin, place.child("where"))
     along = flow(entry["flow"], surface, place.child("flow"))
     if where is None or along is None or kinds is None or len(place.problems) > count:
         return None
@@ -155,7 +155,7 @@ def _region(
             f"{surface.diagonal:.3g} m; are its units right?"
         )
         return None
-    return _Region(entry, place, surface, kinds, where, along)
+    return _Region(entry, place, surface, kinds, where, along, skin.space)
 
 
 def _count(region: _Region) -> int:
@@ -202,7 +202,7 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     scales = blend["length"] * (1.0 + draws["length"]) / region.kinds.lengths[own]
     left = np.full(len(points), entry["side"] == "left")
     if entry["side"] == "auto":
-        left = np.asarray(points.position[:, 1] > 0.0)
+        left = region.space.is_left(points.position)
     return [
         Draft(
             id=f"{entry['id']}_{found.number[k]:06d}",

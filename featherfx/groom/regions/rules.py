@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from featherfx.groom.keys.values import Place
+from featherfx.groom.read.space import Space
 from featherfx.groom.skin.points import Array, SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
 
 Rule = Callable[[SurfacePoints], Array]
+
+
+@dataclass(frozen=True)
+class GroomSkin:
+    """A skin that regions grow on. space: that their ranges and boxes are in. folder: of the
+    groom, where pictures are."""
+
+    surface: SkinSurface
+    space: Space
+    folder: Path
+
 
 _PLACES = ("primvar", "subset", "image", "box", "sphere", "x", "y", "z", "facing", "room")
 _FLOWS = ("direction", "away", "towards", "primvar", "curves")
@@ -21,13 +34,9 @@ _GUIDES = 8  # guide points that a direction is interpolated from
 _LEAST_ALONG = 1e-3
 
 
-def presence(
-    rules: tuple[dict[str, Any], ...], surface: SkinSurface, folder: Path, place: Place
-) -> Rule | None:
+def presence(rules: tuple[dict[str, Any], ...], skin: GroomSkin, place: Place) -> Rule | None:
     """Product of all rules, within 0 and 1. rules: checked tables. None after adding problems."""
-    built = [
-        _presence(rule, surface, folder, place.item(number)) for number, rule in enumerate(rules)
-    ]
+    built = [_presence(rule, skin, place.item(number)) for number, rule in enumerate(rules)]
     sound = [rule for rule in built if rule is not None]
     if len(sound) < len(built):
         return None
@@ -41,27 +50,25 @@ def presence(
     return product
 
 
-def _presence(
-    rule: dict[str, Any], surface: SkinSurface, folder: Path, place: Place
-) -> Rule | None:
+def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> Rule | None:
     given = [name for name in _PLACES if rule[name] is not None]
     if len(given) != 1:
         found = " and ".join(given) or "none"
         return place.fail(f"holds {found}, expects one of {', '.join(_PLACES)}") and None
     name = given[0]
     if name in ("primvar", "subset", "image"):
-        plain = _mapped(name, rule[name], surface, folder, place)
+        plain = _mapped(name, rule[name], skin, place)
     else:
-        plain = _analytic(name, rule, place)
+        plain = _analytic(name, rule, skin.space, place)
     if plain is None or not rule["invert"]:
         return plain
     return lambda points: 1.0 - plain(points)
 
 
-def _mapped(name: str, value: str, surface: SkinSurface, folder: Path, place: Place) -> Rule | None:
-    at = place.child(name)
+def _mapped(name: str, value: str, skin: GroomSkin, place: Place) -> Rule | None:
+    surface, at = skin.surface, place.child(name)
     if name == "image":
-        return _image(folder / value, surface, at)
+        return _image(skin.folder / value, surface, at)
     if name == "subset":
         members = surface.source.subset(value, at)
         if members is None:
@@ -99,7 +106,7 @@ def _bilinear(grey: Array, st: Array) -> Array:
     return np.asarray((1.0 - v) * upper + v * lower)
 
 
-def _analytic(name: str, rule: dict[str, Any], place: Place) -> Rule | None:
+def _analytic(name: str, rule: dict[str, Any], space: Space, place: Place) -> Rule | None:
     value, soft = rule[name], rule["soft"]
     if name == "facing":
         toward, angle, fade = np.array(value), rule["angle"], rule["soft_angle"]
@@ -112,20 +119,21 @@ def _analytic(name: str, rule: dict[str, Any], place: Place) -> Rule | None:
     if name == "room":
         return lambda points: _fade(points.interpolated(points.surface.room) - value, soft)
     if name == "sphere":
-        centre, radius = np.array(value[:3]), value[3]
+        centre, radius = np.array(value["centre"]), value["radius"]
         return lambda points: _fade(radius - np.linalg.norm(points.position - centre, axis=1), soft)
     if name == "box":
-        low, high = np.array(value)
+        low, high = space.local(np.array(value))
     else:
         low, high = np.full(3, -np.inf), np.full(3, np.inf)
         low["xyz".index(name)], high["xyz".index(name)] = value
     if (low >= high).any():
-        place.child(name).fail(f"{value} is empty: the lower bound comes first")
+        place.child(name).fail("is empty: the lower bound comes first")
         return None
 
     def box(points: SurfacePoints) -> Array:
-        inside = np.minimum(points.position - low, high - points.position).min(axis=1)
-        return _fade(inside, soft)
+        local = space.local(points.position)
+        inside = np.minimum(local - low, high - local).min(axis=1)
+        return _fade(space.unit * inside, soft)
 
     return box
 

@@ -27,7 +27,8 @@ class SkinSource(Protocol):
     """A mesh that a scene holds, at rest; metres, z up.
 
     path: of the prim. points: (V, 3) m. triangles: (T, 3), counter-clockwise from outside, none
-    flat. face: (T,) the scene's faces. st: (T, 3, 2) texture coordinates, or None.
+    flat. face: (T,) the scene's faces. st: (T, 3, 2) texture coordinates, or None. own_matrix,
+    stage_matrix: (4, 4), row vectors, from the mesh's own space at rest, and the stage's, to here.
     """
 
     path: str
@@ -35,6 +36,11 @@ class SkinSource(Protocol):
     triangles: Indices
     face: Indices
     st: Array | None
+    own_matrix: Array
+    stage_matrix: Array
+
+    def joint(self, name: str, place: Place) -> Array | None:
+        """(3,) m, a joint of the mesh's skeleton in the bind pose; None after adding a problem."""
 
     def weights(self, name: str, place: Place) -> Array | None:
         """(T, 3) a scalar primvar at the corners; None after adding a problem."""

@@ -254,6 +254,7 @@ def feather_kind(preset: str, preset_folders: tuple[str | Path, ...] = ()) -> Fe
     kind = kind_of(preset.rpartition("/")[2], tree, Place("presets", preset, problems))
     problems.raise_any()
     assert kind is not None
-    square = {"rounded_base": 0.0, "rounded_tip": 0.0}
-    vanes = replace(kind.leading, **square), replace(kind.trailing, **square)
-    return replace(kind, leading=vanes[0], trailing=vanes[1])
+    leading, trailing = (
+        replace(vane, rounded_base=0.0, rounded_tip=0.0) for vane in (kind.leading, kind.trailing)
+    )
+    return replace(kind, leading=leading, trailing=trailing)

@@ -23,7 +23,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rachis_deflection, rows_for
-from featherfx.shot.detail.guides import GuideRule
+from featherfx.shot.detail.guides import GuideRule, skin_corners
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.roots import Roots, sampled_rates
 from featherfx.shot.patterns import fits
@@ -80,7 +80,8 @@ class Detailer:
         self._coefficients = barb_coefficients(shot, feathers, loads)
         self._rows = _simulated_rows(shot, feathers, loads)
         pulled, placements = _pulled(shot), shot.groom.feathers
-        given = [_level(shot, placement) for placement in placements]
+        relative = length_factor(shot)
+        given = [_level(shot, placement, relative) for placement in placements]
         self.levels, self.rules = [each.level for each in given], [each.rule for each in given]
         self.pinned = np.array(
             [each.named or p.id in pulled for each, p in zip(given, placements, strict=True)],
@@ -114,12 +115,26 @@ def _pulled(shot: Shot) -> set[str]:
     return {grip.feather for grip in shot.grips} | {force.feather for force in shot.forces}
 
 
-def _level(shot: Shot, placement: Placement) -> _Given:
-    """By the last detail that fits the feather, else by its length."""
+def length_factor(shot: Shot) -> float:
+    """What the quality's lengths are multiplied by on the shot's body."""
+    if not shot.quality.body or not shot.groom.feathers:
+        return 1.0
+    corners = skin_corners(shot)
+    places = [each.position for each in shot.groom.feathers]
+    points = np.reshape(places if corners is None else corners, (-1, 3))
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if corners is None:
+        # a feather on its own has no box
+        size = max(size, *(each.kind.length for each in shot.groom.feathers))
+    return size / shot.quality.body
+
+
+def _level(shot: Shot, placement: Placement, relative: float) -> _Given:
+    """By the last detail that fits the feather, else by its length over what is relative."""
     for detail in reversed(shot.details):
         if fits(detail, placement):
             return _Given(detail.level, GuideRule(detail.every, detail.spacing), True)
-    length, quality = placement.kind.length, shot.quality
+    length, quality = placement.kind.length / relative, shot.quality
     rule = GuideRule(quality.guided_every, None)
     for level in ("rigid", "guided", "rachis", "coarse"):
         if length < getattr(quality, f"{level}_below"):

@@ -142,7 +142,9 @@ def _weights(shot: Shot, followers: Indices, guides: Indices) -> tuple[Indices, 
     straight, near = straight.reshape(-1, few), near.reshape(-1, few)
     reach = _DETOUR * float(straight.max()) + _SAME_PLACE
     sources = len(own) + np.arange(len(guides))
-    guide, follower, way = root_distances(np.concatenate([own, other]), sources, _skin(shot), reach)
+    guide, follower, way = root_distances(
+        np.concatenate([own, other]), sources, skin_corners(shot), reach
+    )
     kept = follower < len(own)
     guide, follower, way = guide[kept], follower[kept], way[kept]
     # those that no way leads to take the guide that is nearest by air
@@ -193,7 +195,7 @@ def _roots(shot: Shot, members: Sequence[int] | Indices) -> Array:
     return np.array(positions, dtype=np.float64).reshape(-1, 3)
 
 
-def _skin(shot: Shot) -> Array | None:
+def skin_corners(shot: Shot) -> Array | None:
     """(T, 3, 3) m, at rest: what regions grow on, or else what roots are bound to."""
     if shot.groom.skin is not None:
         return np.asarray(shot.groom.skin)

@@ -70,7 +70,8 @@ class AnimatedMesh(ScenePrim):
 
     path: of the prim. triangles: (T, 3) point indices, outside counter-clockwise; faces with more
     sides are cut into fans, holes and faces without area left out. face: (T,) their faces. rest:
-    (V, 3) m, points at rest. st: (T, 3, 2) texture coordinates of the corners, None where there
+    (V, 3) m, points at rest. rest_matrix: (4, 4), row vectors, from the prim's own space to the
+    world at rest. st: (T, 3, 2) texture coordinates of the corners, None where there
     are none. sampled: first and last time code with samples of anything that moves it, None
     where nothing does. knots: where its poses are those of the scene, with smooth motion between
     them; None: the scene's own motion.
@@ -175,6 +176,8 @@ class AnimatedMesh(ScenePrim):
             local, prim = self._local_points(self._rest_code)
         self._rest_code = transform_code(prim, self._rest_code)
         matrix = self._scene.matrix(prim, self._rest_code)
+        bound = np.eye(4) if self._skinning is None else self._skinning.bind_matrix
+        self.rest_matrix = bound @ matrix
         return self._finite(transformed(local.astype(np.float64), matrix), None)
 
     def _sign(self, code: Any) -> bool:

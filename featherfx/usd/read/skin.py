@@ -19,6 +19,7 @@ from featherfx.usd.read.skinning import points_of_joint
 from featherfx.usd.read.stage import (
     SourceScene,
     find_prim,
+    in_world,
     open_scene,
     prims_below,
     rest_code,
@@ -77,6 +78,21 @@ class SkinMesh:
         self._scene, self._prim = scene, scene.stage.GetPrimAtPath(mesh.path)
         self.path, self.points = mesh.path, mesh.rest
         self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st
+        self.own_matrix = mesh.rest_matrix
+        self.stage_matrix = in_world(np.eye(4), scene.to_world)
+
+    def joint(self, name: str, place: Place) -> Array | None:
+        """(3,) m, a joint of the mesh's skeleton in the bind pose; None after adding a problem."""
+        with collecting(place):
+            skeleton = UsdSkel.BindingAPI(self._prim).GetInheritedSkeleton()
+            if not skeleton:
+                return place.fail(f"no skeleton moves {self.path}") and None
+            bound = _bind_places(self._scene, skeleton.GetPrim(), place)
+            number = None if bound is None else _number(name, bound[0], place)
+            if bound is None or number is None:
+                return None
+            return _from_skeleton(self._scene, skeleton.GetPrim(), bound[1][number], place)
+        return None
 
     def weights(self, name: str, place: Place) -> Array | None:
         """(T, 3) a scalar primvar at the corners; None after adding a problem."""
@@ -242,27 +258,43 @@ def joint_line(
     names: paths as the skeleton has them, or their last parts where these are unique. tail: whether
     the line goes on to the end of the last joint's bone.
     """
+    bound = _bind_places(scene, prim, place)
+    if bound is None:
+        return None
+    paths, places = bound
+    found = [_number(name, paths, place.child("joints").item(k)) for k, name in enumerate(names)]
+    chosen = [each for each in found if each is not None]
+    if len(chosen) < len(found):
+        return None
+    end = _tail(scene, prim, paths, places, chosen) if tail else None
+    local = places[chosen] if end is None else np.vstack([places[chosen], end])
+    points = _from_skeleton(scene, prim, local, place)
+    if points is None:
+        return None
+    if (np.diff(points, axis=0) == 0.0).all(axis=1).any():
+        place.child("joints").fail("two joints that follow each other are at one place")
+        return None
+    return points
+
+
+def _bind_places(scene: SourceScene, prim: Any, place: Place) -> tuple[list[str], Array] | None:
+    """Paths of a skeleton's joints, and their places (J, 3) in its space in the bind pose."""
     skeleton = UsdSkel.Skeleton(prim)
     paths = texts_of(skeleton.GetJointsAttr(), EARLIEST)
     bind = array_of(skeleton.GetBindTransformsAttr(), EARLIEST, MATRICES)
     if bind is None or len(bind) != len(paths) or not paths:
         place.fail(f"{prim.GetPath()} in {scene.path} has no bind transform for every joint")
         return None
-    found = [_number(name, paths, place.child("joints").item(k)) for k, name in enumerate(names)]
-    chosen = [each for each in found if each is not None]
-    if len(chosen) < len(found):
-        return None
-    places = bind.astype(np.float64)[:, 3, :3]
-    end = _tail(scene, prim, paths, places, chosen) if tail else None
-    local = places[chosen] if end is None else np.vstack([places[chosen], end])
+    return paths, bind.astype(np.float64)[:, 3, :3]
+
+
+def _from_skeleton(scene: SourceScene, prim: Any, local: Array, place: Place) -> Array | None:
+    """(k, 3) m, of points in a skeleton's space; None after adding a problem."""
     points = transformed(local, scene.matrix(prim, transform_code(prim, DEFAULT)))
     if not np.isfinite(points).all():
         place.fail(f"{prim.GetPath()} in {scene.path}: bind transforms are not finite")
         return None
-    if (np.diff(points, axis=0) == 0.0).all(axis=1).any():
-        place.child("joints").fail("two joints that follow each other are at one place")
-        return None
-    return np.asarray(points)
+    return points
 
 
 def _tail(

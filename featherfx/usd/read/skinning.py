@@ -130,8 +130,13 @@ class Skinning:
         value = array_of(points, code, VECTORS)
         return sized_array(points, EARLIEST, VECTORS) if value is None else value
 
+    @property
+    def bind_matrix(self) -> Array:
+        """(4, 4) from the mesh's own space to the skeleton's in the bind pose, row vectors."""
+        return np.array(self._skinning.GetGeomBindTransform(EARLIEST), dtype=np.float64)
+
     def _bound(self, points: Any) -> Floats:
-        bind = np.array(self._skinning.GetGeomBindTransform(EARLIEST))
+        bind = self.bind_matrix
         return (points @ bind[:3, :3] + bind[3, :3]).astype(np.float32)
 
     def earliest(self) -> Any:

@@ -1,0 +1,104 @@
+"""Points and lengths in the space of a groom: numbers, or landmarks of its skin.
+
+Their types say where in the tables they stand, so that `featherfx/groom/read/space.py` finds them
+all and turns them into metres of the groom's frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from featherfx.groom.keys.values import (
+    ArrayOf,
+    Either,
+    JsonSchema,
+    Key,
+    Number,
+    Place,
+    Table,
+    Text,
+    vector,
+)
+
+_COORDINATE = Number(-1e4, 1e4, "m")
+
+
+@dataclass(frozen=True)
+class Length(Number):
+    """A length along the skin's space, as opposed to the size of a feather, which is in metres."""
+
+
+RADIUS = Length(0, 1e4, "m")
+
+LANDMARK = {
+    "vertex": Key(Number(0, 2**31 - 1, whole=True), "Point of the skin by its number.", None),
+    "joint": Key(
+        Text(), "Joint of the skin's skeleton, by path or last name, in the bind pose.", None
+    ),
+    "primvar": Key(
+        Text(), "Scalar primvar of the skin: the middle of where it is, by how much it is.", None
+    ),
+    "offset": Key(
+        vector(-1e4, 1e4, "m"), "Added to it, along the axes of the space.", (0.0, 0.0, 0.0)
+    ),
+    "prim": Key(Text(), "Path of the mesh; default: that of [skin].", None),
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """Three coordinates, or a table that names a landmark."""
+
+    def check(self, value: Any, place: Place, partial: bool) -> Any:
+        return _POINT.check(value, place, partial)
+
+    def describe(self) -> tuple[str, str, str]:
+        return _POINT.describe()
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return _POINT.schema(partial)
+
+
+_POINT = Either({list: ArrayOf(_COORDINATE, 3, 3), dict: Table(LANDMARK, "table of a landmark")})
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Centre and radius: four numbers, or a table; a table when checked."""
+
+    def check(self, value: Any, place: Place, partial: bool) -> Any:
+        found = _SPHERE.check(value, place, partial)
+        if isinstance(found, tuple):
+            return {"centre": found[:3], "radius": found[3]}
+        return found
+
+    def describe(self) -> tuple[str, str, str]:
+        return _SPHERE.describe()
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return _SPHERE.schema(partial)
+
+
+POINT = Point()
+SPHERE_TABLE = Table(
+    {"centre": Key(POINT, "Centre."), "radius": Key(RADIUS, "Radius.")}, "table of a sphere"
+)
+_SPHERE = Either({list: ArrayOf(_COORDINATE, 4, 4), dict: SPHERE_TABLE})
+
+SPACE = {
+    "of": Key(
+        Text(("groom", "stage", "skin", "body")),
+        "What the groom's points, directions, boxes, spheres, ranges and planes of mirrors are in. "
+        "groom: metres, x forward, y to the left, z up. stage: units and axes of the skin's file. "
+        "skin: those of the skin's own prim at rest, its transforms left out. body: the skin's own "
+        "axes, from the middle of its box at rest, in lengths of the box's diagonal. Sizes of "
+        "feathers are in metres in all of them.",
+        "groom",
+    ),
+    "left": Key(
+        Text(("x", "y", "z", "-x", "-y", "-z")),
+        "Axis of that space that points to the body's left; needed where it is not the groom's.",
+        None,
+    ),
+}

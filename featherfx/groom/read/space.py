@@ -1,0 +1,256 @@
+"""The space that a groom is written in: its points and directions in metres of the groom's frame.
+
+A groom may be written in the units and axes of its skin. What its tables hold is found by the types
+of their keys, so every point may be a landmark of the skin too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.frames import Mirror
+from featherfx.groom.keys.family import Preset
+from featherfx.groom.keys.groom import GROOM_FILE
+from featherfx.groom.keys.places import SPHERE_TABLE, Length, Point, Sphere
+from featherfx.groom.keys.values import (
+    INVALID,
+    ArrayOf,
+    Direction,
+    Either,
+    Named,
+    Partial,
+    Place,
+    Table,
+    Tables,
+)
+from featherfx.groom.skin.points import SkinSource, SkinSurface
+
+Array = NDArray[np.float64]
+
+_NAMES = ("vertex", "joint", "primvar")
+# by which the axes of a prim may differ from a rotation and one scale
+_SHEARED = 1e-4
+
+
+@dataclass(frozen=True)
+class Space:
+    """A point x of the space stands at unit * axes x + origin in the groom's frame.
+
+    axes: (3, 3) rotation, columns the axes of the space. unit: m. origin: (3,) m. left: (3,) unit,
+    to the body's left, in the space's axes. given: whether it is another than the groom's frame.
+    """
+
+    axes: Array
+    unit: float
+    origin: Array
+    left: Array
+    given: bool = True
+
+    def points(self, typed: Array) -> Array:
+        """(..., 3) m in the groom's frame, of points of the space."""
+        if not self.given:
+            return typed
+        return np.asarray(self.unit * (typed @ self.axes.T) + self.origin)
+
+    def directions(self, typed: Array) -> Array:
+        """(..., 3) in the groom's frame, of directions along the space's axes."""
+        return np.asarray(typed @ self.axes.T) if self.given else typed
+
+    def local(self, points: Array) -> Array:
+        """(..., 3) points of the space, of points (..., 3) m of the groom's frame."""
+        return np.asarray((points - self.origin) @ self.axes / self.unit) if self.given else points
+
+    def is_left(self, points: Array) -> NDArray[np.bool_]:
+        """(N,) whether points (N, 3) m of the groom's frame are on the body's left."""
+        return np.asarray(self.local(points) @ self.left > 0.0)
+
+    def mirror(self, axis: str) -> Mirror:
+        """The plane at 0 of an axis, "x", "y" or "z"."""
+        normal = self.axes[:, "xyz".index(axis)]
+        return Mirror(normal, float(normal @ self.origin))
+
+
+GROOM_SPACE = Space(np.eye(3), 1.0, np.zeros(3), np.array([0.0, 1.0, 0.0]), False)
+
+# checked keys of [skin], paths of meshes, folder, place to meshes; None after problems
+SkinsReader = Callable[
+    [dict[str, Any], tuple[str, ...], Path, Place], "dict[str, SkinSource] | None"
+]
+
+
+def kept_skins(read: SkinsReader) -> SkinsReader:
+    """A reader that reads each mesh of a groom once."""
+    known: dict[str, SkinSource] = {}
+
+    def reader(
+        skin: dict[str, Any], paths: tuple[str, ...], folder: Path, place: Place
+    ) -> dict[str, SkinSource] | None:
+        missing = tuple(path for path in paths if path not in known)
+        found = read(skin, missing, folder, place) if missing else {}
+        known.update(found or {})
+        return None if found is None else {path: known[path] for path in paths}
+
+    return reader
+
+
+def in_groom(parts: dict[str, Any], place: Place, read: SkinsReader | None) -> Space:
+    """The space of a groom, whose checked keys are changed to stand in the groom's frame.
+
+    read: of skins. Problems go to place; what cannot be placed is INVALID.
+    """
+    skins = _Skins(parts["skin"], place, read)
+    space = _space(parts["space"], skins, place.child("space"))
+    if space is None:
+        return GROOM_SPACE
+    placing = _Placing(space, skins)
+    for name, key in GROOM_FILE.keys.items():
+        parts[name] = placing.value(key.type, parts[name], place.child(name))
+    return space
+
+
+@dataclass(frozen=True)
+class _Skins:
+    """The skins of a groom, read when they are needed. skin: checked keys of [skin]."""
+
+    skin: Any
+    place: Place
+    read: SkinsReader | None
+
+    def find(self, prim: str | None, at: Place) -> SkinSource | None:
+        """A skin by its path, that of [skin] by default; None after adding a problem."""
+        if self.skin is None:
+            at.fail("is taken from the skin, and there is no [skin]")
+        elif self.read is None:
+            at.fail("is of a USD scene, which featherfx.read_groom and the commands read")
+        if not isinstance(self.skin, dict) or self.read is None:
+            return None
+        path = str(prim or self.skin["prim"])
+        folder = Path(self.place.source).parent
+        found = self.read(self.skin, (path,), folder, self.place.child("skin"))
+        return None if found is None else found[path]
+
+
+def _space(checked: Any, skins: _Skins, place: Place) -> Space | None:
+    """None after adding problems."""
+    if checked is None:
+        return GROOM_SPACE
+    if checked is INVALID:
+        return None
+    of, left = checked["of"], checked["left"]
+    if left is None and of != "groom":
+        place.child("left").fail("missing, says which axis of the space is the body's left")
+        return None
+    side = _axis(left or "y")
+    if of == "groom":
+        return Space(np.eye(3), 1.0, np.zeros(3), side, False)
+    source = skins.find(None, place.child("of"))
+    if source is None:
+        return None
+    matrix = source.stage_matrix if of == "stage" else source.own_matrix
+    linear, origin = matrix[:3, :3].T, matrix[3, :3]
+    unit = float(np.cbrt(np.linalg.det(linear)))
+    axes = linear / (unit or 1.0)
+    if not unit > 0.0 or np.abs(axes.T @ axes - np.eye(3)).max() > _SHEARED:
+        message = "mirrored" if unit < 0.0 else "stretched or sheared"
+        place.child("of").fail(f"{source.path} is {message} by its transforms, expects 'stage'")
+        return None
+    if of != "body":
+        return Space(axes, unit, origin, side)
+    points = source.points[np.unique(source.triangles)] @ axes
+    low, high = points.min(axis=0), points.max(axis=0)
+    return Space(axes, float(np.linalg.norm(high - low)), axes @ (0.5 * (low + high)), side)
+
+
+def _axis(name: str) -> Array:
+    sign = -1.0 if name.startswith("-") else 1.0
+    return sign * np.eye(3)["xyz".index(name[-1])]
+
+
+@dataclass(frozen=True)
+class _Placing:
+    """Turns checked values of a space into those of the groom's frame."""
+
+    space: Space
+    skins: _Skins
+
+    def value(self, kind: Any, value: Any, place: Place) -> Any:
+        """A value of a type; INVALID after adding problems."""
+        if value is None or value is INVALID or isinstance(kind, Preset):
+            return value
+        match kind:
+            case Point():
+                return self._point(value, place)
+            case Sphere():
+                return self._table(SPHERE_TABLE, value, place)
+            case Direction():
+                return tuple(self.space.directions(np.array(value)).tolist())
+            case Length():
+                return self.space.unit * value
+            case Either():
+                option = kind.options.get(list if isinstance(value, tuple) else type(value))
+                return value if option is None else self.value(option, value, place)
+            case ArrayOf():
+                items = [self.value(kind.item, v, place.item(k)) for k, v in enumerate(value)]
+                return INVALID if any(each is INVALID for each in items) else tuple(items)
+            case Table():
+                return self._table(kind, value, place)
+            case Partial():
+                return self._table(kind.table, value, place)
+            case Tables():
+                each = [(at, self._table(kind.table, table, at)) for at, table in value]
+                return [(at, table) for at, table in each if table is not INVALID]
+            case Named():
+                return {k: self.value(kind.item, v, place.child(k)) for k, v in value.items()}
+        return value
+
+    def _table(self, kind: Table, value: dict[str, Any], place: Place) -> Any:
+        found = {
+            name: self.value(kind.keys[name].type, each, place.child(name))
+            for name, each in value.items()
+        }
+        return INVALID if any(each is INVALID for each in found.values()) else found
+
+    def _point(self, value: Any, place: Place) -> Any:
+        if not isinstance(value, dict):
+            return tuple(self.space.points(np.array(value)).tolist()) if self.space.given else value
+        given = [name for name in _NAMES if value[name] is not None]
+        if len(given) != 1:
+            held = " and ".join(given) or "none"
+            return place.fail(f"holds {held}, expects one of {', '.join(_NAMES)}")
+        skin = self.skins.find(value["prim"], place)
+        found = None if skin is None else _landmark(skin, given[0], value[given[0]], place)
+        if found is None:
+            return INVALID
+        offset = self.space.unit * self.space.directions(np.array(value["offset"]))
+        return tuple((found + offset).tolist())
+
+
+def _landmark(skin: SkinSource, name: str, value: Any, place: Place) -> Array | None:
+    """(3,) m; None after adding a problem."""
+    at = place.child(name)
+    if name == "joint":
+        return skin.joint(value, at)
+    if name == "vertex":
+        if value >= len(skin.points):
+            at.fail(f"{value} is out of range, {skin.path} has points 0 to {len(skin.points) - 1}")
+            return None
+        return skin.points[value]
+    corners = skin.weights(value, at)
+    if corners is None:
+        return None
+    surface = SkinSurface(skin)
+    # a linear weight over a triangle: integrals of it and of it times the place
+    share = np.maximum(corners, 0.0)
+    whole = surface.areas * share.mean(axis=1)
+    if not whole.sum() > 0.0:
+        at.fail(f"primvar '{value}' on {skin.path} is nowhere above 0")
+        return None
+    summed = np.einsum("tk,tkc->tc", share, surface.corners)
+    across = share.sum(axis=1)[:, None] * surface.corners.sum(axis=1)
+    return np.asarray((surface.areas[:, None] * (summed + across)).sum(axis=0) / 12.0 / whole.sum())
