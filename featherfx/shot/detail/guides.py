@@ -110,7 +110,7 @@ def guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> tuple[I
         _roots(shot, range(len(shot.groom.feathers))),
         [placement.region for placement in shot.groom.feathers],
     )
-    inputs = [roots, regions, followers, simulated, _skin(shot)]
+    inputs = [roots, regions, followers, simulated, skin_corners(shot)]
     found = kept("guide-weights", inputs, lambda: _guide_weights(shot, followers, simulated))
     parts = found["value"], found["column"], found["start"]
     return found["guides"], sparse.csr_array(parts, shape=(len(followers), len(found["guides"])))
