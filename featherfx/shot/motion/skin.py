@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.skin.search import search_tree
-from featherfx.groom.skin.skin import Binding, bind, follow, is_flat
+from featherfx.groom.skin.skin import Binding, bind, closest, follow, is_flat
 from featherfx.groom.types import FeatherKind, Groom
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.read.sources import Surface
@@ -127,7 +127,7 @@ class SkinSurfaces:
         for number, surface in enumerate(self.surfaces):
             members = np.flatnonzero(chosen == number)
             placed = np.array([groom.feathers[k].skin_uv is not None for k in members], dtype=bool)
-            radii = _radii(groom, members, self.radius)
+            radii = _radii(groom, surface, members, self.radius)
             for which in (~placed, placed):
                 some = members[which]
                 if len(some) == 0:
@@ -168,11 +168,15 @@ class SkinSurfaces:
         )
 
 
-def _radii(groom: Groom, members: Indices, given: float | None) -> Array:
+def _radii(groom: Groom, surface: Surface, members: Indices, given: float | None) -> Array:
     """(R,) m, of the skin that turns each root: as given, or the mean distance to the two nearest
-    roots, at most the width of the feather."""
+    roots, at most the width of the feather; of a skeleton the length of its bone."""
     if given is not None:
         return np.full(len(members), given)
+    if surface.bones is not None and len(members):
+        places = np.array([groom.feathers[k].position for k in members], dtype=np.float64)
+        bone, _ = closest(places, surface.rest[surface.triangles])
+        return surface.bones[bone]
     widths = np.array([_width(groom.feathers[k].kind) for k in members])
     if len(members) < 3:
         return widths

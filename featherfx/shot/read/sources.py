@@ -28,7 +28,8 @@ class Surface(Protocol):
 
     path: where it stands in its scene. triangles: (T, 3) point indices. face: (T,) the scene's
     faces. rest: (V, 3) m. st: (T, 3, 2) texture coordinates, or None. sampled: first and last time
-    code of its motion, None where it does not move.
+    code of its motion, None where it does not move. bones: (T,) m, length of each
+    triangle's bone, where it is a ribbon along those of a skeleton; else None.
     """
 
     path: str
@@ -37,6 +38,7 @@ class Surface(Protocol):
     rest: Array
     st: Array | None
     sampled: tuple[float, float] | None
+    bones: Array | None
 
     @property
     def time_codes_per_second(self) -> float:

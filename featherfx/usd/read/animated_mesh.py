@@ -73,24 +73,32 @@ class AnimatedMesh(ScenePrim):
     (V, 3) m, points at rest. rest_matrix: (4, 4), row vectors, from the prim's own space to the
     world at rest. st: (T, 3, 2) texture coordinates of the corners, None where there
     are none. sampled: first and last time code with samples of anything that moves it, None
-    where nothing does. knots: where its poses are those of the scene, with smooth motion between
-    them; None: the scene's own motion.
+    where nothing does. bones: (T,) m, length of each triangle's bone,
+    where it is a ribbon along a skeleton's. knots: where its poses are those of the scene, with
+    smooth motion between them; None: the scene's own motion.
     """
 
+    bones: Array | None = None
+
     def __init__(self, scene: SourceScene, mesh: Any, rest: float | None, skinning: Any) -> None:
-        super().__init__(scene, mesh.GetPrim())
-        self._mesh, self._skinning = mesh, skinning
+        self._mesh = mesh
         self.triangles, self.face, self.st = triangles_of(mesh)
+        self._begin(scene, mesh.GetPrim(), skinning, rest)
+        moving = [] if skinning is None else skinning.attributes()
+        self.sampled = sampled_range(mesh.GetPrim(), [*moving, mesh.GetPointsAttr()])
+        sound = ~is_flat(self.rest, self.triangles)
+        self.triangles, self.face = self.triangles[sound], self.face[sound]
+        self.st = None if self.st is None else self.st[sound]
+
+    def _begin(self, scene: SourceScene, prim: Any, skinning: Any, rest: float | None) -> None:
+        """The pose at rest of a prim that skinning moves (None: its own points)."""
+        super().__init__(scene, prim)
+        self._skinning = skinning
         self.knots: Knots | None = None
         self._poses: OrderedDict[float, _KnotPose] = OrderedDict()
         self._rest_code = DEFAULT if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
-        moving = [] if skinning is None else skinning.attributes()
-        self.sampled = sampled_range(mesh.GetPrim(), [*moving, mesh.GetPointsAttr()])
         self._rest_sign = self._sign(self._rest_code)
-        sound = ~is_flat(self.rest, self.triangles)
-        self.triangles, self.face = self.triangles[sound], self.face[sound]
-        self.st = None if self.st is None else self.st[sound]
 
     @property
     def space(self) -> tuple[float, str]:
@@ -163,10 +171,10 @@ class AnimatedMesh(ScenePrim):
         """Points, and the prim in whose space they are."""
         if self._skinning is not None:
             return self._skinning.points(code), self._skinning.space
-        return sized_array(self._mesh.GetPointsAttr(), code, VECTORS), self._mesh.GetPrim()
+        return sized_array(self._mesh.GetPointsAttr(), code, VECTORS), self._prim
 
     def _at_rest(self, is_default: bool) -> Array:
-        prim = self._mesh.GetPrim()
+        prim = self._prim
         if is_default and self._skinning is not None:
             local, prim = self._skinning.bind_points(), self._skinning.space
         elif is_default:
@@ -181,7 +189,7 @@ class AnimatedMesh(ScenePrim):
         return self._finite(transformed(local.astype(np.float64), matrix), None)
 
     def _sign(self, code: Any) -> bool:
-        prim = self._mesh.GetPrim() if self._skinning is None else self._skinning.space
+        prim = self._prim if self._skinning is None else self._skinning.space
         code = transform_code(prim, code)
         return bool(np.linalg.det(self._scene.matrix(prim, code)[:3, :3]) < 0.0)
 

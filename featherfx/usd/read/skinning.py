@@ -77,19 +77,10 @@ class Skinning:
             points = self._shaped(pose.points, pose.weights)
             if not self._skinning.HasJointInfluences():
                 return self._bound(np.asarray(points))
-            transforms = Vt.Matrix4dArray.FromNumpy(self._from_bind(pose.joints))
+            transforms = Vt.Matrix4dArray.FromNumpy(from_bind(self._skeleton, pose.joints))
             if not self._skinning.ComputeSkinnedPoints(transforms, points, EARLIEST):
                 raise fault(self._mesh.GetPrim(), f"USD cannot skin it; {_MISFIT}")
         return np.asarray(points)
-
-    def _from_bind(self, joints: Array) -> Array:
-        """(J, 4, 4) from the bind pose to a pose whose joints stand so in their parents' space."""
-        found = joints.copy()
-        for joint, parent in enumerate(self._skeleton.GetTopology().GetParentIndices()):
-            if parent >= 0:
-                found[joint] = found[joint] @ found[parent]
-        binds = np.array(self._skeleton.GetJointWorldBindTransforms())
-        return np.asarray(np.linalg.inv(binds) @ found)
 
     def bind_points(self) -> Floats:
         """(V, 3) points of the bind pose in the skeleton's space."""
@@ -112,18 +103,7 @@ class Skinning:
 
     def attributes(self) -> list[Any]:
         """What moves the skeleton, for its time samples."""
-        query = self._skeleton.GetAnimQuery()
-        if not query:
-            return []
-        animation = UsdSkel.Animation(query.GetPrim())
-        if not animation:
-            return []
-        return [
-            animation.GetTranslationsAttr(),
-            animation.GetRotationsAttr(),
-            animation.GetScalesAttr(),
-            animation.GetBlendShapeWeightsAttr(),
-        ]
+        return animated(self._skeleton)
 
     def _mesh_points(self, code: Any) -> Any:
         points = self._mesh.GetPointsAttr()
@@ -162,6 +142,31 @@ class Skinning:
                 if len(moved):
                     points[chosen if len(chosen) else slice(None)] += np.float32(weight) * moved
         return Vt.Vec3fArray.FromNumpy(points)
+
+
+def from_bind(skeleton: Any, joints: Array) -> Array:
+    """(J, 4, 4) from the bind pose of a skeleton (its query) to a pose whose joints (J, 4, 4) stand
+    so in their parents' space; row vectors."""
+    found = joints.copy()
+    for joint, parent in enumerate(skeleton.GetTopology().GetParentIndices()):
+        if parent >= 0:
+            found[joint] = found[joint] @ found[parent]
+    binds = np.array(skeleton.GetJointWorldBindTransforms())
+    return np.asarray(np.linalg.inv(binds) @ found)
+
+
+def animated(skeleton: Any) -> list[Any]:
+    """The attributes that move a skeleton (its query)."""
+    query = skeleton.GetAnimQuery()
+    animation = UsdSkel.Animation(query.GetPrim()) if query else None
+    if not animation:
+        return []
+    return [
+        animation.GetTranslationsAttr(),
+        animation.GetRotationsAttr(),
+        animation.GetScalesAttr(),
+        animation.GetBlendShapeWeightsAttr(),
+    ]
 
 
 def _blend_shapes(
