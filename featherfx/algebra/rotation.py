@@ -221,11 +221,10 @@ def rotation_spline(times: Array, rotations: Array) -> RotationSpline:
     scipy's RotationSpline is not used because it does not start and end at rest.
     """
     from scipy.interpolate import CubicSpline
-    from scipy.spatial.transform import Rotation
 
     if len(times) == 1:
         return RotationSpline(times, rotations, np.zeros((0, 3, 3)))
-    steps = Rotation.from_matrix(rotations[1:] @ rotations[:-1].transpose(0, 2, 1)).as_rotvec()
+    steps = rotation_vectors(rotations[1:] @ rotations[:-1].transpose(0, 2, 1))
     # Rates at the keys as a clamped cubic spline of the accumulated turning has them.
     turning = np.vstack((np.zeros(3), np.cumsum(steps, axis=0)))
     rates = CubicSpline(times, turning, bc_type="clamped")(times, 1)

@@ -27,13 +27,12 @@ def schema(kind: str, family: str) -> None:
     Editors complete and check TOML files by it: Even Better TOML (VS Code) and others that use
     Taplo take the one that the first line of a file names, "#:schema ./shot.schema.json".
     """
-    from featherfx.shot.read.schema import FAMILIES
-    from featherfx.shot.read.schema import schema as schema_of
+    from featherfx.shot.read import schema as schemas
 
     if family and kind != "preset":
         raise click.UsageError("--family goes with preset")
-    if family and family not in FAMILIES:
+    if family and family not in schemas.FAMILIES:
         raise click.BadParameter(
-            f"'{family}' is none of {', '.join(FAMILIES)}", param_hint="--family"
+            f"'{family}' is none of {', '.join(schemas.FAMILIES)}", param_hint="--family"
         )
-    click.echo(json.dumps(schema_of(kind, family), indent=2))
+    click.echo(json.dumps(schemas.schema(kind, family), indent=2))

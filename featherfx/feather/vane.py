@@ -19,7 +19,7 @@ _SHORT_END = 0.5
 
 
 @dataclass(frozen=True)
-class Vane:
+class VaneGrid:
     """A vane at n rows, m columns.
 
     nodes: (n, m + 1, 3) m, barb nodes with the root first, feather frame.
@@ -44,7 +44,7 @@ class _Cells:
     folded: Flags
 
 
-def build_vane(kind: FeatherKind, side: int, rachis: Rachis, columns: int) -> Vane:
+def build_vane(kind: FeatherKind, side: int, rachis: Rachis, columns: int) -> VaneGrid:
     """Trace the barbs of one side (LEADING or TRAILING) and span the vane between them.
 
     Between a barb and a row without one the vane is a fan of triangles; where a fan would fold
@@ -56,7 +56,7 @@ def build_vane(kind: FeatherKind, side: int, rachis: Rachis, columns: int) -> Va
     while (short := _short_end(barbs.arc_length, cells.folded | cells.folded_flat)) >= 0:
         barbs = without_barb(barbs, short)
         cells = _cells(kind, side, rachis, barbs)
-    return Vane(
+    return VaneGrid(
         nodes=cells.nodes,
         cell=cells.exists,
         barb_length=columns * np.linalg.norm(barbs.local[:, 1], axis=-1),

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.groom.presets.presets import list_presets, load_preset, problems_of_presets, show
+from featherfx.groom.keys.values import Problems
+from featherfx.groom.presets.library import Library
+from featherfx.groom.presets.presets import check_preset, list_presets, load_preset, show
 
 
 @pytest.fixture(autouse=True)
@@ -28,8 +30,10 @@ def messages(error: InputError) -> str:
 
 
 def test_every_shipped_preset_is_sound_and_says_what_it_is() -> None:
-    assert problems_of_presets() == []
-    listed = list_presets()
+    listed, library = list_presets(), Library((), Problems())
+    for each in listed:
+        check_preset(each.family, each.path, library)
+    assert library.problems.listed() == []
     assert all(len(each.summary) > 10 for each in listed)
     names = {str(each) for each in listed}
     assert {

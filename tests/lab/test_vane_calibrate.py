@@ -11,7 +11,7 @@ from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.groom.presets.presets import load_preset
 from featherfx.lab.vane.calibrate import NAMES, calibrate
-from featherfx.lab.vane.curves import COLUMNS, Curve, read_curves
+from featherfx.lab.vane.curves import COLUMNS, MeasuredCurve, read_curves
 from featherfx.lab.vane.sample import Moduli, Sample
 from featherfx.lab.vane.traction import Traction, pull_test
 
@@ -37,7 +37,7 @@ def curves():
     for angle, largest in ((0.0, 0.3), (90.0, 0.01), (40.0, 0.08)):
         sample = Sample(angle, 13e-3, 18e-3)
         pulled = pull_test(Traction(sample, TRUE, largest, 8, ELEMENTS))
-        found.append(Curve(sample, pulled.strain, pulled.stress))
+        found.append(MeasuredCurve(sample, pulled.strain, pulled.stress))
     return tuple(found)
 
 
@@ -58,7 +58,7 @@ def test_noise_is_borne_and_known(curves):
     """2 % noise: within 5 %, and the intervals hold the truth and are of the noise's size."""
     generator = np.random.default_rng(5)
     noisy = [
-        Curve(c.sample, c.strain, c.stress * (1.0 + 0.02 * generator.standard_normal(8)))
+        MeasuredCurve(c.sample, c.strain, c.stress * (1.0 + 0.02 * generator.standard_normal(8)))
         for c in curves
     ]
     found = calibrate(noisy, ELEMENTS)
@@ -82,8 +82,8 @@ def test_sets_that_cannot_tell_are_refused(curves, chosen, missing):
 
 
 def test_diagonal_and_falling_curves_are_refused(curves):
-    diagonal = Curve(Sample(45.0, 0.01, 0.01), np.array([0.01]), np.array([1e4]))
-    falling = Curve(curves[0].sample, curves[0].strain, -curves[0].stress)
+    diagonal = MeasuredCurve(Sample(45.0, 0.01, 0.01), np.array([0.01]), np.array([1e4]))
+    falling = MeasuredCurve(curves[0].sample, curves[0].strain, -curves[0].stress)
     with pytest.raises(InputError) as error:
         calibrate([*curves, diagonal, falling])
     assert len(error.value.problems) == 2

@@ -5,35 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from feather_kinds import RACHIS_MATERIAL, VANE_MATERIAL
 from scipy.spatial.transform import Rotation
 
 from featherfx.feather.build import build_feather
-from featherfx.groom.types import (
-    BarbGuide,
-    FeatherKind,
-    RachisMaterial,
-    RachisShape,
-    VaneMaterial,
-    VaneShape,
-)
+from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.state import nodal_rest_state
 from featherfx.mechanics.batch import make_model
 
 LENGTH = 0.35
-VANE = VaneMaterial(
-    along=3.6e8,
-    across=4.8e4,
-    shear=2.8e4,
-    thickness=1.2e-4,
-    surface_density=0.05,
-    barb_bending_normal=2.5e-4,
-    barb_bending_in_plane=2.5e-3,
-    barb_taper=1.0,
-    bending_across=1e-6,
-    loss_factor=0.0,
-)
+VANE = replace(VANE_MATERIAL, loss_factor=0.0)
 
 
 def curved_kind() -> FeatherKind:
@@ -55,15 +38,7 @@ def curved_kind() -> FeatherKind:
         leading=leading,
         trailing=trailing,
         vane_material=VANE,
-        rachis_material=RachisMaterial(
-            young=5e9,
-            shear=1.5e9,
-            wall=0.2,
-            flattening=0.9,
-            cortex_density=1300.0,
-            core_density=100.0,
-            loss_factor=0.0,
-        ),
+        rachis_material=replace(RACHIS_MATERIAL, loss_factor=0.0),
     )
 
 

@@ -26,7 +26,7 @@ def test_stress_and_peers_exclude_each_other():
 
 def test_page_holds_what_was_measured():
     rows = [peers._row("program", 80, peers.PeerRun([[0.0, 3.0, 4.0]], 0.5, 16), [[0.0, 0.0, 0.0]])]
-    table = peers.Table("peers_iso", "Isotropic strip", "note", rows)
+    table = peers.ResultTable("peers_iso", "Isotropic strip", "note", rows)
     assert rows[0][peers.ERROR] == 5.0
     assert rows[0][peers.COST] == pytest.approx(2.5)
     files = peers.peer_files([table], "0.1.0")

@@ -15,6 +15,12 @@ def problems_of(tmp_path, groom="bird.usda"):
     return [str(problem) for problem in caught.value.problems]
 
 
+def assert_told(found, expected):
+    """expected: prim and words that one problem holds."""
+    for path, words in expected.items():
+        assert any(path in line and words in line for line in found), (path, found)
+
+
 def test_all_problems_name_their_prims(tmp_path):
     stage = new_stage(tmp_path / "bird.usda")
     straight = np.column_stack([np.linspace(0, 0.2, 5), np.zeros((5, 2))])
@@ -30,26 +36,30 @@ def test_all_problems_name_their_prims(tmp_path):
     add_curves(stage, "/ring", [arc()]).CreateWrapAttr("periodic")
     stage.Save()
     found = problems_of(tmp_path)
-    for path, words in {
-        "/sizes": "has 3 values for 2 elements",
-        "/point": "curve 0 has 1 points, a shaft has 2 at least",
-        "/infinite": "not finite",
-        "/ring": "periodic",
-    }.items():
-        assert any(path in line and words in line for line in found), (path, found)
+    assert_told(
+        found,
+        {
+            "/sizes": "has 3 values for 2 elements",
+            "/point": "curve 0 has 1 points, a shaft has 2 at least",
+            "/infinite": "not finite",
+            "/ring": "periodic",
+        },
+    )
     for path in ("/point", "/infinite", "/ring", "/sizes"):
         stage.RemovePrim(path)
     stage.Save()
     found = problems_of(tmp_path)
-    for path, words in {
-        "/twice[1]": "'a' is taken already, by /twice[0]",
-        "/kindless": "missing",
-        "/upless": "the curve is straight",
-        "/along": "lies along the curve",
-        "/still": "no length",
-        "/unknown": "no feather preset 'emu'",
-    }.items():
-        assert any(path in line and words in line for line in found), (path, found)
+    assert_told(
+        found,
+        {
+            "/twice[1]": "'a' is taken already, by /twice[0]",
+            "/kindless": "missing",
+            "/upless": "the curve is straight",
+            "/along": "lies along the curve",
+            "/still": "no length",
+            "/unknown": "no feather preset 'emu'",
+        },
+    )
 
 
 def test_places_and_lengths_that_cannot_be(tmp_path):
@@ -67,13 +77,15 @@ def test_places_and_lengths_that_cannot_be(tmp_path):
         instancer.CreatePositionsAttr([(x, 0, 0)])
     stage.Save()
     found = problems_of(tmp_path)
-    for path, words in {
-        "/lost/a": "transforms are not finite by default",
-        "/far": "places are not finite",
-        "/other.protoIndices": "name prototype 1 of 1",
-        "/before.protoIndices": "name prototype -1 of 1",
-    }.items():
-        assert any(path in line and words in line for line in found), (path, found)
+    assert_told(
+        found,
+        {
+            "/lost/a": "transforms are not finite by default",
+            "/far": "places are not finite",
+            "/other.protoIndices": "name prototype 1 of 1",
+            "/before.protoIndices": "name prototype -1 of 1",
+        },
+    )
     for path in ("/lost", "/far", "/other", "/before"):
         stage.RemovePrim(path)
     stage.Save()

@@ -13,10 +13,10 @@ from featherfx.baking.pipeline import read_shot
 from featherfx.cli.progress import Progress
 from featherfx.lab.bench import experiments, peers
 from featherfx.lab.bench.options import BenchOptions
-from featherfx.lab.bench.report import Table, page, write, write_files
+from featherfx.lab.bench.report import ResultTable, page, write, write_files
 from featherfx.lab.bench.skips import skips_table
 from featherfx.lab.bench.stress import (
-    Outcome,
+    CaseOutcome,
     append_record,
     as_record,
     read_records,
@@ -33,7 +33,7 @@ def run_benchmarks(options: BenchOptions) -> None:
     if options.peers:
         _beside_peers(options)
         return
-    tables: list[Table] = []
+    tables: list[ResultTable] = []
     outcome, output, jobs = None, options.output, options.jobs or os.cpu_count() or 1
     if options.skips:
         shots = [read_shot(path) for path in options.skips]
@@ -77,7 +77,7 @@ def _stress(seeds: range, jobs: int, most_rows: int, folder: Path | None) -> dic
     """Run the cases that the folder does not have yet; the summary of all that it then has."""
     records = read_records(folder) if folder is not None else {}
 
-    def keep(outcome: Outcome) -> None:
+    def keep(outcome: CaseOutcome) -> None:
         records[outcome.seed] = as_record(outcome)
         if folder is not None:
             append_record(folder, records[outcome.seed])

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from featherfx.errors import Problem
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import Place, Problems, Table, nearest
@@ -85,14 +84,6 @@ def check_preset(family: str, path: Path, library: Library) -> None:
     finished = library.finish(family, tree, place)
     if finished is not None and family == "feather":
         kind_of(path.stem, finished, place)
-
-
-def problems_of_presets(preset_folders: Iterable[str | Path] = ()) -> list[Problem]:
-    """What is wrong with any preset that can be named."""
-    library = Library(preset_folders, Problems())
-    for each in list_presets(preset_folders):
-        check_preset(each.family, each.path, library)
-    return library.problems.listed()
 
 
 def show(name: str, preset_folders: Iterable[str | Path] = ()) -> str:

@@ -22,7 +22,7 @@ _SHORT = 0.1  # barbs shorter than this share of the longest say nothing about d
 
 
 @dataclass(frozen=True)
-class BarbCurves:
+class DrawnBarbs:
     """left, right: (k, m, 3) m, points of the barbs at the k points of a shaft, root to end.
 
     Left as seen from dorsal with the tip ahead. The first points may stand on the shaft or not.
@@ -40,7 +40,7 @@ class DrawnVanes:
     change: dict[str, Any]
 
 
-def vanes_of(shaft: Array, barbs: BarbCurves, left_leads_right: bool) -> DrawnVanes:
+def vanes_of(shaft: Array, barbs: DrawnBarbs, left_leads_right: bool) -> DrawnVanes:
     """Vanes of a condensed feather. shaft: (k, 3) m, k >= 2, as the barbs.
 
     left_leads_right: whether it is a left wing's feather, whose leading vane is the right one.

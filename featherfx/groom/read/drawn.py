@@ -19,7 +19,7 @@ from featherfx.groom.keys.preset import FEATHER
 from featherfx.groom.keys.values import INVALID, Place, Table
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
-from featherfx.groom.read.condensed import BarbCurves, DrawnVanes, vanes_of
+from featherfx.groom.read.condensed import DrawnBarbs, DrawnVanes, vanes_of
 from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
 from featherfx.groom.read.rachis_curve import curved_up, fit_curve, without_repeats
 from featherfx.groom.types import FeatherKind
@@ -54,7 +54,7 @@ class DrawnFeather:
     mirrored: bool
     skin: str
     skin_uv: tuple[float, float] | None
-    barbs: BarbCurves | None
+    barbs: DrawnBarbs | None
 
 
 # (checked entry of [[usd]], folder that its file is relative to, place of the entry) to the file

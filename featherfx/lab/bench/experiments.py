@@ -13,13 +13,13 @@ from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.bench.factorisation import factorisation_seconds
-from featherfx.lab.bench.report import Row, Table
+from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.lab.bench.shake import (
     ACCELERATION,
     EULER,
     Method,
-    Run,
     Shake,
+    ShakeRun,
     barb_curvature,
     nodal,
     swan_primary,
@@ -43,7 +43,7 @@ COST = "ms a simulated second"
 QUALITIES = ("draft", "preview", "final")
 
 
-def all_tables(extent: Extent, jobs: int) -> Iterator[Table]:
+def all_tables(extent: Extent, jobs: int) -> Iterator[ResultTable]:
     """Every table, one after another, so that progress can be shown. jobs: of the thread test."""
     kind = swan_primary()
     for method in METHODS.values():
@@ -59,7 +59,7 @@ def all_tables(extent: Extent, jobs: int) -> Iterator[Table]:
     yield rows_table(kind, extent)
 
 
-def steps_table(kind: FeatherKind, extent: Extent, reference: Run) -> Table:
+def steps_table(kind: FeatherKind, extent: Extent, reference: ShakeRun) -> ResultTable:
     """Hero and production feather at several steps, against the factorisation."""
     rows: list[Row] = []
     for title, shake in (("hero", HERO), ("production", PRODUCTION)):
@@ -88,14 +88,14 @@ def steps_table(kind: FeatherKind, extent: Extent, reference: Run) -> Table:
         " next to each line. Processor time, best of three runs. Radius and error as in the table"
         " of run time against error."
     )
-    return Table("steps", "Time of a step", note, rows)
+    return ResultTable("steps", "Time of a step", note, rows)
 
 
-def methods_table(kind: FeatherKind, extent: Extent) -> Table:
+def methods_table(kind: FeatherKind, extent: Extent) -> ResultTable:
     """The hero feather by every method: time, and distance from the first one's trajectory."""
     shake = replace(HERO, duration=extent.duration)
     rows: list[Row] = []
-    runs: list[Run] = []
+    runs: list[ShakeRun] = []
     for name, method in COMPARED.items():
         method(kind, replace(shake, duration=shake.step))  # compiles before it is timed
         runs.append(fastest(method, kind, shake))
@@ -113,7 +113,7 @@ def methods_table(kind: FeatherKind, extent: Extent) -> Table:
         "Hero feather at 1/96 s, best of three runs; distance: largest of any followed point, share"
         " of the length."
     )
-    return Table("methods", "Methods", note, rows)
+    return ResultTable("methods", "Methods", note, rows)
 
 
 def stiff_kind(kind: FeatherKind, ratio: float, varied: str = "barbs") -> FeatherKind:
@@ -137,7 +137,7 @@ def stiff_kind(kind: FeatherKind, ratio: float, varied: str = "barbs") -> Feathe
     return replace(kind, vane_material=stiff)
 
 
-def stiffness_table(kind: FeatherKind, extent: Extent) -> Table:
+def stiffness_table(kind: FeatherKind, extent: Extent) -> ResultTable:
     """Iterations against the stiffness ratio."""
     rows: list[Row] = []
     cases = [("barb-curvature", HERO, varied, RATIOS) for varied in ("stretch", "vane", "barbs")]
@@ -165,7 +165,7 @@ def stiffness_table(kind: FeatherKind, extent: Extent) -> Table:
         " barbs and in shear; barbs, the modulus along barbs and with it their bending"
         " stiffnesses. All else stays."
     )
-    return Table("stiffness", "Iterations against the stiffness ratio", note, rows)
+    return ResultTable("stiffness", "Iterations against the stiffness ratio", note, rows)
 
 
 def front_shakes(extent: Extent) -> Iterator[Shake]:
@@ -201,7 +201,7 @@ def preset_shake(kind: FeatherKind, name: str) -> Shake:
     )
 
 
-def presets_table(kind: FeatherKind, reference: Run) -> Table:
+def presets_table(kind: FeatherKind, reference: ShakeRun) -> ResultTable:
     """Cost and error of the quality presets."""
     rows: list[Row] = []
     for name in QUALITIES:
@@ -214,10 +214,10 @@ def presets_table(kind: FeatherKind, reference: Run) -> Table:
         "The same shake and the same measure of error as below, with the steps that the presets'"
         " error control chooses; steps are those of half a second."
     )
-    return Table("presets", "Quality presets", note, rows)
+    return ResultTable("presets", "Quality presets", note, rows)
 
 
-def front_table(kind: FeatherKind, extent: Extent, reference: Run) -> Table:
+def front_table(kind: FeatherKind, extent: Extent, reference: ShakeRun) -> ResultTable:
     """Time against the trajectory's error."""
     rows: list[Row] = []
     for name, method in METHODS.items():
@@ -230,10 +230,12 @@ def front_table(kind: FeatherKind, extent: Extent, reference: Run) -> Table:
         " length. Steps per second 0: chosen by the error control to the tolerance (m). Radius -1:"
         " implicit Euler. Runs that could not be solved have the error inf."
     )
-    return Table("front", "Run time against error", note, rows)
+    return ResultTable("front", "Run time against error", note, rows)
 
 
-def _front_row(kind: FeatherKind, name: str, method: Method, shake: Shake, reference: Run) -> Row:
+def _front_row(
+    kind: FeatherKind, name: str, method: Method, shake: Shake, reference: ShakeRun
+) -> Row:
     try:
         run = method(kind, shake)
         error, milliseconds = trajectory_error(run, reference, kind.length), 1e3 * run.seconds
@@ -303,12 +305,12 @@ FULL = Extent(
 REPEATS = 3
 
 
-def fastest(method: Method, kind: FeatherKind, shake: Shake, repeats: int = REPEATS) -> Run:
+def fastest(method: Method, kind: FeatherKind, shake: Shake, repeats: int = REPEATS) -> ShakeRun:
     """The fastest of several equal runs: what the machine does when nobody disturbs it."""
     return min((method(kind, shake) for _ in range(repeats)), key=lambda run: run.seconds)
 
 
-def threads_table(kind: FeatherKind, extent: Extent, jobs: int) -> Table:
+def threads_table(kind: FeatherKind, extent: Extent, jobs: int) -> ResultTable:
     """32 feathers on one thread and on several."""
     shake = replace(PRODUCTION, count=32, duration=extent.duration)
     rows: list[Row] = []
@@ -329,10 +331,10 @@ def threads_table(kind: FeatherKind, extent: Extent, jobs: int) -> Table:
         "32 production feathers; wall time of the best of three runs, processor time of all threads"
         " in the mean. Where other work takes the cores, only the latter tells what threads cost."
     )
-    return Table("threads", "Threads", note, rows)
+    return ResultTable("threads", "Threads", note, rows)
 
 
-def batches_table(kind: FeatherKind, extent: Extent) -> Table:
+def batches_table(kind: FeatherKind, extent: Extent) -> ResultTable:
     """Time per feather against their number."""
     rows = _scaling(
         extent.batches,
@@ -341,10 +343,10 @@ def batches_table(kind: FeatherKind, extent: Extent) -> Table:
         "feathers",
     )
     note = "Production feathers on one thread, eight steps of 1/96 s; time of a step per feather."
-    return Table("batches", "Time per feather", note, rows)
+    return ResultTable("batches", "Time per feather", note, rows)
 
 
-def rows_table(kind: FeatherKind, extent: Extent) -> Table:
+def rows_table(kind: FeatherKind, extent: Extent) -> ResultTable:
     """Cost against the number of rows."""
     rows = _scaling(
         (11, 21, 41, 81, 161),
@@ -353,7 +355,7 @@ def rows_table(kind: FeatherKind, extent: Extent) -> Table:
         "rows",
     )
     note = "Six columns, two coefficients, eight steps of 1/96 s; time of an iteration per row."
-    return Table("rows", "Cost against rows", note, rows)
+    return ResultTable("rows", "Cost against rows", note, rows)
 
 
 def _scaling(

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.lab.bench.report import (
+    ResultTable,
     Row,
-    Table,
     as_csv,
     as_markdown,
     can_plot,
@@ -70,7 +70,7 @@ MODEL = """
 
 
 @dataclass(frozen=True)
-class Extent:
+class PeerRates:
     """How much is measured. rates: 1/s, steps a second of our iso strip; peer_rates: of MuJoCo's;
     feather_rates: of our feather strip."""
 
@@ -79,8 +79,8 @@ class Extent:
     feather_rates: tuple[int, ...]
 
 
-FULL = Extent((40, 60, 80, 100, 160, 320), (240, 500, 1000, 2000, 4000), (60, 120, 240))
-QUICK = Extent((40, 80, 100), (240, 1000), (60, 240))
+FULL = PeerRates((40, 60, 80, 100, 160, 320), (240, 500, 1000, 2000, 4000), (60, 120, 240))
+QUICK = PeerRates((40, 80, 100), (240, 1000), (60, 240))
 # columns do not matter where there is no Poisson effect; four times the cells along the strip
 ISO_REFERENCE = StripTest("iso", 1.0 / 2560.0, columns=1, refinement=4, newton=1e-7)
 FEATHER_REFERENCE = StripTest("feather", 1.0 / 960.0, "barb-curvature", coefficients=3, newton=1e-7)
@@ -153,14 +153,14 @@ def _output_times() -> list[float]:
     return [each for each in OUTPUT_TIMES if each <= END]
 
 
-def peer_tables(extent: Extent) -> Iterator[Table]:
+def peer_tables(extent: PeerRates) -> Iterator[ResultTable]:
     """Both tables. Raises InputError at once where a peer is missing."""
     mujoco_or_error()
     yield iso_table(extent)
     yield feather_table(extent)
 
 
-def iso_table(extent: Extent) -> Table:
+def iso_table(extent: PeerRates) -> ResultTable:
     """Error against processor time of all programs on the isotropic strip."""
     version = mujoco_or_error().__version__
     reference = run_strip(ISO_REFERENCE, END).tip
@@ -181,10 +181,10 @@ def iso_table(extent: Extent) -> Table:
         f" {round(1.0 / fine.dt)} steps a second; a chain of rigid links agrees with it (see the"
         " page of the lab). MuJoCo: flex with elastic2d = both, integrator discrete."
     )
-    return Table("peers_iso", "Isotropic strip", note, rows)
+    return ResultTable("peers_iso", "Isotropic strip", note, rows)
 
 
-def feather_table(extent: Extent) -> Table:
+def feather_table(extent: PeerRates) -> ResultTable:
     """Cost, error and barb strain of our feather strip in both kinematics."""
     reference = run_strip(FEATHER_REFERENCE, END).tip
     start = StripTest("feather", 1.0)
@@ -208,7 +208,7 @@ def feather_table(extent: Extent) -> Table:
         f" {fine.coefficients} coefficients and {round(1.0 / fine.dt)} steps a second. Barb"
         " strain: largest relative change of a barb segment's length after any step."
     )
-    return Table("peers_feather", "Feather strip", note, rows)
+    return ResultTable("peers_feather", "Feather strip", note, rows)
 
 
 def _row(name: str, rate: int, run: PeerRun, reference: Array) -> Row:
@@ -221,7 +221,7 @@ def _row(name: str, rate: int, run: PeerRun, reference: Array) -> Row:
     }
 
 
-def peer_page(tables: list[Table], program: str) -> str:
+def peer_page(tables: list[ResultTable], program: str) -> str:
     """The run as Markdown; program: version of featherfx."""
     date, facts = facts_of(machine(program))
     head = f"Measured on {date}. Machine and versions: {facts}.\n"
@@ -233,7 +233,7 @@ def peer_page(tables: list[Table], program: str) -> str:
     return "\n".join(parts)
 
 
-def peer_files(tables: list[Table], program: str) -> dict[str, bytes]:
+def peer_files(tables: list[ResultTable], program: str) -> dict[str, bytes]:
     """Page, CSV files and, where matplotlib is installed, plots of error against time."""
     files = {"peers.md": peer_page(tables, program).encode()}
     for table in tables:

@@ -57,17 +57,17 @@ def _processor() -> str:
     return names[0] if names else platform.processor() or "unknown"
 
 
-def front_of(tables: Sequence[Table]) -> Table | None:
+def front_of(tables: Sequence[ResultTable]) -> ResultTable | None:
     """The settings that no other beats in time and error."""
     found = [table for table in tables if table.name == "front"]
     if not found:
         return None
     rows = pareto(found[0].rows, COST, ERROR)
     note = "The settings of the table of run time against error that no other beats in both."
-    return Table("pareto", "Best settings", note, rows)
+    return ResultTable("pareto", "Best settings", note, rows)
 
 
-def page(tables: Sequence[Table], stress: dict[str, Any] | None, program: str) -> str:
+def page(tables: Sequence[ResultTable], stress: dict[str, Any] | None, program: str) -> str:
     """The run as Markdown. stress: the summary of stress.py, where it was run. program: version."""
     if stress is not None and not tables:
         return stress_page(stress)
@@ -80,7 +80,7 @@ def page(tables: Sequence[Table], stress: dict[str, Any] | None, program: str) -
     for table in tables:
         if table.name == "front" and front is not None:
             # the whole list is in the CSV file; the page shows what a user may want to choose
-            parts.append(as_markdown(Table("front", table.title, table.note, front.rows)))
+            parts.append(as_markdown(ResultTable("front", table.title, table.note, front.rows)))
         else:
             parts.append(as_markdown(table))
         if table.name == "presets":
@@ -90,7 +90,7 @@ def page(tables: Sequence[Table], stress: dict[str, Any] | None, program: str) -
     return "\n".join(parts)
 
 
-def presets_text(table: Table) -> str:
+def presets_text(table: ResultTable) -> str:
     """What the quality presets cost and err, in words."""
     sentences = [
         f"`{row['preset']}` errs by {100.0 * row[ERROR]:.2g} % of the feather's length and takes"
@@ -128,14 +128,16 @@ def stress_page(stress: dict[str, Any]) -> str:
         " what the integrator held in its accelerations is explained (energy_promise_kernels)."
     )
     return (
-        as_markdown(Table("stress", "Stability", note, listed))
+        as_markdown(ResultTable("stress", "Stability", note, listed))
         + "\n"
-        + as_markdown(Table("worst", "Worst cases", "Violations first, then the dearest.", worst))
+        + as_markdown(
+            ResultTable("worst", "Worst cases", "Violations first, then the dearest.", worst)
+        )
     )
 
 
 def write(
-    folder: Path, tables: Sequence[Table], stress: dict[str, Any] | None, program: str
+    folder: Path, tables: Sequence[ResultTable], stress: dict[str, Any] | None, program: str
 ) -> list[Path]:
     """Write the page, CSV files, JSON and plots to a folder; returns the files.
 
@@ -175,7 +177,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Table:
+class ResultTable:
     """name: of the CSV file. title, note: for the page. rows: all with the same keys."""
 
     name: str
@@ -184,7 +186,7 @@ class Table:
     rows: Sequence[Row]
 
 
-def as_csv(table: Table) -> str:
+def as_csv(table: ResultTable) -> str:
     """The table with all digits."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, list(table.rows[0]), lineterminator="\n")
@@ -200,7 +202,7 @@ def shown(value: Any) -> str:
     return str(value)
 
 
-def as_markdown(table: Table) -> str:
+def as_markdown(table: ResultTable) -> str:
     """A heading, the note and the table with three digits."""
     names = list(table.rows[0])
     lines = [f"## {table.title}", "", table.note, ""]

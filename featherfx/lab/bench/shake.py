@@ -63,7 +63,7 @@ class Shake:
 
 
 @dataclass(frozen=True)
-class Run:
+class ShakeRun:
     """Outcome of a shake.
 
     station: (n,) m. moved: (T, n, 3, 3) m, displacements from rest of the rachis point and the two
@@ -91,7 +91,7 @@ class Run:
 
 
 # A method takes a feather kind through a shake. Others are added to METHODS in experiments.py.
-Method = Callable[[FeatherKind, Shake], Run]
+Method = Callable[[FeatherKind, Shake], ShakeRun]
 
 
 @lru_cache
@@ -129,7 +129,7 @@ def _repeated(model: Model, count: int) -> Model:
     return model._replace(**many)
 
 
-def barb_curvature(kind: FeatherKind, shake: Shake) -> Run:
+def barb_curvature(kind: FeatherKind, shake: Shake) -> ShakeRun:
     """The default solver."""
     one = _model(kind, shake.rows, shake.columns, shake.coefficients)
     model = _repeated(one, shake.count) if shake.count > 1 else one
@@ -141,7 +141,7 @@ def barb_curvature(kind: FeatherKind, shake: Shake) -> Run:
 def nodal(method: Literal["improved", "textbook"]) -> Method:
     """The nodal solver, of one feather, by the improved or the textbook Newton method."""
 
-    def run(kind: FeatherKind, shake: Shake) -> Run:
+    def run(kind: FeatherKind, shake: Shake) -> ShakeRun:
         feather = build_feather(kind, shake.rows, shake.columns)
         model = _model(kind, shake.rows, shake.columns, 0)
         constants = nodal_model(model, [feather], [kind], section="carried")
@@ -157,7 +157,7 @@ def _settings(shake: Shake) -> Settings:
     return Settings(shake.tolerance, shake.newton, most, shake.radius)
 
 
-def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int) -> Run:
+def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int) -> ShakeRun:
     """Step any solver through the shake; solver and state have the shape of Solver and State."""
     feather = build_feather(kind, shake.rows, shake.columns)
     rest = _followed(feather, state.points[0])
@@ -175,7 +175,9 @@ def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int
         if _is_output(after):
             moved.append(_followed(feather, state.points[0]) - rest)
     present = np.concatenate([np.ones((1, feather.rows)), feather.barb_length]) > 0.0
-    return Run(feather.station, np.array(moved), present.T, seconds, steps, iterations, unknowns)
+    return ShakeRun(
+        feather.station, np.array(moved), present.T, seconds, steps, iterations, unknowns
+    )
 
 
 def _step_times(shake: Shake) -> Array:
@@ -194,7 +196,7 @@ def _followed(feather: Feather, points: Array) -> Array:
     return points[:, [0, 2 + m, 2 + 2 * m]]
 
 
-def trajectory_error(run: Run, reference: Run, length: float) -> float:
+def trajectory_error(run: ShakeRun, reference: ShakeRun, length: float) -> float:
     """Largest distance of any followed point at any output time of a run, as a share of the length.
 
     The reference lasts at least as long. Its displacements are interpolated along the rachis, where

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import without_directors
-from featherfx.lab.bench.report import Row, Table
+from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.detail.view import TimedCamera, View
 from featherfx.shot.motion.motion import root_motion
@@ -135,7 +135,7 @@ class Skip(NamedTuple):
     scene: tuple[str, Change] | None = None
 
 
-class _Run(NamedTuple):
+class _Baked(NamedTuple):
     """seconds: of processor. points: per frame and feather (n, P, 3)."""
 
     seconds: float
@@ -229,7 +229,7 @@ def skips_table(
     only: str = "*",
     frames: int | None = None,
     every: int = 1,
-) -> Table:
+) -> ResultTable:
     """Every skip on every shot that it fits.
 
     progress: called with the lines done and all. only: pattern of the skips' names, with * and ?.
@@ -243,11 +243,11 @@ def skips_table(
         if skip.fits(shot) and fnmatchcase(skip.name, only)
     ]
     rows: list[Row] = []
-    known: dict[tuple[int, Change], _Run] = {}
+    known: dict[tuple[int, Change], _Baked] = {}
     for shot, skip in pairs:
         rows.append(_measured(shot, skip, known))
         progress(len(rows), len(pairs))
-    return Table("skips", "Skipped work", NOTE, rows)
+    return ResultTable("skips", "Skipped work", NOTE, rows)
 
 
 def share_of(shot: Shot, index: int, count: int) -> Shot:
@@ -264,7 +264,7 @@ def _first(shot: Shot, frames: int | None) -> Shot:
     return replace(shot, last_frame=min(shot.last_frame, shot.first_frame + frames - 1))
 
 
-def _measured(shot: Shot, skip: Skip, known: dict[tuple[int, Change], _Run]) -> Row:
+def _measured(shot: Shot, skip: Skip, known: dict[tuple[int, Change], _Baked]) -> Row:
     """One line. known: runs without a skip, by shot and change, for other skips to compare with."""
     name, key = shot.name, (id(shot), skip.off)
     if skip.scene is not None:
@@ -289,7 +289,7 @@ def _measured(shot: Shot, skip: Skip, known: dict[tuple[int, Change], _Run]) -> 
     }
 
 
-def _run(shot: Shot) -> _Run:
+def _run(shot: Shot) -> _Baked:
     """The shot on one thread, after two frames of some feathers have compiled what they need."""
     some = share_of(shot, 1, max(1, len(shot.groom.feathers) // WARMING))
     list(simulate(some, frames=(shot.first_frame, min(shot.first_frame + 1, shot.last_frame))))
@@ -298,7 +298,7 @@ def _run(shot: Shot) -> _Run:
     points = [next(frames).points]
     begin = time.process_time()
     points += [frame.points for frame in frames]
-    return _Run(time.process_time() - begin, points, simulation)
+    return _Baked(time.process_time() - begin, points, simulation)
 
 
 def _errors(

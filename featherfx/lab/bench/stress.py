@@ -36,7 +36,7 @@ COUNTED = ("steps", "iterations", "rejected", "failed", "fallbacks", "forced")
 
 
 @dataclass
-class Outcome:
+class CaseOutcome:
     """What became of a case.
 
     seed, numbers: of the case. status: 0 or why the solver stopped; frame: in which frame.
@@ -82,9 +82,9 @@ def energies(model: Model, state: State, loads: Loads) -> tuple[float, float, fl
     return kinetic, elastic, potential
 
 
-def run_case(case: Case) -> Outcome:
+def run_case(case: Case) -> CaseOutcome:
     """Simulate a case and judge every frame."""
-    outcome = Outcome(case.seed, case.numbers)
+    outcome = CaseOutcome(case.seed, case.numbers)
     start = thread_time()
     state = case.state
     gains, unexplained = [], []
@@ -110,7 +110,7 @@ def run_case(case: Case) -> Outcome:
     return outcome
 
 
-def _count(outcome: Outcome, report: StepReport) -> None:
+def _count(outcome: CaseOutcome, report: StepReport) -> None:
     for name in COUNTED:
         setattr(outcome, name, getattr(outcome, name) + int(getattr(report, name)[0]))
     outcome.status = int(report.status[0])
@@ -168,15 +168,15 @@ def run_seeds(
     jobs: int = 1,
     most_rows: int = 200,
     progress: Callable[[int, int], None] | None = None,
-    keep: Callable[[Outcome], None] | None = None,
-) -> list[Outcome]:
+    keep: Callable[[CaseOutcome], None] | None = None,
+) -> list[CaseOutcome]:
     """Outcomes of the cases of the seeds, in their order.
 
     progress: called as (done, total). keep: called with each outcome as soon as it is there.
     """
     listed = list(seeds)
 
-    def one(seed: int) -> Outcome:
+    def one(seed: int) -> CaseOutcome:
         return run_case(draw_case(seed, most_rows))
 
     with ThreadPoolExecutor(jobs) as pool:
@@ -193,7 +193,7 @@ def run_seeds(
     return [future.result() for future in futures]
 
 
-def as_record(outcome: Outcome) -> dict[str, Any]:
+def as_record(outcome: CaseOutcome) -> dict[str, Any]:
     """An outcome as plain data for JSON."""
     values = asdict(outcome) | {"verdict": outcome.verdict}
     return values | {"case": values.pop("numbers")}

@@ -100,7 +100,7 @@ class FeatherRun:
 
 
 @dataclass(frozen=True)
-class _Body:
+class _FeatherBody:
     """A feather ready to step: its solver and state of either kinematics, and its unknowns.
 
     repeat: Newton iterations at a pose, to time, from loads and state.
@@ -132,14 +132,16 @@ def _settings(test: FeatherTest) -> Settings:
     return Settings(tolerance, NEWTON_SHARE * test.tolerance, SUBSTEPS)
 
 
-def _body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _Body:
+def _body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _FeatherBody:
     model = with_damping(make_model([feather], [kind], test.coefficients), [kind])
     root, settings = (np.zeros((1, 3)), np.eye(3)[None]), _settings(test)
     if test.kinematics == "barb-curvature":
         repeat = partial(curvature_repeat, model)
-        return _Body(Solver(model, settings), rest_state(model, *root), model.unknowns, repeat)
+        return _FeatherBody(
+            Solver(model, settings), rest_state(model, *root), model.unknowns, repeat
+        )
     nodal = nodal_model(model, [feather], [kind], section="carried")
-    return _Body(
+    return _FeatherBody(
         NodalSolver(model, nodal, settings),
         nodal_rest_state(model, nodal, *root),
         int(nodal.size[0]),
@@ -147,7 +149,7 @@ def _body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _Body:
     )
 
 
-def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _Body) -> FeatherRun:
+def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _FeatherBody) -> FeatherRun:
     motion, grips = root_motion(shot), _grips(test)
     members = np.zeros(1, dtype=np.int64)
     interval = test.fixed_step or 1.0 / FRAMES_PER_SECOND

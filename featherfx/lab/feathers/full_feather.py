@@ -120,7 +120,7 @@ class FullPull:
 
 
 @dataclass(frozen=True)
-class Pulled:
+class PulledFeather:
     """Outcome of a pull.
 
     rachis_deflection: distance that the rachis tip moved, over the length. barb_strain: largest
@@ -168,7 +168,7 @@ def _flat(vane: VaneShape) -> VaneShape:
     return replace(vane, guides=tuple(replace(guide, camber=0.0) for guide in vane.guides))
 
 
-def pull_feather(pull: FullPull) -> Pulled:
+def pull_feather(pull: FullPull) -> PulledFeather:
     """Pull a feather. Raises SimulationError where no equilibrium is found."""
     kind = flat_kind(pull.material)
     feather = build_feather(kind, pull.rows, pull.columns)
@@ -186,7 +186,7 @@ def pull_feather(pull: FullPull) -> Pulled:
     points = np.array(state.points[0])
     apart = loads.grip_end[0, 0] - points[node]
     wavelength, amplitude = wrinkles(feather, points)
-    return Pulled(
+    return PulledFeather(
         rachis_deflection=float(np.linalg.norm(points[-1, 0] - feather.points[-1, 0])) / LENGTH,
         barb_strain=barb_strain(feather, points),
         force=GRIP_STIFFNESS * float(np.linalg.norm(apart)),

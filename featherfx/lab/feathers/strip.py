@@ -109,7 +109,7 @@ def run_strip(test: StripTest, end: float = OUTPUT_TIMES[-1]) -> StripRun:
 
 
 @dataclass(frozen=True)
-class _Body:
+class _StripBody:
     """A strip ready to fall: solver, state and unknowns."""
 
     solver: Any
@@ -117,7 +117,7 @@ class _Body:
     unknowns: int
 
 
-def _fall(test: StripTest, body: _Body, times: list[float]) -> StripRun:
+def _fall(test: StripTest, body: _StripBody, times: list[float]) -> StripRun:
     state, loads, path = body.state, no_loads(1, GRAVITY), _held_root(body.state)
     rest = _edges(test, state.points[0])
     tips, strain, seconds, steps, iterations = [], 0.0, 0.0, 0, 0
@@ -196,7 +196,7 @@ def _with_rachis(model: Model) -> Model:
     return model._replace(rachis_stiffness=stiffness[None])
 
 
-def _nodal_body(test: StripTest) -> _Body:
+def _nodal_body(test: StripTest) -> _StripBody:
     rows = CELLS * test.refinement + 1
     kind = strip_kind(LENGTH, _material(test.scene))
     feather = strip_feather(LENGTH, WIDTH, rows, test.columns)
@@ -218,10 +218,10 @@ def _nodal_body(test: StripTest) -> _Body:
     )
     state = nodal_rest_state(model, nodal, np.zeros((1, 3)), np.eye(3)[None])
     solver = NodalSolver(model, nodal, _settings(test), test.method)
-    return _Body(solver, state, int(nodal.size[0]))
+    return _StripBody(solver, state, int(nodal.size[0]))
 
 
-def _curvature_body(test: StripTest) -> _Body:
+def _curvature_body(test: StripTest) -> _StripBody:
     """The held columns are the root: the feather begins at the second, whose barbs are rigid."""
     held = LENGTH / CELLS
     rows = (CELLS - 1) * test.refinement + 1
@@ -232,7 +232,7 @@ def _curvature_body(test: StripTest) -> _Body:
     barbs[:, :, 0] = HELD_BARB
     model = model._replace(barb_stiffness=barbs)
     state = rest_state(model, np.array([[held, 0.0, 0.0]]), np.eye(3)[None])
-    return _Body(Solver(model, _settings(test)), state, model.unknowns)
+    return _StripBody(Solver(model, _settings(test)), state, model.unknowns)
 
 
 def _settings(test: StripTest) -> Settings:

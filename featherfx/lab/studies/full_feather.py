@@ -14,7 +14,7 @@ from featherfx.lab.feathers.full_feather import (
     MATERIALS,
     FullPull,
     Material,
-    Pulled,
+    PulledFeather,
     pull_feather,
 )
 from featherfx.lab.studies.study import Figure, Row, StudyResult, bounded, draw, reported
@@ -108,7 +108,7 @@ def tip_pull(folder: Path) -> StudyResult:
     return StudyResult(rows, _picture(folder / "full_feather_tip.png", caption, found))
 
 
-def _numbers(found: Mapping[Material, Pulled]) -> list[Row]:
+def _numbers(found: Mapping[Material, PulledFeather]) -> list[Row]:
     rows = []
     for name, each in found.items():
         rows += [
@@ -136,7 +136,9 @@ def _numbers(found: Mapping[Material, Pulled]) -> list[Row]:
     return rows
 
 
-def _picture(file: Path, caption: str, found: Mapping[Material, Pulled]) -> tuple[Figure, ...]:
+def _picture(
+    file: Path, caption: str, found: Mapping[Material, PulledFeather]
+) -> tuple[Figure, ...]:
     def paint(canvas: Any) -> None:
         for k, (name, each) in enumerate(found.items()):
             axes = canvas.add_subplot(len(found), 1, k + 1)

@@ -164,12 +164,11 @@ def draw(
     """Write a PNG that paint draws on an empty matplotlib Figure; () without matplotlib."""
     if not can_plot():
         return ()
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure as Canvas
+    from matplotlib import figure, rc_context
 
     file.parent.mkdir(parents=True, exist_ok=True)
     with rc_context({"axes.prop_cycle": f"cycler('color', {list(COLOURS)})"}):
-        canvas = Canvas(figsize=inches, layout="constrained")
+        canvas = figure.Figure(figsize=inches, layout="constrained")
         paint(canvas)
         # no version or date inside: the same numbers give the same file
         canvas.savefig(file, format="png", dpi=DOTS, metadata={"Software": None})

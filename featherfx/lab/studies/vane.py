@@ -14,7 +14,7 @@ from featherfx.lab.studies.study import Row, StudyResult, bounded, compared, rep
 from featherfx.lab.vane import angles as tilted
 from featherfx.lab.vane import pictures
 from featherfx.lab.vane.calibrate import NAMES, calibrate
-from featherfx.lab.vane.curves import Curve
+from featherfx.lab.vane.curves import MeasuredCurve
 from featherfx.lab.vane.locking import RATIOS, run_locking
 from featherfx.lab.vane.mesoscale import (
     Bands,
@@ -247,7 +247,7 @@ def _change_with_ratio(factor: float) -> float:
     return float(np.abs(poses[1] - poses[0]).max())
 
 
-def _curve(angle: float, largest: float) -> Curve:
+def _curve(angle: float, largest: float) -> MeasuredCurve:
     sample = Sample(angle, *SIZE)
     pulled = pull_test(Traction(sample, SWAN, largest, 8, 8000))
-    return Curve(sample, pulled.strain, pulled.stress)
+    return MeasuredCurve(sample, pulled.strain, pulled.stress)

@@ -26,7 +26,7 @@ from featherfx.lab.vane.mesoscale import (
     transverse_stress,
 )
 from featherfx.lab.vane.sample import FORM, Moduli, Sample, sample_problems, slope, strains
-from featherfx.lab.vane.traction import Pulled, Traction, pull_test
+from featherfx.lab.vane.traction import PulledSample, Traction, pull_test
 
 Array = NDArray[np.float64]
 
@@ -90,8 +90,8 @@ class ShearBand:
     width_bands: float
     width_membrane: float
     width_corners: float
-    bands: Pulled
-    membrane: Pulled
+    bands: PulledSample
+    membrane: PulledSample
 
     def as_json(self) -> dict[str, Any]:
         """Plain values by key, SI units."""
@@ -183,7 +183,7 @@ def shear_bands(
     return tuple(found)
 
 
-def band_width(sample: Sample, pulled: Pulled) -> float:
+def band_width(sample: Sample, pulled: PulledSample) -> float:
     """m, across the barbs, over which barbs go from one clamp's motion to the other's.
 
     Measured between 10 and 90 % of the motion and scaled to the whole, as if it were even.

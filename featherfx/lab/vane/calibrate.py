@@ -27,7 +27,7 @@ from scipy.stats import t as student
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_text
 from featherfx.lab.declare import out_of_range, require, value
-from featherfx.lab.vane.curves import Curve
+from featherfx.lab.vane.curves import MeasuredCurve
 from featherfx.lab.vane.elements import membrane
 from featherfx.lab.vane.sample import FORM, Moduli, isotropic, slope
 from featherfx.lab.vane.statics import Statics
@@ -101,7 +101,9 @@ class Calibration:
         return found
 
 
-def calibrate(curves: Sequence[Curve], elements: int = FINE, source: str = "") -> Calibration:
+def calibrate(
+    curves: Sequence[MeasuredCurve], elements: int = FINE, source: str = ""
+) -> Calibration:
     """Moduli that fit the curves best.
 
     elements: of the meshes of tilted samples. The fit uses coarser ones, corrected by the ratio of
@@ -145,7 +147,7 @@ def calibrate(curves: Sequence[Curve], elements: int = FINE, source: str = "") -
 class _Test:
     """What the model says of one curve: weighted stresses at its strains."""
 
-    def __init__(self, curve: Curve, scale: float) -> None:
+    def __init__(self, curve: MeasuredCurve, scale: float) -> None:
         self._curve, self._scale = curve, scale
         ends = curve.strain[np.argmax(np.abs(curve.strain))]
         self._knots = ends * np.arange(1, KNOTS + 1) / KNOTS
@@ -179,7 +181,7 @@ class _Test:
         return pull(sample, statics, self._knots).stress / self._knots
 
 
-def _require_tests(curves: Sequence[Curve], source: str) -> None:
+def _require_tests(curves: Sequence[MeasuredCurve], source: str) -> None:
     """InputError unless there is a test for every modulus."""
     problems = []
     for number, curve in enumerate(curves):
@@ -215,7 +217,7 @@ def _missing(name: str, source: str) -> Problem:
     return Problem(source, name, f"the curves do not determine it; missing is {MISSING[name]}")
 
 
-def _first_guess(curves: Sequence[Curve]) -> Array:
+def _first_guess(curves: Sequence[MeasuredCurve]) -> Array:
     """(3,) logarithms."""
     steep = max(curves, key=lambda c: abs(c.sample.angle))
     flat = min(curves, key=lambda c: abs(c.sample.angle))

@@ -20,7 +20,7 @@ NAMED = 20
 
 
 @dataclass(frozen=True)
-class Curve:
+class MeasuredCurve:
     """One test: its sample, and strain (n,) with stress (n,), Pa, as sample.py defines them."""
 
     sample: Sample
@@ -28,7 +28,7 @@ class Curve:
     stress: Array
 
 
-def read_curves(path: Path) -> tuple[Curve, ...]:
+def read_curves(path: Path) -> tuple[MeasuredCurve, ...]:
     """Curves of a CSV file with the columns of COLUMNS (SI units, degrees), one point a line.
 
     Lines of equal angle, width, height and thickness are one curve. Raises InputError with all
@@ -97,12 +97,12 @@ def _sample_problems(
     return problems
 
 
-def _grouped(points: list[tuple[float, ...]]) -> tuple[Curve, ...]:
+def _grouped(points: list[tuple[float, ...]]) -> tuple[MeasuredCurve, ...]:
     groups: dict[tuple[float, ...], list[tuple[float, ...]]] = {}
     for point in points:
         groups.setdefault(point[2:], []).append(point)
     curves = []
     for key, members in groups.items():
         ordered = np.array(sorted(members))
-        curves.append(Curve(Sample(*key), ordered[:, 0], ordered[:, 1]))
+        curves.append(MeasuredCurve(Sample(*key), ordered[:, 0], ordered[:, 1]))
     return tuple(curves)

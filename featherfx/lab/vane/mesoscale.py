@@ -40,7 +40,7 @@ from featherfx.lab.vane.sample import (
     stress,
 )
 from featherfx.lab.vane.statics import MembranePose, Statics
-from featherfx.lab.vane.traction import Pulled, clamped, pull
+from featherfx.lab.vane.traction import PulledSample, clamped, pull
 
 Array = NDArray[np.float64]
 
@@ -158,7 +158,7 @@ def band_rows(sample: Sample, bands: Bands, layers: int = 1) -> tuple[Array, NDA
 
 def pull_bands(
     sample: Sample, bands: Bands, strain: Array, *, order: Order = 2, layers: int = 1
-) -> Pulled:
+) -> PulledSample:
     """Pull a sample of bands through the strains (n,)."""
     mesh, moduli = band_mesh(sample, bands, order, layers)
     body = membrane(sample, mesh, moduli, order)

@@ -14,7 +14,7 @@ from featherfx.lab.studies.study import Figure, draw
 from featherfx.lab.vane.angles import AngleSlopes, ShearBand
 from featherfx.lab.vane.locking import Locking
 from featherfx.lab.vane.mesoscale import SizeEffect
-from featherfx.lab.vane.traction import Meshing, Pulled, TractionResult
+from featherfx.lab.vane.traction import Meshing, PulledSample, TractionResult
 
 Array = NDArray[np.float64]
 MARKS: tuple[tuple[Meshing, str], ...] = (("aligned", "o-"), ("unaligned", "s--"))
@@ -114,14 +114,14 @@ def band_picture(file: Path, bands: Sequence[ShearBand]) -> tuple[Figure, ...]:
     return draw(file, caption, paint, (2.6 * len(bands), 7.0))
 
 
-def _shear(pulled: Pulled) -> Array:
+def _shear(pulled: PulledSample) -> Array:
     """(M,) size of 2 e_vw in each element."""
     strain = pulled.statics.system.strains(pulled.pose.positions)
     mean: Array = np.abs(strain[..., 2]).mean(axis=1)
     return mean
 
 
-def _deformed(axes: Any, pulled: Pulled, most: float) -> Any:
+def _deformed(axes: Any, pulled: PulledSample, most: float) -> Any:
     drawn = axes.tripcolor(
         *pulled.pose.positions.T,
         pulled.statics.membrane.nodes[:, :3],

@@ -13,9 +13,30 @@ unknowns of their own: an iterate that stretches stiff barbs too far then does n
 stiffness. Source: Magisano, Leonetti, Garcea 2017 (mixed integration points).
 """
 
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient, stretch_strain
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
+
+Array = NDArray[np.float64]
+
+
+class Elements(NamedTuple):
+    """M elements of K nodes and Q strain points.
+
+    nodes: (M, K). along, across: (M, Q, K) 1/m, derivatives of the nodes' functions along and
+    across the barbs. volume: (M, Q) m^3. moduli: (M, 3) Pa, along the barbs, across them, shear.
+    """
+
+    nodes: NDArray[np.int64]
+    along: Array
+    across: Array
+    volume: Array
+    moduli: Array
 
 
 @kernel
@@ -59,11 +80,12 @@ def point_gradients(point, unit, gradient, line, table):
 
 
 @kernel
-def sample_strains(positions, nodes, along, across, unit, point, strain):
+def sample_strains(positions, elements, unit, point, strain):
     """Strains of all points, written to strain (M, Q, 3).
 
-    positions: (N, 2) m. nodes: (M, K). along, across: (M, Q, K) 1/m. point: (3, 3), scratch.
+    positions: (N, 2) m. point: (3, 3), scratch.
     """
+    nodes, along, across, _, _ = elements
     for m in range(nodes.shape[0]):
         for q in range(along.shape[1]):
             images(positions, nodes[m], along[m, q], across[m, q], point)
@@ -71,11 +93,12 @@ def sample_strains(positions, nodes, along, across, unit, point, strain):
 
 
 @kernel
-def predicted_strains(positions, step, nodes, along, across, unit, scratch, strain):
+def predicted_strains(positions, step, elements, unit, scratch, strain):
     """Strains at `positions` plus their linear change by `step` (N, 2), to strain (M, Q, 3).
 
     scratch: point (3, 3), change (3, 3), gradient (2, 3, 3), line (6,), table (3, 2, 2).
     """
+    nodes, along, across, _, _ = elements
     point, change, gradient, line, table = scratch
     for m in range(nodes.shape[0]):
         for q in range(along.shape[1]):
@@ -90,14 +113,13 @@ def predicted_strains(positions, step, nodes, along, across, unit, scratch, stra
 
 
 @kernel
-def sample_system(
-    positions, nodes, along, across, volume, moduli, geometric, unit, scratch, forces, blocks
-):
+def sample_system(positions, elements, geometric, unit, scratch, forces, blocks):
     """Energy; gradient to forces (N, 2), zero before; stiffness to blocks (M, 2 K, 2 K).
 
-    volume: (M, Q) m^3. moduli: (M, 3) Pa. geometric: (M, Q, 3) Pa, stresses of the second
-    variation. scratch: as in predicted_strains, then strain (3,) and lever (2 K, 3).
+    geometric: (M, Q, 3) Pa, stresses of the second variation. scratch: as in predicted_strains,
+    then strain (3,) and lever (2 K, 3).
     """
+    nodes, along, across, volume, moduli = elements
     point, _, gradient, line, table, strain, lever = scratch
     energy = 0.0
     count = nodes.shape[1]

@@ -8,7 +8,12 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from featherfx.lab.vane.elements import Membrane
-from featherfx.lab.vane.sample_kernels import predicted_strains, sample_strains, sample_system
+from featherfx.lab.vane.sample_kernels import (
+    Elements,
+    predicted_strains,
+    sample_strains,
+    sample_system,
+)
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -71,17 +76,17 @@ class MembraneSystem:
         is_free = np.repeat(~held, 2)
         self.free = np.flatnonzero(is_free)
         self.pattern = Pattern(membrane.nodes, is_free)
+        self._elements = Elements(
+            *(membrane.nodes, membrane.along, membrane.across, membrane.volume, membrane.moduli)
+        )
         count = membrane.nodes.shape[1]
         self._scratch = (*_scratch(), np.zeros(3), np.zeros((2 * count, 3)))
         self._blocks = np.zeros((len(membrane.nodes), 2 * count, 2 * count))
 
     def strains(self, positions: Array) -> Array:
         """(M, Q, 3) e_vv, e_ww, 2 e_vw at positions (N, 2)."""
-        part = self.membrane
-        strain = np.zeros((*part.volume.shape, 3))
-        sample_strains(
-            positions, part.nodes, part.along, part.across, UNIT, np.zeros((3, 3)), strain
-        )
+        strain = np.zeros((*self.membrane.volume.shape, 3))
+        sample_strains(positions, self._elements, UNIT, np.zeros((3, 3)), strain)
         return strain
 
     def stresses(self, positions: Array) -> Array:
@@ -110,22 +115,17 @@ class MembraneSystem:
 
         stresses: (M, Q, 3) Pa, of the stiffness.
         """
-        part = self.membrane
         forces = np.zeros_like(positions)
         energy = sample_system(
-            *(positions, part.nodes, part.along, part.across, part.volume, part.moduli),
-            *(stresses, UNIT, self._scratch, forces, self._blocks),
+            *(positions, self._elements, stresses, UNIT, self._scratch, forces, self._blocks)
         )
         return energy, forces, self.pattern.sum(self._blocks)
 
     def predicted_stresses(self, positions: Array, step: Array) -> Array:
         """(M, Q, 3) Pa after a step (N, 2), to first order."""
-        part = self.membrane
-        strain = np.zeros((*part.volume.shape, 3))
-        predicted_strains(
-            positions, step, part.nodes, part.along, part.across, UNIT, _scratch(), strain
-        )
-        return strain * part.moduli[:, None]
+        strain = np.zeros((*self.membrane.volume.shape, 3))
+        predicted_strains(positions, step, self._elements, UNIT, _scratch(), strain)
+        return strain * self.membrane.moduli[:, None]
 
     def solve(self, positions: Array, stresses: Array, shift: Array) -> tuple[Array, Array] | None:
         """Newton's step (N, 2) and the forces (N, 2), N, without chains; None if not definite.

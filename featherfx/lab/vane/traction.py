@@ -97,7 +97,7 @@ class TractionResult:
 
 
 @dataclass(frozen=True)
-class Pulled:
+class PulledSample:
     """A sample pulled step by step. strain, stress: (n,), Pa. pose: the last. statics: solver."""
 
     strain: Array
@@ -152,7 +152,7 @@ def run_traction(test: Traction, *, check_mesh: bool = True) -> TractionResult:
     )
 
 
-def pull_test(test: Traction, *, folding: bool = False, accuracy: float = 1e-10) -> Pulled:
+def pull_test(test: Traction, *, folding: bool = False, accuracy: float = 1e-10) -> PulledSample:
     """The test itself, without checks of input or mesh; folding, accuracy: see Statics."""
     moduli = isotropic(test.moduli.across) if test.model == "isotropic" else test.moduli
     body = membrane(
@@ -181,7 +181,7 @@ def clamped(sample: Sample, body: Membrane) -> NDArray[np.bool_]:
 
 def pull(
     sample: Sample, statics: Statics, strain: Array, pose: MembranePose | None = None
-) -> Pulled:
+) -> PulledSample:
     """Pull through the strains (n,), from `pose` or from rest. Raises InputError."""
     pose = pose or statics.rest()
     rest = statics.membrane.points
@@ -196,7 +196,7 @@ def pull(
             raise InputError(Problem("", "strain", message)) from error
         force = float(statics.forces(pose)[top, 1].sum())
         stresses.append(stress(force, moved, sample))
-    return Pulled(strain, np.array(stresses), pose, statics)
+    return PulledSample(strain, np.array(stresses), pose, statics)
 
 
 def traction_problems(test: Traction) -> list[Problem]:

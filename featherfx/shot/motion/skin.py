@@ -14,7 +14,7 @@ from featherfx.groom.skin.search import search_tree
 from featherfx.groom.skin.skin import Binding, bind, closest, follow, is_flat
 from featherfx.groom.types import FeatherKind, Groom
 from featherfx.shot.motion.roots import RootFrames
-from featherfx.shot.read.sources import Surface
+from featherfx.shot.read.sources import MovingSurface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -40,7 +40,7 @@ class _Part:
     triangles: (U, 3) points of those that the binding uses.
     """
 
-    surface: Surface
+    surface: MovingSurface
     members: Indices
     binding: Binding
     triangles: Indices
@@ -109,7 +109,7 @@ class SkinSurfaces:
     the skin that turns a root; None: the distance of roots, at most the feather's width.
     """
 
-    surfaces: tuple[Surface, ...]
+    surfaces: tuple[MovingSurface, ...]
     start: float
     tolerance: float
     source: str
@@ -191,7 +191,7 @@ def _width(kind: FeatherKind) -> float:
     return kind.length * sum(max((y for _, y in each), default=0.0) for each in outlines)
 
 
-def _part(groom: Groom, surface: Surface, members: Indices, radii: Array) -> _Part:
+def _part(groom: Groom, surface: MovingSurface, members: Indices, radii: Array) -> _Part:
     """Feathers of one surface, all of them or none placed by skin uv. radii: (R,) m."""
     positions = np.array([groom.feathers[k].position for k in members], dtype=np.float64)
     shafts = np.array([groom.feathers[k].rotation[:, 0] for k in members], dtype=np.float64)

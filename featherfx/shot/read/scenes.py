@@ -13,7 +13,13 @@ from featherfx.groom.keys.values import Place
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.motion.skin import SkinSurfaces
-from featherfx.shot.read.sources import SceneReaders, Surface, TimedSurface, TimedWind, WindSource
+from featherfx.shot.read.sources import (
+    MovingSurface,
+    SceneReaders,
+    TimedSurface,
+    TimedWind,
+    WindSource,
+)
 from featherfx.shot.types import LevelOfDetail
 
 
@@ -137,8 +143,8 @@ def _start(entry: dict[str, Any], checked: dict[str, Any], codes_per_second: flo
 
 
 def _moving(
-    surface: Surface, entry: dict[str, Any], checked: dict[str, Any], start: float
-) -> Surface:
+    surface: MovingSurface, entry: dict[str, Any], checked: dict[str, Any], start: float
+) -> MovingSurface:
     """A surface as it moves between whole frames: smoothly, unless the entry says otherwise.
 
     At whole frames it is as the scene has it. Where the shot goes beyond the samples the scene
@@ -160,7 +166,11 @@ def _moving(
 
 
 def _check_range(
-    surfaces: list[Surface], rest: float | None, checked: dict[str, Any], start: float, at: Place
+    surfaces: list[MovingSurface],
+    rest: float | None,
+    checked: dict[str, Any],
+    start: float,
+    at: Place,
 ) -> None:
     """Problems where shot or rest, a time code, run out of the samples of a moving surface."""
     for surface in surfaces:
@@ -178,7 +188,7 @@ def _check_range(
 
 
 def _warn_of_range(
-    source: Surface | WindSource, checked: dict[str, Any], start: float, at: Place
+    source: MovingSurface | WindSource, checked: dict[str, Any], start: float, at: Place
 ) -> None:
     missing = _missing(source, checked, start)
     if missing:
@@ -186,7 +196,7 @@ def _warn_of_range(
         warnings.warn(message, InputWarning, stacklevel=2)
 
 
-def _missing(source: Surface | WindSource, checked: dict[str, Any], start: float) -> str:
+def _missing(source: MovingSurface | WindSource, checked: dict[str, Any], start: float) -> str:
     """Which samples a shot needs that a scene does not have; empty where it has all."""
     first, last = checked["frames"]
     seconds = (last - first) / checked["frames_per_second"]

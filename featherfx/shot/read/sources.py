@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-class Surface(Protocol):
+class MovingSurface(Protocol):
     """A triangle mesh that moves; metres, z up.
 
     path: where it stands in its scene. triangles: (T, 3) point indices. face: (T,) the scene's
@@ -61,7 +61,7 @@ class Surface(Protocol):
     def is_mirrored(self, code: float) -> bool:
         """Whether it is mirrored at a time code against rest."""
 
-    def smoothed(self, knots: Knots) -> Surface:
+    def smoothed(self, knots: Knots) -> MovingSurface:
         """The same, moving smoothly between the poses that it has at knots (time codes)."""
 
 
@@ -105,7 +105,7 @@ class TimedSurface:
     """A scene's mesh over the shot's time. start: time code at 0 s. run_up: s, before 0, in which
     its motion is brought up from rest."""
 
-    surface: Surface
+    surface: MovingSurface
     start: float
     run_up: float = 0.0
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from featherfx.groom.keys.values import Place
-from featherfx.groom.read.condensed import BarbCurves
+from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.drawn import DrawnFeather
 from featherfx.usd.read.curve_values import Values
 from featherfx.usd.read.curves import curves_of
@@ -52,7 +52,7 @@ class _Curve:
     number: int
     of: int
     points: Array
-    barbs: BarbCurves | None
+    barbs: DrawnBarbs | None
     values: Values
 
 
@@ -146,7 +146,7 @@ def _curves(prim: Any, entry: dict[str, Any], place: Place) -> Iterator[_Curve]:
         if left is None or right is None:
             yield _Curve(prim, number, len(curves), curves.line(number), None, values)
         else:
-            barbs = BarbCurves(left[part], right[part])
+            barbs = DrawnBarbs(left[part], right[part])
             yield _Curve(prim, number, len(curves), curves.control(number), barbs, values)
 
 
@@ -173,7 +173,7 @@ def _feather(
         # left and right change places in a mirror; scale is about the root
         root = transformed(curve.points[:1], matrix)
         sides = [root + scale * (side - root) for side in sides]
-        barbs = BarbCurves(*(reversed(sides) if mirrored else sides))
+        barbs = DrawnBarbs(*(reversed(sides) if mirrored else sides))
     points = transformed(curve.points, matrix)
     skin_uv = next((u for v, k, n in sources if (u := v.vector("skin_uv", k, n, 2)) is not None), 0)
     return DrawnFeather(

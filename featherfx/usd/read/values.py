@@ -127,12 +127,6 @@ def sized_array(attribute: Any, code: Any, kind: Kind) -> NDArray[Any]:
     return np.empty((0, *kind.element)) if found is None else found
 
 
-def primvar_array(primvar: Any, code: Any, kind: Kind) -> NDArray[Any] | None:
-    """(N, ...) of a primvar with its indices resolved; None where there is no value."""
-    value = flattened(primvar, code)
-    return None if value is None else numbers_of(value, kind, primvar.GetAttr(), at(code))
-
-
 def flattened(primvar: Any, code: Any) -> Any:
     """Any value of a primvar at a time, its indices resolved; None where there is none."""
     if not primvar or not primvar.HasValue():
