@@ -168,7 +168,7 @@ class SkinSurfaces:
         )
 
 
-def _radii(groom: Groom, surface: Surface, members: Indices, given: float | None) -> Array:
+def _radii(groom: Groom, surface: MovingSurface, members: Indices, given: float | None) -> Array:
     """(R,) m, of the skin that turns each root: as given, or the mean distance to the two nearest
     roots, at most the width of the feather; of a skeleton the length of its bone."""
     if given is not None:
