@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from featherfx._version import __version__
@@ -19,7 +21,7 @@ from featherfx.limits import refuse_beyond_memory
 from featherfx.phases import phase
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.placement import place
-from featherfx.shot.types import Quality
+from featherfx.shot.types import Quality, Shot
 from featherfx.usd.types import FeatherEntry
 
 # bytes of a mesh point and of a barb, measured: while one feather is built, of a feather and of its
@@ -121,3 +123,32 @@ def _drawn_feather(
 def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
     """What a cache tells of where it comes from."""
     return {"featherfx": __version__, "groom": groom.name, "quality": quality.name}
+
+
+def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
+    """What a cache at a path tells of the skin and the colliders of its shot, for pictures."""
+    skin = () if shot.skin is None else shot.skin.parts
+    start = 0.0 if shot.skin is None else shot.skin.start
+    found = [("skin", part.surface, start) for part in skin]
+    found += [("collider", each.surface, each.start) for each in shot.colliders]
+    # a collider may be the skin, too
+    known = {(each[1].file, each[1].path): each for each in reversed(found)}
+    entries = {
+        str(number): {
+            "role": role,
+            "file": _from(path.parent, surface.file),
+            "prim": surface.path,
+            "start": float(start),
+            "first": float(shot.first_frame),
+        }
+        for number, (role, surface, start) in enumerate(reversed(known.values()))
+    }
+    return {"scenery": entries} if entries else {}
+
+
+def _from(folder: Path, file: Path) -> str:
+    """A path from a folder; whole where there is no way from it."""
+    try:
+        return Path(os.path.relpath(file, folder)).as_posix()
+    except ValueError:
+        return file.absolute().as_posix()

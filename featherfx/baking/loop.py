@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from featherfx.baking.entries import drawn_entries, metadata_of
+from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import Task
 from featherfx.files.background import Background
 from featherfx.jit.told import TELLER
@@ -60,7 +60,9 @@ def _writer(task: Task) -> CacheWriter:
         task.frames,
         shot.frames_per_second,
         task.options,
-        metadata=metadata_of(shot.groom, quality) | {"shot": shot.name, "settings": task.settings},
+        metadata=metadata_of(shot.groom, quality)
+        | scenery_of(shot, task.path)
+        | {"shot": shot.name, "settings": task.settings},
         settings=task.settings,
         root=task.root,
         origin=origin_for([each.position for each in task.whole.groom.feathers]),

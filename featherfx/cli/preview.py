@@ -1,22 +1,28 @@
-"""`featherfx preview`: a picture of a cache."""
+"""`featherfx preview`: pictures of a cache."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from featherfx.cli.options import Size, readable_path
+from featherfx.cli.options import FrameRange, Size, readable_path
 from featherfx.cli.program import Command
-from featherfx.limits import MOST_SHEET
+from featherfx.cli.progress import Progress
+from featherfx.limits import MOST_JOBS, MOST_SHEET
+from featherfx.render.picture import COLOURS, FRAMINGS, SAMPLES, VIEWS
 
 
 @click.command(
     cls=Command,
-    short_help="Draw a USD file to PNG.",
+    short_help="Draw a USD file to pictures or films.",
     epilog="""
     featherfx preview swan_wing.usdc -o wing.png --frame 12
     featherfx preview swan_wing.usdc -o beat.png --sheet 8 --view front
+    featherfx preview swan_wing.usdc -o one.png --feather right_primary_03 --frame 12
+    featherfx preview new.usdc -o both.png --against old.usdc --frame 12
+    featherfx preview wing.usda -o shot.mp4 --camera /cameras/main --frames 1-24
     featherfx preview swan_wing.usdc -o strain.png --frame 12 --colour strain --size 1920x1080
     """,
 )
@@ -26,16 +32,17 @@ from featherfx.limits import MOST_SHEET
     "--output",
     required=True,
     type=click.Path(path_type=Path),
-    help="PNG file to write.",
+    help="File to write: .png, or a film as .gif or .mp4.",
 )
 @click.option(
     "--frame",
-    "frames",
+    "single",
     type=float,
     multiple=True,
     metavar="N",
     help="Frame to draw; repeat it for several files, or for the frames of a sheet.",
 )
+@click.option("--frames", "span", type=FrameRange(), help="First and last frame to draw.")
 @click.option(
     "--sheet",
     type=click.IntRange(1, MOST_SHEET),
@@ -43,8 +50,15 @@ from featherfx.limits import MOST_SHEET
     help="Contact sheet of N frames spread over the file, or of those of --frame.",
 )
 @click.option(
+    "--turntable",
+    type=click.IntRange(1, MOST_SHEET),
+    default=0,
+    metavar="N",
+    help="N views around the upright axis.",
+)
+@click.option(
     "--colour",
-    type=click.Choice(["shaded", "barb", "region", "strain"]),
+    type=click.Choice(COLOURS),
     default="shaded",
     show_default=True,
     help="Shaded vanes, barb angle, region, or strain across the barbs.",
@@ -52,43 +66,110 @@ from featherfx.limits import MOST_SHEET
 @click.option("--size", type=Size(), help="Pixels of one picture.")
 @click.option(
     "--view",
-    type=click.Choice(["auto", "top", "side", "front"]),
+    type=click.Choice(VIEWS),
     default="auto",
     show_default=True,
     help="Where the camera stands; auto looks onto the vanes.",
+)
+@click.option(
+    "--framing",
+    type=click.Choice([each for each in FRAMINGS if each]),
+    help="Keep in view what all frames of FILE show, or those drawn."
+    "  [default: all; drawn with --feather or --region]",
+)
+@click.option(
+    "--camera",
+    metavar="PATH",
+    help="Prim path of a USD camera in FILE, or of another file as cameras.usda:/path.",
+)
+@click.option(
+    "--feather", "feathers", multiple=True, metavar="ID", help="Only these, close up; * and ? too."
+)
+@click.option(
+    "--region", "regions", multiple=True, metavar="NAME", help="Only these, close up; * and ? too."
+)
+@click.option("--surroundings", is_flag=True, help="With --feather or --region: the others, too.")
+@click.option(
+    "--against", type=readable_path(), metavar="FILE", help="A cache to draw beside this one."
+)
+@click.option(
+    "--scenery",
+    type=readable_path(),
+    multiple=True,
+    metavar="FILE",
+    help="USD file whose meshes are drawn, too. Skin and colliders of the shot always are.",
+)
+@click.option("--bare", is_flag=True, help="Leave out skin and colliders.")
+@click.option(
+    "--samples",
+    type=click.Choice([str(each) for each in SAMPLES]),
+    default="16",
+    show_default=True,
+    help="Rays a pixel.",
+)
+@click.option(
+    "--f-stop", type=float, default=0.0, metavar="N", help="Blur of a lens, such as 2.8; 0: none."
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, MOST_JOBS), help="Threads that draw.  [default: all cores]"
+)
+@click.option(
+    "--progress",
+    "style",
+    type=click.Choice(["auto", "json"]),
+    default="auto",
+    show_default=True,
+    help="json: one JSON object a line on stderr.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def preview(
     file: Path,
     output: Path,
-    frames: tuple[float, ...],
+    single: tuple[float, ...],
+    span: tuple[int, int] | None,
     sheet: int | None,
-    colour: str,
-    size: tuple[int, int] | None,
-    view: str,
-    overwrite: bool,
+    samples: str,
+    style: str,
+    **options: Any,
 ) -> None:
-    """Draw the feathers of FILE (USD) to PNG, without a screen or a GPU.
+    """Draw the feathers of FILE (USD), without a screen or a GPU.
 
-    Needs the extra `preview`: pip install "featherfx[preview]".
+    Skin and colliders of the shot are drawn with them. The camera is the same for all frames and
+    all calls on one file. Needs the extra `preview`: pip install "featherfx[preview]"; films as
+    .mp4 need `film`.
     """
-    if sheet and frames and len(frames) != sheet:
-        raise click.UsageError(f"--sheet {sheet} and {len(frames)} times --frame do not agree")
+    frames = _frames(file, single, span, None if options["turntable"] else sheet)
 
     from featherfx.render.picture import render
 
-    chosen = list(frames) or (_spread(file, sheet) if sheet else None)
-    for written in render(
-        file,
-        output,
-        chosen,
-        size=size,
-        colour=colour,
-        sheet=bool(sheet),
-        view=view,
-        overwrite=overwrite,
-    ):
-        click.echo(str(written), err=True)
+    with Progress("drawing", style) as progress:
+        written = render(
+            file,
+            output,
+            frames=frames,
+            sheet=bool(sheet),
+            samples=int(samples),
+            on_rows=progress,
+            **options,
+        )
+    for path in written:
+        click.echo(str(path), err=True)
+
+
+def _frames(
+    file: Path, single: tuple[float, ...], span: tuple[int, int] | None, sheet: int | None
+) -> list[float] | None:
+    """The frames that the options name; None leaves them open."""
+    if single and span:
+        raise click.UsageError("--frame and --frames exclude each other")
+    if span:
+        frames = [float(frame) for frame in range(span[0], min(span[1], span[0] + 10**5) + 1)]
+    else:
+        frames = list(single)
+    if sheet and frames and len(frames) != sheet:
+        told = "--frames" if span else f"{len(frames)} times --frame"
+        raise click.UsageError(f"--sheet {sheet} and {told} do not agree")
+    return frames or (_spread(file, sheet) if sheet else None)
 
 
 def _spread(file: Path, count: int) -> list[float] | None:

@@ -17,12 +17,20 @@ Picture = NDArray[np.uint8]
 _INK = (40, 40, 44)
 
 
-def label(picture: Picture, text: str) -> Picture:
-    """The picture with a text in its upper left corner."""
+def label(picture: Picture, text: str, below: bool = False) -> Picture:
+    """The picture with a text in its upper left corner, or the lower left one."""
     image, draw = _canvas(picture)
     size = _text_size(picture.shape[0])
-    draw.text((size, 0.7 * size), text, fill=_INK, font=_font(size))
+    top = picture.shape[0] - 1.9 * size if below else 0.7 * size
+    draw.text((size, top), text, fill=_INK, font=_font(size))
     return np.asarray(image)
+
+
+def beside(pictures: Sequence[Picture]) -> Picture:
+    """Pictures of one height in a row."""
+    gap = np.full((pictures[0].shape[0], 2, 3), 255, np.uint8)
+    row = [part for picture in pictures for part in (gap, picture)]
+    return np.concatenate(row[1:], axis=1)
 
 
 def contact_sheet(pictures: Sequence[Picture]) -> Picture:

@@ -1,81 +1,121 @@
-"""Where to look from, so that every feather of every chosen frame is in the picture."""
+"""Where to look from: what is drawn fits into the picture at every frame, or as a USD camera sees.
+
+All in the world: metres, z up.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.render.scene import DrawnPose, DrawnScene
-from featherfx.usd.space import StageSpace
+from featherfx.render.light_kernels import Lens
+from featherfx.shot.detail.view import View
 
 Array = NDArray[np.float64]
 
+VIEWS = ("auto", "top", "side", "front")
+
 _ANGLE = math.radians(24)
-_MARGIN = 1.06
-# (right, up) of the fixed views in a z-up frame: top, from -y, and from +x.
+_FOCAL_LENGTH = 0.056  # m: sees this angle over the height of a frame of 24 mm
+_MARGIN = 1.04
+# (right, up) of the fixed views: top, from -y, and from +x.
 _FIXED = {
-    "top": ((1, 0, 0), (0, 1, 0)),
-    "side": ((1, 0, 0), (0, 0, 1)),
-    "front": ((0, 1, 0), (0, 0, 1)),
+    "top": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "side": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    "front": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
 }
 
 
 @dataclass(frozen=True)
-class PictureCamera:
-    """eye: (3,). right, up, back: unit (3,). tangent: of half the vertical angle of view."""
+class Eye:
+    """A camera of pictures. view: where it is and what it sees. size: (width, height) in pixels.
 
-    eye: Array
-    right: Array
-    up: Array
-    back: Array
-    tangent: float
+    radius: m, of its lens; 0: all is sharp. focus: m, depth that is sharp.
+    """
 
-    def rays(self, columns: Array, rows: Array, size: tuple[int, int]) -> Array:
-        """Unit directions (N, 3) through picture positions in pixels (y down)."""
-        width, height = size
-        x = (2 * columns / width - 1) * self.tangent * width / height
-        y = (1 - 2 * rows / height) * self.tangent
-        rays = x[:, None] * self.right + y[:, None] * self.up - self.back
-        return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    view: View
+    size: tuple[int, int]
+    radius: float = 0.0
+    focus: float = 1.0
 
-    def pixel(self, distance: Array | float, height: int) -> Array | float:
-        """Size of a pixel at a distance, stage units."""
-        return 2 * self.tangent * distance / height
+    @property
+    def right(self) -> Array:
+        return self.view.right
+
+    @property
+    def up(self) -> Array:
+        return self.view.up
+
+    @property
+    def back(self) -> Array:
+        return self.view.back
+
+    def lens(self, origin: Array) -> Lens:
+        """As kernels take it, with positions from an origin (3,)."""
+        view = self.view
+        return Lens(
+            view.eye - origin,
+            np.array(view.right),
+            np.array(view.up),
+            np.array(view.back),
+            float(view.width),
+            float(view.height),
+            float(view.shift[0]),
+            float(view.shift[1]),
+            bool(view.orthographic),
+            float(self.radius),
+            float(self.focus),
+            self.size[0],
+            self.size[1],
+        )
+
+    def pixels_per_metre(self, points: Array) -> Array:
+        """(N,) at points (N, 3); at most as near as a tenth of the depth of the farthest."""
+        view, rows = self.view, self.size[1]
+        if view.orthographic:
+            return np.full(len(points), rows / view.height)
+        depth = (view.eye - points) @ view.back
+        return rows / (view.height * np.maximum(depth, max(0.1 * float(depth.max()), 1e-9)))
+
+    def places(self, points: Array) -> Array:
+        """(N, 2) columns and rows of points (N, 3) in the picture, pixels."""
+        view = self.view
+        local = (points - view.eye) @ np.stack([view.right, view.up, view.back], axis=1)
+        over = 1.0 if view.orthographic else -local[:, 2]
+        x = (local[:, 0] / over - view.shift[0]) / view.width + 0.5
+        y = 0.5 - (local[:, 1] / over - view.shift[1]) / view.height
+        return np.stack([x * self.size[0], y * self.size[1]], axis=1)
+
+    def focused(self, f_stop: float, on: Array) -> Eye:
+        """With the blur of a lens at an f-stop, sharp at the depth of a point (3,)."""
+        focus = float((self.view.eye - on) @ self.view.back)
+        return replace(self, radius=0.5 * _FOCAL_LENGTH / f_stop, focus=max(focus, 1e-6))
 
 
-def choose_camera(
-    scene: DrawnScene, poses: Sequence[DrawnPose], view: str, up_axis: str, size: tuple[int, int]
-) -> PictureCamera:
-    """A camera of a view (one of featherfx.render.picture.VIEWS) that frames all poses."""
-    world_up = StageSpace(1.0, up_axis).directions(np.array([0.0, 0.0, 1.0]))
+def axes_of(view: str, points: Array, triangles: NDArray[np.int64]) -> tuple[Array, Array]:
+    """(right, up) of one of VIEWS; "auto" sees triangles (T, 3) of points (V, 3) from their broad
+    side."""
     if view == "auto":
-        right, up = _three_quarter(scene, poses, world_up)
-    else:
-        turned = StageSpace(1.0, up_axis).directions
-        right, up = (turned(np.array(vector, dtype=float)) for vector in _FIXED[view])
-    return _framing(right, up, np.concatenate([pose.points for pose in poses]), size)
+        return _three_quarter(points, triangles)
+    right, up = _FIXED[view]
+    return np.array(right), np.array(up)
 
 
-def _three_quarter(
-    scene: DrawnScene, poses: Sequence[DrawnPose], world_up: Array
-) -> tuple[Array, Array]:
+def _three_quarter(points: Array, triangles: NDArray[np.int64]) -> tuple[Array, Array]:
     """(right, up) of a view that sees the vanes from their broad side, a little from aside."""
-    areas = []
-    for pose in poses:
-        a, b, c = (pose.points[scene.triangles[:, k]] for k in range(3))
-        areas.append(0.5 * np.cross(b - a, c - a))
-    normals = np.concatenate(areas)
+    world_up = np.array([0.0, 0.0, 1.0])
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    normals = 0.5 * np.cross(b - a, c - a)
     size = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
     broad = np.linalg.eigh(np.einsum("tk,tl,t->kl", normals, normals, 1 / size))[1][:, -1]
     toward = broad @ world_up
     if abs(toward) < 0.3:
         toward = broad @ normals.sum(axis=0)
     broad = broad if toward >= 0 else -broad
-    points = np.concatenate([pose.points for pose in poses])
     flat = (points - points.mean(axis=0)) @ (np.eye(3) - np.outer(broad, broad))
     # The greatest spread lies along the picture's width, pointing to the positive axis.
     long = np.linalg.eigh(flat.T @ flat)[1][:, -1]
@@ -91,8 +131,8 @@ def _three_quarter(
     return right, across / np.linalg.norm(across)
 
 
-def _framing(right: Array, up: Array, points: Array, size: tuple[int, int]) -> PictureCamera:
-    """The nearest camera of given axes from which all points are in the picture."""
+def framing(right: Array, up: Array, points: Array, size: tuple[int, int]) -> Eye:
+    """The nearest camera of given axes from which all points (N, 3) are in the picture."""
     back = np.cross(right, up)
     tangent, aspect = math.tan(_ANGLE / 2), size[0] / size[1]
     local = points @ np.stack([right, up, back], axis=1)
@@ -101,4 +141,37 @@ def _framing(right: Array, up: Array, points: Array, size: tuple[int, int]) -> P
     needed = np.maximum(np.abs(y) / tangent, np.abs(x) / (tangent * aspect))
     distance = max(float((z + _MARGIN * needed).max()), 1e-9)
     eye = centre[0] * right + centre[1] * up + (centre[2] + distance) * back
-    return PictureCamera(eye, right, up, back, tangent)
+    height = 2 * tangent
+    return Eye(View(eye, right, up, back, height * aspect, height, (0.0, 0.0), False), size)
+
+
+def whole(view: View, size: tuple[int, int]) -> Eye:
+    """A camera with all of its picture in one of another shape."""
+    aspect = size[0] / size[1]
+    width = max(view.width, view.height * aspect)
+    return Eye(replace(view, width=width, height=width / aspect), size)
+
+
+def turned(points: Array, middle: Array, angle: float) -> Array:
+    """Points (..., 3) turned by an angle (rad) about the upright axis through a point (3,)."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray((points - middle) @ turn + middle)
+
+
+def turned_eye(eye: Eye, middle: Array, angle: float) -> Eye:
+    """A camera carried by an angle (rad) about the upright axis through a point (3,)."""
+    view, origin = eye.view, np.zeros(3)
+    right, up, back = (turned(axis, origin, angle) for axis in (view.right, view.up, view.back))
+    at = turned(view.eye, middle, angle)
+    return replace(eye, view=replace(view, eye=at, right=right, up=up, back=back))
+
+
+def turntable(
+    right: Array, up: Array, points: Array, size: tuple[int, int], angles: Sequence[float]
+) -> list[Eye]:
+    """Cameras around all points at angles (rad), all of one distance."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    around = np.concatenate([turned(points, middle, -angle) for angle in angles])
+    eye = framing(right, up, around, size)
+    return [turned_eye(eye, middle, angle) for angle in angles]

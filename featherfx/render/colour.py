@@ -1,4 +1,4 @@
-"""What the colours of a picture mean: base colours per face and the key to them."""
+"""What the colours of a picture mean and the key to them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from featherfx.render.scene import DrawnPose, DrawnScene
 
 Array = NDArray[np.float64]
 
-VANE, SHAFT = (0.92, 0.88, 0.80), (0.45, 0.34, 0.23)
+# linear: of feathers and of other meshes without a colour of their own, and of shafts
+VANE, SHAFT, SKIN = (0.80, 0.76, 0.69), (0.47, 0.36, 0.22), (0.31, 0.25, 0.22)
+COLLIDER = (0.24, 0.26, 0.29)
 _MUTED = (0.45, 0.45, 0.45)
 # Anchors of perceptually even ramps: viridis, and a blue-white-red diverging one.
 _SEQUENTIAL = np.array(
@@ -44,25 +46,37 @@ class Legend:
     entries: tuple[tuple[str, tuple[float, ...]], ...]
 
 
-def face_colours(
+def look_colours(scene: DrawnScene, mode: str) -> tuple[Array, Legend | None]:
+    """Linear colours (N, 3) of feathers in a look ("shaded" or "region"), and the key to them."""
+    if mode != "region":
+        return np.tile(VANE, (len(scene.feathers), 1)), None
+    names = sorted(set(scene.regions))
+    palette = [tuple(_CATEGORIES[k % len(_CATEGORIES)]) for k in range(len(names))]
+    labels = tuple((name or "(none)", c) for name, c in zip(names, palette, strict=True))
+    found = np.array([palette[names.index(region)] for region in scene.regions])
+    return linear(found), Legend(labels)
+
+
+def value_colours(
     scene: DrawnScene, poses: Sequence[DrawnPose], mode: str
-) -> tuple[list[Array], Bar | Legend | None]:
-    """Base colours (T, 3) of each pose, 0 to 1, and the key that explains them."""
-    if mode == "region":
-        return _by_region(scene, len(poses))
+) -> tuple[list[Array], Bar]:
+    """Colours (T, 3) of each pose by values ("barb" or "strain"), 0 to 1, and the key to them."""
     if mode == "barb":
         values = [_barb_angle(scene, pose) for pose in poses]
         return _by_value(scene, values, "barb angle (deg)", _SEQUENTIAL, symmetric=False)
-    if mode == "strain":
-        values = [
-            100
-            * strain_across_barbs(scene.rest.points, pose.points, scene.triangles, scene.rest.barbs)
-            for pose in poses
-        ]
-        title = "Green-Lagrange strain across barbs (%)"
-        return _by_value(scene, values, title, _DIVERGING, symmetric=True)
-    shaded = np.where(scene.rachis[:, None], SHAFT, VANE)
-    return [shaded] * len(poses), None
+    rest = scene.rest
+    values = [
+        100 * strain_across_barbs(rest.points, pose.points, scene.triangles, rest.barbs)
+        for pose in poses
+    ]
+    title = "Green-Lagrange strain across barbs (%)"
+    return _by_value(scene, values, title, _DIVERGING, symmetric=True)
+
+
+def linear(colour: Array) -> Array:
+    """Light of colours as displays show them (sRGB, IEC 61966-2-1)."""
+    low = colour <= 0.04045
+    return np.where(low, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4)
 
 
 def ramp_colours(ramp: Array, fraction: Array) -> Array:
@@ -71,19 +85,10 @@ def ramp_colours(ramp: Array, fraction: Array) -> Array:
     return np.stack([np.interp(fraction, steps, ramp[:, k]) for k in range(3)], axis=-1)
 
 
-def _by_region(scene: DrawnScene, count: int) -> tuple[list[Array], Legend]:
-    names = sorted(set(scene.regions))
-    palette = [tuple(_CATEGORIES[k % len(_CATEGORIES)]) for k in range(len(names))]
-    of_feather = np.array([palette[names.index(region)] for region in scene.regions])
-    colours = of_feather[scene.owner] * np.where(scene.rachis, 0.6, 1.0)[:, None]
-    labels = tuple((name or "(none)", c) for name, c in zip(names, palette, strict=True))
-    return [colours] * count, Legend(labels)
-
-
 def _by_value(
     scene: DrawnScene, values: list[Array], title: str, ramp: Array, symmetric: bool
 ) -> tuple[list[Array], Bar]:
-    shown = ~scene.rachis & (scene.apex >= 0)
+    shown = ~scene.rachis & scene.rest.barbs.any(axis=1)
     low, high = _limits(np.concatenate([v[shown] for v in values]), symmetric)
     colours = []
     for value in values:

@@ -2,91 +2,191 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from PIL import Image
+from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.whole import Standing, standing, write_all
-from featherfx.render.annotate import add_key, contact_sheet, label
-from featherfx.render.camera import choose_camera
-from featherfx.render.colour import face_colours
-from featherfx.render.picture import SHEET_FRAMES
-from featherfx.render.scene import load_pose, load_scene
-from featherfx.render.trace import Tracer
-from featherfx.usd.read.read import Cache
+from featherfx.files.whole import standing
+from featherfx.render.annotate import add_key, beside, contact_sheet, label
+from featherfx.render.camera import Eye, axes_of, framing, turntable, whole
+from featherfx.render.colour import Bar, Legend
+from featherfx.render.files import save
+from featherfx.render.picture import SHEET_FRAMES, PictureOptions, check_pixels
+from featherfx.render.subject import Subject, open_subject
+from featherfx.render.trace import ROWS_AT_ONCE, Tracer
+from featherfx.usd.read.cameras import camera_of
 from featherfx.usd.write.output import file_problems
+
+Picture = NDArray[np.uint8]
+Notify = Callable[[int, int], object]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One picture to draw. time: code, None for the rest pose. name: of its label. number: of its
+    file."""
+
+    time: float | None
+    eye: Eye
+    name: str
+    number: str
 
 
 def draw(
-    path: Path,
-    output: Path,
-    frames: Sequence[float] | None,
-    size: tuple[int, int],
-    colour: str,
-    sheet: bool,
-    view: str,
-    overwrite: bool,
+    path: Path, output: Path, options: PictureOptions, jobs: int, notify: Notify
 ) -> list[Path]:
     """As featherfx.render.picture.render, of arguments that are right."""
-    cache = Cache(path)
-    times = _times(path, cache, frames, sheet)
-    files = [output]
-    if len(times) > 1 and not sheet:
-        files = [output.with_suffix(f".{_number(time)}{output.suffix}") for time in times]
-    problems = file_problems(files, overwrite)
+    subjects = [open_subject(path, options)]
+    if options.against is not None:
+        subjects.append(open_subject(Path(options.against), options))
+    times = _times(path, subjects[0], options, output)
+    shots = _shots(path, subjects, times, options)
+    files = _files(output, shots, options)
+    problems = file_problems(files, options.overwrite) + check_pixels(len(shots), options)
     if problems:
         raise InputError(*problems)
     before = {file: standing(file) for file in files}
-    scene = load_scene(cache)
-    poses = [load_pose(cache, scene.triangles, time) for time in times]
-    camera = choose_camera(scene, poses, view, cache.up_axis, size)
-    colours, key = face_colours(scene, poses, colour)
-    tracer = Tracer(scene, camera, size)
-    pictures = [
-        tracer.picture(pose, base, stripes=colour in ("shaded", "region"))
-        for pose, base in zip(poses, colours, strict=True)
-    ]
-    if sheet:
-        labelled = [label(p, _name(t)) for p, t in zip(pictures, times, strict=True)]
-        pictures = [contact_sheet(labelled)]
-    _save([add_key(picture, key) for picture in pictures], before)
+    key = None
+    for subject in subjects:
+        key = subject.colour(shots[0].eye, [shot.time for shot in shots], options.colour) or key
+    pictures = _pictures(subjects, shots, options, jobs, notify)
+    finished = list(_finished(pictures, subjects, shots, options, key))
+    save(finished, before, subjects[0].cache.frames_per_second)
     return files
 
 
+def _finished(
+    pictures: Iterator[list[Picture]],
+    subjects: Sequence[Subject],
+    shots: Sequence[Shot],
+    options: PictureOptions,
+    key: Bar | Legend | None,
+) -> Iterator[Picture]:
+    """Pictures with labels and key, as they go to files."""
+    tiles = []
+    for shot, sides in zip(shots, pictures, strict=True):
+        if len(sides) > 1:
+            sides = [
+                label(side, subject.name) for side, subject in zip(sides, subjects, strict=True)
+            ]
+        picture = beside(sides)
+        if options.sheet:
+            tiles.append(label(picture, shot.name, below=len(sides) > 1))
+        else:
+            yield add_key(picture, key)
+    if tiles:
+        yield add_key(contact_sheet(tiles), key)
+
+
+def _pictures(
+    subjects: Sequence[Subject],
+    shots: Sequence[Shot],
+    options: PictureOptions,
+    jobs: int,
+    notify: Notify,
+) -> Iterator[list[Picture]]:
+    """The pictures of every shot, one of each subject; the next is prepared while one is drawn."""
+    width, height = options.pixels
+    tops = range(0, height, ROWS_AT_ONCE)
+    work = [(subject, shot) for shot in shots for subject in subjects]
+    done, total = 0, len(work) * len(tops)
+    notify(0, total)
+
+    def prepared(subject: Subject, shot: Shot) -> Tracer:
+        geometry = subject.geometry(shot.time)
+        return Tracer(geometry, shot.eye, options.samples, not options.is_look)
+
+    drawers, preparer = ThreadPoolExecutor(jobs), ThreadPoolExecutor(1)
+    try:
+        following: Future[Tracer] = preparer.submit(prepared, *work[0])
+        sides: list[Picture] = []
+        for index in range(len(work)):
+            tracer = following.result()
+            if index + 1 < len(work):
+                following = preparer.submit(prepared, *work[index + 1])
+            picture = np.zeros((height, width, 3), np.uint8)
+            strips = {drawers.submit(tracer.rows, top): top for top in tops}
+            for strip in as_completed(strips):
+                top = strips[strip]
+                picture[top : top + ROWS_AT_ONCE] = strip.result()
+                done += 1
+                notify(done, total)
+            sides.append(picture)
+            if len(sides) == len(subjects):
+                yield sides
+                sides = []
+    finally:
+        drawers.shutdown(cancel_futures=True)
+        preparer.shutdown(cancel_futures=True)
+
+
+def _shots(
+    path: Path, subjects: Sequence[Subject], times: Sequence[float | None], options: PictureOptions
+) -> list[Shot]:
+    """What is drawn from where."""
+    named = [(time, _name(time), _number(time)) for time in times]
+    if options.camera is not None:
+        seen = camera_of(path, options.camera, subjects[0].cache)
+        eyes = [whole(seen(time), options.pixels) for time in times]
+        return [Shot(time, eye, *names) for (time, *names), eye in zip(named, eyes, strict=True)]
+    kept = times if options.framed == "drawn" else None
+    reach = np.concatenate([subject.reach(kept) for subject in subjects])
+    right, up = axes_of(options.view, *subjects[0].shape(kept))
+    middle = 0.5 * (reach.min(axis=0) + reach.max(axis=0))
+    if options.turntable:
+        count = options.turntable
+        angles = [2 * math.pi * k / count for k in range(count)]
+        eyes = turntable(right, up, reach, options.pixels, angles)
+        named = [named[k * len(named) // count] for k in range(count)]
+        turns = [(f"{360 * k / count:g} degrees", f"{k + 1:04d}") for k in range(count)]
+        named = [(time, *turn) for (time, _, _), turn in zip(named, turns, strict=True)]
+    else:
+        eyes = [framing(right, up, reach, options.pixels)] * len(named)
+    if options.f_stop:
+        eyes = [eye.focused(options.f_stop, middle) for eye in eyes]
+    return [Shot(time, eye, *names) for (time, *names), eye in zip(named, eyes, strict=True)]
+
+
+def _files(output: Path, shots: Sequence[Shot], options: PictureOptions) -> list[Path]:
+    if len(shots) == 1 or options.sheet or output.suffix.lower() != ".png":
+        return [output]
+    return [output.with_suffix(f".{shot.number}{output.suffix}") for shot in shots]
+
+
 def _times(
-    path: Path, cache: Any, frames: Sequence[float] | None, sheet: bool
+    path: Path, subject: Subject, options: PictureOptions, output: Path
 ) -> list[float | None]:
     """The time codes to draw; None stands for the rest pose of a file without time."""
+    cache, frames = subject.cache, options.frames
     first, last = cache.frames
     if not cache.has_frames:
         if frames:
-            raise InputError(
-                Problem(str(path), "frame", "the file has no frames, only a rest pose")
-            )
+            message = "the file has no frames, only a rest pose"
+            raise InputError(Problem(str(path), "frame", message))
         return [None]
     if frames is None:
-        if not sheet:
-            return [first]
-        steps = int(last - first)
-        chosen = np.unique(np.round(np.linspace(0, steps, min(SHEET_FRAMES, steps + 1))))
-        return [float(first + step) for step in chosen]
+        if options.sheet and not options.turntable:
+            steps = int(last - first)
+            chosen = np.unique(np.round(np.linspace(0, steps, min(SHEET_FRAMES, steps + 1))))
+            return [float(first + step) for step in chosen]
+        if output.suffix.lower() != ".png" and not options.turntable:
+            return list(cache.whole_frames())
+        return [first]
     if not len(frames):
         raise InputError(Problem(str(path), "frame", "no frame was chosen"))
-    outside = [code for code in frames if not first <= code <= last]
-    if outside:
-        raise InputError(
-            *(
-                Problem(
-                    str(path), "frame", f"{code:g} is out of range; allowed {first:g} to {last:g}"
-                )
-                for code in outside
-            )
-        )
+    problems = [
+        Problem(str(path), "frame", f"{code:g} is out of range; allowed {first:g} to {last:g}")
+        for code in frames
+        if not first <= code <= last
+    ]
+    if problems:
+        raise InputError(*problems)
     return [float(code) for code in frames]
 
 
@@ -98,17 +198,3 @@ def _number(time: float | None) -> str:
     if time is None:
         return "rest"
     return f"{int(time):04d}" if time == int(time) else f"{time:08.3f}"
-
-
-def _save(pictures: Sequence[Any], before: Mapping[Path, Standing]) -> None:
-    """Write PNG files, all or none. before: what stood at each when the work began."""
-
-    def store(path: Path, picture: Any) -> None:
-        Image.fromarray(picture).save(path, format="PNG", optimize=True)
-
-    each = zip(before, pictures, strict=True)
-    try:
-        write_all(((file, partial(store, picture=picture)) for file, picture in each), before)
-    except OSError as error:
-        message = f"cannot be written: {error.strerror}"
-        raise InputError(Problem(str(error.filename), "", message)) from error

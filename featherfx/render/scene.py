@@ -1,14 +1,19 @@
-"""All meshes of a cache as one triangle soup with the attributes that colours need."""
+"""The meshes of a cache as one triangle soup with the attributes that colours need."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.errors import InputError, Problem
 from featherfx.feather.types import RACHIS
-from featherfx.usd.read.read import Cache, CachedPose
+from featherfx.groom.keys.values import nearest
+from featherfx.render.geometry import vertex_normals
+from featherfx.usd.read.read import Cache, CachedFeather
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -16,7 +21,8 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class DrawnPose:
-    """One time. points, normals: (V, 3). barbs: (T, 3) barb directions, zero where unknown."""
+    """One time; metres, z up. points, normals: (V, 3). barbs: (T, 3) barb directions, zero where
+    unknown."""
 
     points: Array
     normals: Array
@@ -25,82 +31,114 @@ class DrawnPose:
 
 @dataclass(frozen=True)
 class DrawnScene:
-    """The constant part of all meshes.
+    """The constant part of the meshes that are drawn.
 
-    triangles: (T, 3). rachis: (T,) bool. owner: (T,) feather. regions: per feather. apex: (T,)
-    which corner is opposite to the barb edge, -1 where there are no barbs. along_feather: (T,)
-    fraction of the feather's length, from st.
-    rest: rest pose. Units of the stage.
+    chosen: (N,) feathers of the cache. feathers: those. starts: (N + 1,) first point of each, and
+    V. triangles: (T, 3). rachis: (T,) bool. owner: (T,) feather, of N. regions: per feather.
+    along_feather: (T,) fraction of the feather's length, from st. to_world: (3, 3), row vectors,
+    stage to metres and z up. rest: rest pose.
     """
 
+    chosen: Indices
+    feathers: tuple[CachedFeather, ...]
+    starts: Indices
     triangles: Indices
     rachis: NDArray[np.bool_]
     owner: Indices
     regions: tuple[str, ...]
-    apex: Indices
     along_feather: Array
+    to_world: Array
     rest: DrawnPose
 
-    @property
-    def extent_of_rest(self) -> float:
-        return float(np.ptp(self.rest.points, axis=0).max())
+
+def world_of(cache: Cache) -> Array:
+    """(3, 3) stage to world, metres and z up, row vectors."""
+    turn = np.eye(3)
+    if cache.up_axis == "Y":
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    return cache.meters_per_unit * turn
 
 
-def load_scene(cache: Cache) -> DrawnScene:
-    """The scene of a cache."""
-    counts = [len(cache.pose(k).points) for k in range(len(cache.feathers))]
-    offsets = np.cumsum([0, *counts[:-1]])
+def chosen_feathers(
+    cache: Cache, source: str, feathers: Sequence[str], regions: Sequence[str]
+) -> Indices:
+    """(N,) those of the ids or regions, patterns with * and ? too; all where neither is given.
+
+    Raises InputError where a pattern fits none, with names that are like it.
+    """
+    known = {
+        "feather": [each.id for each in cache.feathers],
+        "region": [each.region for each in cache.feathers],
+    }
+    problems, chosen = [], np.zeros(len(cache.feathers), dtype=bool)
+    for key, patterns in (("feather", feathers), ("region", regions)):
+        for pattern in patterns:
+            fits = np.array([fnmatchcase(name, pattern) for name in known[key]], dtype=bool)
+            if not fits.any():
+                near = nearest(pattern, set(known[key]) - {""})
+                problems.append(Problem(source, key, f"no {key} fits '{pattern}'; {near}"))
+            chosen |= fits
+    if problems:
+        raise InputError(*problems)
+    return np.flatnonzero(chosen if feathers or regions else ~chosen)
+
+
+def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
+    """The scene of a cache, or of some of its feathers."""
+    chosen = np.arange(len(cache.feathers)) if chosen is None else chosen
+    feathers = tuple(cache.feathers[k] for k in chosen)
+    to_world = world_of(cache)
+    counts = [len(cache.points(k)) for k in chosen]
+    starts = np.cumsum([0, *counts])
     triangles = np.concatenate(
-        [f.triangles + offset for f, offset in zip(cache.feathers, offsets, strict=True)]
+        [f.triangles + offset for f, offset in zip(feathers, starts[:-1], strict=True)]
     )
-    rest = load_pose(cache, triangles, None)
-    authored = [f.rest is not None for f in cache.feathers]
-    if all(authored):
-        points = np.concatenate([np.asarray(f.rest, dtype=float) for f in cache.feathers])
-        rest = DrawnPose(points, rest.normals, rest.barbs)
     heights = [
-        np.zeros(n) if f.st is None else f.st[:, 1]
-        for f, n in zip(cache.feathers, counts, strict=True)
+        np.zeros(n) if f.st is None else f.st[:, 1] for f, n in zip(feathers, counts, strict=True)
     ]
+    rest = _pose(cache, chosen, triangles, to_world, None)
+    if all(f.rest is not None for f in feathers):
+        authored = np.concatenate([np.asarray(f.rest, dtype=float) for f in feathers])
+        rest = DrawnPose(authored @ to_world, rest.normals, rest.barbs)
     return DrawnScene(
+        chosen=chosen,
+        feathers=feathers,
+        starts=starts,
         triangles=triangles,
-        rachis=np.concatenate([f.side == RACHIS for f in cache.feathers]),
-        owner=np.repeat(np.arange(len(counts)), [len(f.triangles) for f in cache.feathers]),
-        regions=tuple(f.region for f in cache.feathers),
-        apex=_apex(rest, triangles),
+        rachis=np.concatenate([f.side == RACHIS for f in feathers]),
+        owner=np.repeat(np.arange(len(counts)), [len(f.triangles) for f in feathers]),
+        regions=tuple(f.region for f in feathers),
         along_feather=np.concatenate(heights).astype(float)[triangles].mean(axis=1),
+        to_world=to_world,
         rest=rest,
     )
 
 
-def load_pose(cache: Cache, triangles: Indices, time: float | None) -> DrawnPose:
-    """All feathers at a time code; None is the rest pose (first sample where none is authored)."""
-    poses = [cache.pose(k, time) for k in range(len(cache.feathers))]
-    points = np.concatenate([p.points for p in poses]).astype(float)
+def load_pose(cache: Cache, scene: DrawnScene, time: float | None) -> DrawnPose:
+    """The feathers of a scene at a time code; None is the rest pose (first sample where none is
+    authored)."""
+    return _pose(cache, scene.chosen, scene.triangles, scene.to_world, time)
+
+
+def load_points(cache: Cache, scene: DrawnScene, time: float | None) -> Array:
+    """(V, 3) points alone, much faster than load_pose."""
+    return np.concatenate([cache.points(k, time) for k in scene.chosen]) @ scene.to_world
+
+
+def _pose(
+    cache: Cache, chosen: Indices, triangles: Indices, to_world: Array, time: float | None
+) -> DrawnPose:
+    poses = [cache.pose(k, time) for k in chosen]
+    points = np.concatenate([p.points for p in poses]).astype(float) @ to_world
+    turn = to_world / np.linalg.norm(to_world[0])
     barbs = [
-        np.zeros((len(f.triangles), 3)) if p.barb_direction is None else p.barb_direction
-        for p, f in zip(poses, cache.feathers, strict=True)
+        np.zeros((len(cache.feathers[k].triangles), 3))
+        if p.barb_direction is None
+        else p.barb_direction
+        for p, k in zip(poses, chosen, strict=True)
     ]
-    return DrawnPose(
-        points, _normals(poses, points, triangles), np.concatenate(barbs).astype(float)
-    )
-
-
-def _normals(poses: list[CachedPose], points: Array, triangles: Indices) -> Array:
     if all(p.normals is not None for p in poses):
-        return np.concatenate([np.asarray(p.normals, dtype=float) for p in poses])
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    summed = np.zeros_like(points)
-    np.add.at(summed, triangles, np.cross(b - a, c - a)[:, None, :])
-    length = np.linalg.norm(summed, axis=1, keepdims=True)
-    return summed / np.where(length > 0, length, 1)
-
-
-def _apex(rest: DrawnPose, triangles: Indices) -> Indices:
-    """The corner opposite to the edge that runs along the barb direction."""
-    corners = rest.points[triangles]
-    # Edge k is opposite to corner k.
-    edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    length = np.maximum(np.linalg.norm(edges, axis=2), 1e-300)
-    cosine = np.abs(np.einsum("tkc,tc->tk", edges, rest.barbs)) / length
-    return np.where(rest.barbs.any(axis=1), np.argmax(cosine, axis=1), -1)
+        normals = np.concatenate([np.asarray(p.normals, dtype=float) for p in poses]) @ turn
+    else:
+        normals = vertex_normals(points, triangles)
+    return DrawnPose(points, normals, np.concatenate(barbs).astype(float) @ turn)

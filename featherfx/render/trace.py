@@ -1,13 +1,9 @@
-"""Ray casting with Embree, shading in numpy: the same picture on every machine, without OpenGL.
-
-Barbs are finer than triangles. They are drawn as shades between the barb lines of the mesh, by the
-barycentric coordinate that runs from a triangle's barb edge to its opposite corner, and fade out
-where they become finer than a pixel.
+"""Ray casting with Embree, shading in compiled code: the same picture on every machine, without
+OpenGL. Rows of a picture are independent of each other, so that threads may share it.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -15,111 +11,139 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
-from featherfx.render.camera import PictureCamera
-from featherfx.render.scene import DrawnPose, DrawnScene
+from featherfx.render.camera import Eye
+from featherfx.render.geometry import Geometry
+from featherfx.render.light_kernels import (
+    Lights,
+    Points,
+    Surface,
+    Tile,
+    camera_rays,
+    gather,
+    pass_vanes,
+    shade,
+    shade_values,
+    surface_points,
+)
 
 Array = NDArray[np.float64]
 
-_SAMPLES = 3
-_BARBS_PER_ROW = 4
-_BARB_DEPTH = 0.16
-_ROWS_AT_ONCE = 48
-_TOP, _BOTTOM = np.array([0.98, 0.98, 0.99]), np.array([0.80, 0.81, 0.83])
+ROWS_AT_ONCE = 16
+_LAYERS = 4  # of vanes that light of the sun may pass; what lies under more is dark
+_OFFSET = 2e-5  # of the size of all that is drawn: how far rays start off a surface
+_TOP, _BOTTOM = np.array([0.64, 0.68, 0.73]), np.array([0.40, 0.43, 0.47])
+# light of the sun and of the sky at zenith, horizon and ground; tangent of the sun's half angle
+_SUN, _SUN_RADIUS = (2.15, 1.95, 1.65), 0.10
+_SKY = (0.42, 0.52, 0.68), (0.66, 0.69, 0.73), (0.28, 0.24, 0.20)
+
+
+def lights_of(eye: Eye) -> Lights:
+    """A sun over the left shoulder of who looks, under a bright sky above warm ground."""
+    up = np.array([0.0, 0.0, 1.0])
+    zenith, horizon, ground = (np.array(colour) for colour in _SKY)
+    sun = 0.30 * eye.back + 0.60 * up + 0.35 * eye.up - 0.70 * eye.right
+    return Lights(
+        sun=sun / np.linalg.norm(sun),
+        sun_light=np.array(_SUN),
+        sun_radius=_SUN_RADIUS,
+        up=up,
+        zenith=zenith,
+        horizon=horizon,
+        ground=ground,
+        harmonics=_harmonics(zenith, horizon, ground),
+    )
+
+
+def _harmonics(zenith: Array, horizon: Array, ground: Array) -> Array:
+    """(3, 3) of Lights: Legendre coefficients of the sky by height, as a surface receives them."""
+    height, weight = np.polynomial.legendre.leggauss(64)
+    above, below = np.sqrt(np.maximum(height, 0.0)), 1.0 - np.exp(5.0 * np.minimum(height, 0.0))
+    sky = horizon + np.outer(above, zenith - horizon) + np.outer(below, ground - horizon)
+    orders = np.polynomial.legendre.legvander(height, 2) * weight[:, None]
+    received = np.array([1.0, 2.0 / 3.0, 0.25]) * np.array([0.5, 1.5, 2.5])
+    return np.asarray(received[:, None] * (orders.T @ sky))
+
+
+def _points(count: int) -> Points:
+    """Room for what `count` rays hit."""
+    places, beyond, normals, tangents, colours, to_sun, to_sky = np.zeros((7, count, 3), np.float32)
+    material = np.zeros(count, np.uint8)
+    return Points(places, beyond, normals, tangents, colours, to_sun, to_sky, material)
 
 
 class Tracer:
-    """Renders poses of a scene with one camera. size: (width, height) in pixels."""
+    """Draws one pose as one camera sees it. samples: rays a pixel, a power of 2. values: whether
+    colours stand for values, so that there is neither light nor shadow."""
 
-    def __init__(self, scene: DrawnScene, camera: PictureCamera, size: tuple[int, int]) -> None:
-        self._scene, self._camera, self._size = scene, camera, size
-        light = 0.55 * camera.back + 0.65 * camera.up - 0.5 * camera.right
-        self._light = light / np.linalg.norm(light)
+    def __init__(self, geometry: Geometry, eye: Eye, samples: int, values: bool) -> None:
+        self._samples, self._values = samples, values
+        # single precision: an origin amid what is drawn keeps far-off scenes exact
+        low, high = geometry.points.min(axis=0), geometry.points.max(axis=0)
+        middle = 0.5 * (low + high)
+        self.lens, self._lights = eye.lens(middle), lights_of(eye)
+        self._offset = _OFFSET * float((high - low).max())
+        self._embree = rtcore_scene.EmbreeScene()
+        points = np.ascontiguousarray(geometry.points - middle, dtype=np.float32)
+        self._mesh = TriangleMesh(self._embree, points, geometry.triangles)
+        self._surface = Surface(
+            geometry.triangles,
+            geometry.material,
+            geometry.normals,
+            geometry.tangents,
+            geometry.colours,
+            geometry.across,
+        )
+        # the first query builds the tree; then several threads may ask
+        self._hits(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
 
-    def picture(self, pose: DrawnPose, colours: Array, stripes: bool) -> NDArray[np.uint8]:
-        """(height, width, 3) of one pose. colours: (T, 3), 0 to 1. stripes: barbs and light."""
-        height = self._size[1]
-        # Single precision rays: an origin near the feathers keeps far-off scenes exact.
-        points = (pose.points - self._camera.eye).astype(np.float32)
-        accelerated = rtcore_scene.EmbreeScene()
-        mesh = TriangleMesh(accelerated, points, self._scene.triangles.astype(np.int32))
-        lengths = self._row_spacing(pose) if stripes else None
-        strips = []
-        for top in range(0, height, _ROWS_AT_ONCE):
-            rows = range(top, min(top + _ROWS_AT_ONCE, height))
-            strips.append(self._strip(accelerated, pose, colours, lengths, rows))
-        del mesh
-        linear = np.concatenate(strips)
-        return np.round(255 * np.clip(linear, 0, 1)).astype(np.uint8)
+    def rows(self, top: int) -> NDArray[np.uint8]:
+        """(R, columns, 3) of the picture, at most ROWS_AT_ONCE rows from `top` on."""
+        lens, samples = self.lens, self._samples
+        count = min(ROWS_AT_ONCE, lens.rows - top)
+        rays = np.zeros((count * lens.columns * samples, 3), np.float32)
+        tile = Tile(lens, top, samples, self._offset, np.zeros_like(rays), rays)
+        camera_rays(tile)
+        found = self._hits(tile.origins, rays)
+        which = np.flatnonzero(found["primID"] >= 0)
+        sums, covered = np.zeros((count * lens.columns, 3)), np.zeros(count * lens.columns)
+        if len(which):
+            shown = self._shown(tile, found, which)
+            gather(which, samples, shown, sums, covered)
+        place = np.repeat((top + np.arange(count) + 0.5) / lens.rows, lens.columns)[:, None]
+        behind = _TOP + (_BOTTOM - _TOP) * place**1.5
+        picture = (sums + (samples - covered)[:, None] * behind) / samples
+        return np.round(255 * picture.clip(0, 1)).astype(np.uint8).reshape(count, -1, 3)
 
-    def _strip(
-        self, accelerated: Any, pose: DrawnPose, colours: Array, spacing: Array | None, rows: range
-    ) -> Array:
-        width, height = self._size
-        steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-        x = (np.arange(width)[:, None] + steps).ravel()
-        y = (np.arange(rows.start, rows.stop)[:, None] + steps).ravel()
-        columns, lines = (a.ravel() for a in np.meshgrid(x, y))
-        rays = self._camera.rays(columns, lines, self._size).astype(np.float32)
-        found = accelerated.run(np.zeros_like(rays), rays, query="INTERSECT", output=True)
-        hit = found["primID"] >= 0
-        down = (lines / height)[:, None]
-        shown = _TOP + (_BOTTOM - _TOP) * down**1.5
-        if hit.any():
-            hits = {name: found[name][hit] for name in ("primID", "u", "v", "tfar", "Ng")}
-            shown[hit] = self._shade(accelerated, pose, colours, spacing, rays[hit], hits)
-        blocks = shown.reshape(len(rows), _SAMPLES, width, _SAMPLES, 3)
-        return blocks.mean(axis=(1, 3))
+    def _shown(self, tile: Tile, found: dict[str, Any], which: Any) -> Array:
+        """(N, 3) colours of the samples `which`, 0 to 1."""
+        points, shown = _points(len(which)), np.zeros((len(which), 3))
+        hits = tuple(found[name] for name in ("primID", "u", "v", "tfar", "Ng"))
+        surface, lights = self._surface, self._lights
+        surface_points(surface, lights, tile, hits, which, points)
+        if self._values:
+            shade_values(points, tile.rays, which, shown)
+            return shown
+        sunlight = self._sunlight(points)
+        sky = self._hits(points.beyond, points.to_sky)["primID"]
+        shade(surface, lights, points, tile.rays, which, sunlight, sky, shown)
+        return shown
 
-    def _shade(
-        self, accelerated: Any, pose: DrawnPose, colours: Array, spacing: Array | None, rays: Array,
-        hits: dict[str, Any],
-    ) -> Array:  # fmt: skip
-        face, u, v = hits["primID"], hits["u"].astype(float), hits["v"].astype(float)
-        weights = np.stack([1 - u - v, u, v], axis=1)
-        normal = np.einsum("nk,nkc->nc", weights, pose.normals[self._scene.triangles[face]])
-        geometric = hits["Ng"].astype(float)
-        normal = _facing(normal, np.where(np.abs(normal).sum(1, keepdims=True) > 0, rays, 0))
-        geometric = _facing(geometric, rays)
-        colour = colours[face]
-        if spacing is not None:
-            colour = colour * self._stripes(face, weights, hits["tfar"], spacing)[:, None]
-        facing = np.maximum(-(normal * rays).sum(axis=1), 0)
-        if spacing is None:
-            # Colours that stand for values stay close to those of the key.
-            return colour * (0.72 + 0.28 * facing)[:, None]
-        place = rays * hits["tfar"][:, None] + geometric * (2e-4 * self._scene.extent_of_rest)
-        toward = np.tile(self._light.astype(np.float32), (len(rays), 1))
-        blocked = accelerated.run(place.astype(np.float32), toward, query="OCCLUDED") == 0
-        towards = normal @ self._light
-        # A vane lets light through: its far side is lit at half the strength.
-        lit = np.maximum(towards, -0.5 * towards) * np.where(blocked, 0.4, 1.0)
-        sky = 0.5 + 0.5 * (normal @ self._camera.up)
-        brightness = 0.46 + 0.12 * sky + 0.16 * facing + 0.36 * lit
-        return np.minimum(colour * brightness[:, None], 1.0)
+    def _sunlight(self, points: Points) -> Array:
+        """(N,) share of the sun's light that arrives through vanes."""
+        light = np.ones(len(points.places))
+        going = np.arange(len(light))
+        for _ in range(_LAYERS):
+            found = self._hits(points.places[going], points.to_sun[going])
+            hits = (found["primID"], found["tfar"])
+            pass_vanes(
+                self._surface, hits, going, self._offset, points.places, points.to_sun, light
+            )
+            going = going[(found["primID"] >= 0) & (light[going] > 0.0)]
+            if not len(going):
+                return light
+        light[going] = 0.0
+        return light
 
-    def _row_spacing(self, pose: DrawnPose) -> Array:
-        """(T,) distance from the barb edge to its opposite corner; 0 where no barbs are drawn."""
-        scene = self._scene
-        corners = pose.points[scene.triangles]
-        index = np.arange(len(corners))
-        apex = np.maximum(scene.apex, 0)
-        a, b = corners[index, (apex + 1) % 3], corners[index, (apex + 2) % 3]
-        area = np.linalg.norm(np.cross(b - a, corners[index, apex] - a), axis=1)
-        height = area / np.maximum(np.linalg.norm(b - a, axis=1), 1e-300)
-        return np.where(scene.rachis | (scene.apex < 0), 0.0, height)
-
-    def _stripes(self, face: Any, weights: Array, distance: Any, spacing: Array) -> Array:
-        apex = np.maximum(self._scene.apex[face], 0)
-        between = weights[np.arange(len(face)), apex]
-        # Symmetric between two barbs, so that the two triangles of a cell meet at the same shade.
-        wave = 0.5 - 0.5 * np.cos(2 * math.pi * _BARBS_PER_ROW * between)
-        pixels = spacing[face] / _BARBS_PER_ROW / self._camera.pixel(distance, self._size[1])
-        return 1 - _BARB_DEPTH * np.clip((pixels - 1) / 2.5, 0, 1) * (1 - wave) ** 2
-
-
-def _facing(vectors: Array, rays: Array) -> Array:
-    """Unit vectors, turned to the side that the rays come from."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    unit = vectors / np.where(length > 0, length, 1)
-    away = (unit * rays).sum(axis=1, keepdims=True) > 0
-    return np.where(away, -unit, unit)
+    def _hits(self, origins: Any, rays: Any) -> dict[str, Any]:
+        found: dict[str, Any] = self._embree.run(origins, rays, query="INTERSECT", output=True)
+        return found

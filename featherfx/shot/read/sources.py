@@ -52,6 +52,10 @@ class MovingSurface(Protocol):
     def origin(self) -> tuple[str, tuple[Path, ...]]:
         """Path in the scene, and every file that the scene is made of."""
 
+    @property
+    def file(self) -> Path:
+        """That the scene was opened from."""
+
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
 

@@ -25,7 +25,10 @@ from featherfx.usd.read.values import (
     Kind,
     array_of,
     at,
+    elements,
     fault,
+    flattened,
+    numbers_of,
     sized_array,
     text_of,
     times_of,
@@ -46,7 +49,8 @@ class CachedFeather:
     path: of the prim. id, kind, region: labels (id: the prim's name where none is authored).
     triangles: (T, 3) point indices; faces with more sides are cut into fans. side: (T,) 0 leading,
     1 trailing, 2 rachis (0 where unknown). face: (T,) face that the triangle was cut from.
-    subsets: name to face indices. rest: (V, 3) and st: (V, 2), None where not authored.
+    subsets: name to face indices. rest: (V, 3), st: (V, 2) and colour: (V, 3), displayColor (the
+    mean of a point's faces where it is of faces), None where not authored.
     """
 
     path: str
@@ -59,6 +63,7 @@ class CachedFeather:
     subsets: Mapping[str, Indices]
     rest: Floats | None
     st: Floats | None
+    colour: Floats | None
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,8 @@ class Cache:
     """A USD file with its meshes; purposes other than default and render are left out.
 
     feathers: one entry per mesh, or instance of one, in the order of the stage. frames: start and
-    end time code.
+    end time code. scenery: skins and colliders of its shot: role, file from its own folder, prim,
+    and time code `start` of that file at time code `first`.
     Raises InputError if the file cannot be opened or holds no mesh.
     """
 
@@ -92,6 +98,7 @@ class Cache:
         self.frames_per_second = self._stage.GetTimeCodesPerSecond()
         self.meters_per_unit = UsdGeom.GetStageMetersPerUnit(self._stage)
         self.up_axis = str(UsdGeom.GetStageUpAxis(self._stage))
+        self.scenery = tuple(_scenery(self._stage))
         drawn = list(drawn_meshes(self._stage))
         if not drawn:
             raise InputError(Problem(str(path), "", "holds no visible mesh"))
@@ -122,14 +129,7 @@ class Cache:
         None is the rest pose: the default value, or the first sample where there is no default.
         """
         mesh, feather = self._meshes[index], self.feathers[index]
-        code = DEFAULT if time is None else Usd.TimeCode(time)
-        if time is None and value_of(mesh.GetPointsAttr(), code) is None:
-            code = EARLIEST
-        matrix = self._matrices[index](code)
-        points = self._points(index, code)
-        if points is None:
-            raise InputError(Problem(self._path, f"{feather.path}.points", f"no value {at(code)}"))
-        self._check_pose(feather, points, matrix, code)
+        points, matrix, code = self._placed(index, time)
         count = len(points)
         barbs = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("barbDirection").GetAttr()
         direction = array_of(barbs, code, VECTORS)
@@ -147,6 +147,24 @@ class Cache:
             barb_direction=direction,
             extent=_sized(mesh.GetExtentAttr(), code, VECTORS, 2),
         )
+
+    def points(self, index: int, time: float | None = None) -> Array:
+        """(V, 3) points of feather index as `pose` has them, faster."""
+        points, matrix, _ = self._placed(index, time)
+        return np.asarray(points @ matrix[:3, :3] + matrix[3, :3])
+
+    def _placed(self, index: int, time: float | None) -> tuple[Floats, Array, Any]:
+        """Points in the space of the mesh's matrix, that matrix, and the time code they are of."""
+        mesh, feather = self._meshes[index], self.feathers[index]
+        code = DEFAULT if time is None else Usd.TimeCode(time)
+        if time is None and value_of(mesh.GetPointsAttr(), code) is None:
+            code = EARLIEST
+        matrix = self._matrices[index](code)
+        points = self._points(index, code)
+        if points is None:
+            raise InputError(Problem(self._path, f"{feather.path}.points", f"no value {at(code)}"))
+        self._check_pose(feather, points, matrix, code)
+        return points, matrix, code
 
     def _check_pose(self, feather: CachedFeather, points: Floats, matrix: Array, code: Any) -> None:
         """Raise InputError for a pose that cannot be drawn."""
@@ -182,6 +200,18 @@ def _constant_parts(drawn: Sequence[DrawnMesh]) -> Iterator[CachedFeather]:
             if labels is None
             else replace(known[path], id=labels.id, kind=labels.kind, region=labels.region)
         )
+
+
+def _scenery(stage: Any) -> Iterator[dict[str, Any]]:
+    """The scenery of a shot as its cache tells it; entries that are not as written are left out."""
+    told = stage.GetRootLayer().customLayerData.get("featherfx")
+    entries = told.get("scenery") if isinstance(told, dict) else None
+    kinds = {"role": str, "file": str, "prim": str, "start": float, "first": float}
+    for entry in entries.values() if isinstance(entries, dict) else ():
+        if isinstance(entry, dict) and all(
+            isinstance(entry.get(key), kind) for key, kind in kinds.items()
+        ):
+            yield entry
 
 
 def _sized(attribute: Any, code: Any, kind: Kind, count: int) -> Any:
@@ -230,4 +260,25 @@ def _constant_part(mesh: Any) -> CachedFeather:
         },
         rest=own("rest", VECTORS, total),
         st=own("st", PAIRS, total),
+        colour=_vertex_colours(
+            primvars.FindPrimvarWithInheritance("displayColor"), counts, indices, total
+        ),
     )
+
+
+def _vertex_colours(primvar: Any, counts: Any, indices: Any, total: int) -> Floats | None:
+    """(V, 3) of a colour primvar of any interpolation; None where none fits the mesh."""
+    value = flattened(primvar, EARLIEST)
+    if value is None or not len(indices):
+        return None
+    colours = numbers_of(elements(value), VECTORS, primvar.GetAttr()).astype(np.float32)
+    if len(colours) == 1:
+        return np.repeat(colours, total, axis=0)
+    interpolation = str(primvar.GetInterpolation())
+    if interpolation == UsdGeom.Tokens.uniform and len(colours) == len(counts):
+        colours = np.repeat(colours, counts, axis=0)
+    elif interpolation != UsdGeom.Tokens.faceVarying or len(colours) != len(indices):
+        return colours if len(colours) == total else None
+    around = np.maximum(np.bincount(indices, minlength=total), 1)
+    sums = [np.bincount(indices, colours[:, k], total) for k in range(3)]
+    return np.asarray(np.stack(sums, axis=1) / around[:, None], dtype=np.float32)

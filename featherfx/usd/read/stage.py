@@ -107,6 +107,11 @@ class ScenePrim:
     def origin(self) -> tuple[str, tuple[Path, ...]]:
         return self.path, self._scene.files
 
+    @property
+    def file(self) -> Path:
+        """What the scene was opened from."""
+        return self._scene.path
+
 
 def broken_files(stage: Any) -> dict[str, str]:
     """Layers that a stage names and that cannot be opened, and why."""

@@ -1,0 +1,350 @@
+"""Light on thin feathers: what rays carry back to the camera, one sample at a time.
+
+    L = a [ (1 - s) (S max(n.l, 0) + E(n)) + s (S max(-n.l, 0) + E(-n)) ] + k sin(t, h)^p S
+
+a colour, s the share of light that goes through the vane, S the light of the sun as it arrives
+through the vanes before it, n normal towards the camera, l direction of the sun. The last term is
+the gloss of a fibre of tangent t (a barb, or the shaft), h halfway between light and camera (Kajiya
+& Kay 1989). Barbs are strips with round cross-sections: their normal is turned outwards by the
+place across them, and furrows between them are darker.
+
+E, the sky's light, is that of an open sky by its first three zonal harmonics (Ramamoorthi &
+Hanrahan 2001, equation 10), corrected by one ray a sample for what stands before it: nothing that
+stands free is grainy.
+
+All arrays are of N samples; vectors are (N, 3) in single precision.
+"""
+
+from __future__ import annotations
+
+from math import cos, exp, pi, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.vec3_kernels import (
+    accumulate,
+    combined,
+    cross,
+    dot,
+    length,
+    scale,
+    store,
+    sub,
+)
+from featherfx.jit.compiled import kernel
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Integers = NDArray[np.int32]
+
+# what a triangle is of; rows of MATERIALS
+VANE, SHAFT, SKIN = 0, 1, 2
+# share of light that goes through, gloss k, its sharpness p, light that a shadow lets through
+EXPOSURE = 0.50
+FURROW = 0.8  # darkness of furrows between barbs of full roundness
+MATERIALS = np.array([[0.34, 0.10, 18.0, 0.30], [0.0, 0.22, 40.0, 0.0], [0.0, 0.03, 12.0, 0.0]])
+
+
+class Lens(NamedTuple):
+    """A camera. eye, right, up, back: (3,) as of View. width, height, shift_x, shift_y: of the
+    picture over the depth, or in scene units if orthographic. radius: of the lens, scene units, 0
+    for a pinhole. focus: depth that is sharp. columns, rows: pixels of the picture."""
+
+    eye: Array
+    right: Array
+    up: Array
+    back: Array
+    width: float
+    height: float
+    shift_x: float
+    shift_y: float
+    orthographic: bool
+    radius: float
+    focus: float
+    columns: int
+    rows: int
+
+
+class Tile(NamedTuple):
+    """Whole rows of pixels. top: the first. samples: rays a pixel, a power of 2. offset: m, by
+    which rays start off surfaces. origins, rays: (N, 3) of all samples, pixel by pixel."""
+
+    lens: Lens
+    top: int
+    samples: int
+    offset: float
+    origins: Floats
+    rays: Floats
+
+
+class Surface(NamedTuple):
+    """What is hit. triangles: (T, 3). material: (T,). normals, tangents, colours: (V, 3), of
+    vertices; colours are linear. across: (V,) place across a barb times its roundness."""
+
+    triangles: Integers
+    material: NDArray[np.uint8]
+    normals: Floats
+    tangents: Floats
+    colours: Floats
+    across: Floats
+
+
+class Lights(NamedTuple):
+    """sun: (3,) unit, towards it. sun_light: (3,). sun_radius: tangent of half its angle. up: (3,)
+    unit. zenith, horizon, ground: (3,) light of the sky there. harmonics: (3, 3) of the light
+    that a surface receives, by order and colour."""
+
+    sun: Array
+    sun_light: Array
+    sun_radius: float
+    up: Array
+    zenith: Array
+    horizon: Array
+    ground: Array
+    harmonics: Array
+
+
+class Points(NamedTuple):
+    """Where N rays hit. places: (N, 3) a little off the surface, on the sun's side. beyond: (N, 3)
+    on the sky ray's side. normals, tangents, colours: (N, 3). to_sun, to_sky: (N, 3) rays on from
+    there. material: (N,)."""
+
+    places: Floats
+    beyond: Floats
+    normals: Floats
+    tangents: Floats
+    colours: Floats
+    to_sun: Floats
+    to_sky: Floats
+    material: NDArray[np.uint8]
+
+
+@kernel
+def _mixed(value):
+    """A hash of an integer (Wellons' lowbias32)."""
+    value = (value ^ (value >> 16)) * 0x7FEB352D & 0xFFFFFFFF
+    value = (value ^ (value >> 15)) * 0x846CA68B & 0xFFFFFFFF
+    return value ^ (value >> 16)
+
+
+@kernel
+def _pair(x, y, sample, samples, use):
+    """Two numbers in 0..1 for a sample of the pixel (x, y): points of the R2 sequence (Roberts
+    2018), shifted so that neighbours' errors differ (Roberts; Jimenez 2014), and in another order
+    for each pixel and use. samples: a power of 2."""
+    order = sample ^ (_mixed(8 * (x + 8192 * y) + use) & (samples - 1))
+    x, y = x + 37.0 * use, y + 59.0 * use
+    noise = 0.06711056 * x + 0.00583715 * y
+    noise = 52.9829189 * (noise - int(noise))
+    first = (order + x) * 0.7548776662466927 + y * 0.5698402910980532
+    second = order * 0.5698402910980532 + noise
+    return first - int(first), second - int(second)
+
+
+@kernel
+def _tent(value):
+    """A number in 0..1 as one in -1..1 whose density is a tent."""
+    return sqrt(2.0 * value) - 1.0 if value < 0.5 else 1.0 - sqrt(2.0 * (1.0 - value))
+
+
+@kernel
+def camera_rays(tile):
+    """Fill origins and rays of a tile, pixel by pixel."""
+    lens, samples, rays = tile.lens, tile.samples, tile.rays
+    for index in range(len(rays)):
+        pixel, sample = index // samples, index % samples
+        column, row = pixel % lens.columns, tile.top + pixel // lens.columns
+        first, second = _pair(column, row, sample, samples, 0)
+        x = (column + 0.5 + _tent(first)) / lens.columns - 0.5
+        y = 0.5 - (row + 0.5 + _tent(second)) / lens.rows
+        x, y = x * lens.width + lens.shift_x, y * lens.height + lens.shift_y
+        aside = combined(x, lens.right, y, lens.up)
+        if lens.orthographic:
+            store(tile.origins[index], combined(1.0, lens.eye, 1.0, aside))
+            store(rays[index], scale(-1.0, lens.back))
+            continue
+        ray = sub(aside, lens.back)
+        origin = combined(1.0, lens.eye, 0.0, ray)
+        if lens.radius > 0.0:
+            first, second = _pair(column, row, sample, samples, 1)
+            angle, reach = 2.0 * pi * first, lens.radius * sqrt(second)
+            offset = combined(reach * cos(angle), lens.right, reach * sin(angle), lens.up)
+            origin = combined(1.0, origin, 1.0, offset)
+            ray = combined(1.0, ray, -1.0 / lens.focus, offset)
+        store(tile.origins[index], origin)
+        store(rays[index], scale(1.0 / length(ray), ray))
+
+
+@kernel
+def _interpolated(values, corners, u, v):
+    a, b = combined(1.0 - u - v, values[corners[0]], u, values[corners[1]]), values[corners[2]]
+    return combined(1.0, a, v, b)
+
+
+@kernel
+def _unit(vector, fallback):
+    size = length(vector)
+    return scale(1.0 / size, vector) if size > 1e-12 else fallback
+
+
+@kernel
+def _frame(axis):
+    """Two unit vectors at right angles to a unit vector and to each other."""
+    other = (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0)
+    first = cross(axis, other)
+    first = scale(1.0 / length(first), first)
+    return first, cross(axis, first)
+
+
+@kernel
+def _around(axis, radius, height, angle):
+    """height along a unit axis, and radius aside, turned by an angle about it."""
+    first, second = _frame(axis)
+    aside = combined(radius * cos(angle), first, radius * sin(angle), second)
+    return combined(height, axis, 1.0, aside)
+
+
+@kernel
+def surface_points(surface, lights, tile, hits, which, points):
+    """Fill `points` where samples `which` hit.
+
+    hits: (primID, u, v, tfar, Ng) of all samples of the tile.
+    """
+    prims, us, vs, far, geometric = hits
+    lens, samples, offset, rays = tile.lens, tile.samples, tile.offset, tile.rays
+    for index in range(len(which)):
+        at = which[index]
+        pixel, sample = at // samples, at % samples
+        column, row = pixel % lens.columns, tile.top + pixel // lens.columns
+        prim, u, v, ray = prims[at], us[at], vs[at], rays[at]
+        corners, material = surface.triangles[prim], surface.material[prim]
+        face = _unit(geometric[at], (0.0, 0.0, 1.0))
+        face = scale(-1.0, face) if dot(face, ray) > 0.0 else face
+        tangent = _unit(_interpolated(surface.tangents, corners, u, v), (0.0, 0.0, 0.0))
+        smooth = _unit(_interpolated(surface.normals, corners, u, v), face)
+        across = surface.across
+        rounded = (1.0 - u - v) * across[corners[0]] + u * across[corners[1]]
+        rounded += v * across[corners[2]]
+        furrow = 1.0 - FURROW * rounded * rounded
+        side = _unit(cross(tangent, smooth), (0.0, 0.0, 0.0))
+        smooth = scale(-1.0, smooth) if dot(smooth, face) < 0.0 else smooth
+        normal = _unit(combined(1.0, smooth, rounded, side), face)
+        first, second = _pair(column, row, sample, samples, 2)
+        sun = _around(lights.sun, lights.sun_radius * sqrt(first), 1.0, 2.0 * pi * second)
+        sun = scale(1.0 / length(sun), sun)
+        first, second = _pair(column, row, sample, samples, 3)
+        through = MATERIALS[material, 0]
+        axis, fraction = normal, first / (1.0 - through)
+        if first >= 1.0 - through:
+            axis, fraction = scale(-1.0, normal), (first - 1.0 + through) / through
+        sky = _around(axis, sqrt(fraction), sqrt(max(1.0 - fraction, 0.0)), 2.0 * pi * second)
+        place = combined(1.0, tile.origins[at], far[at], ray)
+        store(points.places[index], _off(place, face, sun, offset))
+        store(points.beyond[index], _off(place, face, sky, offset))
+        store(points.normals[index], normal)
+        store(points.tangents[index], tangent)
+        colour = _interpolated(surface.colours, corners, u, v)
+        store(points.colours[index], scale(furrow, colour))
+        store(points.to_sun[index], sun)
+        store(points.to_sky[index], sky)
+        points.material[index] = material
+
+
+@kernel
+def _off(place, face, direction, offset):
+    """A place moved off its surface to the side that a direction leads to."""
+    return combined(1.0, place, offset if dot(face, direction) > 0.0 else -offset, face)
+
+
+@kernel
+def pass_vanes(surface, hits, which, offset, places, rays, light):
+    """Weaken `light` (N,) of the rays `which` by what each has hit and go on behind it."""
+    prims, far = hits
+    for index in range(len(which)):
+        at, prim = which[index], prims[index]
+        if prim < 0:
+            continue
+        light[at] *= MATERIALS[surface.material[prim], 3]
+        store(places[at], combined(1.0, places[at], far[index] + offset, rays[at]))
+
+
+@kernel
+def _sky(lights, direction):
+    """(3,) light that comes from a direction of the sky, or from the ground."""
+    height = dot(direction, lights.up)
+    if height >= 0.0:
+        share = sqrt(height)
+        return combined(1.0 - share, lights.horizon, share, lights.zenith)
+    share = 1.0 - exp(5.0 * height)
+    return combined(1.0 - share, lights.horizon, share, lights.ground)
+
+
+@kernel
+def _received(lights, height):
+    """(3,) light of the open sky on a surface whose normal is that high."""
+    bent = 1.5 * height * height - 0.5
+    flat = combined(1.0, lights.harmonics[0], height, lights.harmonics[1])
+    return combined(1.0, flat, bent, lights.harmonics[2])
+
+
+@kernel
+def _displayed(light):
+    """Light as displays show it, 0 to 1: bright and dark parts compressed (Narkowicz 2015, a fit of
+    the ACES curve), then sRGB."""
+    light = EXPOSURE * max(light, 0.0)
+    light = light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14)
+    light = min(light, 1.0)
+    return 12.92 * light if light <= 0.0031308 else 1.055 * light ** (1.0 / 2.4) - 0.055
+
+
+@kernel
+def shade(surface, lights, points, rays, which, light, sky_prims, shown):
+    """Colours (N, 3) as displays show them, of light back to the camera.
+
+    light: (N,) share of the sun. sky_prims: hit by the rays to the sky, -1 for none; what is hit
+    there is taken to be lit by half of the sky's mean.
+    """
+    for index in range(len(which)):
+        at, material = which[index], points.material[index]
+        normal, sun = scale(1.0, points.normals[index]), scale(1.0, lights.sun)
+        colour = points.colours[index]
+        through, gloss = MATERIALS[material, 0], MATERIALS[material, 1]
+        toward = dot(normal, sun)
+        lit = (1.0 - through) * toward if toward > 0.0 else -through * toward
+        height = dot(normal, lights.up)
+        sky = combined(
+            1.0 - through, _received(lights, height), through, _received(lights, -height)
+        )
+        prim = sky_prims[index]
+        if prim >= 0:
+            met = surface.colours[surface.triangles[prim, 0]]
+            hidden, mean = _sky(lights, points.to_sky[index]), lights.harmonics[0]
+            met = (0.5 * met[0] * mean[0], 0.5 * met[1] * mean[1], 0.5 * met[2] * mean[2])
+            sky = combined(1.0, sky, 1.0, sub(met, hidden))
+        halfway = _unit(sub(sun, rays[at]), normal)
+        along = dot(points.tangents[index], halfway)
+        fibre = sqrt(max(1.0 - along * along, 0.0)) if material != SKIN else dot(normal, halfway)
+        shine = gloss * max(fibre, 0.0) ** MATERIALS[material, 2] if toward > 0.0 else 0.0
+        for k in range(3):
+            sunlight = light[index] * lights.sun_light[k]
+            back = colour[k] * (lit * sunlight + sky[k]) + shine * sunlight
+            shown[index, k] = _displayed(back)
+
+
+@kernel
+def shade_values(points, rays, which, shown):
+    """Colours (N, 3) as they are, a little darker where the surface turns away."""
+    for index in range(len(which)):
+        facing = abs(dot(points.normals[index], rays[which[index]]))
+        store(shown[index], scale(0.72 + 0.28 * facing, points.colours[index]))
+
+
+@kernel
+def gather(which, samples, shown, sums, covered):
+    """Add colours (N, 3) of samples `which` to their pixels: sums (P, 3), covered (P,)."""
+    for index in range(len(which)):
+        pixel = which[index] // samples
+        accumulate(sums[pixel], 1.0, shown[index])
+        covered[pixel] += 1.0

@@ -1,0 +1,139 @@
+"""A cache that is drawn: what stands in its pictures, and how far it reaches over all frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from featherfx.render.camera import Eye
+from featherfx.render.colour import SHAFT, SKIN, Bar, Legend, look_colours, value_colours
+from featherfx.render.geometry import Geometry, apart, joined
+from featherfx.render.picture import PictureOptions
+from featherfx.render.scene import (
+    DrawnScene,
+    chosen_feathers,
+    load_points,
+    load_pose,
+    load_scene,
+)
+from featherfx.render.scenery import Scenery, scenery_of_files, scenery_of_shot
+from featherfx.render.vanes import Plumage, plumage_of
+from featherfx.usd.read.read import Cache
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_POSES_FRAMED = 30_000  # of single feathers; of larger caches frames are left out evenly
+
+
+@dataclass
+class Subject:
+    """One cache of a picture. name: of its file. scene: what is drawn. close: what is looked at,
+    of the same cache. scenery: what stands beside it.
+
+    plumage, values: how it is coloured, after `colour`; values by time.
+    """
+
+    name: str
+    cache: Cache
+    scene: DrawnScene
+    close: DrawnScene
+    scenery: Sequence[Scenery]
+    plumage: Plumage | None = None
+    values: dict[float | None, Array] = field(default_factory=dict)
+
+    def reach(self, times: Sequence[float | None] | None = None) -> Array:
+        """(N, 3) m, corners of the hull of what is looked at, at times or over the whole file."""
+        if times is None and not self.cache.has_frames:
+            times = [None]
+        elif times is None:
+            codes = self.cache.whole_frames() or [self.cache.frames[0]]
+            most = max(_POSES_FRAMED // len(self.close.chosen), 9)
+            kept = np.unique(np.linspace(0, len(codes) - 1, min(len(codes), most)).astype(int))
+            times = [codes[k] for k in kept]
+        found = [_hull(load_points(self.cache, self.close, time)) for time in times]
+        if len(self.close.chosen) == len(self.cache.feathers):
+            framed = [each for each in self.scenery if each.framed]
+            found += [_hull(each.points(time)) for each in framed for time in times]
+        return np.concatenate(found)
+
+    def shape(self, times: Sequence[float | None] | None = None) -> tuple[Array, Indices]:
+        """Points (V, 3) m and triangles (T, 3) of what is looked at, first or at rest."""
+        time = times[0] if times else None
+        return load_points(self.cache, self.close, time), self.close.triangles
+
+    def colour(self, eye: Eye, times: Sequence[float | None], mode: str) -> Bar | Legend | None:
+        """Choose colours of a mode, and as many barbs as a camera sees at the first of the times;
+        returns the key to the colours."""
+        if mode not in ("shaded", "region"):
+            poses = [load_pose(self.cache, self.scene, time) for time in times]
+            colours, bar = value_colours(self.scene, poses, mode)
+            self.values = dict(zip(times, colours, strict=True))
+            return bar
+        base, legend = look_colours(self.scene, mode)
+        pixels = self._pixels(eye, load_points(self.cache, self.scene, times[0]))
+        feathers = self.scene.feathers
+        own = mode == "shaded"
+        self.plumage = plumage_of(
+            feathers, self.scene.starts, pixels, (base, np.array(SHAFT), np.array(SKIN)), own
+        )
+        return legend
+
+    def geometry(self, time: float | None) -> Geometry:
+        """All that is drawn at a time code."""
+        others = [each.geometry(time) for each in self.scenery]
+        if self.plumage is None:
+            pose = load_pose(self.cache, self.scene, time)
+            colours = self.values[time]
+            own = apart(pose.points, self.scene.triangles, pose.normals, colours)
+        else:
+            own = self.plumage.geometry(load_points(self.cache, self.scene, time))
+        return joined([own, *others])
+
+    def _pixels(self, eye: Eye, points: Array) -> Array:
+        """(N, 3): of each feather its length in pixels and metres, and half its width in pixels."""
+        starts = self.scene.starts[:-1]
+        low, high = (f.reduceat(points, starts, axis=0) for f in (np.minimum, np.maximum))
+        scale = eye.pixels_per_metre(0.5 * (low + high))
+        extents = self._extents(points)
+        return np.stack([extents[:, 0] * scale, extents[:, 0], extents[:, 1] * scale], axis=1)
+
+    def _extents(self, points: Array) -> Array:
+        """(N, 2) m, length and half the width of each feather, by its own axes."""
+        found = np.zeros((len(self.scene.feathers), 2))
+        for k, (start, end) in enumerate(
+            zip(self.scene.starts[:-1], self.scene.starts[1:], strict=True)
+        ):
+            mine = points[start:end]
+            spread = mine - mine.mean(axis=0)
+            axes = np.linalg.eigh(spread.T @ spread)[1]
+            size = np.ptp(spread @ axes, axis=0)
+            found[k] = size[2], 0.5 * size[1]
+        return found
+
+
+def open_subject(path: Path, options: PictureOptions) -> Subject:
+    """A cache to draw. Raises InputError where it cannot be read, or lacks what is chosen."""
+    cache = Cache(path)
+    near = chosen_feathers(cache, str(path), options.feathers, options.regions)
+    close = load_scene(cache, near)
+    every = options.surroundings and len(near) < len(cache.feathers)
+    scene = load_scene(cache) if every else close
+    scenery: list[Scenery] = []
+    if len(near) == len(cache.feathers) or options.surroundings:
+        scenery = [] if options.bare else scenery_of_shot(cache, path)
+        scenery += scenery_of_files(cache, [Path(file) for file in options.scenery])
+    return Subject(path.stem, cache, scene, close, scenery)
+
+
+def _hull(points: Array) -> Array:
+    """(N, 3) points on the convex hull; all where these lie in a plane."""
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except (QhullError, ValueError):
+        return points

@@ -1,0 +1,332 @@
+r"""Feathers as they look: every barb a thin strip with a round face, shafts as smooth tubes.
+
+The vertices of a vane are a grid of R rows along the shaft times C columns along a barb (`st` tells
+which is which). Between them
+
+    P(t, s) = sum_ij W_i(t) V_j(s) x_ij
+
+with the cubic weights of featherfx/feather/density.py, t the height of the barb's root, s the place
+on the barb: linear in the vertices, so feathers of one topology are one product of matrices. A
+strip lies between the lines of half a spacing before and behind its barb and runs to a point at the
+barb's end, which is what makes the vane's outline. As many barbs are drawn as a picture can show,
+at most as many as a feather has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.density import hermite_weights
+from featherfx.feather.types import LEADING, RACHIS, TRAILING
+from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
+from featherfx.render.light_kernels import SHAFT, SKIN, VANE
+from featherfx.usd.read.read import CachedFeather
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+_SPACING = 4.5  # pixels from one barb to the next, at least
+_REAL_SPACING = 5e-4  # m, chosen by eye between those of contour and of flight feathers
+_STATION = 6.0  # pixels between two points of a barb
+_MOST_BARBS = 1200.0
+_STEP = 1.3  # between numbers of barbs, so that feathers of about one size share their weights
+_ROUND, _ROUND_FAR = 0.90, 0.40  # how round barbs are shaded where each is drawn, and where not
+
+
+@dataclass(frozen=True)
+class Topology:
+    """How the vertices of a mesh make up a feather.
+
+    vanes: of each side, (R, C) vertices from the shaft outwards, heights (R,) and places on the
+    barb (C,). shaft: (R, M) vertices around the shaft and heights (R,); None where it has none.
+    """
+
+    vanes: tuple[tuple[Indices, Array, Array], ...]
+    shaft: tuple[Indices, Array] | None
+
+
+def topology_of(feather: CachedFeather) -> Topology | None:
+    """None where the mesh is no feather with rows of barbs, such as one of another program."""
+    if feather.st is None:
+        return None
+    vanes = []
+    for side in (LEADING, TRAILING):
+        if (feather.side == side).any():
+            grid = _vane_grid(feather.st, feather.triangles[feather.side == side])
+            if grid is None:
+                return None
+            vanes.append(grid)
+    shaft = None
+    if (feather.side == RACHIS).any():
+        shaft = _shaft_rings(feather.st, feather.triangles[feather.side == RACHIS])
+        if shaft is None:
+            return None
+    return Topology(tuple(vanes), shaft) if vanes and shaft else None
+
+
+def _vane_grid(st: Floats, triangles: Indices) -> tuple[Indices, Array, Array] | None:
+    rows = _rows(st, np.unique(triangles))
+    count = len(rows[0])
+    if count < 2 or len(rows) < 2:
+        return None
+    ordered = []
+    for row in rows:
+        if len(row) == 1:
+            # the tip, where the last barbs have no length
+            row = np.repeat(row, count)
+        if len(row) != count:
+            return None
+        ordered.append(row[np.argsort(np.abs(st[row, 0] - 0.5), kind="stable")])
+    grid = np.array(ordered)
+    places = np.abs(st[grid[0], 0] - 0.5).astype(float)
+    places = (places - places[0]) / max(places[-1] - places[0], 1e-12)
+    heights = st[grid[:, 0], 1].astype(float)
+    return (grid, heights, places) if (np.diff(places) > 0).all() else None
+
+
+def _shaft_rings(st: Floats, triangles: Indices) -> tuple[Indices, Array] | None:
+    rows = _rows(st, np.unique(triangles))
+    sizes = [len(row) for row in rows]
+    count = max(set(sizes), key=sizes.count)
+    # a cap's middle stands behind the ring that it closes
+    rings = [row[:count] for row in rows if len(row) in (count, count + 1)]
+    if count < 3 or len(rings) != len(rows) or len(rings) < 2:
+        return None
+    grid = np.array(rings)
+    return grid, st[grid[:, 0], 1].astype(float)
+
+
+def _rows(st: Floats, vertices: Indices) -> list[Indices]:
+    """Vertices of one height each, from the base on, in their own order."""
+    _, inverse = np.unique(st[vertices, 1], return_inverse=True)
+    return [vertices[inverse == k] for k in range(int(inverse.max()) + 1)]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Feathers of one topology and one number of barbs. members: (n,) of the scene. barbs: of a
+    vane. stations: points along a barb. share: of the feather's barbs that are drawn, at most 1."""
+
+    members: Indices
+    topology: Topology
+    barbs: int
+    stations: int
+    share: float
+
+    @property
+    def round(self) -> float:
+        """The fewer of the barbs are drawn, the less each stands out."""
+        return _ROUND_FAR + (_ROUND - _ROUND_FAR) * self.share
+
+
+@dataclass(frozen=True)
+class Plumage:
+    """The feathers of a scene, grouped once for all poses of one camera's pictures.
+
+    feathers: as read. starts: (N + 1,) first point of each. groups: of those with barbs. plain: the
+    others. colours: (N, 3) linear, of feathers without a colour of their own. shaft, skin: (3,)
+    linear, of shafts, and of others without a colour of their own.
+    """
+
+    feathers: tuple[CachedFeather, ...]
+    starts: Indices
+    groups: tuple[_Group, ...]
+    plain: Indices
+    colours: Array
+    shaft: Array
+    skin: Array
+
+    def geometry(self, points: Array) -> Geometry:
+        """All feathers of a pose, points (V, 3) m."""
+        return joined([*self._plain(points), *self._grouped(points)])
+
+    def _plain(self, points: Array) -> Iterator[Geometry]:
+        for member in self.plain:
+            feather, start, end = self.feathers[member], *self.starts[member : member + 2]
+            mine, triangles = points[start:end], feather.triangles
+            colour = self.skin if feather.colour is None else feather.colour
+            normals = vertex_normals(mine, triangles)
+            yield geometry_of(mine, triangles, SKIN, normals, colour)
+
+    def _grouped(self, points: Array) -> Iterator[Geometry]:
+        for group in self.groups:
+            at = self.starts[group.members]
+            for grid, heights, places in group.topology.vanes:
+                mine = points[at[:, None, None] + grid]
+                colours = self._colours(group.members, grid)
+                yield _strips(mine, colours, heights, places, group)
+            if group.topology.shaft is not None:
+                rings, heights = group.topology.shaft
+                yield _tubes(points[at[:, None, None] + rings], heights, group.barbs, self.shaft)
+
+    def _colours(self, members: Indices, grid: Indices) -> Array:
+        """(n, R, C, 3) linear colours of a vane's vertices."""
+        own = [self.feathers[k].colour for k in members]
+        return np.stack(
+            [
+                np.broadcast_to(self.colours[k], (*grid.shape, 3))
+                if colour is None
+                else colour[grid]
+                for k, colour in zip(members, own, strict=True)
+            ]
+        )
+
+
+def plumage_of(
+    feathers: Sequence[CachedFeather],
+    starts: Indices,
+    pixels: Array,
+    colours: tuple[Array, Array, Array],
+    own: bool,
+) -> Plumage:
+    """Feathers grouped by what they share.
+
+    pixels: (N, 3): length of the feather in pixels and in metres, and of its barbs in pixels.
+    starts: as of Plumage. colours: its colours, shaft and skin. own: whether feathers with colours
+    of their own keep them.
+    """
+    known: dict[tuple[bytes, ...], Topology | None] = {}
+    groups: dict[tuple[int, int, int], list[int]] = {}
+    found: dict[int, Topology] = {}
+    plain = []
+    for index, feather in enumerate(feathers):
+        st = b"" if feather.st is None else feather.st.tobytes()
+        key = (st, feather.side.tobytes(), feather.triangles.tobytes())
+        if key not in known:
+            known[key] = topology_of(feather)
+        topology = known[key]
+        if topology is None:
+            plain.append(index)
+            continue
+        found[id(topology)] = topology
+        groups.setdefault((id(topology), *_detail(pixels[index])), []).append(index)
+    return Plumage(
+        feathers=tuple(feathers) if own else tuple(replace(f, colour=None) for f in feathers),
+        starts=starts,
+        groups=tuple(
+            _Group(np.array(members), found[key], barbs, stations, _share(pixels[members], barbs))
+            for (key, barbs, stations), members in groups.items()
+        ),
+        plain=np.array(plain, dtype=np.int64),
+        colours=colours[0],
+        shaft=colours[1],
+        skin=colours[2],
+    )
+
+
+def _detail(pixels: Array) -> tuple[int, int]:
+    """Barbs of a vane and points along one, for a row of `pixels` of plumage_of."""
+    length, metres, barb = pixels
+    barbs = min(length / _SPACING, metres / _REAL_SPACING, _MOST_BARBS)
+    steps = max(int(np.log(max(barbs, 1.0)) / np.log(_STEP)), 7)
+    stations = np.clip(2 ** np.ceil(np.log2(max(barb, 1.0) / _STATION)), 2, 16)
+    return round(_STEP**steps), int(stations) + 1
+
+
+def _share(pixels: Array, barbs: int) -> float:
+    return min(1.0, barbs * _REAL_SPACING / float(np.median(pixels[:, 1])))
+
+
+def _strips(grid: Array, colours: Array, heights: Array, places: Array, group: _Group) -> Geometry:
+    """The barbs of one vane of n feathers; grid, colours: (n, R, C, 3)."""
+    count, barbs, stations = len(grid), group.barbs, group.stations
+    edges = np.linspace(heights[0], heights[-1], barbs + 1)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    reach = np.linalg.norm(grid[:, :, -1] - grid[:, :, 0], axis=2).max()
+    spine = np.linalg.norm(grid[:, -1, 0] - grid[:, 0, 0], axis=1).max()
+    taper = float(np.clip(1.5 * group.share * spine / barbs / max(reach, 1e-12), 1e-3, 0.25))
+    inner = np.linspace(0.0, 1.0 - taper, stations)
+    sheet = _patch(grid, (heights, edges), (places, inner))
+    tips = _patch(grid, (heights, middles), (places, np.ones(1)))
+    shades = _patch(colours, (heights, edges), (places, inner))[0].clip(0.0, 1.0)
+    tip_shades = _patch(colours, (heights, middles), (places, np.ones(1)))[0].clip(0.0, 1.0)
+
+    def of_strips(between: Array, ends: Array) -> Floats:
+        both = np.stack([between[:, :-1], between[:, 1:]], axis=2)
+        whole = both.reshape(count, barbs, 2 * stations, 3)
+        return np.concatenate([whole, ends], axis=2).reshape(-1, 3).astype(np.float32)
+
+    points, along, tangents = (of_strips(*pair) for pair in zip(sheet, tips, strict=True))
+    each = np.concatenate([np.repeat([-group.round, group.round], stations), [0.0]])
+    triangles = _strip_triangles(stations)
+    own = np.arange(count * barbs)[:, None, None] * (2 * stations + 1) + triangles
+    return Geometry(
+        points=points,
+        triangles=own.reshape(-1, 3).astype(np.int32),
+        material=np.full(count * barbs * len(triangles), VANE, dtype=np.uint8),
+        normals=np.cross(along, tangents),
+        tangents=tangents,
+        colours=of_strips(shades, tip_shades),
+        across=np.tile(each, count * barbs).astype(np.float32),
+    )
+
+
+@lru_cache
+def _strip_triangles(stations: int) -> Indices:
+    """(T, 3) of a strip: the points of its one edge, of the other, and its tip."""
+    low = np.arange(stations - 1)
+    high = low + stations
+    first = np.stack([low, high, low + 1], axis=1)
+    second = np.stack([high, high + 1, low + 1], axis=1)
+    tip = np.array([[stations - 1, 2 * stations - 1, 2 * stations]])
+    return np.concatenate([first, second, tip])
+
+
+def _patch(
+    grid: Array, rows: tuple[Array, Array], columns: tuple[Array, Array]
+) -> tuple[Array, Array, Array]:
+    """(n, T, S, 3) values, and derivatives along rows and columns, of grids (n, R, C, 3).
+
+    rows, columns: knots of the grid, and places to evaluate at.
+    """
+    along, along_slopes = hermite_weights(*rows)
+    across, across_slopes = hermite_weights(*columns)
+
+    def product(first: Array, second: Array) -> Array:
+        return np.asarray(np.einsum("tr,nrcx,sc->ntsx", first, grid, second, optimize=True))
+
+    return product(along, across), product(along_slopes, across), product(along, across_slopes)
+
+
+def _tubes(rings: Array, heights: Array, barbs: int, colour: Array) -> Geometry:
+    """Shafts of n feathers, from rings (n, R, M, 3) of vertices, as fine as the barbs are many."""
+    count, rows, sides = rings.shape[:3]
+    around = int(np.clip(barbs // 4, 4, 16))
+    places = np.linspace(heights[0], heights[-1], int(np.clip(barbs // 2, 4, 3 * rows - 2)))
+    along, along_slopes = hermite_weights(heights, places)
+    circle, circle_slopes = _circle_weights(sides, around)
+
+    def product(first: Array, second: Array) -> Floats:
+        whole = np.einsum("tr,nrmx,am->ntax", first, rings, second, optimize=True)
+        return whole.reshape(-1, 3).astype(np.float32)
+
+    tangents = product(along_slopes, circle)
+    ring = np.arange(around)
+    after = (ring + 1) % around
+    cell = np.concatenate(
+        [
+            np.stack([ring, after, ring + around], 1),
+            np.stack([after, after + around, ring + around], 1),
+        ]
+    )
+    start = np.arange(count)[:, None] * len(places) + np.arange(len(places) - 1)
+    triangles = (start.reshape(-1, 1, 1) * around + cell).reshape(-1, 3)
+    shape = geometry_of(
+        product(along, circle), triangles, SHAFT,
+        np.cross(tangents, product(along, circle_slopes)), colour,
+    )  # fmt: skip
+    return replace(shape, tangents=tangents)
+
+
+@lru_cache
+def _circle_weights(sides: int, around: int) -> tuple[Array, Array]:
+    """(around, sides) of an ellipse through vertices evenly spaced around it, and its slopes."""
+    own = 2 * np.pi * np.arange(sides) / sides
+    angle = 2 * np.pi * np.arange(around)[:, None] / around - own
+    return (1 + 2 * np.cos(angle)) / sides, -2 * np.sin(angle) / sides
