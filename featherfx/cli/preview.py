@@ -52,7 +52,6 @@ from featherfx.render.picture import COLOURS, FRAMINGS, SAMPLES, VIEWS
 @click.option(
     "--turntable",
     type=click.IntRange(1, MOST_SHEET),
-    default=0,
     metavar="N",
     help="N views around the upright axis.",
 )
@@ -128,6 +127,7 @@ def preview(
     single: tuple[float, ...],
     span: tuple[int, int] | None,
     sheet: int | None,
+    turntable: int | None,
     samples: str,
     style: str,
     **options: Any,
@@ -138,7 +138,7 @@ def preview(
     all calls on one file. Needs the extra `preview`: pip install "featherfx[preview]"; films as
     .mp4 need `film`.
     """
-    frames = _frames(file, single, span, None if options["turntable"] else sheet)
+    frames = _frames(file, single, span, None if turntable else sheet)
 
     from featherfx.render.picture import render
 
@@ -148,6 +148,7 @@ def preview(
             output,
             frames=frames,
             sheet=bool(sheet),
+            turntable=turntable or 0,
             samples=int(samples),
             on_rows=progress,
             **options,

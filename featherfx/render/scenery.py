@@ -19,6 +19,7 @@ from featherfx.render.scene import DrawnScene, load_points, load_scene
 from featherfx.usd.read.read import Cache
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Scenery:
     def geometry(self, time: float | None) -> Geometry:
         """At a time code of the cache."""
         points, triangles, starts = self.points(time), self.scene.triangles, self.scene.starts
-        colours = [
+        colours: list[Floats] = [
             np.broadcast_to(self.colour, (end - start, 3)) if each.colour is None else each.colour
             for each, start, end in zip(self.scene.feathers, starts[:-1], starts[1:], strict=True)
         ]

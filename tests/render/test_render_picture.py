@@ -12,11 +12,16 @@ import pytest
 from PIL import Image
 
 from featherfx.errors import InputError
-from featherfx.render.camera import choose_camera
-from featherfx.render.colour import Bar, Legend, face_colours, strain_across_barbs
+from featherfx.render.colour import (
+    Bar,
+    Legend,
+    linear,
+    look_colours,
+    strain_across_barbs,
+    value_colours,
+)
 from featherfx.render.picture import COLOURS, VIEWS, render
 from featherfx.render.scene import DrawnPose, load_pose, load_scene
-from featherfx.render.trace import Tracer
 from featherfx.usd.read.read import Cache
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
@@ -37,7 +42,7 @@ def drawn(picture: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("colour", COLOURS)
 def test_every_colour_draws_something_and_adds_its_key(tmp_path, cache, colour):
-    (path,) = render(cache, tmp_path / "a.png", [3], SIZE, colour)
+    (path,) = render(cache, tmp_path / "a.png", frames=[3], size=SIZE, colour=colour, samples=4)
     picture = pixels(path)
     assert picture.shape[1] == SIZE[0]
     assert (picture.shape[0] > SIZE[1]) == (colour != "shaded")
@@ -55,7 +60,8 @@ def test_views_frame_all_feathers_and_do_not_depend_on_units(tmp_path, cache, vi
             writer.write(feathers.frame(number))
     pictures = []
     for name, source in (("a.png", cache), ("b.png", other)):
-        pictures.append(pixels(render(source, tmp_path / name, [5], SIZE, view=view)[0]))
+        options = {"frames": [5], "size": SIZE, "view": view, "framing": "drawn", "samples": 4}
+        pictures.append(pixels(render(source, tmp_path / name, **options)[0]))
     assert np.abs(pictures[0] - pictures[1]).mean() < 0.5
     inside = drawn(pictures[0])
     assert inside.any()
@@ -65,33 +71,11 @@ def test_views_frame_all_feathers_and_do_not_depend_on_units(tmp_path, cache, vi
     assert max(filled) > 0.8
 
 
-def test_a_triangle_covers_the_pixels_that_projection_says(cache):
-    scene = load_scene(Cache(cache))
-    pose = scene.rest
-    camera = choose_camera(scene, [pose], "top", "Z", SIZE)
-    picture = Tracer(scene, camera, SIZE).picture(
-        pose, face_colours(scene, [pose], "shaded")[0][0], True
-    )
-    centres = pose.points[scene.triangles].mean(axis=1)
-    local = centres - camera.eye
-    depth = -(local @ camera.back)
-    x = (local @ camera.right / depth / camera.tangent * SIZE[1] / SIZE[0] + 1) / 2 * SIZE[0]
-    y = (1 - local @ camera.up / depth / camera.tangent) / 2 * SIZE[1]
-    assert drawn(picture.astype(int))[y.astype(int), x.astype(int)].all()
-
-
-def test_the_rachis_is_darker_than_the_vane(tmp_path, cache):
-    scene = load_scene(Cache(cache))
-    (colours,), key = face_colours(scene, [scene.rest], "shaded")
-    assert key is None
-    assert colours[scene.rachis].max() < colours[~scene.rachis].min()
-
-
 def test_barb_angle_is_that_of_the_feather_in_any_pose(cache):
     source = Cache(cache)
     scene = load_scene(source)
-    poses = [scene.rest, load_pose(source, scene.triangles, 5.0)]
-    _, key = face_colours(scene, poses, "barb")
+    poses = [scene.rest, load_pose(source, scene, 5.0)]
+    _, key = value_colours(scene, poses, "barb")
     assert isinstance(key, Bar)
     assert "deg" in key.title
     assert (key.low, key.high) == pytest.approx((44, 46), abs=0.01)
@@ -99,11 +83,10 @@ def test_barb_angle_is_that_of_the_feather_in_any_pose(cache):
 
 def test_region_colours_have_a_legend_of_all_regions(cache):
     scene = load_scene(Cache(cache))
-    (colours,), key = face_colours(scene, [scene.rest], "region")
+    colours, key = look_colours(scene, "region")
     assert isinstance(key, Legend)
     assert [name for name, _ in key.entries] == ["body", "left wing", "tail"]
-    shown = colours[(scene.owner == 2) & ~scene.rachis]
-    np.testing.assert_allclose(shown, [key.entries[0][1]] * len(shown))
+    np.testing.assert_allclose(colours[2], linear(np.array(key.entries[0][1])))
 
 
 @pytest.mark.parametrize("stretch", [0.8, 1.0, 1.3])
@@ -127,16 +110,16 @@ def test_strain_across_barbs_of_a_known_stretch(stretch):
 def test_rigid_motion_shows_no_strain_and_a_bend_does(cache):
     source = Cache(cache)
     scene = load_scene(source)
-    pose = load_pose(source, scene.triangles, 5.0)
+    pose = load_pose(source, scene, 5.0)
     stretched = DrawnPose(pose.points * (1.02, 1, 1), pose.normals, pose.barbs)
-    keys = [face_colours(scene, [p], "strain")[1] for p in (pose, stretched)]
+    keys = [value_colours(scene, [p], "strain")[1] for p in (pose, stretched)]
     assert keys[0].high < 0.01
     # Barbs at 45 degrees see half of (1.02^2 - 1) / 2 = 2.02 %, less the tilt of the feather.
     assert 0.8 < keys[1].high < 1.1
 
 
 def test_a_sheet_has_a_tile_per_frame(tmp_path, cache):
-    (path,) = render(cache, tmp_path / "sheet.png", None, (120, 80), sheet=True)
+    (path,) = render(cache, tmp_path / "sheet.png", size=(120, 80), sheet=True, samples=4)
     picture = pixels(path)
     assert picture.shape == (2 * 80 + 2, 3 * 120 + 4, 3)
     first, last = picture[:80, :120], picture[82:162, 122:242]
@@ -145,23 +128,26 @@ def test_a_sheet_has_a_tile_per_frame(tmp_path, cache):
 
 
 def test_several_frames_give_several_files(tmp_path, cache):
-    written = render(cache, tmp_path / "a.png", [1, 2.5], (64, 48))
+    written = render(cache, tmp_path / "a.png", frames=[1, 2.5], size=(64, 48), samples=1)
     assert [path.name for path in written] == ["a.0001.png", "a.0002.500.png"]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.0001.png", "a.0002.500.png"]
 
 
 def test_the_same_picture_every_time(tmp_path, cache):
-    one, two = (render(cache, tmp_path / f"{k}.png", [2], (64, 48))[0] for k in "ab")
+    one, two = (
+        render(cache, tmp_path / f"{jobs}.png", frames=[2], size=(64, 48), jobs=jobs)[0]
+        for jobs in (1, 3)
+    )
     assert one.read_bytes() == two.read_bytes()
 
 
 def test_a_rest_groom_without_frames(tmp_path):
     with CacheWriter(tmp_path / "rest.usda", feathers.entries(), None):
         pass
-    (path,) = render(tmp_path / "rest.usda", tmp_path / "rest.png", None, (64, 48))
+    (path,) = render(tmp_path / "rest.usda", tmp_path / "rest.png", size=(64, 48))
     assert drawn(pixels(path)).any()
     with pytest.raises(InputError, match="no frames"):
-        render(tmp_path / "rest.usda", tmp_path / "rest.png", [1], (64, 48))
+        render(tmp_path / "rest.usda", tmp_path / "rest.png", frames=[1], size=(64, 48))
 
 
 def test_a_plain_mesh_of_another_program(tmp_path):
@@ -180,7 +166,8 @@ def Xform "a" (kind = "component") {
 """
     )
     for colour in COLOURS:
-        (path,) = render(tmp_path / "quad.usda", tmp_path / f"{colour}.png", None, (64, 48), colour)
+        file = tmp_path / f"{colour}.png"
+        (path,) = render(tmp_path / "quad.usda", file, size=(64, 48), colour=colour)
         assert drawn(pixels(path)).mean() > 0.2
 
 
@@ -188,24 +175,30 @@ def test_pictures_replace_nothing_unasked_and_no_pipe(tmp_path, cache):
     path, numbered = tmp_path / "a.png", tmp_path / "a.0002.png"
     numbered.write_bytes(b"mine")
     with pytest.raises(InputError, match=r"a\.0002\.png: exists already"):
-        render(cache, path, [1, 2], (32, 32))
+        render(cache, path, frames=[1, 2], size=(32, 32))
     assert [each.name for each in tmp_path.iterdir()] == ["a.0002.png"]
-    files = render(cache, path, [1, 2], (32, 32), overwrite=True)
+    files = render(cache, path, frames=[1, 2], size=(32, 32), overwrite=True)
     assert files == [tmp_path / "a.0001.png", numbered]
     assert numbered.read_bytes() != b"mine"
     os.mkfifo(path)
     with pytest.raises(InputError, match="no regular file"):
-        render(cache, path, [1], (32, 32), overwrite=True)
+        render(cache, path, frames=[1], size=(32, 32), overwrite=True)
 
 
 def test_all_wrong_options_are_named_at_once(tmp_path, cache):
     with pytest.raises(InputError) as caught:
-        render(tmp_path / "no.usd", tmp_path / "no" / "a.jpg", None, (0, 9999), "red", view="up")
+        render(
+            tmp_path / "no.usd", tmp_path / "no" / "a.jpg", size=(0, 9999), colour="red", view="up",
+            samples=7, f_stop=-1.0, turntable=-1, framing="loose",
+        )  # fmt: skip
     messages = str(caught.value)
-    for part in ("'red'", "'up'", "0 x 9999", ".jpg", "folder does not exist", "no.usd"):
+    for part in (
+        "'red'", "'up'", "'7'", "'loose'", "f_stop: -1", "turntable: -1", "0 x 9999", ".jpg",
+        "folder does not exist", "no.usd",
+    ):  # fmt: skip
         assert part in messages
     with pytest.raises(InputError, match="frame: 9 is out of range; allowed 1 to 5"):
-        render(cache, tmp_path / "a.png", [9], SIZE)
+        render(cache, tmp_path / "a.png", frames=[9], size=SIZE)
 
 
 def test_missing_libraries_are_named(tmp_path, cache, monkeypatch):
@@ -221,7 +214,7 @@ def test_a_disk_error_leaves_no_picture(tmp_path, cache, monkeypatch):
 
     monkeypatch.setattr(Image.Image, "save", full)
     with pytest.raises(InputError, match=r"a\.png: cannot be written: No space left"):
-        render(cache, tmp_path / "a.png", [1], (64, 48))
+        render(cache, tmp_path / "a.png", frames=[1], size=(64, 48))
     assert list(tmp_path.iterdir()) == []
 
 

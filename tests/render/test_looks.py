@@ -1,0 +1,284 @@
+"""How feathers look, what stands beside them, and where the camera is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from featherfx.errors import InputError, InputWarning
+from featherfx.render.camera import axes_of, framing, turntable
+from featherfx.render.light_kernels import SHAFT, VANE
+from featherfx.render.picture import PictureOptions, render
+from featherfx.render.scene import load_points
+from featherfx.render.subject import open_subject
+from featherfx.usd.read.cameras import camera_of
+from featherfx.usd.read.read import Cache
+
+pytest.importorskip("embreex", reason="no wheel for this platform")
+
+SIZE = (96, 64)
+
+
+def picture(file, path, **options):
+    options = {"size": SIZE, "samples": 4} | options
+    (written,) = render(file, path, overwrite=True, **options)
+    return np.asarray(Image.open(written).convert("RGB")).astype(int)
+
+
+def covered(pixels):
+    """Where a picture differs from the background, which is one shade per line."""
+    return np.abs(pixels - pixels[:, :1]).sum(axis=2) > 12
+
+
+def looked_at(cache, size=(400, 300), **options):
+    """A subject with its colours chosen for a camera that sees all of it, and its geometry."""
+    subject = open_subject(cache, PictureOptions(**options))
+    right, up = axes_of("top", *subject.shape())
+    eye = framing(right, up, subject.reach(), size)
+    subject.colour(eye, [1.0], "shaded")
+    return subject, eye, subject.geometry(1.0)
+
+
+def test_every_barb_is_a_strip_within_the_vane(cache):
+    subject, _, geometry = looked_at(cache)
+    assert len(subject.plumage.plain) == 0
+    barbs = sum(len(each.members) * 2 * each.barbs for each in subject.plumage.groups)
+    tips = (geometry.across == 0) & (geometry.tangents != 0).any(axis=1)
+    shaft = np.unique(geometry.triangles[geometry.material == SHAFT])
+    tips[shaft] = False
+    assert np.count_nonzero(tips) == barbs > 8 * 12
+    mesh = load_points(subject.cache, subject.scene, 1.0)
+    low, high = mesh.min(axis=0), mesh.max(axis=0)
+    assert (geometry.points > low - 1e-4).all()
+    assert (geometry.points < high + 1e-4).all()
+
+
+def test_strips_cover_the_area_of_the_vane(cache):
+    """Barbs of the tests' feather are straight, so that strips tile the vane but for their tips."""
+    subject, _, geometry = looked_at(cache)
+    corners = geometry.points[geometry.triangles[geometry.material == VANE]].astype(float)
+
+    def area(points):
+        normal = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+        return 0.5 * np.linalg.norm(normal, axis=1).sum()
+
+    scene = subject.scene
+    mesh = load_points(subject.cache, scene, 1.0)[scene.triangles[~scene.rachis]]
+    assert area(corners) == pytest.approx(area(mesh), rel=0.04)
+
+
+def test_more_pixels_show_more_barbs_up_to_those_there_are(cache):
+    counts = []
+    for width in (60, 240, 960, 40000):
+        subject, *_ = looked_at(cache, (width, width))
+        counts.append(max(each.barbs for each in subject.plumage.groups))
+    assert counts[0] < counts[1] < counts[2]
+    assert counts[3] < 0.1 / 5e-4 * 1.35
+
+
+@pytest.fixture
+def two_squares(tmp_path):
+    """A large square, and a small one 0.3 m above it; z up, metres."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "two.usda"))
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    UsdGeom.SetStageMetersPerUnit(stage, 1)
+    define_square(stage, "low", 1.0, 0.0)
+    define_square(stage, "high", 0.25, 0.3)
+    stage.Save()
+    return tmp_path / "two.usda"
+
+
+def define_square(stage, name, half, height):
+    mesh = UsdGeom.Mesh.Define(stage, f"/{name}")
+    corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    mesh.CreatePointsAttr([(half * x, half * y, height) for x, y in corners])
+    mesh.CreateFaceVertexCountsAttr([4])
+    mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    return mesh
+
+
+def test_shadows_are_soft(two_squares, tmp_path):
+    shown = picture(two_squares, tmp_path / "a.png", view="top", samples=16)
+    lit = shown[covered(shown)].sum(axis=1)
+    full = np.median(lit)
+    assert 60 < lit.min() < 0.75 * full
+    assert ((lit > lit.min() + 60) & (lit < full - 60)).any()
+
+
+def test_a_lens_blurs_what_is_out_of_focus(two_squares, tmp_path):
+    stage = Usd.Stage.Open(str(two_squares))
+    define_square(stage, "high", 0.25, 3.0)
+    stage.Save()
+    sharp, blurred = (
+        picture(two_squares, tmp_path / "a.png", f_stop=stop, samples=64, view="top")
+        for stop in (0.0, 0.1)
+    )
+    # from the left border to the background
+    row = SIZE[1] // 2
+    edges = [np.abs(np.diff(each.sum(axis=2)[row])).max() for each in (sharp, blurred)]
+    assert edges[1] < 0.6 * edges[0]
+
+
+def test_the_camera_is_the_same_for_all_frames_and_calls(cache):
+    whole = open_subject(cache, PictureOptions())
+    right, up = axes_of("auto", *whole.shape())
+    eye = framing(right, up, whole.reach(), SIZE)
+    for time in (1.0, 2.5, 5.0):
+        x, y = eye.places(load_points(whole.cache, whole.scene, time)).T
+        assert x.min() > 0 < y.min()
+        assert x.max() < SIZE[0]
+        assert y.max() < SIZE[1]
+
+
+def test_a_single_frame_is_the_tile_of_a_sheet(cache, tmp_path):
+    single = picture(cache, tmp_path / "a.png", frames=[3])
+    sheet = picture(cache, tmp_path / "b.png", frames=[1, 3], sheet=True)
+    tile = sheet[:, SIZE[0] + 2 :]
+    # below its label
+    np.testing.assert_array_equal(tile[30:], single[30:])
+
+
+def test_a_feather_close_up_fills_the_picture(cache, tmp_path):
+    ids = [each.id for each in Cache(cache).feathers]
+    near = picture(cache, tmp_path / "a.png", feathers=[ids[0]])
+    inside = covered(near)
+    filled = [np.ptp(np.flatnonzero(inside.any(axis=k))) / SIZE[k] for k in (0, 1)]
+    assert max(filled) > 0.8
+    around = picture(cache, tmp_path / "b.png", feathers=[ids[0]], surroundings=True)
+    assert covered(around).sum() >= inside.sum()
+    by_region = picture(cache, tmp_path / "c.png", regions=["tail"])
+    assert covered(by_region).any()
+
+
+def test_feathers_and_regions_that_are_not_there(cache, tmp_path):
+    ids = [each.id for each in Cache(cache).feathers]
+    with pytest.raises(InputError) as caught:
+        render(cache, tmp_path / "a.png", feathers=[ids[0] + "x"], regions=["tial"])
+    told = str(caught.value)
+    assert f"feather: no feather fits '{ids[0]}x'; did you mean '{ids[0]}'?" in told
+    assert "region: no region fits 'tial'; did you mean 'tail'?" in told
+
+
+def test_two_caches_side_by_side(cache, tmp_path):
+    both = picture(cache, tmp_path / "a.png", frames=[3], against=cache)
+    assert both.shape == (SIZE[1], 2 * SIZE[0] + 2, 3)
+    left, right = both[30:, : SIZE[0]], both[30:, SIZE[0] + 2 :]
+    np.testing.assert_array_equal(left, right)
+    with pytest.raises(InputError, match=r"no\.usdc: file does not exist"):
+        render(cache, tmp_path / "b.png", against=tmp_path / "no.usdc")
+
+
+@pytest.fixture
+def cameras(tmp_path):
+    """A file, y up and in centimetres, with a camera 2 m above the origin that looks down."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "cameras.usda"))
+    UsdGeom.SetStageUpAxis(stage, "Y")
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    camera = UsdGeom.Camera.Define(stage, "/cameras/above")
+    camera.AddTranslateOp().Set(Gf.Vec3d(0, 200, 0))
+    camera.AddRotateXOp().Set(-90.0)
+    camera.CreateFocalLengthAttr(50.0)
+    camera.CreateHorizontalApertureAttr(36.0)
+    camera.CreateVerticalApertureAttr(24.0)
+    stage.Save()
+    return tmp_path / "cameras.usda"
+
+
+def test_a_usd_camera_by_its_path(cache, cameras, tmp_path):
+    seen = camera_of(cache, f"{cameras}:/cameras/above", Cache(cache))(1.0)
+    np.testing.assert_allclose(seen.eye, (0, 0, 2), atol=1e-9)
+    np.testing.assert_allclose(seen.back, (0, 0, 1), atol=1e-9)
+    shown = picture(cache, tmp_path / "a.png", camera=f"{cameras}:/cameras/above")
+    points = load_points(Cache(cache), open_subject(cache, PictureOptions()).scene, 1.0)
+    # 36 mm at 50 mm and 2 m: 1.44 m over the width
+    columns = (points[:, 0] / (2 - points[:, 2]) / 0.72 + 0.5) * SIZE[0]
+    inside = np.flatnonzero(covered(shown).any(axis=0))
+    assert inside.min() == pytest.approx(np.clip(columns.min(), 0, SIZE[0]), abs=2)
+    assert inside.max() == pytest.approx(np.clip(columns.max(), 0, SIZE[0]), abs=2)
+
+
+def test_a_wrong_camera_path_lists_the_cameras(cache, cameras, tmp_path):
+    with pytest.raises(InputError, match="the stage has one camera: /cameras/above"):
+        render(cache, tmp_path / "a.png", camera=f"{cameras}:/cameras/below")
+    with pytest.raises(InputError, match="the stage has no camera"):
+        render(cache, tmp_path / "a.png", camera="/nothing")
+
+
+def test_turntable_cameras_see_everything_from_one_distance():
+    points = np.random.default_rng(3).normal(size=(40, 3)) * (3, 1, 0.5)
+    right, up = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+    eyes = turntable(right, up, points, SIZE, np.arange(6) * np.pi / 3)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    away = [np.linalg.norm((eye.view.eye - middle)[:2]) for eye in eyes]
+    np.testing.assert_allclose(away, away[0])
+    for eye in eyes:
+        assert (eye.places(points) > 0).all()
+        assert (eye.places(points) < SIZE).all()
+
+
+@pytest.fixture
+def skinned(cache, tmp_path):
+    """A copy of the cache that names a skin and a collider, below the feathers."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "body.usda"))
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    UsdGeom.SetStageMetersPerUnit(stage, 1)
+    stage.SetTimeCodesPerSecond(24)
+    define_square(stage, "body", 0.2, -0.05)
+    floor = define_square(stage, "floor", 5.0, -0.06)
+    floor.CreateDisplayColorAttr([(0.6, 0.05, 0.05)])
+    stage.Save()
+    layer = Sdf.Layer.FindOrOpen(str(cache))
+    copy = Sdf.Layer.CreateNew(str(tmp_path / "skinned.usdc"))
+    copy.TransferContent(layer)
+    told = dict(copy.customLayerData.get("featherfx", {}))
+    told["scenery"] = {
+        str(k): {"role": role, "file": "body.usda", "prim": prim, "start": 1.0, "first": 1.0}
+        for k, (role, prim) in enumerate((("skin", "/body"), ("collider", "/floor")))
+    }
+    copy.customLayerData = {"featherfx": told}
+    copy.Save()
+    return tmp_path / "skinned.usdc"
+
+
+def test_skin_and_colliders_of_the_shot_are_drawn(skinned, tmp_path):
+    shown = picture(skinned, tmp_path / "a.png", view="top")
+    bare = picture(skinned, tmp_path / "b.png", view="top", bare=True)
+    # the floor reaches to every corner, but the camera keeps to feathers and skin
+    red, _, blue = shown[0, 0]
+    assert red > blue + 60
+    assert bare[0, 0, 0] < bare[0, 0, 2]
+    assert covered(bare).mean() < 0.9
+    subject = open_subject(skinned, PictureOptions())
+    assert [each.framed for each in subject.scenery] == [True, False]
+    assert np.abs(subject.reach()[:, :2]).max() < 0.5
+
+
+def test_scenery_that_is_gone_is_told(skinned, tmp_path):
+    (tmp_path / "body.usda").unlink()
+    with pytest.warns(InputWarning, match=r"its skin .*body\.usda is not there and not drawn"):
+        picture(skinned, tmp_path / "a.png")
+
+
+def test_progress_counts_to_the_end(cache, tmp_path):
+    told = []
+    picture(cache, tmp_path / "a.png", frames=[1, 2], sheet=True, on_rows=lambda *n: told.append(n))
+    assert told[0] == (0, 8)
+    assert [done for done, _ in told] == list(range(9))
+
+
+def test_films(cache, tmp_path):
+    render(cache, tmp_path / "a.gif", frames=[1, 2, 3], size=(32, 24), samples=1)
+    film = Image.open(tmp_path / "a.gif")
+    assert (film.n_frames, film.size) == (3, (32, 24))
+    with pytest.raises(InputError, match="a sheet is one picture"):
+        render(cache, tmp_path / "b.gif", sheet=True)
+
+
+def test_an_mp4_has_every_frame(cache, tmp_path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    render(cache, tmp_path / "a.mp4", size=(65, 48), samples=1)
+    frames = ffmpeg.read_frames(str(tmp_path / "a.mp4"))
+    assert next(frames)["size"] == (64, 48)
+    assert len(list(frames)) == 5
