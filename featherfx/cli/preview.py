@@ -142,7 +142,7 @@ def preview(
 
     from featherfx.render.picture import render
 
-    with Progress("drawing", style) as progress:
+    with Progress("drawing", style):
         written = render(
             file,
             output,
@@ -150,7 +150,6 @@ def preview(
             sheet=bool(sheet),
             turntable=turntable or 0,
             samples=int(samples),
-            on_rows=progress,
             **options,
         )
     for path in written:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing
+from featherfx.phases import Done, phase
 from featherfx.render.annotate import add_key, beside, contact_sheet, label
 from featherfx.render.camera import Eye, axes_of, framing, turntable, whole
 from featherfx.render.colour import Bar, Legend
@@ -24,7 +25,6 @@ from featherfx.usd.read.cameras import camera_of
 from featherfx.usd.write.output import file_problems
 
 Picture = NDArray[np.uint8]
-Notify = Callable[[int, int], object]
 
 
 @dataclass(frozen=True)
@@ -38,26 +38,25 @@ class Shot:
     number: str
 
 
-def draw(
-    path: Path, output: Path, options: PictureOptions, jobs: int, notify: Notify
-) -> list[Path]:
+def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[Path]:
     """As featherfx.render.picture.render, of arguments that are right."""
-    subjects = [open_subject(path, options)]
-    if options.against is not None:
-        subjects.append(open_subject(Path(options.against), options))
-    times = _times(path, subjects[0], options, output)
-    shots = _shots(path, subjects, times, options)
-    files = _files(output, shots, options)
-    problems = file_problems(files, options.overwrite) + check_pixels(len(shots), options)
-    if problems:
-        raise InputError(*problems)
-    before = {file: standing(file) for file in files}
-    key = None
-    for subject in subjects:
-        key = subject.colour(shots[0].eye, [shot.time for shot in shots], options.colour) or key
-    pictures = _pictures(subjects, shots, options, jobs, notify)
-    finished = list(_finished(pictures, subjects, shots, options, key))
-    save(finished, before, subjects[0].cache.frames_per_second)
+    with phase("reading"):
+        subjects = [open_subject(path, options)]
+        if options.against is not None:
+            subjects.append(open_subject(Path(options.against), options))
+        times = _times(path, subjects[0], options, output)
+        shots = _shots(path, subjects, times, options)
+        files = _files(output, shots, options)
+        problems = file_problems(files, options.overwrite) + check_pixels(len(shots), options)
+        if problems:
+            raise InputError(*problems)
+        before = {file: standing(file) for file in files}
+        every = [shot.time for shot in shots]
+        keys = [subject.colour(shots[0].eye, every, options.colour) for subject in subjects]
+    pictures = _pictures(subjects, shots, options, jobs)
+    finished = list(_finished(pictures, subjects, shots, options, keys[0]))
+    with phase("finishing"):
+        save(finished, before, subjects[0].cache.frames_per_second)
     return files
 
 
@@ -85,18 +84,11 @@ def _finished(
 
 
 def _pictures(
-    subjects: Sequence[Subject],
-    shots: Sequence[Shot],
-    options: PictureOptions,
-    jobs: int,
-    notify: Notify,
+    subjects: Sequence[Subject], shots: Sequence[Shot], options: PictureOptions, jobs: int
 ) -> Iterator[list[Picture]]:
     """The pictures of every shot, one of each subject; the next is prepared while one is drawn."""
-    width, height = options.pixels
-    tops = range(0, height, ROWS_AT_ONCE)
     work = [(subject, shot) for shot in shots for subject in subjects]
-    done, total = 0, len(work) * len(tops)
-    notify(0, total)
+    strips = len(range(0, options.pixels[1], ROWS_AT_ONCE))
 
     def prepared(subject: Subject, shot: Shot) -> Tracer:
         geometry = subject.geometry(shot.time)
@@ -104,26 +96,33 @@ def _pictures(
 
     drawers, preparer = ThreadPoolExecutor(jobs), ThreadPoolExecutor(1)
     try:
-        following: Future[Tracer] = preparer.submit(prepared, *work[0])
-        sides: list[Picture] = []
-        for index in range(len(work)):
-            tracer = following.result()
-            if index + 1 < len(work):
-                following = preparer.submit(prepared, *work[index + 1])
-            picture = np.zeros((height, width, 3), np.uint8)
-            strips = {drawers.submit(tracer.rows, top): top for top in tops}
-            for strip in as_completed(strips):
-                top = strips[strip]
-                picture[top : top + ROWS_AT_ONCE] = strip.result()
-                done += 1
-                notify(done, total)
-            sides.append(picture)
-            if len(sides) == len(subjects):
-                yield sides
-                sides = []
+        with phase("drawing", len(work) * strips) as done:
+            following: Future[Tracer] = preparer.submit(prepared, *work[0])
+            sides: list[Picture] = []
+            for index in range(len(work)):
+                tracer = following.result()
+                if index + 1 < len(work):
+                    following = preparer.submit(prepared, *work[index + 1])
+                first = index * strips
+                sides.append(_drawn(tracer, drawers, lambda k, first=first: done(first + k)))
+                if len(sides) == len(subjects):
+                    yield sides
+                    sides = []
     finally:
         drawers.shutdown(cancel_futures=True)
         preparer.shutdown(cancel_futures=True)
+
+
+def _drawn(tracer: Tracer, drawers: ThreadPoolExecutor, done: Done) -> Picture:
+    """One picture, by threads that share its rows; done: called with the strips that are."""
+    lens = tracer.lens
+    picture = np.zeros((lens.rows, lens.columns, 3), np.uint8)
+    strips = {drawers.submit(tracer.rows, top): top for top in range(0, lens.rows, ROWS_AT_ONCE)}
+    for number, strip in enumerate(as_completed(strips), 1):
+        top = strips[strip]
+        picture[top : top + ROWS_AT_ONCE] = strip.result()
+        done(number)
+    return picture
 
 
 def _shots(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,18 +77,15 @@ def render(
     output: str | Path,
     *,
     jobs: int | None = None,
-    on_rows: Callable[[int, int], object] | None = None,
     **options: Any,
 ) -> list[Path]:
     """Draw frames of a USD file and return the files written.
 
     output: .png, or .gif and .mp4 for films. Several frames without sheet give OUTPUT.0001.png and
     so on; all files appear, or none. options: fields of PictureOptions. jobs: threads, all cores by
-    default; the picture does not depend on them. on_rows: called with the parts of the pictures
-    that are done and their number. One camera frames the whole range of the file, whatever frames
-    are drawn. Raises InputError with every problem: missing libraries, unknown options, a frame out
-    of range, a feather, region or camera that is not there, an unreadable file, an output that
-    exists.
+    default; the picture does not depend on them. Raises InputError with every problem: missing
+    libraries, unknown options, a frame out of range, a feather, region or camera that is not there,
+    an unreadable file, an output that exists.
     """
     path, output, chosen = Path(path), Path(output), PictureOptions(**options)
     threads = jobs or min(os.cpu_count() or 1, MOST_JOBS)
@@ -96,7 +93,7 @@ def render(
     # what it imports is checked
     from featherfx.render.draw import draw
 
-    return draw(path, output, chosen, threads, on_rows or (lambda done, total: None))
+    return draw(path, output, chosen, threads)
 
 
 def check_pixels(count: int, options: PictureOptions) -> list[Problem]:
@@ -134,6 +131,9 @@ def _check(path: Path, output: Path, options: PictureOptions) -> None:
         problems.append(Problem(str(output), "", told))
     elif options.sheet and output.suffix.lower() != ".png":
         problems.append(Problem(str(output), "", "a sheet is one picture, a .png"))
+    if options.against is not None and not options.is_look:
+        told = f"'{options.colour}' would have a scale for each file; allowed: shaded, region"
+        problems.append(Problem("preview", "colour", told))
     if not os.path.isdir(output.parent):
         problems.append(Problem(str(output.parent), "", "folder does not exist"))
     others = () if options.against is None else (options.against,)

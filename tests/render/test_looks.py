@@ -8,6 +8,7 @@ from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError, InputWarning
+from featherfx.phases import Account
 from featherfx.render.camera import axes_of, framing, turntable
 from featherfx.render.light_kernels import SHAFT, VANE
 from featherfx.render.picture import PictureOptions, render
@@ -168,6 +169,8 @@ def test_two_caches_side_by_side(cache, tmp_path):
     np.testing.assert_array_equal(left, right)
     with pytest.raises(InputError, match=r"no\.usdc: file does not exist"):
         render(cache, tmp_path / "b.png", against=tmp_path / "no.usdc")
+    with pytest.raises(InputError, match="a scale for each file"):
+        render(cache, tmp_path / "b.png", against=cache, colour="strain")
 
 
 @pytest.fixture
@@ -263,9 +266,12 @@ def test_scenery_that_is_gone_is_told(skinned, tmp_path):
 
 def test_progress_counts_to_the_end(cache, tmp_path):
     told = []
-    picture(cache, tmp_path / "a.png", frames=[1, 2], sheet=True, on_rows=lambda *n: told.append(n))
-    assert told[0] == (0, 8)
-    assert [done for done, _ in told] == list(range(9))
+    with Account(told.append):
+        picture(cache, tmp_path / "a.png", frames=[1, 2], sheet=True)
+    assert list(dict.fromkeys(each.name for each in told)) == ["reading", "drawing", "finishing"]
+    drawing = [each for each in told if each.name == "drawing"]
+    assert {each.total for each in drawing} == {8}
+    assert sorted({each.done for each in drawing}) == list(range(9))
 
 
 def test_films(cache, tmp_path):
