@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import Task
+from featherfx.errors import Problem
 from featherfx.files.background import Background
 from featherfx.jit.told import TELLER
 from featherfx.phases import phase
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.simulate import simulate
-from featherfx.usd.space import origin_for
+from featherfx.usd.types import OutputError
 from featherfx.usd.write.write import CacheWriter
 
 
@@ -32,9 +34,10 @@ def simulate_and_write(
             done = taken_over = writer.samples_done
             notify(done, samples)
             start = Checkpoint.load(writer.state) if writer.state else None
+            wanted = _simulated(task, writer, start)
             with phase("building", silent=True):
                 simulation = simulate(
-                    task.whole, options.jobs, task.frames, options.subframes, start, task.wanted
+                    task.whole, options.jobs, task.frames, options.subframes, start, wanted
                 )
             sink = Background(writer.write)
             with sink:
@@ -46,9 +49,10 @@ def simulate_and_write(
                         notify(done, samples)
                 with phase("writing"):
                     sink.close()
+            writer.tell(_compared(task))
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(_state_of(writer, task)) from error
-    return taken_over, simulation.report | {"writing_beside": sink.seconds}
+    return taken_over, simulation.report | {"writing_beside": sink.seconds} | _told(task, wanted)
 
 
 def _writer(task: Task) -> CacheWriter:
@@ -64,9 +68,48 @@ def _writer(task: Task) -> CacheWriter:
         | scenery_of(shot, task.path)
         | {"shot": shot.name, "settings": task.settings},
         settings=task.settings,
+        inputs=task.shot.inputs,
         root=task.root,
-        origin=origin_for([each.position for each in task.whole.groom.feathers]),
+        origin=task.origin,
     )
+
+
+def _compared(task: Task) -> dict[str, str]:
+    """What a later bake compares itself with (again.py)."""
+    depend = dict(zip(task.names, task.dependences(), strict=True))
+    texts = {"inputs": task.shot.inputs, "dependences": depend}
+    return {name: json.dumps(dict(value), separators=(",", ":")) for name, value in texts.items()}
+
+
+def _simulated(task: Task, writer: CacheWriter, start: Checkpoint | None) -> Sequence[int]:
+    """Numbers, in the whole, of the feathers to simulate; the writer takes the others over.
+
+    start: of the bake that goes on; it simulates what that has simulated.
+    """
+    everyone = range(len(task.whole.groom.feathers)) if task.wanted is None else task.wanted
+    taken = set(task.taken.feathers) if task.taken else set()
+    if task.taken and task.taken.cache.chunk != writer.chunk:
+        taken = set()  # samples of a feather that hardly moves depend on where chunks begin
+    wanted = [number for place, number in enumerate(everyone) if place not in taken]
+    if start is not None and start.wanted.tolist() != wanted:
+        wanted = start.wanted.tolist()
+        known = set(wanted)
+        taken = {place for place, number in enumerate(everyone) if number not in known}
+        if taken and not (task.taken and taken <= set(task.taken.feathers)):
+            message = "was begun with samples of a cache that is gone; --overwrite bakes it anew"
+            raise OutputError(Problem(str(task.path), "", message))
+    if task.taken and taken:
+        writer.take_over(task.taken.cache, sorted(taken))
+    return wanted
+
+
+def _told(task: Task, wanted: Sequence[int]) -> dict[str, Any]:
+    """Of a report: how much was simulated again, and why."""
+    if task.taken is None:
+        return {}
+    kept = len(task.names) - len(wanted)
+    counts = {"feathers_simulated": len(wanted), "feathers_taken_over": kept}
+    return {"again": counts | {"changed": list(task.taken.changed)}}
 
 
 def _state_of(writer: CacheWriter, task: Task) -> str:

@@ -6,17 +6,20 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
 from featherfx._version import __version__
 from featherfx.api import read_quality, read_shot
+from featherfx.baking.again import TakenOver, taken_over
 from featherfx.baking.entries import refuse_too_large
 from featherfx.baking.options import BakeOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.files.content import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
+from featherfx.shot.dependence import dependences
 from featherfx.shot.detail.guides import uses_guides
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.motion.skin import BoundSkin
@@ -24,6 +27,8 @@ from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import refuse_inputs, stage_space
+from featherfx.usd.space import origin_for
+from featherfx.usd.types import OutputError
 from featherfx.usd.write.options import StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import (
     check_output,
@@ -43,7 +48,8 @@ class Task:
 
     whole, wanted: what is simulated for it, and the numbers of the task's feathers in that (None:
     all). names: prim name per feather. root: name of the root prim. finished: whether the output is
-    there already. options: with units and axis as they will be.
+    there already. taken: what is taken over of a cache of other settings at the output. origin:
+    where the root prim stands. options: with units and axis as they will be.
     """
 
     shot: Shot
@@ -56,6 +62,9 @@ class Task:
     options: BakeOptions
     whole: Shot
     wanted: Sequence[int] | None
+    taken: TakenOver | None
+    origin: tuple[float, float, float]
+    dependences: Callable[[], list[str]]
 
     @property
     def samples(self) -> int:
@@ -96,9 +105,40 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     refuse_too_large(part.groom, shot.quality, options, str(shot_path))
     if feathers:
         names = names[feathers[0] - 1 :: feathers[1]]
-    finished = options.resume and is_finished(path, settings, options.overwrite)
-    root = prim_name(target.stem)
-    return Task(part, path, frames, settings, names, root, finished, options, whole, wanted)
+
+    @cache
+    def own_dependences() -> list[str]:
+        found = dependences(shot)
+        return found[feathers[0] - 1 :: feathers[1]] if feathers else found
+
+    finished, taken = False, None
+    if options.resume:
+        try:
+            finished = is_finished(path, settings, shot.inputs, options.overwrite)
+        except OutputError:
+            taken = taken_over(path, settings, shot.inputs, names, own_dependences())
+            if taken is None:
+                raise
+    return Task(
+        shot=part,
+        path=path,
+        frames=frames,
+        settings=settings,
+        names=names,
+        root=prim_name(target.stem),
+        finished=finished,
+        options=options,
+        whole=whole,
+        wanted=wanted,
+        taken=taken,
+        origin=_origin(shot),
+        dependences=own_dependences,
+    )
+
+
+def _origin(shot: Shot) -> tuple[float, float, float]:
+    """The same for all shares of a shot."""
+    return origin_for([each.position for each in shot.groom.feathers])
 
 
 def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Sequence[int] | None]:
@@ -139,6 +179,7 @@ def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict
         **{name: json.dumps(getattr(options, name)) for name in sorted(written)},
         "render grid": "{} x {}".format(*options.grid(shot.quality)),
         "barbs": str(options.barbs or "none"),
+        "origin": json.dumps(_origin(shot)),
         **{f"shot.{key}": text for key, text in shot_settings(shot).items()},
     }
 

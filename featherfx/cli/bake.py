@@ -26,6 +26,7 @@ from featherfx.usd.write.options import StageOptions
 
 STAGE = tuple(each.name for each in fields(StageOptions))
 DRAWN = tuple(each.name for each in fields(DrawnOptions) if each.name != "preset_folders")
+MOST_CHANGES = 12  # told of a bake that took over what they do not touch
 # Options of a bake that a plan sets itself, or that belong to one worker.
 PER_WORKER = (
     "--output", "--plan", "--feathers", "--resume", "--progress", "--report", "--presets",
@@ -108,6 +109,16 @@ def bake(
         f" in {result['wall_seconds']:.1f} s",
         err=True,
     )
+    if again := result.get("again"):
+        click.echo(
+            f"{again['feathers_simulated']} feathers simulated again,"
+            f" {again['feathers_taken_over']} taken over from the cache that was there",
+            err=True,
+        )
+        for change in again["changed"][:MOST_CHANGES]:
+            click.echo(f"  {change}", err=True)
+        if len(again["changed"]) > MOST_CHANGES:
+            click.echo(f"  and {len(again['changed']) - MOST_CHANGES} more changes", err=True)
     if result.get("substeps_over_tolerance"):
         limit = "[contact] steps" if "contact" in result else "max_substeps"
         click.echo(

@@ -7,6 +7,7 @@ dorsal (the upper side of the vane).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -284,7 +285,7 @@ class Groom:
     """Which feathers, where. Frame: z up, metres.
 
     layout: None where feathers stay as they were placed. skin: corners (T, 3, 3) m of the meshes
-    that regions grow on, None where there are none.
+    that regions grow on, None where there are none. inputs: what its files say, by key (told.py).
     """
 
     name: str
@@ -293,3 +294,4 @@ class Groom:
     joints: tuple[Joint, ...] = field(default=())
     layout: Layout | None = None
     skin: Array | None = None
+    inputs: Mapping[str, str] = field(default_factory=dict)

@@ -26,13 +26,15 @@ class Checkpoint:
 
     index: number of the sample, 0 at the first frame, counted in frames times subframes.
     states: one per group of feathers. starts: per group (F, n, P, 3) m, material points at the
-    first frame, from which grips count. contact, levels, cycles: arrays that contact, changes of
-    level and repeated motion keep between frames.
+    first frame, from which grips count. wanted: (W,) numbers of the feathers in its frames.
+    contact, levels, cycles: arrays that contact, changes of level and repeated motion keep between
+    frames.
     """
 
     index: int
     states: tuple[State, ...]
     starts: tuple[Array, ...]
+    wanted: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     contact: dict[str, NDArray[Any]] = field(default_factory=dict)
     levels: dict[str, NDArray[Any]] = field(default_factory=dict)
     cycles: dict[str, NDArray[Any]] = field(default_factory=dict)
@@ -40,6 +42,7 @@ class Checkpoint:
     def save(self, path: Path) -> None:
         """Write it to an .npz file, whole or not at all."""
         arrays = {"index": np.array(self.index), "groups": np.array(len(self.states))}
+        arrays["wanted"] = self.wanted
         for k, (state, start) in enumerate(zip(self.states, self.starts, strict=True)):
             arrays |= {f"{k}.{name}": value for name, value in state.arrays().items()}
             arrays[f"{k}.start"] = start
@@ -57,7 +60,7 @@ class Checkpoint:
                 states = tuple(State.of(_under(f"{k}.", file)) for k in groups)
                 starts = tuple(file[f"{k}.start"] for k in groups)
                 kept = (_under(f"{kind}.", file) for kind in _KEPT)
-                return Checkpoint(int(file["index"]), states, starts, *kept)
+                return Checkpoint(int(file["index"]), states, starts, file["wanted"], *kept)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
 

@@ -27,8 +27,12 @@ def shot_settings(shot: Shot) -> dict[str, str]:
     """Everything of a shot and its groom that its simulation depends on."""
     found: dict[str, str] = {}
     for name, value in members(shot):
+        if name == "inputs":
+            continue
         if is_dataclass(value):
             for inner, part in members(value):
+                if inner == "inputs":
+                    continue
                 found[f"{name}.{inner}"] = _text(part)
         else:
             found[name] = _text(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -200,6 +201,7 @@ class Shot:
     are to be bound to, until featherfx.shot.placement has done so. wind_source: added to wind.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. level_of_detail: None: levels do not change.
+    inputs: what the shot's files say, by key (groom/read/told.py).
     """
 
     name: str
@@ -264,6 +266,7 @@ class Shot:
     contact: Contact | None = None
     level_of_detail: LevelOfDetail | None = None
     shelters: tuple[Shelter, ...] = ()
+    inputs: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

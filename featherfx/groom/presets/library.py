@@ -11,6 +11,7 @@ from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import REQUIRED, Key, Place, Problems, Table, expected
 from featherfx.groom.presets.folders import search_path, shipped_folder
+from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MOST_BASES
 
@@ -54,11 +55,15 @@ def plain(tree: Tree) -> dict[str, Any]:
 
 
 class Library:
-    """Presets by family and name, each file read once. Problems go to the list given."""
+    """Presets by family and name, each file read once. Problems go to the list given.
+
+    said: what the files say, by presets.FAMILY/NAME.KEY (told.py).
+    """
 
     def __init__(self, folders: Iterable[str | Path], problems: Problems) -> None:
         self.folders = search_path(folders)
         self.problems = problems
+        self.said: dict[str, str] = {}
         self._loaded: dict[Path, Tree | None] = {}
         self._shipped = shipped_folder()
 
@@ -147,6 +152,10 @@ class Library:
         raw = load_toml(path, self.problems, source)
         if raw is None:
             return None
+        name = f"presets.{family}/{path.stem}" + " (below)" * bool(
+            chain and chain[-1][0] == path.stem
+        )
+        self.said |= {f"{name}.{key}": text for key, text in told(raw, path.parent).items()}
         place = Place(source, "", self.problems)
         count = len(self.problems)
         checked = FAMILIES[family].extended.check(raw, place, True)

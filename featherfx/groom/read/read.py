@@ -24,6 +24,7 @@ from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
 from featherfx.groom.read.drawn import drawn_changes, drawn_drafts
 from featherfx.groom.read.space import Space, in_groom, kept_skins
 from featherfx.groom.read.table import MOST_REPORTED, read_table
+from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.regions.regions import GroomReaders, plumage_of
 from featherfx.groom.types import Groom, Joint, Placement
@@ -109,7 +110,8 @@ def groom_of(
     if not isinstance(name, str):
         return None
     placements = _placements(parts["variation"], drafts, store)
-    return Groom(name, path, placements, joints, plumage.layout, plumage.skin)
+    inputs = library.said | told(raw, path.parent)
+    return Groom(name, path, placements, joints, plumage.layout, plumage.skin, inputs)
 
 
 def _may_be(parts: dict[str, Any], place: Place) -> bool:

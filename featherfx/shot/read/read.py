@@ -18,6 +18,7 @@ from featherfx.groom.keys.values import INVALID, Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
 from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
+from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
 from featherfx.shot.read.keys import SHOT_FILE
@@ -128,9 +129,15 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         quality=quality,
         gravity=np.array(parts["gravity"]),
         contact=contact,
+        inputs=dict(groom.inputs) | _said(raw, library, path.parent),
         **loads,
         **scenes,
     )
+
+
+def _said(raw: dict[str, Any], library: Library, folder: Path) -> dict[str, str]:
+    own = told(raw, folder)
+    return library.said | {f"shot.{key}": text for key, text in own.items()}
 
 
 def _scenes(

@@ -7,10 +7,10 @@ take the samples of the next, which saves the system from finding the memory aga
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from featherfx.files.whole import WrittenFile
 from featherfx.shot.types import Frame
 from featherfx.usd.arrays import Floats
 from featherfx.usd.write.parts import ChunkRecord, checksum
-from featherfx.usd.write.poses import WrittenPose
+from featherfx.usd.write.poses import Key, WrittenPose
 from featherfx.usd.write.publish import export_beside, output_errors
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import StageInfo, new_layer
@@ -62,6 +62,13 @@ class WrittenChunk:
         return ChunkRecord(self.codes, size, crc, self.constant, self.first, self.low, self.high)
 
 
+class Samples(Protocol):
+    """Poses that were written before."""
+
+    def fill(self, paths: Mapping[Key, Any], code: float, pose: WrittenPose) -> None:
+        """Write to a pose what the attributes at these paths hold at a time code."""
+
+
 class ChunkWriter:
     """Collects the poses of a chunk, then writes them.
 
@@ -83,12 +90,21 @@ class ChunkWriter:
                 for key in prims.paths[index]
             ]
         self._spare: list[list[WrittenPose]] = [[] for _ in static]
+        self._place = {index: index for index in range(len(static))}
+        self._taken: dict[int, None] = {}
+        self._earlier: Samples | None = None
         self._run = self._new_run()
 
     @property
     def count(self) -> int:
         """Poses collected so far."""
         return len(self._run.codes)
+
+    def take_over(self, earlier: Samples, feathers: Sequence[int]) -> None:
+        """Have the poses of some feathers read instead of evaluated; frames come without these."""
+        self._earlier, self._taken = earlier, dict.fromkeys(feathers)
+        left = [index for index in range(len(self._spare)) if index not in self._taken]
+        self._place = {index: place for place, index in enumerate(left)}
 
     def add(self, code: float, frame: Frame, accelerations: bool) -> list[int]:
         """Add the pose at the next time code; returns feathers with values that are not finite.
@@ -98,8 +114,12 @@ class ChunkWriter:
         run, poses = self._run, {}
         for index in self._sampled:
             pose = poses[index] = self._room(index)
-            second = frame.accelerations[index] if accelerations else None
-            points, rates = frame.points[index], frame.velocities[index]
+            if self._earlier is not None and index in self._taken:
+                self._earlier.fill(self._prims.paths[index], code, pose)
+                continue
+            place = self._place[index]
+            second = frame.accelerations[place] if accelerations else None
+            points, rates = frame.points[place], frame.velocities[place]
             self._prims.feathers[index].evaluate(pose, points, rates, second)
         bad = [index for index, pose in poses.items() if not pose.finite]
         if not bad:
@@ -142,7 +162,7 @@ class ChunkWriter:
             run.first[index] = first = pose
             run.kept[index].append(pose)
         if not run.moving[index]:
-            if not prims.feathers[index].changed(pose, first, self._seconds):
+            if not self._changed(index, pose, first):
                 if pose is not first:
                     self._spare[index].append(pose)
                 return
@@ -151,6 +171,12 @@ class ChunkWriter:
         if pose is not first:
             run.kept[index].append(pose)
         prims.author_sample(self._layer, index, (code,), pose)
+
+    def _changed(self, index: int, pose: WrittenPose, first: WrittenPose) -> bool:
+        # a chunk's first pose stands at all codes where the feather kept it, with its velocity
+        if index in self._taken and pose.equals(first):
+            return False
+        return self._prims.feathers[index].changed(pose, first, self._seconds)
 
     def _room(self, index: int) -> WrittenPose:
         spare = self._spare[index]

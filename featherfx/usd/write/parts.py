@@ -71,7 +71,8 @@ class Parts:
 
     path: the output. layout: "flat", "payload" or "clips". settings: all that the chunks depend on.
     keep: whether chunks that an earlier run with these settings left are taken over; all others
-    are removed. finished: the cache has its name, and only finish is to be called. Raises
+    are removed. finished: the cache has its name, and only finish is to be called. inputs: what
+    the bake's files say, to tell what another one has changed. Raises
     OutputError while another process writes this output or to the same
     folder, and where something else has the folder's place.
     """
@@ -83,10 +84,11 @@ class Parts:
         settings: Mapping[str, str],
         keep: bool,
         finished: bool = False,
+        inputs: Mapping[str, str] | None = None,
     ) -> None:
         folder = parts_folder(path, layout)
         self.folder = folder / settings_digest(settings)
-        self._settings = dict(settings)
+        self._settings, self._inputs = dict(settings), dict(inputs or {})
         self.records: list[ChunkRecord] = []
         self._locks: list[Lock] = []
         with _told(path.parent):
@@ -119,7 +121,7 @@ class Parts:
             self.records = self._sound_records()
         self._remove_strays()
         self.folder.mkdir(exist_ok=True)
-        content = {"format": _FORMAT, "settings": self._settings}
+        content = {"format": _FORMAT, "settings": self._settings, "inputs": self._inputs}
         write_text(self.folder / _SETTINGS, _json(content))
 
     def chunk(self, index: int) -> Path:
@@ -173,8 +175,7 @@ class Parts:
     @staticmethod
     def are_whole(folder: Path, settings: Mapping[str, str]) -> bool:
         """Whether the chunks of a finished bake are all there, by their sizes."""
-        bake = folder / settings_digest(settings)
-        records = sorted(bake.glob("[0-9]*.json"))
+        records = sorted((folder / settings_digest(settings)).glob("[0-9]*.json"))
         found = [(file.with_suffix(".usdc"), _read_record(file)) for file in records]
         return bool(found) and all(
             record is not None and chunk.is_file() and chunk.stat().st_size == record.bytes
@@ -266,10 +267,17 @@ def _remove_bake(bake: Path, wanted: Collection[Path] = ()) -> None:
             bake.rmdir()
 
 
-def unfinished_settings(folder: Path) -> list[dict[str, str]]:
-    """Settings of the bakes that have chunks in a parts folder."""
+def unfinished_bakes(folder: Path) -> list[tuple[dict[str, str], dict[str, str]]]:
+    """Settings and inputs of the bakes that have chunks in a parts folder."""
     begun = [each for each in _bakes(folder) if (each / "0000.json").is_file()]
-    return [settings for each in begun if (settings := _read_settings(each))]
+    return [(settings, _inputs(each)) for each in begun if (settings := _read_settings(each))]
+
+
+def chunk_files(folder: Path, settings: Mapping[str, str]) -> list[tuple[tuple[float, ...], Path]]:
+    """Time codes and files of the chunks of a finished bake, in their order."""
+    records = sorted((folder / settings_digest(settings)).glob("[0-9]*.json"))
+    found = [(_read_record(file), file.with_suffix(".usdc")) for file in records]
+    return [(record.codes, file) for record, file in found if record is not None]
 
 
 def unfinished_samples(folder: Path) -> int:
@@ -298,6 +306,12 @@ def _settings_of_any(folder: Path) -> dict[str, str]:
     """Settings of a bake of any format."""
     settings = _read_json(folder / _SETTINGS).get("settings")
     return settings if isinstance(settings, dict) else {}
+
+
+def _inputs(folder: Path) -> dict[str, str]:
+    """What the files of a bake said."""
+    inputs = _read_json(folder / _SETTINGS).get("inputs")
+    return inputs if isinstance(inputs, dict) else {}
 
 
 def _read_record(path: Path) -> ChunkRecord | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,37 +10,63 @@ from typing import Any
 from pxr import Sdf
 
 from featherfx.errors import Problem
+from featherfx.groom.read.told import UNTOLD, changes
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import clips_folder, output_files, parts_folder
 from featherfx.usd.write.parts import (
     Parts,
     lock_file,
+    unfinished_bakes,
     unfinished_samples,
-    unfinished_settings,
 )
 
 _MOST_DIFFERENCES = 12
 
 
-def is_finished(path: Path, settings: Mapping[str, str], overwrite: bool) -> bool:
+def is_finished(
+    path: Path, settings: Mapping[str, str], inputs: Mapping[str, str], overwrite: bool
+) -> bool:
     """Whether the cache at path is complete and was baked with these settings.
 
-    Raises OutputError where a cache, or an unfinished one, of other settings is there, unless
-    overwrite: settings are never mixed.
+    inputs: what the bake's files say. Raises OutputError where a cache, or an unfinished one, of
+    other settings is there, unless overwrite: settings are never mixed.
     """
     if path.exists():
         earlier = baked_settings(path)
         if earlier == settings:
             return _is_whole(path, settings)
         if not overwrite:
-            raise _refused(path, "exists already", earlier, settings)
+            told = difference(earlier, baked_inputs(path), settings, inputs)
+            raise _refused(path, "exists already", told if earlier else {})
         return False
     for layout in ("flat", "clips"):
-        unfinished = unfinished_settings(parts_folder(path, layout))
-        if unfinished and settings not in unfinished and not overwrite:
-            raise _refused(path, "was begun", unfinished[0], settings)
+        begun = unfinished_bakes(parts_folder(path, layout))
+        if begun and all(each != settings for each, _ in begun) and not overwrite:
+            raise _refused(path, "was begun", difference(*begun[0], settings, inputs))
     return False
+
+
+def difference(
+    earlier: Mapping[str, str],
+    earlier_inputs: Mapping[str, str],
+    settings: Mapping[str, str],
+    inputs: Mapping[str, str],
+) -> dict[str, str]:
+    """What differs between two bakes, by key, in words.
+
+    Settings are what counts, and inputs what the files say: a setting that cannot be told in a few
+    words is only named where no input tells why it is another.
+    """
+    found = changes(earlier_inputs, inputs) if earlier_inputs else {}
+    for key, change in changes(earlier, settings).items():
+        texts = earlier.get(key, ""), settings.get(key, "")
+        long = key == "program" or any(text.startswith(UNTOLD) for text in texts)
+        if not long:
+            found.setdefault(key, change)
+        elif key == "program" or not found:
+            found[key] = "is another now"
+    return found
 
 
 def refuse_unfinished(path: Path) -> None:
@@ -71,6 +98,20 @@ def baked_settings(path: Path) -> dict[str, str]:
     return {str(key): str(value) for key, value in known.items()}
 
 
+def baked_inputs(path: Path) -> dict[str, str]:
+    """What the files of a cache's bake said; empty where its file does not tell."""
+    return text_table(layer_metadata(path).get("inputs"))
+
+
+def text_table(text: Any) -> dict[str, str]:
+    """Texts by name from JSON; empty where it is none."""
+    try:
+        found = json.loads(text) if isinstance(text, str) else {}
+    except (ValueError, RecursionError):
+        return {}
+    return {str(k): str(v) for k, v in found.items()} if isinstance(found, dict) else {}
+
+
 def layer_metadata(path: Path) -> dict[str, Any]:
     """What featherfx wrote of itself into a root file; empty where there is none."""
     try:
@@ -88,19 +129,15 @@ def _is_whole(path: Path, settings: Mapping[str, str]) -> bool:
     return sound and (layout != "clips" or Parts.are_whole(folder, settings))
 
 
-def _refused(
-    path: Path, what: str, earlier: Mapping[str, str], settings: Mapping[str, str]
-) -> OutputError:
+def _refused(path: Path, what: str, told: Mapping[str, str]) -> OutputError:
+    """told: what differs, by key; empty where that is not known."""
     advice = "choose another name, or --overwrite to bake it anew"
-    if not earlier:
+    if not told:
         message = f"{what}, and does not tell with which settings; {advice}"
         return OutputError(Problem(str(path), "", message))
     problems = [Problem(str(path), "", f"{what} with other settings; {advice}")]
-    keys = [key for key in {**settings, **earlier} if settings.get(key) != earlier.get(key)]
-    for key in keys[:_MOST_DIFFERENCES]:
-        before, now = (each.get(key, "not set") for each in (earlier, settings))
-        problems.append(Problem(str(path), key, f"was {before}, is {now} now"))
-    if len(keys) > _MOST_DIFFERENCES:
-        more = len(keys) - _MOST_DIFFERENCES
+    problems += [Problem(str(path), key, told[key]) for key in list(told)[:_MOST_DIFFERENCES]]
+    if len(told) > _MOST_DIFFERENCES:
+        more = len(told) - _MOST_DIFFERENCES
         problems.append(Problem(str(path), "", f"and {more} more settings differ"))
     return OutputError(*problems)

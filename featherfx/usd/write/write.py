@@ -17,6 +17,7 @@ from featherfx.files.background import Background
 from featherfx.files.whole import standing
 from featherfx.phases import phase
 from featherfx.shot.types import Frame, sample_number
+from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
 from featherfx.usd.write.assemble import assemble
@@ -31,7 +32,7 @@ from featherfx.usd.write.output import (
     parts_folder,
     prim_name,
 )
-from featherfx.usd.write.parts import Parts, Save, unfinished_settings
+from featherfx.usd.write.parts import Parts, Save, unfinished_bakes
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.stage import StageInfo
 
@@ -63,7 +64,8 @@ class CacheWriter:
     settings: texts of all that the frames depend on. Where given, finished chunks stay on disk
     when the block is left by an exception, or the process by a kill, and a writer with equal
     settings and resume continues after them: `samples_done` tells how many samples there are,
-    `state` the file that was written with the last (None: nothing to continue from).
+    `state` the file that was written with the last (None: nothing to continue from). inputs: what
+    the bake's files say, to tell what another bake has changed. chunk: samples of each chunk.
 
     The cache appears complete when the block ends normally; until then, and after an exception,
     its files are as before. Raises OutputError (every problem at once) where the arguments are
@@ -82,6 +84,7 @@ class CacheWriter:
         origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
         metadata: Mapping[str, Any] | None = None,
         settings: Mapping[str, str] | None = None,
+        inputs: Mapping[str, str] | None = None,
     ) -> None:
         self._path = check_output(path, options.overwrite or options.resume, options.layout)
         check_arguments(self._path, feathers, frames, frames_per_second, options)
@@ -93,13 +96,16 @@ class CacheWriter:
         self._static = [entry.static for entry in self._feathers]
         bytes_per_sample = sum(each.bytes_per_sample for each in posed)
         self._samples = (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
+        most = chunk_bytes(len(self._feathers)) // (self._subframes * bytes_per_sample)
+        self.chunk = max(1, min(options.chunk, most)) * self._subframes
         self._layout = chosen_layout(options.layout, bytes_per_sample * self._samples)
         self._info = StageInfo(
             prim_name(root or self._path.stem),
             space,
             frames,
             frames_per_second,
-            {**(metadata or {}), "layout": self._layout},
+            {**(metadata or {}), "layout": self._layout}
+            | ({"chunk": self.chunk} if settings and frames else {}),
         )
         own = settings or self._settings_of_stage(options.chunk)
         self._check_files(options, own)
@@ -108,17 +114,16 @@ class CacheWriter:
         self._prims = animated_prims(self._info, self._feathers, posed)
         self._resumable = settings is not None
         self._parts: Parts | None = None
+        self._earlier: EarlierCache | None = None
         if frames is not None:
-            self._parts = Parts(self._path, self._layout, own, options.resume)
+            self._parts = Parts(self._path, self._layout, own, options.resume, inputs=inputs)
             self._check_unchanged()
             step = 1.0 / (frames_per_second * self._subframes)
             self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
-            most = chunk_bytes(len(self._feathers)) // (self._subframes * bytes_per_sample)
-            self._chunk_size = max(1, min(options.chunk, most)) * self._subframes
         self._taken_over = len(self._parts.records) if self._parts else 0
         self._committing = Background(self._commit, 1)
         self._written: list[WrittenChunk] = []
-        self._next = self.samples_done
+        self._next, self._given = self.samples_done, len(self._feathers)
 
     def __enter__(self) -> CacheWriter:
         return self
@@ -145,6 +150,12 @@ class CacheWriter:
             self._parts.close()
         elif self._parts:
             self._parts.discard()
+
+    def take_over(self, earlier: EarlierCache, feathers: Sequence[int]) -> None:
+        """Have the samples of some feathers, by their numbers, read from an earlier cache whose
+        chunks have as many samples (`chunk`); frames then come without these feathers."""
+        self._earlier, self._given = earlier, len(self._feathers) - len(feathers)
+        self._chunk.take_over(earlier, feathers)
 
     @property
     def published(self) -> bool:
@@ -180,14 +191,14 @@ class CacheWriter:
         frames = self._frames
         if frames is None or self._next == self._samples or frame.number != self._code:
             raise ValueError(f"frame {frame.number:g} is out of turn; the cache holds {frames}")
-        if len(frame.points) != len(self._feathers):
-            raise ValueError(f"{len(frame.points)} feathers given, not {len(self._feathers)}")
-        if self._accelerations and len(frame.accelerations) != len(self._feathers):
+        if len(frame.points) != self._given:
+            raise ValueError(f"{len(frame.points)} feathers given, not {self._given}")
+        if self._accelerations and len(frame.accelerations) != self._given:
             raise ValueError(f"frame {frame.number:g} has no accelerations")
         bad = self._chunk.add(float(frame.number), frame, self._accelerations)
         self._check_finite(bad, frame.time)
         self._next += 1
-        if self._chunk.count == self._chunk_size or self._next == self._samples:
+        if self._chunk.count == self.chunk or self._next == self._samples:
             self._finish_chunk(save)
 
     def _finish_chunk(self, save: Save | None) -> None:
@@ -209,8 +220,8 @@ class CacheWriter:
 
     def _check_files(self, options: WriteOptions, settings: Mapping[str, str]) -> None:
         """Refuse files that are there; what this bake left itself is replaced to resume it."""
-        begun = unfinished_settings(parts_folder(self._path, self._layout))
-        own = self._path.exists() or dict(settings) in begun
+        begun = unfinished_bakes(parts_folder(self._path, self._layout))
+        own = self._path.exists() or dict(settings) in [each for each, _ in begun]
         check_output(self._path, options.overwrite or (options.resume and own), self._layout)
 
     def _check_unchanged(self) -> None:
@@ -239,6 +250,8 @@ class CacheWriter:
         if self._parts:
             # Samples are on disk; their memory is wanted for what is constant.
             del self._chunk
+        if self._earlier is not None:
+            self._earlier.close()
         with phase("finishing", 2.0) as done:
             layers = new_layers(self._info, self._layout)
             define_prims(layers.topology, self._info, self._feathers, self._prims)

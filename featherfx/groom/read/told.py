@@ -1,0 +1,77 @@
+"""What files say, value by value, so that a difference can be told in words.
+
+rows.right_primary.width = "1.5"      the key of a [[row]] whose id is right_primary
+skin.usd (file) = "sha256 ..."        the content of a file that a value names
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from featherfx.files.content import digest
+
+# characters of a value that is told as it is, and values of one file
+_LONGEST, _MOST = 72, 20_000
+UNTOLD = "sha256"
+
+
+def told(tables: Mapping[str, Any], folder: Path) -> dict[str, str]:
+    """Every value of a file's tables by its key, as JSON; long ones as a digest.
+
+    folder: from which files that the tables name are seen.
+    """
+    found: dict[str, str] = {}
+    for key, value in _leaves(tables, ""):
+        found[key] = _text(value)
+        # a groom's own values are told one by one
+        if isinstance(value, str) and value[-5:] != ".toml" and (file := _named(value, folder)):
+            found[f"{key} (file)"] = f"{UNTOLD} {digest(file)}"
+        if len(found) > _MOST:
+            return {"values": f"{UNTOLD} {digest(json.dumps(tables, default=str))}"}
+    return found
+
+
+def changes(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
+    """What differs, by key, in words: `1.5 -> 1.6`."""
+    return {
+        key: _change(before.get(key), now.get(key))
+        for key in {**now, **before}
+        if before.get(key) != now.get(key)
+    }
+
+
+def _change(before: str | None, now: str | None) -> str:
+    if any(each is not None and each.startswith(UNTOLD) for each in (before, now)):
+        if before is None or now is None:
+            return "was not there" if before is None else "is not there any more"
+        return "is another now"
+    return " -> ".join("not set" if each is None else each for each in (before, now))
+
+
+def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from _leaves(part, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list) and value and all(isinstance(each, Mapping) for each in value):
+        for number, each in enumerate(value):
+            name = each.get("id", each.get("name"))
+            at = f"{key}s.{name}" if isinstance(name, str) else f"{key}[{number}]"
+            yield from _leaves(each, at)
+    else:
+        yield key, value
+
+
+def _text(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= _LONGEST else f"{UNTOLD} {digest(text)}"
+
+
+def _named(value: str, folder: Path) -> Path | None:
+    try:
+        file = folder / value
+        return file if value and file.is_file() else None
+    except (OSError, ValueError):
+        return None
