@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 DIGITS = 16
+_PLAIN = (bool, int, float, str, type(None))
 # folders of the program whose code decides what it computes
 _CODE = ("algebra", "groom", "feather", "mechanics", "solver", "shot", "usd")
 
@@ -24,6 +25,12 @@ def digest(*values: Any) -> str:
     that. Raises TypeError for anything else.
     """
     return _digest(_Walk().of(values))
+
+
+def digests(values: Iterable[Any]) -> list[str]:
+    """Of each value; records that many of them share are looked at once."""
+    walk = _Walk()
+    return [_digest(walk.of(value)) for value in values]
 
 
 @cache
@@ -67,6 +74,8 @@ class _Walk:
             head = f"array {value.shape} {value.dtype.str} ".encode()
             return head + _hashed(np.ascontiguousarray(value).tobytes())
         if isinstance(value, (tuple, list)):
+            if all(type(part) in _PLAIN for part in value):
+                return f"plain {tuple(value)!r};".encode()
             return f"list {len(value)} ".encode() + b"".join(map(self.of, value))
         if isinstance(value, Mapping):
             pairs = sorted((str(key), part) for key, part in value.items())

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from featherfx.feather.shapes import feathers_of
-from featherfx.files.content import digest, members
+from featherfx.files.content import digest, digests, members
+from featherfx.groom.types import Placement
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.loads.wind import exposures
@@ -38,7 +39,7 @@ def dependences(shot: Shot) -> list[str]:
     drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     plan = level_plan(shot, drawn, root_motion(shot))
     common = digest(_common(shot))
-    own = [digest(common, *each) for each in _each(shot, plan)]
+    own = digests([common, *each] for each in _each(shot, plan))
     if shot.contact is not None:
         together = digest(own, shot.contact, shot.colliders, _layers(shot))
         return [digest(each, together) for each in own]
@@ -65,7 +66,7 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
         pulls.setdefault(force.feather, []).append(force)
     return [
         [
-            [value for name, value in members(placement) if name not in _NOT_MOVING],
+            _shape_and_root(placement),
             roots[f],
             pulls.get(placement.id, []),
             shelter[f],
@@ -75,6 +76,12 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
         ]
         for f, placement in enumerate(placements)
     ]
+
+
+def _shape_and_root(placement: Placement) -> list[Any]:
+    # the kind is that of the prototype, in its size
+    left_out = _NOT_MOVING | ({"kind"} if placement.prototype is not None else set())
+    return [value for name, value in members(placement) if name not in left_out]
 
 
 def _guarded(shot: Shot, plan: LevelPlan) -> list[bool]:

@@ -157,7 +157,7 @@ def test_followers_depend_on_their_guides(tmp_path):
     detail = "\n[[detail]]\nregion = 'arm'\nlevel = 'guided'\nevery = 3\n"
     shot, path = written(tmp_path, shot=SHOT + detail), tmp_path / "gust.usdc"
     featherfx.bake(shot, path, **OPTIONS)
-    guide = '\n[[force]]\nfeather = "upper_02"\nforce = [0.0, 0.0, 0.01]\n'
+    guide = '\n[overrides."upper_02"]\nlength = 0.2\n'
     written(tmp_path, shot=SHOT + detail + guide)
     report = featherfx.bake(shot, path, resume=True, **OPTIONS)
     # the guide in the middle, and both that follow it; the others are not of its region

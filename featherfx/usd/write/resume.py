@@ -10,6 +10,7 @@ from typing import Any
 from pxr import Sdf
 
 from featherfx.errors import Problem
+from featherfx.files.lock import Lock
 from featherfx.groom.read.told import UNTOLD, changes
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import OutputError
@@ -70,14 +71,26 @@ def difference(
 
 
 def refuse_unfinished(path: Path) -> None:
-    """Raise OutputError where an interrupted bake has left samples that a new one would remove."""
+    """Raise OutputError where an interrupted bake has left samples that a new one would remove.
+
+    What another bake is writing just now is told when this one begins to.
+    """
     kept = sum(unfinished_samples(parts_folder(path, layout)) for layout in ("flat", "clips"))
-    if kept and not path.exists():
+    if kept and not path.exists() and not _is_being_written(path):
         message = (
             f"holds {kept} sample{'s' * (kept > 1)} of a bake that did not come to its end; "
             "--resume goes on after them, --overwrite removes them and bakes anew"
         )
         raise OutputError(Problem(str(path), "", message))
+
+
+def _is_being_written(path: Path) -> bool:
+    try:
+        if lock_file(path).exists():
+            Lock(lock_file(path)).release()
+    except (OSError, TimeoutError):
+        return True
+    return False
 
 
 def tidy(path: Path, settings: Mapping[str, str]) -> None:

@@ -157,6 +157,10 @@ class CacheWriter:
         self._earlier, self._given = earlier, len(self._feathers) - len(feathers)
         self._chunk.take_over(earlier, feathers)
 
+    def tell(self, metadata: Mapping[str, Any]) -> None:
+        """Keep more plain values with the layout, before the block ends."""
+        self._info = replace(self._info, metadata={**self._info.metadata, **metadata})
+
     @property
     def published(self) -> bool:
         """Whether the cache has its name."""
