@@ -19,7 +19,6 @@ from featherfx.errors import InputError, Problem, all_of
 from featherfx.files.content import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
-from featherfx.shot.dependence import dependences
 from featherfx.shot.detail.guides import uses_guides
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.motion.skin import BoundSkin
@@ -101,15 +100,17 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
     options = in_space(options, shot.groom, shot.skin)
     settings = _settings(shot, frames, options)
-    part, whole, wanted = _part(shot, feathers)
+    part, whole, numbers = _part(shot, feathers)
     refuse_too_large(part.groom, shot.quality, options, str(shot_path))
-    if feathers:
-        names = names[feathers[0] - 1 :: feathers[1]]
+    names = [names[k] for k in numbers]
 
     @cache
     def own_dependences() -> list[str]:
+        # loads compiled code, which a finished cache does without
+        from featherfx.shot.dependence import dependences
+
         found = dependences(shot)
-        return found[feathers[0] - 1 :: feathers[1]] if feathers else found
+        return [found[k] for k in numbers]
 
     finished, taken = False, None
     if options.resume:
@@ -129,7 +130,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         finished=finished,
         options=options,
         whole=whole,
-        wanted=wanted,
+        wanted=None if whole is part else numbers,
         taken=taken,
         origin=_origin(shot),
         dependences=own_dependences,
@@ -141,17 +142,17 @@ def _origin(shot: Shot) -> tuple[float, float, float]:
     return origin_for([each.position for each in shot.groom.feathers])
 
 
-def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Sequence[int] | None]:
-    """The shot of a share, what is simulated for it, and the share's numbers in that."""
+def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Sequence[int]]:
+    """The shot of a share, what is simulated for it, and the share's numbers in the shot."""
     if feathers is None:
-        return shot, shot, None
+        return shot, shot, range(len(shot.groom.feathers))
     if shot.contact is not None:
         message = "feathers that touch cannot be baked in shares; leave out [contact]"
         raise InputError(Problem(str(shot.source), "contact", message))
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)
     # followers need guides that may be of another share
-    return (part, shot, numbers.tolist()) if uses_guides(shot) else (part, part, None)
+    return part, (shot if uses_guides(shot) else part), numbers.tolist()
 
 
 def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:

@@ -18,6 +18,7 @@ import featherfx
 from featherfx.baking import pipeline
 from featherfx.cli.main import main
 from featherfx.errors import InputError
+from featherfx.shot.share import share_numbers
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 WING = SAMPLES / "swan_wing/shot.toml"
@@ -228,3 +229,21 @@ def test_progress_lines_are_json(tmp_path):
         assert before["seconds"] <= line["seconds"]
         assert 0 <= line["done"] <= line["total"]
         assert line["left"] is None or line["left"] >= 0.0
+
+
+def test_followers_are_cut_so_that_few_guides_are_simulated_twice(tmp_path):
+    shot = tmp_path / "shot.toml"
+    text = WING.read_text().replace('"groom.toml"', f'"{WING.with_name("groom.toml")}"')
+    shot.write_text(text + "\n[[detail]]\nlevel = 'guided'\nevery = 4\n")
+    read = featherfx.read_shot(shot)
+    shares = [share_numbers(read, k, 2) for k in (1, 2)]
+    assert sorted(np.concatenate(shares)) == list(range(20))
+    assert abs(len(shares[0]) - len(shares[1])) <= 2
+    # a wing each, but for a feather; dealt out in turn, each would need the guides of both wings
+    for share, other in zip(shares, ("left_", "right_"), strict=True):
+        ids = [read.groom.feathers[k].id for k in share]
+        assert sum(each.startswith(other) for each in ids) <= 1
+    for count in (3, 7, 20):
+        found = [share_numbers(read, k, count) for k in range(1, count + 1)]
+        assert sorted(np.concatenate(found)) == list(range(20))
+        assert min(map(len, found)) >= 1

@@ -216,9 +216,9 @@ def test_two_bakes_of_one_name_in_two_layouts_do_not_meet(tmp_path):
 def test_what_is_published_before_the_lock_is_had_is_seen_before_any_work(tmp_path, monkeypatch):
     path = tmp_path / "o.usdc"
 
-    def late(*given):
+    def late(*given, **more):
         path.write_text("theirs")
-        return parts.Parts(*given)
+        return parts.Parts(*given, **more)
 
     monkeypatch.setattr("featherfx.usd.write.write.Parts", late)
     with pytest.raises(OutputError, match=r"o\.usdc: another bake has just written it"):

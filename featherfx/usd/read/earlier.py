@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pxr import Sdf
@@ -14,13 +14,15 @@ from featherfx.errors import Problem
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import clips_folder, output_files
 from featherfx.usd.write.parts import chunk_files
-from featherfx.usd.write.poses import WrittenPose
 from featherfx.usd.write.resume import (
     baked_inputs,
     baked_settings,
     layer_metadata,
     text_table,
 )
+
+if TYPE_CHECKING:
+    from featherfx.usd.write.poses import WrittenPose
 
 
 class EarlierCache:
