@@ -34,10 +34,10 @@ class Checkpoint:
     index: int
     states: tuple[State, ...]
     starts: tuple[Array, ...]
-    wanted: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     contact: dict[str, NDArray[Any]] = field(default_factory=dict)
     levels: dict[str, NDArray[Any]] = field(default_factory=dict)
     cycles: dict[str, NDArray[Any]] = field(default_factory=dict)
+    wanted: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def save(self, path: Path) -> None:
         """Write it to an .npz file, whole or not at all."""
@@ -60,7 +60,7 @@ class Checkpoint:
                 states = tuple(State.of(_under(f"{k}.", file)) for k in groups)
                 starts = tuple(file[f"{k}.start"] for k in groups)
                 kept = (_under(f"{kind}.", file) for kind in _KEPT)
-                return Checkpoint(int(file["index"]), states, starts, file["wanted"], *kept)
+                return Checkpoint(int(file["index"]), states, starts, *kept, file["wanted"])
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
 

@@ -79,9 +79,13 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
 
 
 def _shape_and_root(placement: Placement) -> list[Any]:
-    # the kind is that of the prototype, in its size
-    left_out = _NOT_MOVING | ({"kind"} if placement.prototype is not None else set())
-    return [value for name, value in members(placement) if name not in left_out]
+    kind = placement.kind
+    if placement.prototype is None:
+        return [value for name, value in members(placement) if name not in _NOT_MOVING]
+    # the kind has the prototype's shape in its size, and materials of its own
+    left_out = {*_NOT_MOVING, "kind"}
+    own = [kind.vane_material, kind.rachis_material, kind.rachis, kind.length]
+    return [own, *(value for name, value in members(placement) if name not in left_out)]
 
 
 def _guarded(shot: Shot, plan: LevelPlan) -> list[bool]:

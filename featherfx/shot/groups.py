@@ -14,7 +14,7 @@ from featherfx.feather.density import density_map, scaled_map
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, PointMap
 from featherfx.files.store import kept
-from featherfx.groom.types import Placement
+from featherfx.groom.types import FeatherKind, Placement
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
@@ -140,8 +140,8 @@ def _model(
     placements: Sequence[Placement], feathers: Sequence[Feather], resolution: Resolution
 ) -> Model:
     """Constant arrays of a batch: made once for feathers of one shape and size."""
-    first: dict[tuple[int, float, bool], int] = {}
-    shapes = [(id(p.prototype or p.kind), p.size, p.mirrored) for p in placements]
+    first: dict[tuple[int, FeatherKind, float, bool], int] = {}
+    shapes = [(id(p.prototype or p.kind), p.kind, p.size, p.mirrored) for p in placements]
     for k, shape in enumerate(shapes):
         first.setdefault(shape, k)
     number = {shape: n for n, shape in enumerate(first)}

@@ -167,10 +167,10 @@ class Simulation:
             self._index,
             tuple(group.state for group in self._groups),
             tuple(group.start for group in self._groups),
-            self._wanted,
             {} if self._contact is None else self._contact.memory(),
             self._levels.fades.memory(),
             memory_of([group.cycle for group in self._groups]),
+            self._wanted,
         )
 
     def simulated_bytes(self) -> tuple[int, int]:
