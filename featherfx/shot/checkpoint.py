@@ -60,7 +60,8 @@ class Checkpoint:
                 states = tuple(State.of(_under(f"{k}.", file)) for k in groups)
                 starts = tuple(file[f"{k}.start"] for k in groups)
                 kept = (_under(f"{kind}.", file) for kind in _KEPT)
-                return Checkpoint(int(file["index"]), states, starts, *kept, file["wanted"])
+                index, wanted = int(file["index"]), file["wanted"]
+                return Checkpoint(index, states, starts, *kept, wanted=wanted)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
 
