@@ -59,9 +59,9 @@ class Checkpoint:
                 groups = range(int(file["groups"]))
                 states = tuple(State.of(_under(f"{k}.", file)) for k in groups)
                 starts = tuple(file[f"{k}.start"] for k in groups)
-                kept = (_under(f"{kind}.", file) for kind in _KEPT)
+                contact, levels, cycles = (_under(f"{kind}.", file) for kind in _KEPT)
                 index, wanted = int(file["index"]), file["wanted"]
-                return Checkpoint(index, states, starts, *kept, wanted=wanted)
+                return Checkpoint(index, states, starts, contact, levels, cycles, wanted)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
 
