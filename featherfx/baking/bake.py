@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, takes
-from featherfx.baking.task import prepare
-from featherfx.files.whole import into, remove_leftovers, standing, write_all
+from featherfx.baking.task import Task, prepare
+from featherfx.files.whole import Standing, into, remove_leftovers, standing, write_all
 from featherfx.phases import Account, account, phase
 from featherfx.usd.write.resume import tidy
 
@@ -72,55 +72,79 @@ def _bake(
     options: BakeOptions,
     timed: Account,
 ) -> dict[str, Any]:
-    task = prepare(shot_path, output, options)
+    try:
+        task = prepare(shot_path, output, options)
+    except KeyboardInterrupt as error:
+        during = timed.failed or "checking what is to be done"
+        raise KeyboardInterrupt(f"interrupted during {during}: nothing was written") from error
     report = None if task.options.report is None else Path(task.options.report)
     before = standing(report) if report else None
-    if task.finished:
-        tidy(task.path, task.settings)
-        notify(task.samples, task.samples)
-        figures: dict[str, Any]
-        done, figures = task.samples, {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}
-        figures |= {"worst_residual": 0.0, "skipped": {}}
-    else:
+    complete = False
+    try:
+        done, figures = _worked(task, notify)
+        complete = True
+        result = {**_summary(task, done), **figures}
+        with phase("finishing", silent=True):
+            _report(result, timed, report, before)
+    except KeyboardInterrupt as error:
+        message = str(error) or "interrupted before the first frame: nothing new was written"
+        if complete and not str(error):
+            lost = "" if report is None else f"; {report} was not written"
+            message = f"interrupted, but {task.path} is complete{lost}"
+        raise KeyboardInterrupt(message) from error
+    return result
+
+
+def _worked(task: Task, notify: Callable[[int, int], None]) -> tuple[int, dict[str, Any]]:
+    """Do a task; returns the samples taken over and the figures."""
+    if not task.finished:
         # the solver takes its time to load, which a finished cache does without
         from featherfx.baking.loop import simulate_and_write
 
-        done, figures = simulate_and_write(task, notify)
+        return simulate_and_write(task, notify)
+    tidy(task.path, task.settings)
+    notify(task.samples, task.samples)
+    nothing: dict[str, Any] = {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}
+    return task.samples, nothing | {"worst_residual": 0.0, "skipped": {}}
+
+
+def _summary(task: Task, taken_over: int) -> dict[str, Any]:
     first, last = task.frames
-    result = {
+    return {
         "version": __version__,
         "shot": task.shot.name,
         "feathers": len(task.names),
         "frames": last - first + 1,
         "samples": task.samples,
-        "samples_taken_over": done,
+        "samples_taken_over": taken_over,
         "wall_seconds": 0.0,
         "simulated_seconds": (last - task.shot.first_frame) / task.shot.frames_per_second,
         "peak_memory_bytes": peak_memory_bytes(),
-        **figures,
     }
-    with phase("finishing", silent=True):
-        if report is not None:
-            remove_leftovers(report)
-        result |= _seconds(timed)
-        if report is not None:
-            text = json.dumps(result, indent=2) + "\n"
-            write_all([(report, into(lambda file: file.write(text.encode())))], {report: before})
-    return result
+
+
+def _report(result: dict[str, Any], timed: Account, report: Path | None, before: Standing) -> None:
+    """Add where the time has gone to a result, and write it."""
+    if report is not None:
+        remove_leftovers(report)
+    result |= _seconds(timed)
+    if report is not None:
+        text = json.dumps(result, indent=2) + "\n"
+        write_all([(report, into(lambda file: file.write(text.encode())))], {report: before})
 
 
 def _seconds(timed: Account) -> dict[str, Any]:
     """Where the time has gone: the five parts of a bake, which add up to wall_seconds, and each
     phase by its own name."""
     phases = timed.seconds()
+    return {"wall_seconds": sum(phases.values()), "seconds": in_parts(phases), "phases": phases}
+
+
+def in_parts(phases: Mapping[str, float]) -> dict[str, float]:
+    """Seconds of phases as those of the five parts of a bake."""
     parts = {part: sum(phases.get(name, 0.0) for name in names) for part, names in PHASES.items()}
-    total = sum(phases.values())
-    setting_up = max(total - sum(parts.values()), 0.0)
-    return {
-        "wall_seconds": total,
-        "seconds": {"setting_up": setting_up, **parts},
-        "phases": phases,
-    }
+    setting_up = max(sum(phases.values()) - sum(parts.values()), 0.0)
+    return {"setting_up": setting_up, **parts}
 
 
 def peak_memory_bytes() -> int | None:

@@ -1,18 +1,20 @@
-"""What the bake of a shot will take: processor time, memory and disk, by a few of its feathers."""
+"""What the bake of a shot will take: time, memory and disk, by a few of its feathers."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
-from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.baking.bake import peak_memory_bytes
+from featherfx.baking.bake import in_parts, peak_memory_bytes
 from featherfx.baking.entries import entries_of
+from featherfx.baking.options import TRIAL_SECONDS
+from featherfx.baking.trial import expected, unknowns
+from featherfx.shot.detail.detail import CARRIED
 from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.preroll import moves_before
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import Simulation, drawn_feathers, simulate
 from featherfx.shot.types import LEVELS, Detail, Shot
@@ -21,8 +23,8 @@ from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.poses import posed_feathers
 from featherfx.usd.write.write import chunk_bytes
 
-# frames, and feathers of each level, that are simulated to learn what one costs
-TRIED_FRAMES, TRIED_FEATHERS, TRIED_FOLLOWERS = 4, 8, 64
+# feathers of each level that are looked at to learn what one holds
+TRIED_FEATHERS, TRIED_FOLLOWERS = 8, 64
 # poses of a frame that are in memory at once: computed, waiting twice, being written
 _FRAMES_HELD = 4
 # states of a simulated feather: before and after a step, at the first frame, for resuming
@@ -30,58 +32,61 @@ _STATES_HELD = 4
 # a mesh as it is authored, over one sample of its points: topology, texture coordinates, rest pose
 _AUTHORED = 4
 
-_CARRIED = ("guided", "rigid")
 
+class _Held(NamedTuple):
+    """One level on a few feathers. resident: bytes of a feather that is simulated. sample: bytes of
+    one on disk. posed: bytes of its pose while it is handed on. unknowns: of one feather."""
 
-class _Tried(NamedTuple):
-    """One level on a few feathers. seconds: of a feather and frame. resident: bytes of a feather
-    that is simulated. sample: bytes of one on disk. posed: bytes of its pose while it is handed
-    on. unknowns: of one feather."""
-
-    seconds: float
     resident: float
     sample: float
     posed: float
     unknowns: float
-    feathers: int
-    frames: int
 
 
-def bake_cost(shot: Shot, jobs: int) -> dict[str, Any]:
-    """What the frames of a shot will take, by those of a few of its feathers at every level.
+def bake_cost(shot: Shot, jobs: int, read: float, budget: float = TRIAL_SECONDS) -> dict[str, Any]:
+    """What a bake of a shot will take on this machine as it is now.
 
-    Memory is that of the process so far, which has read and laid out the groom, and of what the
-    bake adds; an estimate. With contact, the feathers that are tried are neighbours.
+    read: s that starting and reading the shot took. The rest of the time is what bakes of a few of
+    its feathers (trial.py) tell of all. budget: s for these. Memory is that of the
+    process so far and of what the bake adds; an estimate.
     """
     counts, members = _levels(shot)
-    tried: dict[str, _Tried] = {}
-    for level in counts:
-        full = tried["full"].seconds if "full" in tried else None
-        tried[level] = _try(shot, level, members[level], full)
+    held = {level: _hold(shot, level, members[level]) for level in counts}
     frames = shot.last_frame - shot.first_frame + 1
     total = len(shot.groom.feathers)
 
     def of_a_frame(name: str) -> float:
-        return sum(count * getattr(tried[level], name) for level, count in counts.items())
+        return sum(count * getattr(held[level], name) for level, count in counts.items())
 
-    seconds, sample = of_a_frame("seconds") * frames, of_a_frame("sample")
+    sample = of_a_frame("sample")
     memory = of_a_frame("resident") + _FRAMES_HELD * of_a_frame("posed")
     chunk = min(sample * min(frames, WriteOptions.chunk), max(sample, chunk_bytes(total)))
     memory += sample * _AUTHORED + chunk
+    learnt = expected(shot, jobs, _preroll(shot), budget)
+    phases = {"reading": read, **learnt.phases}
+    seconds = in_parts(phases)
     return {
         "frames": frames,
-        "tried_feathers": sum(each.feathers for each in tried.values()),
-        "tried_frames": max(each.frames for each in tried.values()),
+        "tried_feathers": max(each.feathers for each in learnt.trials),
+        "tried_frames": max(each.frames for each in learnt.trials),
+        "trial_seconds": sum(each.seconds for each in learnt.trials),
         "levels": {level: count for level, count in counts.items() if count},
         "unknowns": round(of_a_frame("unknowns")),
-        "seconds_of_a_feather_and_frame": seconds / frames / total,
-        "processor_seconds": seconds,
-        "wall_seconds": seconds / jobs,
+        "seconds_of_a_feather_and_frame": phases["simulating"] * jobs / max(frames - 1, 1) / total,
+        "wall_seconds": sum(seconds.values()),
+        "seconds": seconds,
         "jobs": jobs,
         "memory_bytes": round((peak_memory_bytes() or 0) + memory),
         "bytes_of_a_frame": round(sample),
         "bytes_of_the_cache": round(sample * frames),
     }
+
+
+def _preroll(shot: Shot) -> int:
+    """Frames that are simulated before the first."""
+    preroll = shot.preroll / shot.frames_per_second
+    moves = moves_before(root_motion(shot), preroll, shot.quality.tolerance)
+    return shot.preroll if moves else 0
 
 
 def _levels(shot: Shot) -> tuple[dict[str, float], dict[str, Any]]:
@@ -97,54 +102,27 @@ def _levels(shot: Shot) -> tuple[dict[str, float], dict[str, Any]]:
     return counts, {name: own if len(own) else everyone for name, own in members.items()}
 
 
-def _try(shot: Shot, level: str, members: Any, full: float | None) -> _Tried:
-    """Simulate some of the feathers at one level. full: seconds of one that guides."""
-    most = TRIED_FOLLOWERS if level in ("guided", "rigid") else TRIED_FEATHERS
-    chosen = _neighbours(shot, members, most) if shot.contact else _spread(members, most)
+def _hold(shot: Shot, level: str, members: Any) -> _Held:
+    """Memory and disk of some of the feathers at one level."""
+    chosen = _spread(members, TRIED_FOLLOWERS if level in CARRIED else TRIED_FEATHERS)
     part = part_of(shot, chosen)
     pinned = (*part.details, Detail(level=level))
     part = replace(part, details=pinned, level_of_detail=None, grips=(), forces=())
-    last = min(shot.last_frame, shot.first_frame + TRIED_FRAMES)
-    simulation = simulate(part, 1, (shot.first_frame, last))
-    each_frame = _frame_seconds(simulation)
-    spent = median(each_frame) if each_frame else 0.0
-    guides = sum(each.level == "full" for each in simulation.resolutions)
-    count = len(chosen)
-    if level == "guided" and full is not None:
-        spent, count = max(spent - guides * full, 0.0), max(count - guides, 1)
+    simulation = simulate(part, 1)
     sample, posed = _written(part, simulation)
-    return _Tried(
-        seconds=spent / count,
-        resident=_simulated_bytes(simulation) / len(chosen) if level not in _CARRIED else 0.0,
-        sample=sample / len(chosen),
-        posed=posed / len(chosen),
-        unknowns=0.0 if level in _CARRIED else _unknowns(simulation) / len(chosen),
-        feathers=len(chosen),
-        frames=len(each_frame),
+    count, carried = len(chosen), level in CARRIED
+    solved = sum(unknowns(each) for each in simulation.resolutions)
+    return _Held(
+        resident=0.0 if carried else _simulated_bytes(simulation) / count,
+        sample=sample / count,
+        posed=posed / count,
+        unknowns=0.0 if carried else solved / count,
     )
 
 
 def _spread(members: Any, most: int) -> Any:
     """Up to so many of some numbers, evenly."""
     return members[np.unique(np.linspace(0, len(members) - 1, most).astype(int))]
-
-
-def _neighbours(shot: Shot, members: Any, most: int) -> Any:
-    """Up to so many feathers around the one in the middle of the list."""
-    roots = np.array([shot.groom.feathers[f].position for f in members])
-    way = np.linalg.norm(roots - roots[len(roots) // 2], axis=1)
-    return np.sort(members[np.argsort(way, kind="stable")[:most]])
-
-
-def _frame_seconds(simulation: Simulation) -> list[float]:
-    """Processor time of every frame after the first, which settles; one may compile, too."""
-    seconds, before = [], time.process_time()
-    for number, _ in enumerate(simulation):
-        now = time.process_time()
-        if number:
-            seconds.append(now - before)
-        before = now
-    return seconds
 
 
 def _written(part: Shot, simulation: Simulation) -> tuple[float, float]:
@@ -159,9 +137,3 @@ def _simulated_bytes(simulation: Simulation) -> float:
     """Bytes of what is held of the feathers that are simulated."""
     constant, state = simulation.simulated_bytes()
     return float(constant + _STATES_HELD * state)
-
-
-def _unknowns(simulation: Simulation) -> int:
-    """Six a row, and two directions of coefficients for the two barbs of a row."""
-    simulated = [each for each in simulation.resolutions if each.level not in _CARRIED]
-    return sum(each.rows * (6 + 4 * each.coefficients) for each in simulated)

@@ -27,8 +27,12 @@ def simulate_and_write(
     """
     options, samples = task.options, task.samples
     TELLER.works = ("bake",) if task.shot.contact is None else ("bake", "contact")
-    with phase("building", silent=True):
-        writer = _writer(task)
+    try:
+        with phase("building", silent=True):
+            writer = _writer(task)
+    except KeyboardInterrupt as error:
+        message = "interrupted before the first frame: nothing new was written"
+        raise KeyboardInterrupt(message) from error
     try:
         with writer:
             done = taken_over = writer.samples_done

@@ -14,6 +14,9 @@ from featherfx.usd.write.options import StageOptions, WriteOptions, option
 if TYPE_CHECKING:
     from featherfx.shot.types import Quality
 
+# s that stats spends on bakes of a few feathers, roughly
+TRIAL_SECONDS = 6.0
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 

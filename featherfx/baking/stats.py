@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import tomllib
 from collections import Counter
 from dataclasses import replace
@@ -10,11 +11,13 @@ from typing import Any
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot
 from featherfx.baking.cost import bake_cost
+from featherfx.baking.options import TRIAL_SECONDS
 from featherfx.errors import all_of
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.layout.layout import cover, measured
 from featherfx.feather.shapes import feathers_of
 from featherfx.groom.types import Groom
+from featherfx.phases import account
 from featherfx.shot.types import Quality
 
 _MOST_NAMED = 10
@@ -26,22 +29,29 @@ def plumage_stats(
     quality: str | None = None,
     jobs: int = 1,
     preset_folders: Folders = (),
+    budget: float = TRIAL_SECONDS,
 ) -> dict[str, Any]:
     """Counts, overlap and penetration of a groom; of a shot also the expected cost of its bake.
 
     quality: preset instead of the shot's; for a groom, that its meshes are counted at (default
-    final). jobs: threads of the bake. The cost is measured by simulating a few feathers of the shot
-    for its first frames. SI units, bytes. Raises InputError, and SimulationError where one of
-    these feathers cannot be simulated.
+    final). jobs: threads of the bake. Its cost is measured by bakes of a few feathers of the shot,
+    which take about budget seconds. SI units, bytes. Raises InputError, and SimulationError where
+    one of these feathers cannot be simulated.
     """
     path, folders = Path(path), tuple(preset_folders)
     if _is_shot(path):
+        begin = time.perf_counter()
         shot, chosen = all_of(
             lambda: read_shot(path, folders),
             lambda: read_quality(quality, folders) if quality else None,
         )
         shot = replace(shot, quality=chosen) if chosen else shot
-        return _of_groom(shot.groom, shot.quality) | {"bake": bake_cost(shot, jobs)}
+        current = account()
+        # a layout that was found here is kept for the bake
+        spent = time.perf_counter() - begin
+        read = spent if current is None else current.spent("starting", "reading")
+        cost = bake_cost(shot, jobs, read, budget)
+        return _of_groom(shot.groom, shot.quality) | {"bake": cost}
     groom, grid = all_of(
         lambda: read_groom(path, folders), lambda: read_quality(quality or "final", folders)
     )

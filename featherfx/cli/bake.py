@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from featherfx.cli.options import (
     default_jobs,
     options_of,
     presets_option,
+    progress_option,
     quality_option,
     readable_path,
 )
@@ -60,14 +61,7 @@ PER_WORKER = (
 @presets_option
 @options_of(BakeOptions, "report", "resume", "feathers", "chunk", "subframes")
 @options_of(BakeOptions, *DRAWN, "accelerations", "diagnostics")
-@click.option(
-    "--progress",
-    "style",
-    type=click.Choice(["auto", "json"]),
-    default="auto",
-    show_default=True,
-    help="json: one JSON object a line on stderr.",
-)
+@progress_option
 @click.option(
     "--plan",
     "shares",
@@ -92,14 +86,16 @@ def bake(
     """
     if shares:
         given = _given(ctx, PER_WORKER)
-        for path in pipeline.plan(
-            shot,
-            options["output"],
-            shares,
-            given,
-            options["preset_folders"],
-            options["overwrite"],
-        ):
+        with Progress("shares", style):
+            written = pipeline.plan(
+                shot,
+                options["output"],
+                shares,
+                given,
+                options["preset_folders"],
+                options["overwrite"],
+            )
+        for path in written:
             click.echo(str(path), err=True)
         return
     with Progress("frames", style) as progress:
@@ -120,12 +116,21 @@ def bake(
         if len(again["changed"]) > MOST_CHANGES:
             click.echo(f"  and {len(again['changed']) - MOST_CHANGES} more changes", err=True)
     if result.get("substeps_over_tolerance"):
-        limit = "[contact] steps" if "contact" in result else "max_substeps"
-        click.echo(
-            f"featherfx: warning: {result['substeps_over_tolerance']} sub-steps were accepted"
-            f" above the tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
-            f" raise {limit} or choose a finer quality",
-            err=True,
+        click.echo("\n".join(_over_tolerance(result)), err=True)
+
+
+def _over_tolerance(result: dict[str, Any]) -> Iterator[str]:
+    """The warning of sub-steps above the tolerance: how many, what helps, and where."""
+    limit = "[contact] steps" if "contact" in result else "max_substeps"
+    yield (
+        f"featherfx: warning: {result['substeps_over_tolerance']} sub-steps were accepted"
+        f" above the tolerance, the worst with an error of {result['worst_step_error']:.2g} m;"
+        f" raise {limit} or choose a finer quality"
+    )
+    for each in result.get("worst_substeps", []):
+        yield (
+            f"  {each['feather']} at frame {each['frame']:g}: {1e3 * each['error']:.2g} mm"
+            f" in {each['substeps']} sub-step{'' if each['substeps'] == 1 else 's'}"
         )
 
 
@@ -188,8 +193,10 @@ def join(output: Path, shares: int, overwrite: bool) -> None:
 )
 @quality_option("Quality preset that gives rows and columns.  [default: final]")
 @presets_option
+@progress_option
 @options_of(GroomOptions, "instances", *DRAWN, *STAGE)
-def groom(groom: Path, quality: str | None, **options: Any) -> None:
+def groom(groom: Path, quality: str | None, style: str, **options: Any) -> None:
     """Write the feathers of GROOM (a TOML or USD file) at rest to USD, without time samples."""
-    count = pipeline.export_groom(groom, quality=quality or "final", **options)
+    with Progress("feathers", style):
+        count = pipeline.export_groom(groom, quality=quality or "final", **options)
     click.echo(f"{count} feathers at rest", err=True)

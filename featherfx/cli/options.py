@@ -176,3 +176,14 @@ def presets_option(command: Decorated) -> Decorated:
         help="Folder of presets that win over those of FEATHERFX_PRESETS, your own and the shipped"
         f" ones, or '{SHIPPED}': the shipped ones win over what comes after. Repeatable.",
     )(command)
+
+
+def progress_option(command: Decorated) -> Decorated:
+    return click.option(
+        "--progress",
+        "style",
+        type=click.Choice(["auto", "json"]),
+        default="auto",
+        show_default=True,
+        help="json: one JSON object a line on stderr.",
+    )(command)

@@ -28,8 +28,14 @@ def _remember_verbose(context: click.Context, _: click.Parameter, value: bool) -
         context.find_root().meta[_VERBOSE] = True
 
 
+_warned: set[str] = set()  # what this run has said
+
+
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    click.echo(f"featherfx: warning: {message}", err=True)
+    text = f"featherfx: warning: {message}"
+    if text not in _warned:
+        _warned.add(text)
+        click.echo(text, err=True)
 
 
 def _verbose_option() -> click.Option:
@@ -153,6 +159,7 @@ class Program(CommandGroup):
             return super().main(*args, **options)
 
     def invoke(self, ctx: click.Context) -> Any:
+        _warned.clear()
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("always", InputWarning)

@@ -68,8 +68,9 @@ class Progress:
     def __call__(self, done: int, total: int) -> None:
         raise_interrupt()
         spent = self.account.spent(*self.working) or self.account.elapsed
-        # the first unit may cost nothing, as the frame that all feathers are settled at
-        if len(self.marks) < 2:
+        # the first unit may cost nothing, as the frame that all feathers are settled at; the second
+        # loads what all others need
+        if len(self.marks) < 3:
             self.marks.append((done, spent))
         first, since = self.marks[-1]
         left = 0.0 if done == total else time_left(first, done, total, spent - since)

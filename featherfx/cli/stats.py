@@ -9,8 +9,16 @@ from typing import Any
 import click
 
 from featherfx.baking import pipeline
-from featherfx.cli.options import default_jobs, presets_option, quality_option, readable_path
+from featherfx.baking.options import TRIAL_SECONDS
+from featherfx.cli.options import (
+    default_jobs,
+    presets_option,
+    progress_option,
+    quality_option,
+    readable_path,
+)
 from featherfx.cli.program import Command
+from featherfx.cli.progress import Progress
 from featherfx.limits import MOST_JOBS
 
 
@@ -29,21 +37,37 @@ from featherfx.limits import MOST_JOBS
 @click.option("--json", "as_json", is_flag=True, help="One JSON object; SI units, bytes.")
 @quality_option("Quality preset.  [default: the shot's, or final]")
 @presets_option
+@click.option(
+    "--seconds",
+    "budget",
+    type=click.FloatRange(0.1, 3600.0),
+    default=TRIAL_SECONDS,
+    show_default=True,
+    help="About how long to bake a few feathers to learn what all take; longer is surer.",
+)
+@progress_option
 def stats(
     file: Path,
     jobs: int | None,
     as_json: bool,
     quality: str | None,
     preset_folders: tuple[Path, ...],
+    budget: float,
+    style: str,
 ) -> None:
     """Tell what a SHOT or GROOM (a TOML file) holds.
 
     Feathers by region and kind, how they overlap and where they pass through each other at rest;
     of a shot also what its bake will cost, measured on a few of its feathers.
     """
-    found = pipeline.plumage_stats(
-        file, quality=quality, jobs=jobs or default_jobs(), preset_folders=preset_folders
-    )
+    with Progress("trials", style):
+        found = pipeline.plumage_stats(
+            file,
+            quality=quality,
+            jobs=jobs or default_jobs(),
+            preset_folders=preset_folders,
+            budget=budget,
+        )
     click.echo(json.dumps(found, indent=2) if as_json else "\n".join(_lines(found)))
 
 
@@ -83,9 +107,15 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
     if len(bake["levels"]) > 1:
         levels = ", ".join(f"{count:.0f} {level}" for level, count in bake["levels"].items())
         lines.append(f"  levels in the mean of the frames: {levels}")
+    parts = ", ".join(
+        f"{name.replace('_', ' ')} {seconds:.2g}" for name, seconds in bake["seconds"].items()
+    )
     lines.append(
-        f"  about {bake['wall_seconds']:.3g} s to simulate with {bake['jobs']} jobs,"
-        f" {bake['memory_bytes'] / 1e6:.3g} MB of memory,"
-        f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples to write beside it"
+        f"  about {bake['wall_seconds']:.3g} s with {bake['jobs']} jobs ({parts};"
+        f" learnt in {bake['trial_seconds']:.2g} s)"
+    )
+    lines.append(
+        f"  about {bake['memory_bytes'] / 1e6:.3g} MB of memory,"
+        f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples"
     )
     return lines

@@ -25,6 +25,8 @@ COMPILING = "compiling"
 SECONDS = Path(__file__).with_name("seconds.json")
 # of a kernel that seconds.json does not know
 _UNKNOWN = 1.0
+# s of compiling that count as having taken as long as expected: the first kernel loads the compiler
+_BELIEVED = 3.0
 
 
 @cache
@@ -126,7 +128,7 @@ class Compiling(event.Listener):
     def _left(self, to_come: dict[str, float]) -> float:
         """s that kernels will take, on this machine as far as it is known."""
         expected = sum(self._done.values())
-        return sum(to_come.values()) * (self._spent / expected if expected else 1.0)
+        return sum(to_come.values()) * (self._spent + _BELIEVED) / (expected + _BELIEVED)
 
 
 TELLER = Compiling()

@@ -31,7 +31,7 @@ def lay_out(groom: Groom) -> Groom:
     # what has no layout does without compiled code
     from featherfx.feather.layout import layout
 
-    with phase("layout", silent=True):
+    with phase("reading", silent=True):
         return layout.lay_out(groom)
 
 

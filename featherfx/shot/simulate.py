@@ -31,6 +31,9 @@ from featherfx.shot.settled import moving_with_roots, settled
 from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.solver import RootPath, StepReport, raise_if_failed
 
+# feathers that a report names one by one
+_MOST_NAMED = 10
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -42,7 +45,8 @@ class Simulation:
     is simulated; resolutions: what is. Between two frames, `checkpoint` is all that a
     later simulation of the same shot needs to go on from there. report: newton_iterations and
     substeps per feather and frame (mean, max), rejected_substeps and substeps_over_tolerance
-    (accepted above the quality's tolerance, because none shorter is allowed), worst_residual (m,
+    (accepted above the quality's tolerance, because none shorter is allowed), worst_substeps (the
+    ten feathers that this was worst for: feather, frame, error in m, substeps), worst_residual (m,
     distance of a step from its solution), worst_step_error (m), skipped work by kind.
     """
 
@@ -117,7 +121,7 @@ class Simulation:
         try:
             self._go_to(index)
         except SimulationError as error:
-            number = sample_number(self.shot.first_frame, index, self._subframes)
+            number = self._number(index)
             raise SimulationError(error.feather, error.time, error.reason, number) from error
 
     def _go_to(self, index: int) -> None:
@@ -193,6 +197,10 @@ class Simulation:
         self._levels.fades.restore(start.levels)
         restore([group.cycle for group in self._groups], start.cycles)
 
+    def _number(self, index: int) -> float:
+        """Frame of the sample with this index."""
+        return sample_number(self.shot.first_frame, index, self._subframes)
+
     def _time(self, index: int) -> float:
         """s since the first frame."""
         return index / (self.shot.frames_per_second * self._subframes)
@@ -221,7 +229,7 @@ class Simulation:
             group.cycle.keep(group.state, path, loads, active & ~self._levels.fresh(group))
             self._counts.repeated += int(repeating.sum())
         group.loads = loads
-        self._counts.reports.append(report)
+        self._counts.add(report, group.names, self._number(index))
         raise_if_failed(report.status, group.state.time, group.names)
 
     def _advance_together(self, index: int) -> None:
@@ -246,7 +254,7 @@ class Simulation:
         states, reports = self._contact.advance(states, loads_of, paths_of, start, end, resting)
         for group, state, report in zip(groups, states, reports, strict=True):
             group.state, group.loads = state, self._loads(group, index)
-            self._counts.reports.append(report)
+            self._counts.add(report, group.names, self._number(index))
 
     def _resting(self, index: int) -> NDArray[np.bool_]:
         """(B,) feathers of all groups that nothing stirs, unless others push them."""
@@ -284,7 +292,7 @@ class Simulation:
 
     def _frame(self, index: int) -> Frame:
         time = self._time(index)
-        number = sample_number(self.shot.first_frame, index, self._subframes)
+        number = self._number(index)
         self._counts.frame(*self._levels.counts())
         poses = self._levels.shown(index)
         for f, pose in zip(self._wanted.tolist(), poses, strict=True):
@@ -304,16 +312,27 @@ class Simulation:
 class Counts:
     """Sums over a shot so far.
 
-    reports: one per batch and frame. slept, coasted, repeated: feather frames that were not
-    stepped; rigid, guided: those of feathers that follow their roots or guides only.
+    reports: one per batch and frame. forced: by feather, its frame with the greatest error of a
+    sub-step above the tolerance, that error (m) and the number of such sub-steps. slept, coasted,
+    repeated: feather frames that were not stepped; rigid, guided: those of feathers that follow
+    their roots or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)
+    forced: dict[str, tuple[float, float, int]] = field(default_factory=dict)
     slept: int = 0
     coasted: int = 0
     repeated: int = 0
     rigid: int = 0
     guided: int = 0
+
+    def add(self, report: StepReport, names: Sequence[str], frame: float) -> None:
+        """Count what a batch, whose feathers have these names, did on the way to a frame."""
+        self.reports.append(report)
+        for f in np.flatnonzero(report.forced).tolist():
+            error, (_, worst, _) = float(report.error[f]), self.forced.get(names[f], (0, -1.0, 0))
+            if error > worst:
+                self.forced[names[f]] = frame, error, int(report.forced[f])
 
     def frame(self, rigid: int, guided: int) -> None:
         """Count a frame that is handed out."""
@@ -328,6 +347,7 @@ class Counts:
             "substeps": _mean_and_max([r.steps for r in reports]),
             "rejected_substeps": int(sum(r.rejected.sum() for r in reports)),
             "substeps_over_tolerance": int(sum(r.forced.sum() for r in reports)),
+            "worst_substeps": self._worst(),
             "worst_residual": max((float(r.move.max()) for r in reports), default=0.0),
             "worst_step_error": max((float(r.error.max()) for r in reports), default=0.0),
             "skipped": {
@@ -338,6 +358,14 @@ class Counts:
                 "guided feather frames": self.guided,
             },
         }
+
+    def _worst(self) -> list[dict[str, Any]]:
+        """Feathers with the greatest errors above the tolerance, one frame each."""
+        worst = sorted(self.forced.items(), key=lambda each: (-each[1][1], each[0]))
+        return [
+            {"feather": name, "frame": frame, "error": error, "substeps": count}
+            for name, (frame, error, count) in worst[:_MOST_NAMED]
+        ]
 
 
 def _mean_and_max(counts: list[NDArray[np.float64]]) -> dict[str, float]:

@@ -22,6 +22,7 @@ from featherfx.groom.presets.library import Library, sourced
 from featherfx.groom.read import drafts as draft_rules
 from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
 from featherfx.groom.read.drawn import drawn_changes, drawn_drafts
+from featherfx.groom.read.file_kind import file_kind
 from featherfx.groom.read.space import Space, in_groom, kept_skins
 from featherfx.groom.read.table import MOST_REPORTED, read_table
 from featherfx.groom.read.told import told
@@ -31,6 +32,7 @@ from featherfx.groom.types import Groom, Joint, Placement
 from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
 
 _SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
+_FEATHER_KEYS = {"feather", "row", "table", "usd", "region"}  # of which every groom has one
 SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 # changes of feathers by id pattern
 Overrides = dict[str, dict[str, Any]]
@@ -72,6 +74,10 @@ def collect_groom(
         return None
     if raw.keys() >= _SHOT_KEYS:
         library.problems.add(path, "", "is a shot, expects a groom")
+        return None
+    family = "groom" if _FEATHER_KEYS & raw.keys() else file_kind(raw, path, {})
+    if family not in ("groom", ""):
+        library.problems.add(path, "", f"is a {family} preset, expects a groom")
         return None
     return groom_of(raw, path, library, readers, above)
 

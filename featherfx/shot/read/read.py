@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import Problem
-from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import INVALID, Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
+from featherfx.groom.read.file_kind import file_kind
 from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
 from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
@@ -55,7 +54,7 @@ def check_file(
     raw = load_toml(path, problems)
     if raw is None:
         return problems.listed()
-    kind = _file_kind(raw, path)
+    kind = file_kind(raw, path, {"shot": SHOT_FILE})
     if kind == "shot":
         _collect(path, library, readers)
     elif kind == "groom":
@@ -67,22 +66,6 @@ def check_file(
     return problems.listed()
 
 
-def _file_kind(raw: dict[str, Any], path: Path) -> str:
-    """What knows most of the keys: "shot", "groom" or a preset family; "" where nothing does.
-
-    A file in a folder named like a family is a preset of that family.
-    """
-    folder = path.absolute().parent.as_posix()
-    for family in FAMILIES:
-        if folder.endswith(f"/{family}"):
-            return family
-    tables = {"shot": SHOT_FILE, "groom": GROOM_FILE}
-    tables |= {name: family.extended for name, family in FAMILIES.items()}
-    known = {name: sum(key in table.keys for key in raw) for name, table in tables.items()}
-    best = max(known, key=lambda name: known[name])
-    return best if known[best] else ""
-
-
 def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot | None:
     problems = library.problems
     if path.suffix.lower() in SCENE_SUFFIXES and path.is_file():
@@ -91,7 +74,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     raw = load_toml(path, problems)
     if raw is None:
         return None
-    kind = "shot" if {"groom", "frames"} & raw.keys() else _file_kind(raw, path)
+    kind = "shot" if {"groom", "frames"} & raw.keys() else file_kind(raw, path, {"shot": SHOT_FILE})
     if kind not in ("shot", ""):
         told = "a groom" if kind == "groom" else f"a {kind} preset"
         more = f', a file with groom = "{path.name}" and frames' if kind == "groom" else ""

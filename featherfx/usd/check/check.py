@@ -19,6 +19,7 @@ from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.groom.keys.groom import USD
 from featherfx.groom.keys.values import Place, Problems, Table
 from featherfx.groom.read.read import SCENE_SUFFIXES
+from featherfx.phases import counted
 from featherfx.usd.check.geometry import geometry_problems
 from featherfx.usd.read.animated_mesh import open_mesh
 from featherfx.usd.read.groom import read_feathers
@@ -87,7 +88,8 @@ def check_usd(path: str | Path) -> list[Problem]:
         return problems  # what is in them would be missed everywhere
     try:
         problems += [Problem(str(path), key, message) for key, message in _stage_problems(stage)]
-        for prim in stage.Traverse():
+        prims = list(stage.Traverse())
+        for prim in counted("checking", prims, len(prims)):
             for name, message in _prim_problems(prim):
                 problems.append(Problem(str(path), f"{prim.GetPath()}.{name}", message))
     except InputError as error:
@@ -144,7 +146,8 @@ def check_scene(path: Path) -> list[Problem]:
     with collecting(place):
         bad = _meshes(scene, place)
         _feathers(scene, path, place)
-        for prim in prims_below(scene, scene.stage.GetPseudoRoot()):
+        prims = list(prims_below(scene, scene.stage.GetPseudoRoot()))
+        for prim in counted("checking", prims, len(prims)):
             if prim.IsA(UsdGeom.PointBased) and str(prim.GetPath()) not in bad:
                 _geometry(prim, place)
     return problems.listed()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from pxr import Usd, UsdGeom
@@ -14,6 +14,7 @@ from featherfx.usd.read.values import (
     EARLIEST,
     INTEGERS,
     NUMBERS,
+    USD_ERRORS,
     VECTORS,
     array_of,
     elements,
@@ -37,6 +38,7 @@ _CONSTANT_ATTRIBUTES = (
     "primvars:featherId", "primvars:featherKind", "primvars:region", "primvars:side",
 )  # fmt: skip
 _DIAGNOSED = [name for names in DIAGNOSTICS.values() for name in names]
+_NOTHING = np.asarray(None)
 _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
 _SAMPLED_WITH_POINTS = ("velocities", "accelerations", "normals", "extent", *_PER_FACE)
 _KINDS = {
@@ -45,6 +47,26 @@ _KINDS = {
     **dict.fromkeys(("widths", *_DIAGNOSED), NUMBERS),
     "primvars:barbDirection": VECTORS,
 }
+
+
+class Series(NamedTuple):
+    """Values of an attribute as default and at its time samples, in order; None: no value.
+
+    stacked: (T, ...) the samples; None where there are none, or of different shapes.
+    """
+
+    codes: list[Any]
+    values: list[Any]
+    stacked: Any
+
+    @classmethod
+    def of(cls, codes: list[Any], values: list[Any]) -> Series:
+        samples = values[1:]
+        shapes = {None if each is None else each.shape for each in samples}
+        if len(shapes) != 1 or not shapes - {None, ()}:
+            return cls(codes, values, None)
+        joined = np.concatenate(samples)
+        return cls(codes, values, joined.reshape(len(samples), *samples[0].shape))
 
 
 def geometry_problems(prim: Any) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
@@ -72,6 +94,10 @@ class GeometryCheck:
 
     def __init__(self, prim: Any) -> None:
         self._prim = prim
+        self._attributes: dict[str, Any] = {}
+        self._codes_of: dict[str, list[float]] = {}
+        self._series_of: dict[str, Series] = {}
+        self._half_width: float | None = None
         self._mesh = UsdGeom.Mesh(prim) if prim.IsA(UsdGeom.Mesh) else None
         self._curves = UsdGeom.Curves(prim) if prim.IsA(UsdGeom.Curves) else None
         self._codes = self._times("points")
@@ -84,11 +110,11 @@ class GeometryCheck:
         """What contradicts itself: sizes, indices, values that are not finite, windings."""
         topology = list(self._topology())
         yield from topology
-        yield from self._over_time("points", self._wrong_count)
+        yield from self._over_time("points", self._wrong_count, self._may_not_count)
         for name in ("points", *_SAMPLED_WITH_POINTS):
-            yield from self._over_time(name, _not_finite)
+            yield from self._over_time(name, _not_finite, _may_not_be_finite)
         for name in ("velocities", "accelerations"):
-            yield from self._over_time(name, self._not_per_point)
+            yield from self._over_time(name, self._not_per_point, self._may_not_be_per_point)
         yield from self._normals_and_widths()
         yield from self._primvars()
         if self._mesh and not topology:
@@ -99,7 +125,7 @@ class GeometryCheck:
         """What a cache promises beyond that: extents, and which times have samples."""
         yield from self._sample_times()
         yield from self._static_samples()
-        yield from self._over_time("extent", self._wrong_extent)
+        yield from self._over_time("extent", self._wrong_extent, self._may_not_fit)
         for primvar in UsdGeom.PrimvarsAPI(self._prim).GetPrimvars():
             name = str(primvar.GetAttr().GetName())
             # the schema of skeletons wants plain values for some of its own
@@ -107,10 +133,37 @@ class GeometryCheck:
                 yield name, "is not an array; some readers drop it"
 
     def _attribute(self, name: str) -> Any:
-        return self._prim.GetAttribute(name)
+        if name not in self._attributes:
+            self._attributes[name] = self._prim.GetAttribute(name)
+        return self._attributes[name]
 
     def _times(self, name: str) -> list[float]:
-        return times_of(self._attribute(name))
+        if name not in self._codes_of:
+            self._codes_of[name] = times_of(self._attribute(name))
+        return self._codes_of[name]
+
+    def _series(self, name: str) -> Series:
+        """All values of an attribute, each read once."""
+        if name not in self._series_of:
+            codes = [Usd.TimeCode(code) for code in self._times(name)]
+            values = [self._read(name, DEFAULT), *self._samples(name, codes)]
+            self._series_of[name] = Series.of([DEFAULT, *codes], values)
+        return self._series_of[name]
+
+    def _samples(self, name: str, codes: Sequence[Any]) -> list[Any]:
+        """As _read, of all times; a query finds its way through the layers once."""
+        kind = _KINDS.get(name)
+        if kind is None or not codes:
+            return [self._read(name, code) for code in codes]
+        query, found = Usd.AttributeQuery(self._attribute(name)), []
+        for code in codes:
+            try:
+                value = np.asarray(query.Get(code))
+            except (TypeError, ValueError, *USD_ERRORS):
+                value = _NOTHING
+            sound = value.dtype.kind in kind.numbers and value.shape[1:] == kind.element
+            found.append(value if sound and value.ndim else self._read(name, code))
+        return found
 
     def _read(self, name: str, code: Any) -> Any:
         """An attribute as numpy, of the kind that its name stands for; None without a value."""
@@ -123,14 +176,27 @@ class GeometryCheck:
         found = self._read(name, EARLIEST if code is None else code)
         return np.empty(0) if found is None else found
 
-    def _over_time(self, name: str, test: Callable[[Any, Any], str]) -> Found:
-        """Run a test of (value, code) at every time of an attribute; report the first failure."""
+    def _over_time(
+        self,
+        name: str,
+        test: Callable[[Any, Any], str],
+        may_fail: Callable[[Any, Any], Any] | None = None,
+    ) -> Found:
+        """Run a test of (value, code) at every time of an attribute; report the first failure.
+
+        may_fail: of all samples (T, ...) and their codes at once, which are worth the test.
+        """
         attribute = self._attribute(name)
         if not attribute or not attribute.HasAuthoredValue():
             return
+        series = self._series(name)
+        suspects: Sequence[int] = range(len(series.codes))
+        if may_fail is not None and series.stacked is not None:
+            worth = may_fail(series.stacked, series.codes[1:])
+            suspects = [0, *(1 + np.flatnonzero(worth)).tolist()] if worth.any() else [0]
         message, first, count = "", None, 0
-        for code in (DEFAULT, *map(Usd.TimeCode, times_of(attribute))):
-            value = self._read(name, code)
+        for number in suspects:
+            value, code = series.values[number], series.codes[number]
             found = test(value, code) if value is not None else ""
             if found:
                 count += 1
@@ -189,8 +255,8 @@ class GeometryCheck:
             if self._times(name):
                 yield name, f"time samples (first at {self._times(name)[0]:g}), but never changes"
         if self._codes:
-            rest = self._value("points", DEFAULT)
-            samples = (self._value("points", Usd.TimeCode(code)) for code in self._codes)
+            rest, *samples = self._series("points").values
+            rest = np.empty(0) if rest is None else rest
             if all(np.array_equal(sample, rest) for sample in samples):
                 yield "points", f"{len(self._codes)} samples, all equal to the default value"
 
@@ -201,11 +267,43 @@ class GeometryCheck:
         points = len(self._value("points", code))
         return "" if len(value) == points else f"{len(value)} values for {points} points"
 
+    def _may_not_count(self, samples: Any, codes: Any) -> Any:
+        return np.full(len(samples), samples.shape[1] != self._points)
+
+    def _may_not_be_per_point(self, samples: Any, codes: Any) -> Any:
+        points = self._series("points")
+        counts = {len(value) for value in points.values if value is not None}
+        return np.full(len(samples), counts != {samples.shape[1]})
+
+    def _points_at(self, codes: Any) -> Any:
+        """(T, P, 3) at these codes if that is where the samples of points are; else None."""
+        points = self._series("points")
+        return points.stacked if points.codes[1:] == codes else None
+
+    def _may_not_fit(self, samples: Any, codes: Any) -> Any:
+        points = self._points_at(codes)
+        if points is None or points.shape[1] == 0 or samples.shape[1:] != (2, 3):
+            return np.ones(len(samples), dtype=np.bool_)
+        actual = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
+        actual += np.array([-self._padding(), self._padding()])[:, None]
+        size = np.abs(actual).max(axis=(1, 2)), np.ptp(actual, axis=1).max(axis=1)
+        error = np.abs(actual - samples).max(axis=(1, 2))
+        # sums differ in their last digits, and what is not finite is worth the test, too
+        return ~(error <= 0.5 * _EXTENT_TOLERANCE * np.maximum(*size))
+
+    def _padding(self) -> float:
+        """Half of the greatest width of curves."""
+        if self._curves is None:
+            return 0.0
+        if self._half_width is None:
+            self._half_width = 0.5 * float(self._value("widths", None).max(initial=0.0))
+        return self._half_width
+
     def _wrong_extent(self, value: Any, code: Any) -> str:
         points = self._value("points", code)
         if len(points) == 0 or not (np.isfinite(points).all() and np.isfinite(value).all()):
             return ""
-        padding = 0.5 * self._value("widths", None).max(initial=0.0) if self._curves else 0.0
+        padding = self._padding()
         actual = np.stack([points.min(axis=0) - padding, points.max(axis=0) + padding])
         if value.shape != actual.shape:
             return f"{len(value)} corners, not 2"
@@ -253,7 +351,10 @@ class GeometryCheck:
                 return ""
             return f"{len(value)} values; interpolation {interpolation} asks for {expected}"
 
-        yield from self._over_time(name, test)
+        def may_fail(samples: Any, codes: Any) -> Any:
+            return np.full(len(samples), samples.shape[1] != expected)
+
+        yield from self._over_time(name, test, may_fail)
 
     def _subsets(self) -> Found:
         families: dict[str, list[Any]] = {}
@@ -297,3 +398,9 @@ def _not_finite(value: Any, code: Any) -> str:
         ~np.isfinite(value.reshape(len(value), int(value[:1].size) or 1)).all(axis=1)
     )
     return f"not finite in {len(wrong)} elements, the first is {wrong[0]}" if len(wrong) else ""
+
+
+def _may_not_be_finite(samples: Any, codes: Any) -> Any:
+    if np.isfinite(samples).all():
+        return np.zeros(len(samples), dtype=np.bool_)
+    return np.ones(len(samples), dtype=np.bool_)

@@ -34,6 +34,13 @@ def open_stage(path: str | Path) -> Any:
         raise InputError(Problem(str(path), "", fault))
     if not os.access(path, os.R_OK):
         raise InputError(Problem(str(path), "", "no permission to read it"))
+    if Sdf.FileFormat.FindByExtension(str(path)) is None:
+        told = (
+            "a TOML file: a groom, shot or preset"
+            if Path(path).suffix == ".toml"
+            else "no USD file"
+        )
+        raise InputError(Problem(str(path), "", f"is {told}, expects .usd, .usda or .usdc"))
     opened = str(path)
     try:
         stage = Usd.Stage.Open(opened)

@@ -1,0 +1,210 @@
+"""Bakes of a few feathers of a shot, and what they say of the bake of all.
+
+A trial is a bake like any other, written to a folder that is removed. Two of them, of few and of
+more feathers, tell what each phase costs by itself and with the work of its feathers; a phase of
+the whole bake is what follows for its work. Feathers of one grid share a batch whose threads wait
+for each other, so that the work of simulating is counted in rounds of all threads.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+import time
+import warnings
+from collections import defaultdict
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
+from featherfx.baking.task import Task
+from featherfx.errors import InputWarning
+from featherfx.phases import Account, phase
+from featherfx.shot.detail.detail import CARRIED, Resolution
+from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.loads.wind import exposures
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.share import part_of
+from featherfx.shot.simulate import drawn_feathers
+from featherfx.shot.types import LEVELS, Shot
+from featherfx.usd.write.output import unique_prim_names
+
+# feathers and frames of the first trial
+FEW, FIRST_FRAMES = 12, 3
+# times as many feathers in the second, at least
+MORE = 6
+# phases that a frame costs, and those that come once; WRITER is the writer's own time, which passes
+# while the next frames are simulated
+WRITER = "writer"
+_OF_FRAMES = ("simulating", WRITER)
+_ONCE = ("building", "settling", "finishing")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A bake of some feathers. frames: that it wrote. work: of simulating them (work_of).
+    phases: s of each."""
+
+    feathers: int
+    frames: int
+    work: float
+    phases: dict[str, float]
+
+    @property
+    def seconds(self) -> float:
+        """s that it took."""
+        return sum(self.phases.values()) - self.phases[WRITER]
+
+    def frames_of(self, name: str) -> int:
+        """Times that a phase came; the first frame is settled, not simulated."""
+        return max(self.frames - (name == "simulating"), 1) if name in _OF_FRAMES else 1
+
+    def of(self, name: str) -> float:
+        """s of a phase, or of one frame of it."""
+        return self.phases.get(name, 0.0) / self.frames_of(name)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a bake will take. phases: s of each. trials: what that was learnt from."""
+
+    phases: dict[str, float]
+    trials: tuple[Trial, ...]
+
+
+def expected(shot: Shot, jobs: int, preroll: int, budget: float = TRIAL_SECONDS) -> Expected:
+    """What the phases of a bake will take on this machine as it is now.
+
+    preroll: frames before the first. budget: s for the trials. Raises SimulationError where one of
+    the feathers that are tried cannot be simulated.
+    """
+    total, frames = len(shot.groom.feathers), shot.last_frame - shot.first_frame + 1
+    begin = time.perf_counter()
+    # the solver takes its time to load, here as in a bake
+    import_module("featherfx.baking.loop")
+    loading = time.perf_counter() - begin
+    with phase("measuring", 2.0) as done:
+        begin = time.perf_counter()
+        trials = [_trial(shot, min(total, FEW), min(frames, FIRST_FRAMES), jobs)]
+        done(1)
+        spent = time.perf_counter() - begin - trials[0].phases.get("compiling", 0.0)
+        size = _second(trials[0], spent, budget - spent, total, frames)
+        if size is not None:
+            trials.append(_trial(shot, *size, jobs))
+    whole = Trial(total, frames, work_of(shot, jobs), {})
+    each = {name: _extrapolated(trials, whole, name) for name in (*_ONCE, *_OF_FRAMES)}
+    phases = {
+        name: _at_first(trials, name) + seconds * whole.frames_of(name)
+        for name, seconds in each.items()
+    }
+    phases |= {"starting": loading, "preroll": each["simulating"] * preroll}
+    phases |= _side_by_side(phases["simulating"], phases.pop(WRITER), each[WRITER], jobs)
+    return Expected(phases, tuple(trials))
+
+
+def _side_by_side(simulating: float, writer: float, last: float, jobs: int) -> dict[str, float]:
+    """s of the loop, where a writer of its own thread works beside the simulation.
+
+    simulating, writer: s of each by itself. last: s of the writer's last frame, which nothing goes
+    on beside. Where the simulation leaves no core free, the writer takes its share of all.
+    """
+    cores = os.cpu_count() or 1
+    slowed = simulating + (writer / cores if jobs >= cores else 0.0)
+    return {"simulating": slowed, "writing": max(writer - slowed, 0.0) + last}
+
+
+def _second(
+    first: Trial, spent: float, left: float, total: int, frames: int
+) -> tuple[int, int] | None:
+    """Feathers and frames of a trial that takes the time left, or of the least that tells what is
+    fixed from what goes with the feathers; None where the first was all."""
+    if (first.feathers, first.frames) == (total, frames):
+        return None
+    left = max(left, 0.0)
+    loop = sum(first.of(name) for name in _OF_FRAMES) / first.feathers
+    once = max(spent - loop * first.feathers * (first.frames - 1), 0.0) / first.feathers
+    least = min(total, MORE * first.feathers)
+    fitting = (left / least - once) / max(loop, 1e-9)
+    count = int(np.clip(fitting, min(first.frames, frames), frames))
+    feathers = int(np.clip(left / (once + loop * count), least, total))
+    return feathers, count
+
+
+def _extrapolated(trials: list[Trial], whole: Trial, name: str) -> float:
+    """s of a phase, or of one frame of it, for the whole: a fixed part, and one that goes with the
+    work."""
+    works = [_measure(each, name) for each in (*trials, whole)]
+    seconds = [each.of(name) for each in trials]
+    if len(trials) == 1 or works[1] <= works[0]:
+        return seconds[-1] * works[-1] / works[-2]
+    fixed = (seconds[0] * works[1] - seconds[1] * works[0]) / (works[1] - works[0])
+    fixed = float(np.clip(fixed, 0.0, seconds[1]))
+    return fixed + (seconds[1] - fixed) * works[2] / works[1]
+
+
+def _at_first(trials: list[Trial], name: str) -> float:
+    """s that the first trial took longer than the second, which is of more feathers: what has to be
+    loaded by every process once."""
+    first, *more = trials
+    each = first.of(name) - more[0].of(name) if more else 0.0
+    return max(each, 0.0) * first.frames_of(name)
+
+
+def _measure(trial: Trial, name: str) -> float:
+    return trial.work if name in ("simulating", "settling") else float(trial.feathers)
+
+
+def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
+    from featherfx.baking.loop import simulate_and_write
+
+    part = part_of(shot, _some(shot, feathers))
+    last = shot.first_frame + frames - 1
+    names = unique_prim_names([each.id for each in part.groom.feathers])
+    options = BakeOptions(jobs=jobs, meters_per_unit=1.0, up_axis="Z")
+    with tempfile.TemporaryDirectory(prefix="featherfx-") as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        path = Path(folder) / "trial.usdc"
+        times = (shot.first_frame, last)
+        task = Task(part, path, times, {}, names, "trial", False, options, part, None)
+        with Account() as timed:
+            _, figures = simulate_and_write(task, lambda done, total: None)
+            phases = timed.seconds() | {WRITER: figures["writing_beside"]}
+    return Trial(feathers, frames, work_of(part, jobs), phases)
+
+
+def _some(shot: Shot, count: int) -> Any:
+    """So many feathers: spread evenly, or, where they touch, neighbours."""
+    total = len(shot.groom.feathers)
+    if shot.contact is None or count == total:
+        return np.unique(np.linspace(0, total - 1, count).astype(np.int64))
+    roots = np.array([each.position for each in shot.groom.feathers])
+    way = np.linalg.norm(roots - roots[total // 2], axis=1)
+    return np.sort(np.argsort(way, kind="stable")[:count])
+
+
+def work_of(shot: Shot, jobs: int) -> float:
+    """Unknowns of a frame that threads go through one after another, in the mean of the frames."""
+    plan = level_plan(shot, drawn_feathers(shot), root_motion(shot))
+    batches: dict[Any, list[float]] = defaultdict(list)
+    for f, exposure in enumerate(exposures(shot).tolist()):
+        for each in plan.resolutions[f]:
+            share = float((plan.table[:, f] == LEVELS.index(each.level)).mean())
+            key = None if shot.contact else (each, exposure)
+            batches[key].append(share * unknowns(each))
+    return sum(_rounds(batch, jobs) for batch in batches.values()) or 1.0
+
+
+def _rounds(batch: list[float], jobs: int) -> float:
+    return float(np.mean(batch)) * math.ceil(len(batch) / jobs)
+
+
+def unknowns(resolution: Resolution) -> int:
+    """Six a row, and two directions of coefficients for the two barbs of a row."""
+    if resolution.level in CARRIED:
+        return 0
+    return resolution.rows * (6 + 4 * resolution.coefficients)

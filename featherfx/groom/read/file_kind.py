@@ -1,0 +1,28 @@
+"""What a TOML file is, told by its keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from featherfx.groom.keys.groom import GROOM_FILE
+from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.values import Table
+
+
+def file_kind(raw: dict[str, Any], path: Path, others: Mapping[str, Table]) -> str:
+    """What knows most of the keys: "groom", a preset family, or one of some other tables by its
+    name; "" where nothing does.
+
+    A file in a folder named like a family is a preset of that family.
+    """
+    folder = path.absolute().parent.as_posix()
+    for family in FAMILIES:
+        if folder.endswith(f"/{family}"):
+            return family
+    tables = {**others, "groom": GROOM_FILE}
+    tables |= {name: family.extended for name, family in FAMILIES.items()}
+    known = {name: sum(key in table.keys for key in raw) for name, table in tables.items()}
+    best = max(known, key=lambda name: known[name])
+    return best if known[best] else ""

@@ -1,0 +1,134 @@
+"""What commands say of long work: phases, times, warnings, interrupts."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from featherfx.baking import bake as baking
+from featherfx.baking import pipeline
+from featherfx.cli.main import main
+from featherfx.cli.progress import about
+from featherfx.phases import phase
+
+SAMPLES = Path(__file__).resolve().parents[2] / "samples"
+PULL = SAMPLES / "feather_pull/shot.toml"
+PARTS = ["setting_up", "settling", "simulating", "writing", "finishing"]
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(each) for each in arguments])
+
+
+def test_the_parts_of_a_report_add_up_to_the_time_of_the_command(tmp_path):
+    report = tmp_path / "pull.json"
+    command = [sys.executable, "-m", "featherfx", "bake", str(PULL), "-o", str(tmp_path / "p.usdc")]
+    begin = time.perf_counter()
+    process = subprocess.Popen(
+        [*command, "--frames", "1-4", "--report", str(report)], stderr=subprocess.DEVNULL
+    )
+    while not report.exists() and process.poll() is None:
+        time.sleep(0.002)
+    wall = time.perf_counter() - begin
+    assert process.wait() == 0
+    told = json.loads(report.read_text())
+    assert list(told["seconds"]) == PARTS
+    assert sum(told["seconds"].values()) == pytest.approx(told["wall_seconds"], rel=1e-6)
+    # what lies between is the time of a process to begin, and of a file to appear
+    assert told["wall_seconds"] == pytest.approx(wall, rel=0.03, abs=0.3)
+    assert sum(told["phases"].values()) == pytest.approx(told["wall_seconds"], rel=1e-6)
+
+
+def test_an_interrupt_before_the_bake_says_in_what(monkeypatch, tmp_path):
+    def interrupted(*arguments):
+        with phase("layout", 10):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(baking, "prepare", interrupted)
+    result = run("bake", PULL, "-o", tmp_path / "p.usdc")
+    assert result.exit_code == 1
+    assert result.stderr == "featherfx: interrupted during layout: nothing was written\n"
+
+
+def test_an_interrupt_after_the_last_rename_says_that_the_cache_is_complete(monkeypatch, tmp_path):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(baking, "_report", interrupted)
+    output, report = tmp_path / "p.usdc", tmp_path / "p.json"
+    result = run("bake", PULL, "-o", output, "--frames", "1-2", "--report", report)
+    assert result.exit_code == 1
+    told = f"featherfx: interrupted, but {output} is complete; {report} was not written"
+    assert result.stderr.splitlines()[-1] == told
+    assert output.exists()
+
+
+def test_an_interrupt_of_another_command_says_in_what(monkeypatch, tmp_path):
+    def interrupted(*arguments):
+        with phase("checking", 10):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "check", interrupted)
+    result = run("check", PULL)
+    assert (result.exit_code, result.stderr) == (1, "featherfx: interrupted during checking\n")
+
+
+def test_a_warning_of_steps_names_feathers_and_frames(monkeypatch):
+    worst = [
+        {"feather": "primary_3", "frame": 12.0, "error": 4.2e-4, "substeps": 3},
+        {"feather": "primary_1", "frame": 7.5, "error": 2e-4, "substeps": 1},
+    ]
+
+    def bake(shot, **options):
+        figures = {"feathers": 3, "frames": 2, "wall_seconds": 1.25}
+        counts = {"substeps_over_tolerance": 4, "worst_step_error": 4.2e-4}
+        return figures | counts | {"worst_substeps": worst}
+
+    monkeypatch.setattr(pipeline, "bake", bake)
+    lines = run("bake", "s.toml").stderr.splitlines()
+    assert "4 sub-steps were accepted above the tolerance" in lines[1]
+    assert "raise max_substeps" in lines[1]
+    assert lines[2:] == [
+        "  primary_3 at frame 12: 0.42 mm in 3 sub-steps",
+        "  primary_1 at frame 7.5: 0.2 mm in 1 sub-step",
+    ]
+
+
+def test_a_bake_names_the_feathers_whose_steps_were_too_long(tmp_path):
+    shot = tmp_path / "shot.toml"
+    groom = (SAMPLES / "feather_pull/groom.toml").as_posix()
+    shot.write_text(
+        f'name = "s"\ngroom = "{groom}"\nframes = [1, 3]\nsettle = false\n'
+        'quality = { base = "draft", max_substeps = 1, tolerance = 1e-6 }\n'
+    )
+    report = tmp_path / "s.json"
+    result = run("bake", shot, "-o", tmp_path / "s.usdc", "--report", report)
+    assert result.exit_code == 0, result.stderr
+    told = json.loads(report.read_text())
+    (worst,) = told["worst_substeps"]
+    assert worst["error"] == pytest.approx(told["worst_step_error"])
+    assert worst["frame"] in (2, 3)
+    assert 1 <= worst["substeps"] <= told["substeps_over_tolerance"]
+    assert f"{worst['feather']} at frame {worst['frame']:g}" in result.stderr
+
+
+def test_check_tells_how_far_it_is(tmp_path):
+    output = tmp_path / "p.usdc"
+    assert run("bake", PULL, "-o", output, "--frames", "1-2").exit_code == 0
+    result = run("check", output, "--progress", "json")
+    assert result.exit_code == 0, result.stderr
+    lines = [json.loads(line) for line in result.stderr.splitlines() if line.startswith("{")]
+    assert {line["phase"] for line in lines} == {"checking"}
+    assert lines[-1]["done"] == lines[-1]["total"] > 0
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"),
+    [(0.2, "1 s"), (44, "44 s"), (61, "a minute"), (150, "2 min"), (9000, "2.5 h")],
+)
+def test_times_for_people(seconds, told):
+    assert about(seconds) == f"about {told}"
