@@ -170,7 +170,21 @@ def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
         warnings.simplefilter("ignore", InputWarning)
         path = Path(folder) / "trial.usdc"
         times = (shot.first_frame, last)
-        task = Task(part, path, times, {}, names, "trial", False, options, part, None)
+        task = Task(
+            part,
+            path,
+            times,
+            settings={},
+            names=names,
+            root="trial",
+            finished=False,
+            options=options,
+            whole=part,
+            wanted=None,
+            taken=None,
+            origin=(0.0, 0.0, 0.0),
+            dependences=list,
+        )
         with Account() as timed:
             _, figures = simulate_and_write(task, lambda done, total: None)
             phases = timed.seconds() | {WRITER: figures["writing_beside"]}
