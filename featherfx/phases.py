@@ -134,14 +134,15 @@ class Account:
             own.done = done
         self._tell(own, left)
 
-    def close(self, own: _Phase, failed: bool = False) -> None:
-        """End a phase, its time being that until now. failed: by an exception."""
+    def close(self, own: _Phase, failed: bool = False, complete: bool = True) -> None:
+        """End a phase, its time being that until now. failed: by an exception. complete: whether
+        all of its parts are done."""
         with self._lock:
             self._spend()
             self._open.remove(own)
             if failed and not self.failed:
                 self.failed = own.name
-            if not failed and own.total:
+            if complete and not failed and own.total:
                 own.done = own.total
         self._tell(own, ended=True)
 

@@ -57,8 +57,8 @@ class Trial:
 
     @property
     def seconds(self) -> float:
-        """s that it took."""
-        return sum(self.phases.values()) - self.phases[WRITER]
+        """s that it took, without compiling."""
+        return sum(self.phases.values()) - self.phases[WRITER] - self.phases.get("compiling", 0.0)
 
     def frames_of(self, name: str) -> int:
         """Times that a phase came; the first frame is settled, not simulated."""

@@ -102,7 +102,7 @@ class Compiling(event.Listener):
             for account, own in self._phases:
                 account.advance(own, len(self._done), self._left(to_come))
                 if self._depth == 0:
-                    account.close(own)
+                    account.close(own, complete=not to_come)
 
     def _name(self, event: Any) -> str:
         """Of the kernel of an event, numbered where it is not the first of its name."""
