@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,8 @@ from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_re
 from featherfx.baking.entries import refuse_too_large
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError, Problem, all_of
-from featherfx.feather.build import feather_of, repeated_shapes
+from featherfx.feather.build import repeated_shapes
+from featherfx.feather.shapes import feathers_of
 from featherfx.groom.keys.values import Problems
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MOST_TRIED, irregular
@@ -62,7 +62,8 @@ def _tried(path: Path, folders: Sequence[str | Path]) -> list[Problem] | None:
     refuse_too_large(groom, grid, DrawnOptions(), str(path))
     first, _ = repeated_shapes(groom.feathers)
     tried = first[:: 1 + len(first) // MOST_TRIED]
-    tasks += [partial(feather_of, groom.feathers[k], grid.rows, grid.columns) for k in tried]
+    some = [groom.feathers[k] for k in tried]
+    tasks.append(lambda: feathers_of(some, grid.rows, grid.columns))
     try:
         all_of(*tasks)
     except InputError as error:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import without_directors
+from featherfx.files.store import kept
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.surfaces import WALL_FIT, Grids, moving_bodies, no_memory
 from featherfx.solver.contact.types import Candidates, Search, VaneSurfaces
@@ -46,8 +47,12 @@ class FeathersAtRest(NamedTuple):
 
 def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) -> Candidates:
     """Feathers that may meet, each pair in both roles, and which of the two lies over the other."""
-    pairs = _near_pairs(rest.points, rest.lengths)
-    return Candidates(pairs, _order_at_rest(pairs, rest, surfaces, grids))
+
+    def compute() -> dict[str, Indices]:
+        pairs = _near_pairs(rest.points, rest.lengths)
+        return Candidates(pairs, _order_at_rest(pairs, rest, surfaces, grids))._asdict()
+
+    return Candidates(**kept("pairs", [rest, surfaces, grids], compute))
 
 
 def _near_pairs(rest: Sequence[Array], lengths: Array) -> Indices:

@@ -1,0 +1,109 @@
+"""What is set up once per content: the same bytes and warnings, whoever computed it first."""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from pathlib import Path
+
+import pytest
+
+import featherfx
+from featherfx.baking import pipeline
+from featherfx.feather import shapes
+from featherfx.feather.layout import layout
+from featherfx.shot import groups
+from featherfx.shot.contact import pairs
+
+GROOM = """
+name = "crowded"
+layout = { clearance = 0.0002, most_tilt_placed = 1.0 }
+
+[[row]]
+id = "a"
+kind = "swan_secondary"
+count = 4
+first = { position = [0.0, 0.0, 0.0], direction = [-1.0, 0.0, 0.0], up = [0, 0, 1] }
+last = { position = [0.0, -0.06, 0.0], direction = [-1.0, 0.3, 0.0], up = [0, 0, 1] }
+"""
+SHOT = """
+name = "crowd"
+groom = "groom.toml"
+frames = [1, 3]
+quality = "draft"
+wind = "breeze"
+
+[contact]
+"""
+
+
+@pytest.fixture
+def shot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("FEATHERFX_CACHE", str(tmp_path / "cache"))
+
+    (tmp_path / "groom.toml").write_text(GROOM)
+    (tmp_path / "shot.toml").write_text(SHOT)
+    return tmp_path / "shot.toml"
+
+
+def forgotten() -> None:
+    """As a process that has just begun."""
+    shapes._built.cache_clear()
+
+
+def baked(shot: Path, name: str, **options) -> tuple[bytes, list[str]]:
+    forgotten()
+    path = shot.parent / name / "crowd.usdc"
+    path.parent.mkdir()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        featherfx.bake(shot, path, **options)
+    return path.read_bytes(), sorted(str(each.message) for each in caught)
+
+
+def test_a_second_bake_computes_no_layout_shape_model_or_pair_anew(shot, monkeypatch):
+    first = baked(shot, "first")
+    assert any("layout: " in message for message in first[1])
+
+    def computed(*_, **__):
+        raise AssertionError("computed anew")
+
+    with monkeypatch.context() as patch:
+        for module, name in (
+            (layout, "_laid"),
+            (shapes, "build_feather"),
+            (groups, "make_model"),
+            (groups, "with_damping"),
+            (pairs, "_near_pairs"),
+        ):
+            patch.setattr(module, name, computed)
+        assert baked(shot, "second") == first
+        # another wind touches none of these
+        text = shot.read_text().replace('"breeze"', '{ base = "breeze", speed = 5.0 }')
+        shot.write_text(text)
+        assert baked(shot, "windy")[0] != first[0]
+        forgotten()
+        assert pipeline.check(shot) == []
+        pipeline.plan(shot, shot.parent / "crowd.usdc", 1)
+    shot.write_text(SHOT)
+    monkeypatch.setenv("FEATHERFX_CACHE_SIZE", "0")
+    assert baked(shot, "unkept") == first
+    monkeypatch.delenv("FEATHERFX_CACHE_SIZE")
+    for file in (shot.parent / "cache" / "content").iterdir():
+        file.write_bytes(b"damaged")
+    assert baked(shot, "damaged") == first
+
+
+def test_stats_are_computed_once(shot, monkeypatch):
+    groom = shot.with_name("groom.toml")
+    first = pipeline.plumage_stats(groom)
+
+    def computed(*_):
+        raise AssertionError("computed anew")
+
+    monkeypatch.setattr(layout, "shingle_pairs", computed)
+    forgotten()
+    assert pipeline.plumage_stats(groom) == first
+    shutil.rmtree(shot.parent / "cache" / "content")
+    with pytest.raises(AssertionError, match="computed anew"):
+        pipeline.plumage_stats(groom)
