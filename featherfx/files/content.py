@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import weakref
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -63,37 +64,60 @@ class _Walk:
     def __init__(self) -> None:
         # the records themselves are held, so that no other takes the place of one
         self._known: dict[int, tuple[Any, bytes]] = {}
+        self._changing = 0  # values met so far that may change while they are there
 
     def of(self, value: Any) -> bytes:
         """Bytes of a value, of its type and size first, so that two cannot be taken for one."""
-        if value is None or isinstance(value, (bool, int, float, str)):
+        if type(value) in _PLAIN:
             return f"{type(value).__name__} {value!r};".encode()
         if isinstance(value, np.generic):
             return self.of(value.item())
         if isinstance(value, np.ndarray):
+            self._changing += 1
             head = f"array {value.shape} {value.dtype.str} ".encode()
             return head + _hashed(np.ascontiguousarray(value).tobytes())
         if isinstance(value, (tuple, list)):
+            self._changing += isinstance(value, list)
             if all(type(part) in _PLAIN for part in value):
                 return f"plain {tuple(value)!r};".encode()
             return f"list {len(value)} ".encode() + b"".join(map(self.of, value))
         if isinstance(value, Mapping):
+            self._changing += 1
             pairs = sorted((str(key), part) for key, part in value.items())
             return self.of([part for pair in pairs for part in pair])
         if isinstance(value, Path):
+            self._changing += 1
             return _file(value) if value.is_file() else self.of(str(value))
         return self._record(value)
 
     def _record(self, value: Any) -> bytes:
+        if (known := _CONSTANT.get(id(value))) is not None and known[0]() is value:
+            return b"record " + known[1]
         if id(value) not in self._known:
+            before = self._changing
             if is_dataclass(value):
-                parts: Any = members(value)
+                parts: Any = tuple(members(value))
             elif hasattr(value, "origin"):
-                parts = [*value.origin, getattr(value, "knots", None)]
+                parts = (*value.origin, getattr(value, "knots", None))
+                self._changing += 1
             else:
                 raise TypeError(f"a {type(value).__name__} has no digest")
             self._known[id(value)] = value, _hashed(self.of(parts))
+            if self._changing == before and value.__dataclass_params__.frozen:
+                _remember(value, self._known[id(value)][1])
         return b"record " + self._known[id(value)][1]
+
+
+# digests of records that hold numbers and texts only, such as kinds of feathers, which are asked
+# for again and again; by identity, while they are there
+_CONSTANT: dict[int, tuple[Any, bytes]] = {}
+_MOST_CONSTANT = 200_000
+
+
+def _remember(record: Any, found: bytes) -> None:
+    if len(_CONSTANT) >= _MOST_CONSTANT:
+        _CONSTANT.clear()
+    _CONSTANT[id(record)] = weakref.ref(record), found
 
 
 def _file(path: Path) -> bytes:

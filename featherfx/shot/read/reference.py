@@ -116,6 +116,11 @@ _LIMITS = (
     ("Shares of a bake", str(limits.MOST_SHARES), ""),
     ("Side of a picture", f"{limits.MOST_SIDE} pixels", ""),
     (
+        "Layouts, models and the like in the cache folder",
+        f"{limits.MOST_KEPT_BYTES / 1e9:g} GB",
+        "what was used least lately is removed; `FEATHERFX_CACHE_SIZE`, in GB, sets another limit",
+    ),
+    (
         "Pixels of all pictures of a call",
         f"{limits.MOST_PIXELS / 1e6:g} million",
         "draw fewer frames at a time",
