@@ -137,6 +137,25 @@ def test_a_bent_elbow_turns_the_hand_and_leaves_the_arm_and_the_leg(tmp_path):
     assert np.diff(row).max() < 15.0
 
 
+def test_a_groom_is_written_in_the_space_of_a_skeleton(tmp_path):
+    creature.skinned(tmp_path / "skin.usda")
+    groom = tmp_path / "groom.toml"
+    head = (
+        "name = 'x'\n[skin]\nusd = 'skin.usda'\nprim = '/creature/skeleton'\n"
+        "[space]\nof = 'skin'\nleft = '-z'\n"
+    )
+    feather = "[[feather]]\nid = 'left'\nkind = 'covert'\nmirror = 'z'\n"
+    groom.write_text(head + feather + "position = { joint = 'j03', offset = [0, 2, 0] }\n")
+    at = creature.HALF * (2 * 3 / (creature.JOINTS - 1) - 1)
+    one, other = (each.position for each in featherfx.read_groom(groom).feathers)
+    assert one == pytest.approx([0, at, 0.02], abs=1e-6)
+    assert other == pytest.approx([0, -at, 0.02], abs=1e-6)
+    region = "[[region]]\nid = 'r'\nkind = 'covert'\ncount = 3\nflow = { direction = [1, 0, 0] }\n"
+    groom.write_text(head + region)
+    with pytest.raises(InputError, match="is a Skeleton, regions grow on a Mesh"):
+        featherfx.read_groom(groom)
+
+
 def test_skeletons_that_cannot_be_followed_are_told(tmp_path):
     stage = write_arm(tmp_path)
     path = write_shot(tmp_path, "arm.usda", ["arm", "hand"], frames=(1, 2))

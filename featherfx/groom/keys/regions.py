@@ -26,7 +26,11 @@ _RANGE = ArrayOf(Number(-1e4, 1e4, "m"), 2, 2)
 
 SKIN = {
     "usd": Key(Text(), "USD file that holds the skin, as seen from the groom's folder."),
-    "prim": Key(Text(), "Path of the mesh that regions grow on, where they name no other."),
+    "prim": Key(
+        Text(),
+        "Path of the mesh that regions grow on, where they name no other; or of a Skeleton, for "
+        "its space and its joints alone.",
+    ),
     "rest": Key(
         Number(-1e9, 1e9),
         "Time code of the pose that is groomed; default: the bind pose of a skinned mesh, the "

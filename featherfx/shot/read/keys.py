@@ -39,7 +39,11 @@ GROOM_USD = {"usd": _FILE} | {name: key for name, key in USD.items() if name != 
 
 SKIN = {
     "usd": _FILE,
-    "prim": Key(Text(), "Path of the mesh that the roots follow, where a feather names no other."),
+    "prim": Key(
+        Text(),
+        "Path of the mesh, or of the Skeleton, that the roots follow, where a feather names no "
+        "other.",
+    ),
     "rest": Key(
         Number(-1e9, 1e9),
         "Time code at which the groom fits the skin; default: the bind pose of a skinned mesh, the "

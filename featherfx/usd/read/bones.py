@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdSkel
+from pxr import Sdf, Usd, UsdSkel
 
 from featherfx.groom.keys.values import Place
 from featherfx.groom.skin.skin import is_flat
-from featherfx.usd.read.animated_mesh import AnimatedMesh
+from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
 from featherfx.usd.read.skinning import SkinPose, animated, from_bind
-from featherfx.usd.read.stage import SourceScene, sampled_range, transform_fault
+from featherfx.usd.read.stage import SourceScene, find_prim, sampled_range, transform_fault
 from featherfx.usd.read.values import collecting, reading
 
 Array = NDArray[np.float64]
@@ -88,6 +88,16 @@ class BoneMesh(AnimatedMesh):
         # in metres: the bind pose may be scaled by the prim's transforms
         scale = float(np.cbrt(np.abs(np.linalg.det(self.rest_matrix[:3, :3]))))
         self.bones = scale * ribbons.lengths[sound]
+
+
+def open_carrier(
+    scene: SourceScene, path: str, rest: float | None, place: Place
+) -> AnimatedMesh | None:
+    """A mesh, or a skeleton's ribbons, by its path; as of open_mesh."""
+    prim = scene.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
+    if prim and prim.IsA(UsdSkel.Skeleton) and find_prim(scene, path, place):
+        return open_bones(scene, prim, rest, place)
+    return open_mesh(scene, path, rest, place)
 
 
 def open_bones(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> BoneMesh | None:

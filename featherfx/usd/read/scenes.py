@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
+from pxr import Gf, Sdf, Usd, UsdGeom
 from scipy.spatial import cKDTree
 
 from featherfx.groom.keys.values import Place
 from featherfx.shot.detail.view import View
-from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
-from featherfx.usd.read.bones import open_bones
+from featherfx.usd.read.animated_mesh import AnimatedMesh
+from featherfx.usd.read.bones import open_carrier
 from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
@@ -60,16 +60,9 @@ def open_meshes(
         paths |= dict.fromkeys([each] if each.startswith("/") else _by_name(scene, each, place))
     if collection is not None:
         paths |= dict.fromkeys(_by_collection(scene, collection, place))
-    meshes = [_opened(scene, each, rest, place) for each in paths]
+    meshes = [open_carrier(scene, each, rest, place) for each in paths]
     found = [mesh for mesh in meshes if mesh is not None]
     return found if len(place.problems) == count else None
-
-
-def _opened(scene: SourceScene, path: str, rest: float | None, place: Place) -> AnimatedMesh | None:
-    prim = scene.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-    if prim and prim.IsA(UsdSkel.Skeleton) and find_prim(scene, path, place):
-        return open_bones(scene, prim, rest, place.child("prim"))
-    return open_mesh(scene, path, rest, place)
 
 
 def _by_name(scene: SourceScene, pattern: str, place: Place) -> list[str]:

@@ -13,7 +13,8 @@ from pxr import Usd, UsdGeom, UsdSkel
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.values import Place, nearest
 from featherfx.groom.skin.faults import skin_faults
-from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh, topology_of
+from featherfx.usd.read.animated_mesh import AnimatedMesh, topology_of
+from featherfx.usd.read.bones import open_carrier
 from featherfx.usd.read.curves import curves_of
 from featherfx.usd.read.skinning import points_of_joint
 from featherfx.usd.read.stage import (
@@ -59,10 +60,12 @@ def read_skin(
         return None
     found = {}
     for path in paths:
-        mesh = open_mesh(scene, path, skin["rest"], place.child("prim"))
+        mesh = open_carrier(scene, path, skin["rest"], place.child("prim"))
         if mesh is None:
             continue
         found[path] = SkinMesh(scene, mesh)
+        if mesh.bones is not None:
+            continue
         problems, doubts = skin_faults(mesh.rest, mesh.triangles, mesh.face)
         for message in problems:
             place.child("prim").fail(f"{path} in {scene.path}: {message}")
@@ -78,20 +81,22 @@ class SkinMesh:
         self._scene, self._prim = scene, scene.stage.GetPrimAtPath(mesh.path)
         self.path, self.points = mesh.path, mesh.rest
         self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st
-        self.own_matrix = mesh.rest_matrix
+        self.own_matrix, self.is_skeleton = mesh.rest_matrix, mesh.bones is not None
         self.stage_matrix = in_world(np.eye(4), scene.to_world)
 
     def joint(self, name: str, place: Place) -> Array | None:
         """(3,) m, a joint of the mesh's skeleton in the bind pose; None after adding a problem."""
         with collecting(place):
-            skeleton = UsdSkel.BindingAPI(self._prim).GetInheritedSkeleton()
+            skeleton = self._prim
+            if not self.is_skeleton:
+                skeleton = UsdSkel.BindingAPI(self._prim).GetInheritedSkeleton().GetPrim()
             if not skeleton:
                 return place.fail(f"no skeleton moves {self.path}") and None
-            bound = _bind_places(self._scene, skeleton.GetPrim(), place)
+            bound = _bind_places(self._scene, skeleton, place)
             number = None if bound is None else _number(name, bound[0], place)
             if bound is None or number is None:
                 return None
-            return _from_skeleton(self._scene, skeleton.GetPrim(), bound[1][number], place)
+            return _from_skeleton(self._scene, skeleton, bound[1][number], place)
         return None
 
     def weights(self, name: str, place: Place) -> Array | None:
