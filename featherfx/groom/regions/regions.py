@@ -119,8 +119,8 @@ def _region_drafts(
     paths = tuple(dict.fromkeys([skin["prim"], *(e["prim"] for _, e in entries if e["prim"])]))
     sources = read(skin, paths, folder, place)
     for path, source in (sources or {}).items():
-        if source.is_skeleton:
-            place.child("prim").fail(f"{path} is a Skeleton, regions grow on a Mesh")
+        if source.is_ribbon:
+            place.child("prim").fail(f"{path} is no Mesh, on which alone regions grow")
     if sources is None or len(place.problems) > count:
         return (), None
     skins = {path: GroomSkin(SkinSurface(each), space, folder) for path, each in sources.items()}

@@ -29,7 +29,7 @@ class SkinSource(Protocol):
     path: of the prim. points: (V, 3) m. triangles: (T, 3), counter-clockwise from outside, none
     flat. face: (T,) the scene's faces. st: (T, 3, 2) texture coordinates, or None. own_matrix,
     stage_matrix: (4, 4), row vectors, from the mesh's own space at rest, and the stage's, to here.
-    is_skeleton: whether it is a ribbon along bones, on which nothing grows.
+    is_ribbon: whether it is a ribbon along bones or a curve, on which nothing grows.
     """
 
     path: str
@@ -39,7 +39,7 @@ class SkinSource(Protocol):
     st: Array | None
     own_matrix: Array
     stage_matrix: Array
-    is_skeleton: bool
+    is_ribbon: bool
 
     def joint(self, name: str, place: Place) -> Array | None:
         """(3,) m, a joint of the mesh's skeleton in the bind pose; None after adding a problem."""

@@ -92,7 +92,7 @@ def read_colliders(
         meshes = readers.meshes(path, entry["prims"], entry["collection"], None, at)
         for mesh in meshes or []:
             if mesh.bones is not None:
-                at.fail(f"{mesh.path} is a Skeleton, which nothing can touch")
+                at.fail(f"{mesh.path} is no Mesh, nothing can touch it")
             start = _start(entry, checked, mesh.time_codes_per_second)
             _warn_of_range(mesh, checked, start, at)
             found.append(TimedSurface(_moving(mesh, entry, checked, start), start))

@@ -73,9 +73,9 @@ class AnimatedMesh(ScenePrim):
     (V, 3) m, points at rest. rest_matrix: (4, 4), row vectors, from the prim's own space to the
     world at rest. st: (T, 3, 2) texture coordinates of the corners, None where there
     are none. sampled: first and last time code with samples of anything that moves it, None
-    where nothing does. bones: (T,) m, length of each triangle's bone,
-    where it is a ribbon along a skeleton's. knots: where its poses are those of the scene, with
-    smooth motion between them; None: the scene's own motion.
+    where nothing does. bones: (T,) m, length of each triangle's bone or piece of curve, where it is
+    a ribbon along these. knots: where its poses are those of the scene, with smooth motion between
+    them; None: the scene's own motion.
     """
 
     bones: Array | None = None

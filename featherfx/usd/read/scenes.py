@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from featherfx.groom.keys.values import Place
 from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
-from featherfx.usd.read.bones import open_carrier
+from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,

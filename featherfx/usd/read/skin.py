@@ -14,8 +14,8 @@ from featherfx.errors import InputWarning
 from featherfx.groom.keys.values import Place, nearest
 from featherfx.groom.skin.faults import skin_faults
 from featherfx.usd.read.animated_mesh import AnimatedMesh, topology_of
-from featherfx.usd.read.bones import open_carrier
 from featherfx.usd.read.curves import curves_of
+from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.skinning import points_of_joint
 from featherfx.usd.read.stage import (
     SourceScene,
@@ -81,14 +81,14 @@ class SkinMesh:
         self._scene, self._prim = scene, scene.stage.GetPrimAtPath(mesh.path)
         self.path, self.points = mesh.path, mesh.rest
         self.triangles, self.face, self.st = mesh.triangles, mesh.face, mesh.st
-        self.own_matrix, self.is_skeleton = mesh.rest_matrix, mesh.bones is not None
+        self.own_matrix, self.is_ribbon = mesh.rest_matrix, mesh.bones is not None
         self.stage_matrix = in_world(np.eye(4), scene.to_world)
 
     def joint(self, name: str, place: Place) -> Array | None:
         """(3,) m, a joint of the mesh's skeleton in the bind pose; None after adding a problem."""
         with collecting(place):
             skeleton = self._prim
-            if not self.is_skeleton:
+            if not skeleton.IsA(UsdSkel.Skeleton):
                 skeleton = UsdSkel.BindingAPI(self._prim).GetInheritedSkeleton().GetPrim()
             if not skeleton:
                 return place.fail(f"no skeleton moves {self.path}") and None

@@ -13,14 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdSkel
+from pxr import Usd, UsdSkel
 
-from featherfx.groom.keys.values import Place
-from featherfx.groom.skin.skin import is_flat
-from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
 from featherfx.usd.read.skinning import SkinPose, animated, from_bind
-from featherfx.usd.read.stage import SourceScene, find_prim, sampled_range, transform_fault
-from featherfx.usd.read.values import collecting, reading
+from featherfx.usd.read.values import reading
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,7 +27,7 @@ _PIECES = 4  # of a ribbon along a bone
 _ALONE = 0.1  # length of the bone of a skeleton's only joint, in units of the stage
 
 
-class Ribbons:
+class BoneRibbons:
     """What AnimatedMesh asks of a skinning, of a skeleton. space: its prim."""
 
     def __init__(self, prim: Any) -> None:
@@ -44,6 +40,7 @@ class Ribbons:
         places = np.array(self._skeleton.GetJointWorldBindTransforms())[:, 3, :3]
         parents = list(self._skeleton.GetTopology().GetParentIndices())
         self.rest, self._weights, self.triangles, self.lengths = _strips(places, parents)
+        self.faces = np.arange(len(self.triangles)) // (2 * _PIECES)
 
     @property
     def bind_matrix(self) -> Array:
@@ -73,48 +70,6 @@ class Ribbons:
     def attributes(self) -> list[Any]:
         """What moves the skeleton, for its time samples."""
         return animated(self._skeleton)
-
-
-class BoneMesh(AnimatedMesh):
-    """The ribbons of a skeleton as a mesh that roots ride on. Its faces are numbered by bone."""
-
-    def __init__(self, scene: SourceScene, prim: Any, rest: float | None) -> None:
-        ribbons = Ribbons(prim)
-        self._begin(scene, prim, ribbons, rest)
-        self.sampled = sampled_range(prim, ribbons.attributes())
-        sound = ~is_flat(self.rest, ribbons.triangles)
-        self.triangles, self.st = ribbons.triangles[sound], None
-        self.face = np.flatnonzero(sound) // (2 * _PIECES)
-        # in metres: the bind pose may be scaled by the prim's transforms
-        scale = float(np.cbrt(np.abs(np.linalg.det(self.rest_matrix[:3, :3]))))
-        self.bones = scale * ribbons.lengths[sound]
-
-
-def open_carrier(
-    scene: SourceScene, path: str, rest: float | None, place: Place
-) -> AnimatedMesh | None:
-    """A mesh, or a skeleton's ribbons, by its path; as of open_mesh."""
-    prim = scene.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-    if prim and prim.IsA(UsdSkel.Skeleton) and find_prim(scene, path, place):
-        return open_bones(scene, prim, rest, place)
-    return open_mesh(scene, path, rest, place)
-
-
-def open_bones(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> BoneMesh | None:
-    """A skeleton as a mesh that moves; None after adding problems."""
-    path = f"{prim.GetPath()} in {scene.path}"
-    with collecting(place), reading(prim):
-        fault = transform_fault(scene, prim)
-        if fault:
-            return place.fail(fault) and None
-        query = UsdSkel.Cache().GetSkelQuery(UsdSkel.Skeleton(prim))
-        if not query or not query.HasBindPose() or not len(query.GetJointOrder()):
-            return place.fail(f"{path} has no joints with bind transforms") and None
-        opened = BoneMesh(scene, prim, rest)
-        if not len(opened.triangles):
-            return place.fail(f"{path} has no bone of any length") and None
-        return opened
-    return None
 
 
 def _strips(places: Array, parents: list[int]) -> tuple[Array, Array, Indices, Array]:
