@@ -132,14 +132,11 @@ def _mixed(value):
 @kernel
 def _pair(x, y, sample, samples, use):
     """Two numbers in 0..1 for a sample of the pixel (x, y): points of the R2 sequence (Roberts
-    2018), shifted so that neighbours' errors differ (Roberts; Jimenez 2014), and in another order
-    for each pixel and use. samples: a power of 2."""
-    order = sample ^ (_mixed(8 * (x + 8192 * y) + use) & (samples - 1))
-    x, y = x + 37.0 * use, y + 59.0 * use
-    noise = 0.06711056 * x + 0.00583715 * y
-    noise = 52.9829189 * (noise - int(noise))
-    first = (order + x) * 0.7548776662466927 + y * 0.5698402910980532
-    second = order * 0.5698402910980532 + noise
+    2018), shifted at random and in another order for each pixel and use. samples: a power of 2."""
+    seed = _mixed(8 * (x + 8192 * y) + use)
+    order = sample ^ (seed & (samples - 1))
+    first = order * 0.7548776662466927 + (seed >> 8) * 5.9604644775390625e-08
+    second = order * 0.5698402910980532 + _mixed(seed) * 2.3283064365386963e-10
     return first - int(first), second - int(second)
 
 
