@@ -18,6 +18,7 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies
+from featherfx.shot.contact.mend import Stepper, Surroundings
 from featherfx.shot.contact.pairs import FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import settled_together
 from featherfx.shot.contact.steps import FrameSteps, StepRules
@@ -145,25 +146,21 @@ class ShotContact:
         rest on which nothing acts anew; they are stepped when others push them.
         """
         steps = FrameSteps(self._rules, start, end, self._proposal)
+        around = Surroundings(loads_of, paths_of, self._bodies)
+        stepper = Stepper(self.solver, self._rules, around, steps.spend)
         current, parts, resting = list(states), [], resting.copy()
         while steps.left():
-            time, stop = steps.time, steps.stop
-            walls = self._bodies.walls(current, time, stop, self.solver.settings.margin)
-            loads, paths = loads_of(time, stop), paths_of(time, stop)
-            new, reports, contact = self.solver.interval(
-                current, loads, paths, stop - time, walls, steps.substeps, resting, steps.yielding
-            )
-            if steps.again(reports, contact):
-                continue
-            steps.accepted(reports, contact)
-            current = _slept(new, reports, paths, stop - time)
-            resting &= np.concatenate([report.steps for report in reports]) == 0.0
-            self.solver.accept()
+            span = steps.span
+            done = stepper.step(current, span, resting)
+            steps.accepted(done.reports, done.contact[0][1], done.tries > 0)
+            current = _slept(done.states, done.reports, paths_of(span.start, span.end), span.length)
+            resting &= np.concatenate([report.steps for report in done.reports]) == 0.0
             self._bodies.begun = True
-            self.tally.add(contact, steps.length, self._rules.wrong(contact))
-            parts.append(reports)
+            for length, contact in done.contact:
+                self.tally.add(contact, length, self._rules.wrong(contact))
+            self.tally.repeated += done.tries
+            parts.append(done.reports)
         self._proposal = steps.proposal
-        self.tally.repeated += steps.repeated
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
 
     def stirred(self, states: Sequence[State], start: float, end: float) -> bool:

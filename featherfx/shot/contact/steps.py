@@ -1,13 +1,15 @@
 """How long the common steps of feathers that touch are, within a frame.
 
-A step after which a feather is not solved, or contacts are far off, is tried again, shorter. Below
-the shortest that is allowed, the contacts of the feathers that fail yield for one step.
+Where a step leaves a feather unsolved, or contacts far off, an island around these is stepped again
+in shorter steps (mend.py). Below the shortest that is allowed, the contacts of the feathers that
+fail yield for one step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +21,8 @@ from featherfx.solver.status import TOO_MUCH_WORK
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# a step that cannot be solved is cut to this part of it, at the least to that of the shortest
-# regular one
-CUT, SMALLEST = 0.25, 1.0 / 16.0
+# what a step that cannot be solved is cut to at the least, over the shortest regular one
+SMALLEST = 1.0 / 16.0
 # misfit of a step's contacts, over the thickness, beyond which it is cut to the shortest regular
 # one, and beyond which it is cut further
 WRONG, BAD = 0.5, 2.0
@@ -29,6 +30,37 @@ WRONG, BAD = 0.5, 2.0
 FEW_STEPS = 0.8
 # Newton iterations of a feather in a frame, over Settings.max_iterations: it is solved in rounds
 MORE_ITERATIONS = 8
+
+
+@dataclass(frozen=True)
+class Span:
+    """From start to end, s. shortest: s, regular step of the frame. own: whether feathers may
+    divide it into steps of their own."""
+
+    start: float
+    end: float
+    shortest: float
+    own: bool
+
+    @property
+    def length(self) -> float:
+        """s."""
+        return self.end - self.start
+
+    @property
+    def substeps(self) -> int:
+        """Most regular steps of a feather within it."""
+        return max(1, round(self.length / self.shortest)) if self.own else 1
+
+    def can_be_cut(self) -> bool:
+        """Whether two steps that are long enough fit into it."""
+        return round(self.length / (SMALLEST * self.shortest)) > 1
+
+    def parts(self, count: int) -> list[Span]:
+        """The span in so many parts, or fewer where they would be too short."""
+        count = min(count, round(self.length / (SMALLEST * self.shortest)))
+        times = np.linspace(self.start, self.end, count + 1).tolist()
+        return [replace(self, start=low, end=high) for low, high in pairwise(times)]
 
 
 @dataclass(frozen=True)
@@ -52,13 +84,27 @@ class StepRules:
         """Whether contacts are off by more than they should be."""
         return contact.residual > WRONG * self.thickness
 
+    def off(self, reports: Sequence[StepReport], contact: ContactReport, span: Span) -> Flags:
+        """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, or
+        with contacts that are off by more than a step of its length may have."""
+        status = np.concatenate([report.status for report in reports])
+        far = np.zeros(len(status), dtype=np.bool_)
+        if span.length > 1.001 * span.shortest:
+            far = contact.off > WRONG * self.thickness
+        elif span.length > 2.0 * SMALLEST * span.shortest:
+            far = contact.off > BAD * self.thickness
+        return far | (status != 0.0)
+
+    def give_up(self, reports: Sequence[StepReport], time: float) -> None:
+        """SimulationError for a feather that cannot be solved at a time (s)."""
+        status = np.concatenate([report.status for report in reports])
+        raise_if_failed(status, np.full(len(status), time), self.names)
+
 
 class FrameSteps:
     """The steps from start to end (s). proposal: s, length that the frame before left; 0: none.
 
-    time: s, where the feathers are. length, stop: s, of the step to try and where it ends;
-    substeps: that a feather may divide it into. yielding: feathers whose contacts yield in it.
-    repeated: steps that were tried again.
+    time: s, where the feathers are. span: the step to try.
     """
 
     def __init__(self, rules: StepRules, start: float, end: float, proposal: float) -> None:
@@ -66,8 +112,6 @@ class FrameSteps:
         duration = end - start
         self.shortest = duration / (rules.steps or rules.substeps)
         self.proposal = self.shortest if rules.steps else min(proposal or duration, duration)
-        self.yielding: Flags | None = None
-        self.repeated = 0
         self._done = 1e-9 * duration
         self._spent = np.zeros(len(rules.names))
 
@@ -76,48 +120,29 @@ class FrameSteps:
         left, h = self.end - self.time, self.proposal
         if left <= self._done:
             return False
-        self.length = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
-        self.stop = self.end if self.length == left else self.time + self.length
-        own = max(1, round(self.length / self.shortest))
-        self.substeps = 1 if self.rules.steps else own
+        length = left if h > 0.999 * left else (0.5 * left if h > 0.6 * left else h)
+        stop = self.end if length == left else self.time + length
+        self.span = Span(self.time, stop, self.shortest, not self.rules.steps)
         return True
 
-    def again(self, reports: Sequence[StepReport], contact: ContactReport) -> bool:
-        """Whether the step is to be tried again, shorter or yielding; SimulationError where no try
-        is left."""
-        status = np.concatenate([report.status for report in reports])
-        self._spend(reports)
-        failed = bool(status.any())
-        if not failed and not self._too_wrong(contact):
-            return False
-        self.repeated += 1
-        self.proposal = (CUT if failed else 0.5) * self.length
-        if self.proposal < SMALLEST * self.shortest:
-            if self.yielding is not None:
-                now = np.full(len(status), self.time)
-                raise_if_failed(status, now, self.rules.names)
-            self.yielding, self.proposal = status != 0.0, self.length
-        return True
+    def accepted(self, reports: Sequence[StepReport], contact: ContactReport, tried: bool) -> None:
+        """Go on to the step's end, and propose the next one's length.
 
-    def accepted(self, reports: Sequence[StepReport], contact: ContactReport) -> None:
-        """Go on to the step's end, and propose the next one's length."""
-        easy = contact.rounds <= self.rules.rounds
-        self.proposal = min(self.shortest, (2.0 if easy else 1.0) * self.length)
+        tried: whether all feathers had to be stepped again, in shorter steps.
+        """
+        length, easy = self.span.length, contact.rounds <= self.rules.rounds and not tried
+        self.proposal = min(self.shortest, (2.0 if easy else 1.0) * length)
         if not self.rules.steps:
-            self.proposal = max(self.proposal, self.length * self._change(reports))
-        self.time, self.yielding = self.stop, None
+            self.proposal = max(self.proposal, length * self._change(reports))
+        self.time = self.span.end
 
-    def _too_wrong(self, contact: ContactReport) -> bool:
-        bad = contact.residual > BAD * self.rules.thickness
-        least = (2.0 * SMALLEST if bad else 1.001) * self.shortest
-        return self.rules.wrong(contact) and self.length > least
-
-    def _spend(self, reports: Sequence[StepReport]) -> None:
-        """SimulationError for a feather that took too many Newton iterations in the frame."""
+    def spend(self, reports: Sequence[StepReport], time: float) -> None:
+        """Count the iterations of a try that began at a time (s). SimulationError for a feather
+        that took too many in the frame."""
         self._spent += np.concatenate([report.iterations for report in reports])
         most = MORE_ITERATIONS * self.rules.iterations
         status = np.where(self._spent > most, TOO_MUCH_WORK, 0)
-        raise_if_failed(status, np.full(len(status), self.time), self.rules.names, most)
+        raise_if_failed(status, np.full(len(status), time), self.rules.names, most)
 
     def _change(self, reports: Sequence[StepReport]) -> float:
         """Factor from this common step to the next: most feathers should need one of their own."""

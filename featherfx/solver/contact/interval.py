@@ -11,7 +11,8 @@ the stiffness: optimised Schwarz methods, Gander 2006.)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,8 @@ QUIET = 0.3
 FAR = 0.5
 # stiffness of contacts that yield, over what it would be
 SOFT = 1e-2
+# Newton iterations of one solve of a feather; one that needs more gets a shorter interval
+MOST_ITERATIONS = 1000
 # searches for contacts in one interval: the poses at its end are not known before
 SEARCHES = 4
 
@@ -79,6 +82,15 @@ class ContactSettings:
     recovery: float = 0.1
 
 
+class Led(NamedTuple):
+    """Bodies whose motion over an interval is given. free: (B,) the others, which are solved.
+    start, end: (B, n, P, 3) m, where those are that are led."""
+
+    free: Flags
+    start: Array
+    end: Array
+
+
 @dataclass(frozen=True)
 class ContactReport:
     """What an interval took.
@@ -86,7 +98,8 @@ class ContactReport:
     contacts: closed ones at its end. rounds: over the feathers. solves: feathers solved. residual:
     m, largest gap that should be closed, or misfit of the two forces over the stiffness. depth: m,
     deepest penetration of a node below the sum of half thicknesses, at the interval's end.
-    start_depth: m, what the interval spared of the depth that it began with.
+    start_depth: m, what the interval spared of the depth that it began with. off, deep: (B,) m,
+    residual and depth of each body.
     """
 
     contacts: int
@@ -95,6 +108,13 @@ class ContactReport:
     residual: float
     depth: float
     start_depth: float
+    off: Array
+    deep: Array
+
+    def of(self, bodies: Flags) -> ContactReport:
+        """The same with residual and depth of some bodies (B,) only."""
+        off, deep = np.where(bodies, self.off, 0.0), np.where(bodies, self.deep, 0.0)
+        return replace(self, off=off, deep=deep, residual=float(off.max()), depth=float(deep.max()))
 
 
 class ContactSolver:
@@ -124,6 +144,7 @@ class ContactSolver:
         self._team = Team(solvers, self.grids, widest.jobs)
         self._colours = no_colours(bodies)
         self._touching: tuple[Indices, ByBody] | None = None
+        self._free = np.ones(bodies, dtype=np.bool_)
         self.memory = no_memory(self.surfaces)
         self.found, self._spare = Found(new_touch(), 0), new_touch()
         self._listed = ByBody(np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
@@ -138,6 +159,8 @@ class ContactSolver:
         substeps: int = 1,
         resting: Flags | None = None,
         yielding: Flags | None = None,
+        led: Led | None = None,
+        iterations: int = MOST_ITERATIONS,
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
 
@@ -146,27 +169,32 @@ class ContactSolver:
         it; the report counts no steps of those that were not. yielding: (B,) bodies whose contacts
         are soft, because they cannot be solved otherwise; what goes too deep comes out later, at
         the recovery speed. walls: bodies whose motion over the duration is given; of several, a
-        node meets each. A feather that cannot be solved has a status in its batch's report, and
-        then the other results mean nothing.
+        node meets each. led: bodies that the others meet as they meet walls; nothing is said of
+        them. iterations: of Newton in one solve of a feather, at most. A feather that cannot be solved has a status in its batch's report, and then what it
+        presses is not solved either.
         """
-        run = Run(self._team, states, loads, paths, duration, substeps)
-        memory, rounds = self.memory, 0
-        stale = np.ones(self.grids.bodies, dtype=np.bool_) if resting is None else ~resting
-        forces = np.zeros(self.grids.bodies)
+        run = Run(self._team, states, loads, paths, duration, substeps, iterations)
+        free = np.ones(self.grids.bodies, dtype=np.bool_)
+        if led is not None:
+            free = led.free
+            run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
+        self._free, memory, rounds = free, self.memory, 0
+        stale = free.copy() if resting is None else free & ~resting
+        before, forces = Found(new_touch(1), 0), np.zeros(self.grids.bodies)
         for number in range(SEARCHES):
             searched = run.now.copy()
-            self._find(run, walls, memory, stale if number else None)
+            self._find(run, walls, memory, before, stale if number else free)
             if yielding is not None:
                 soften(*self.found, yielding.astype(np.int8), SOFT)
             if number:
-                stale |= self._pressed_elsewhere(forces)
-            more, depth, residual = self._solve(run, stale)
-            rounds += more
+                stale |= self._pressed_elsewhere(forces) & free
+            solved = self._solve(run, stale)
+            rounds += int(solved.islands.rounds.max(initial=0))
             moved = _largest_moves(run.now, searched)
             if run.failed() or moved.max() < self.settings.margin:
                 break
             # the bodies did not go where they were headed: look again where they went
-            stale = moved >= self.settings.margin
+            stale, before = moved >= self.settings.margin, self.found
             add_forces(*self.found, forces)
             memory = self.found.remembered(self.candidates.order, memory)
         contacts = self.found.contacts
@@ -174,23 +202,60 @@ class ContactSolver:
             contacts=int(np.count_nonzero(contacts["guest_force"] > 0.0)),
             rounds=rounds,
             solves=int(run.solves.sum()),
-            residual=residual,
-            depth=depth,
+            residual=float(solved.marks.worst.max()),
+            depth=float(solved.marks.depth.max()),
             start_depth=float(contacts["spared"].max(initial=0.0)),
+            off=solved.marks.worst,
+            deep=solved.marks.depth,
         )
         return run.new, run.reports(), report
 
-    def accept(self) -> None:
-        """Keep the forces of the last interval for the next one."""
-        self.memory = self.found.remembered(self.candidates.order, self._found_in)
+    def accept(self, but: Flags | None = None) -> None:
+        """Keep the forces of the last interval for the next one. but: (B,) bodies of which, and of
+        what touches them, those before are kept."""
+        kept = ~self._free if but is None else ~self._free | but
+        new = self.found.remembered(self.candidates.order, self._found_in)
+        self.memory = self._joined(self.memory, new, kept, but is None) if kept.any() else new
+
+    def _joined(self, old: Memory, new: Memory, kept: Flags, led: bool) -> Memory:
+        """Memories as one: the old of some bodies (B,), the new of the others. led: pairs of both
+        kinds go by the new one, else by the old."""
+        _, rows, columns = old.wall.shape
+        guest, host = kept[self.candidates.pairs].T
+        stays = guest & host if led else guest | host
+        parts = [
+            (each, stays[each.key // (rows * columns)] == is_old)
+            for each, is_old in ((old, True), (new, False))
+        ]
+        key = np.concatenate([each.key[chosen] for each, chosen in parts])
+        order = np.argsort(key, kind="stable")
+        bodies = kept[:, None, None]
+        return Memory(
+            key=key[order],
+            force=np.concatenate([each.force[chosen] for each, chosen in parts])[order],
+            side=np.concatenate([each.side[chosen] for each, chosen in parts])[order],
+            wall=np.where(bodies, old.wall, new.wall),
+            inside=np.where(bodies, old.inside, new.inside),
+        )
+
+    def pressed(self) -> Indices:
+        """(N, 2) bodies that a force of the last interval holds apart."""
+        contacts = self.found.contacts
+        held = (contacts["guest_force"] > 0.0) | (contacts["host_force"] > 0.0)
+        held &= contacts["host"] >= 0
+        return np.unique(
+            np.stack([contacts["guest"][held], contacts["host"][held]], axis=1), axis=0
+        )
 
     def depths(self) -> tuple[Indices, Indices, Array]:
         """Of the last interval's contacts: guest and host (bodies; -1 for a wall), depth in m."""
         contacts = self.found.contacts
         return contacts["guest"], contacts["host"], contacts["spared"] - contacts["gap"]
 
-    def _find(self, run: Run, walls: Sequence[Wall], memory: Memory, stale: Flags | None) -> None:
-        """Search for contacts, again only for stale bodies; the room for them grows."""
+    def _find(
+        self, run: Run, walls: Sequence[Wall], memory: Memory, before: Found, stale: Flags
+    ) -> None:
+        """Search for contacts of stale bodies, those before hold on for others; the room grows."""
         settings = self.settings
         inertia = integrator_of(self.solvers[0].settings.spectral_radius, run.duration).inertia
         impedance = FIT * (inertia * self._mass + self._elastic)
@@ -203,8 +268,7 @@ class ContactSolver:
             settings.recovery * run.duration,
             WALL_FIT,
         )
-        before = None if stale is None else self.found
-        found = self._searcher.find(search, walls, before, stale, self._spare)
+        found = self._searcher.find(search, walls, before, stale, self._spare, self._free)
         self._spare, self.found = self.found.touch, found
         if len(self._listed.items) < 2 * found.number:
             room = np.zeros(4 * found.number, dtype=np.int64)
@@ -218,14 +282,15 @@ class ContactSolver:
         add_forces(*self.found, found)
         return np.asarray(np.abs(found - forces) > 1e-9 * forces)
 
-    def _solve(self, run: Run, stale: Flags) -> tuple[int, float, float]:
-        """Rounds of solves with the contacts found; (rounds, depth, residual).
+    def _solve(self, run: Run, stale: Flags) -> Sweep:
+        """Rounds of solves with the contacts found; what they ended with.
 
         stale: (B,) bodies that are solved in the first round, whatever their contacts.
         """
         settings = self.settings
         touching = self._neighbours()
         count, island = islands_of(touching)
+        island[~self._free] = -1
         marks, islands = run.marks(island, stale), no_islands(count)
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         batches, held = run.batches(room)
@@ -252,7 +317,7 @@ class ContactSolver:
         )
         run.solve(sweep)
         del held
-        return int(islands.rounds.max()), float(marks.depth.max()), float(islands.worst.max())
+        return sweep
 
     def _handing(self, run: Run) -> Handing:
         slip = self.settings.smoothing * run.duration

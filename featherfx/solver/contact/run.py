@@ -33,9 +33,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-# Newton iterations of one solve of a feather; one that needs more gets a shorter interval
-MOST_ITERATIONS = 1000
-
 
 class Team:
     """Threads that sweep over batches, and what each of them and each batch needs for that.
@@ -81,7 +78,8 @@ class Team:
 class Run:
     """Where the batches started, and where the last iterate stands.
 
-    duration: s. substeps: most regular steps of a feather within it. start, now: (B, n, P, 3) m,
+    duration: s. substeps: most regular steps of a feather within it. iterations: of Newton in one
+    solve of a feather, at most. start, now: (B, n, P, 3) m,
     all bodies on the widest grid. report: of all solves and bodies.
     """
 
@@ -92,7 +90,8 @@ class Run:
         loads: Sequence[Loads],
         paths: Sequence[RootPath],
         duration: float,
-        substeps: int = 1,
+        substeps: int,
+        iterations: int,
     ) -> None:
         self._team, self.duration, self._loads = team, duration, loads
         grids = team.grids
@@ -105,12 +104,12 @@ class Run:
         self.now = self.start + duration * velocity
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
         self.report = no_steps(grids.bodies)
-        self._step = self._step_settings(substeps)
+        self._step = self._step_settings(substeps, iterations)
         self._old, self._new = views_of(self.old), views_of(self.new)
         self._rows = [views_of([_rows(each) for each in states]) for states in (self.old, self.new)]
         self._paths, self._reports = views_of(paths), views_of(self.reports())
 
-    def _step_settings(self, substeps: int) -> StepSettings:
+    def _step_settings(self, substeps: int, iterations: int) -> StepSettings:
         settings = self._team.solvers[0].settings
         return StepSettings(
             duration=float(self.duration),
@@ -121,7 +120,7 @@ class Run:
             newton=float(settings.newton),
             iterations=NEWTON_ITERATIONS,
             hard=HARD,
-            most_iterations=min(settings.max_iterations, MOST_ITERATIONS),
+            most_iterations=min(settings.max_iterations, iterations),
         )
 
     def marks(self, island: Indices, fresh: Flags) -> Marks:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from featherfx.solver.contact.find_kernels import find_contacts, refit
 from featherfx.solver.contact.types import (
     CONTACT,
+    Bytes,
     Candidates,
     Clearance,
     Earlier,
@@ -94,11 +95,12 @@ class Searcher:
         before: Found | None = None,
         stale: NDArray[np.bool_] | None = None,
         room: Touch | None = None,
+        free: NDArray[np.bool_] | None = None,
     ) -> Found:
         """What touches; boxes of the bodies are refitted.
 
         before: contacts that hold on for pairs of bodies that are not stale (B,). room: to be
-        written over; not before.
+        written over; not before. free: (B,) bodies that may touch walls, all by default.
         """
         before = before or Found(new_touch(1), 0)
         anew = np.ones(len(search.surfaces.far), dtype=bool) if stale is None else stale
@@ -122,12 +124,14 @@ class Searcher:
         self._for_each(fit, pieces)
         self._for_each(look, pieces)
         self.looked_at = int(counts[:, 1].sum())
-        return self._joined(counts[:, 0], search, walls, new_touch() if room is None else room)
+        every = np.ones(len(anew), dtype=np.bool_) if free is None else free
+        meeting = walls, every.astype(np.int8)
+        return self._joined(counts[:, 0], search, meeting, new_touch() if room is None else room)
 
     def _joined(
-        self, counts: Indices, search: Search, walls: Sequence[Wall], touch: Touch
+        self, counts: Indices, search: Search, meeting: tuple[Sequence[Wall], Bytes], touch: Touch
     ) -> Found:
-        """The contacts of all pieces, then those of the walls."""
+        """The contacts of all pieces, then those of walls and the bodies (B,) that meet them."""
         first = np.concatenate([[0], np.cumsum(counts)]).tolist()
         total = first[-1]
         if total > len(touch):
@@ -140,9 +144,9 @@ class Searcher:
         self._for_each(put, range(len(counts)))
         while True:
             count = total
-            for wall in walls:
+            for wall in meeting[0]:
                 if count <= len(touch):
-                    count = int(find_wall_contacts(wall, search, touch, count))
+                    count = int(find_wall_contacts(wall, search, meeting[1], touch, count))
             if count <= len(touch):
                 return Found(touch, count)
             larger = new_touch(2 * count)

@@ -150,11 +150,12 @@ def _is_away(bounds, grid):
 
 
 @kernel
-def find_wall_contacts(wall, search, touch, count):
-    """Contacts of all bodies with a wall, written to touch behind the first count; their number."""
+def find_wall_contacts(wall, search, free, touch, count):
+    """Contacts of bodies that are free (B,) with a wall, written to touch behind the first count;
+    their number."""
     surfaces = search.surfaces
     for body in range(surfaces.present.shape[0]):
-        if _is_away(search.bodies.bounds[body], wall.grid):
+        if free[body] == 0 or _is_away(search.bodies.bounds[body], wall.grid):
             continue
         for i in range(surfaces.present.shape[1]):
             for c in range(surfaces.guests.shape[2]):

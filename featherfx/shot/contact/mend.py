@@ -1,0 +1,183 @@
+"""A part of the feathers that touch is stepped again, in shorter steps than the others.
+
+Where a step leaves some feathers unsolved, or contacts far off, these and what they press form an
+island: it goes the same way again in shorter steps, while all others keep what they got and move
+evenly from their old pose to their new one (multirate, the slowest first: Gear and Wells 1984). An
+island in which something is off again has smaller ones of its own, down to the shortest step. There
+contacts of what cannot be solved yield.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.mechanics.model import Loads
+from featherfx.shot.contact.bodies import Bodies
+from featherfx.shot.contact.steps import Span, StepRules
+from featherfx.solver.contact.interval import (
+    MOST_ITERATIONS,
+    ContactReport,
+    ContactSolver,
+    Led,
+)
+from featherfx.solver.solver import StepReport
+from featherfx.solver.state import State
+from featherfx.solver.step.root_path import RootPath
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+LoadsOf = Callable[[float, float], Sequence[Loads]]
+PathsOf = Callable[[float, float], Sequence[RootPath]]
+
+# Newton iterations of a feather in one solve, beyond which a shorter step is tried
+EASY = 120
+# contacts from what is off to the rim of its island
+RINGS = 2
+# part of the feathers that an island may have without taking in all that moves
+LARGE = 0.5
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What acts from one time to another (s), on all batches."""
+
+    loads: LoadsOf
+    paths: PathsOf
+    bodies: Bodies
+
+
+@dataclass
+class Stepped:
+    """What a span came to: states and reports of all batches; contact: of the tries that were
+    taken, with the span (s) of each; tries: that were not."""
+
+    states: list[State]
+    reports: list[StepReport]
+    contact: list[tuple[float, ContactReport]]
+    tries: int
+
+
+class Stepper:
+    """Steps all feathers over a span, islands of trouble in shorter steps.
+
+    spend: told the iterations of every try.
+    """
+
+    def __init__(
+        self,
+        solver: ContactSolver,
+        rules: StepRules,
+        around: Surroundings,
+        spend: Callable[[Sequence[StepReport], float], None],
+    ) -> None:
+        self._solver, self._rules, self._around, self._spend = solver, rules, around, spend
+
+    def step(
+        self,
+        states: Sequence[State],
+        span: Span,
+        resting: Flags,
+        led: Led | None = None,
+        yielding: Flags | None = None,
+    ) -> Stepped:
+        """The states after a span, of what is not led; its contact forces are kept."""
+        solver, around = self._solver, self._around
+        walls = around.bodies.walls(states, span.start, span.end, solver.settings.margin)
+        loads, paths = around.loads(span.start, span.end), around.paths(span.start, span.end)
+        new, reports, contact = solver.interval(
+            states,
+            loads,
+            paths,
+            span.length,
+            walls,
+            span.substeps,
+            resting,
+            yielding,
+            led,
+            EASY if span.can_be_cut() else MOST_ITERATIONS,
+        )
+        self._spend(reports, span.start)
+        off = self._rules.off(reports, contact, span)
+        if not off.any():
+            solver.accept()
+            return Stepped(new, reports, [(span.length, contact)], 0)
+        if not span.can_be_cut():
+            failed = np.concatenate([report.status for report in reports]) != 0.0
+            if yielding is not None or not failed.any():
+                self._rules.give_up(reports, span.start)
+                solver.accept()
+                return Stepped(new, reports, [(span.length, contact)], 0)
+            again = self.step(states, span, resting, led, failed)
+            again.tries += 1
+            return again
+        if led is None:
+            nowhere = np.zeros((1, 1, 1, 3))
+            led = Led(np.ones(len(off), dtype=np.bool_), nowhere, nowhere)
+        island = self._island(off, led.free)
+        rest = [(span.length, contact.of(led.free & ~island))]
+        return self._in_parts(states, Stepped(new, reports, rest, 1), span, resting, island, led)
+
+    def _in_parts(
+        self,
+        states: Sequence[State],
+        whole: Stepped,
+        span: Span,
+        resting: Flags,
+        island: Flags,
+        led: Led,
+    ) -> Stepped:
+        """The span once more for an island, in shorter steps. whole: the try that failed, which
+        holds for the others; led: as in that."""
+        solver, grids = self._solver, self._solver.grids
+        failed = any(report.status.any() for report in whole.reports)
+        solver.accept(but=island)
+        start = grids.together([state.points for state in states])
+        end = grids.together([state.points for state in whole.states])
+        if not led.free.all():
+            start[~led.free], end[~led.free] = led.start[~led.free], led.end[~led.free]
+        current, done = list(states), whole
+        for part in span.parts(4 if failed else 2):
+            shares = [(time - span.start) / span.length for time in (part.start, part.end)]
+            ways = [start + share * (end - start) for share in shares]
+            done_part = self.step(current, part, resting & ~island, Led(island, *ways))
+            current = done_part.states
+            done.contact += done_part.contact
+            done.tries += done_part.tries
+            _put(done.reports, done_part.reports, island, grids.first, part.start == span.start)
+        for g, (low, high) in enumerate(pairwise(grids.first)):
+            for f in np.flatnonzero(island[low:high]):
+                done.states[g].take(current[g], int(f))
+        return done
+
+    def _island(self, off: Flags, free: Flags) -> Flags:
+        """(B,) what is off and what it presses, directly or through others."""
+        pressed, island = self._solver.pressed(), off & free
+        for _ in range(RINGS):
+            near = island[pressed].any(axis=1)
+            island[pressed[near].ravel()] = True
+            island &= free
+        return free.copy() if island.sum() > LARGE * free.sum() else island
+
+
+def _put(
+    reports: Sequence[StepReport],
+    more: Sequence[StepReport],
+    island: Flags,
+    first: NDArray[np.int64],
+    anew: bool,
+) -> None:
+    """Put what an island's feathers did into the reports: counts add, the rest is the largest."""
+    for g, (low, high) in enumerate(pairwise(first)):
+        own = island[low:high]
+        for name, total, new in zip(StepReport._fields, reports[g], more[g], strict=True):
+            if name in ("error", "move", "status", "steps", "forced") and anew:
+                total[own] = new[own]
+            elif name in ("error", "move", "status"):
+                total[own] = np.maximum(total[own], new[own])
+            else:
+                total[own] += new[own]
