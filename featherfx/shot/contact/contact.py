@@ -19,7 +19,7 @@ from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.mend import Stepper, Surroundings
-from featherfx.shot.contact.pairs import FeathersAtRest, layered_pairs
+from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import settled_together
 from featherfx.shot.contact.steps import FrameSteps, StepRules
 from featherfx.shot.detail.sleep import asleep
@@ -108,6 +108,8 @@ class ShotContact:
             tolerance=self._tolerance(),
         )
         self.solver = ContactSolver(solvers, candidates, halves, settings)
+        self._at_rest = len(candidates.pairs)
+        self._encounters = Encounters(candidates.pairs, grids.bodies)
         self.tally = Tally()
         self._bodies = Bodies(shot, float(rest.lengths.max()))
         self._rules = self._step_rules()
@@ -151,6 +153,7 @@ class ShotContact:
         current, parts, resting = list(states), [], resting.copy()
         while steps.left():
             span = steps.span
+            self._meet(current, paths_of(span.start, span.end), span.length)
             done = stepper.step(current, span, resting)
             steps.accepted(done.reports, done.contact[0][1], done.tries > 0)
             current = _slept(done.states, done.reports, paths_of(span.start, span.end), span.length)
@@ -162,6 +165,12 @@ class ShotContact:
             parts.append(done.reports)
         self._proposal = steps.proposal
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
+
+    def _meet(self, states: Sequence[State], paths: Sequence[RootPath], duration: float) -> None:
+        """Take on pairs of feathers that come to meet within a duration (s)."""
+        pairs = self._encounters.new(states, paths, duration, self.solver.settings.margin)
+        if len(pairs):
+            self.solver.add_pairs(pairs)
 
     def stirred(self, states: Sequence[State], start: float, end: float) -> bool:
         """Whether a moving body comes near any feather from start to end (s)."""
@@ -217,10 +226,17 @@ class ShotContact:
 
     def memory(self) -> dict[str, Any]:
         """What is kept between frames, for checkpoints."""
-        return self.solver.memory._asdict() | {"step": np.array(self._proposal)}
+        known = {
+            "step": np.array(self._proposal),
+            "met": self.solver.candidates.pairs[self._at_rest :],
+        }
+        return self.solver.memory._asdict() | known
 
     def restore(self, memory: dict[str, Any]) -> None:
         """Take over what `memory` gave."""
+        if len(memory["met"]):
+            self.solver.add_pairs(memory["met"])
+            self._encounters = Encounters(self.solver.candidates.pairs, self.solver.grids.bodies)
         self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
         self._proposal = float(memory["step"])
         self._bodies.begun = True

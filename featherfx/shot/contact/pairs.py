@@ -3,7 +3,8 @@
 At rest the groom's layers tell the order: where one feather's nodes lie over another's vane, their
 sides are counted, and the clear majority holds for the shot. Where a layout laid both feathers, its
 order holds instead. What does not overlap at rest gets its
-order through feathers between (over the one that is over the other), else none.
+order through feathers between (over the one that is over the other), else none. Feathers that are
+far from each other at rest and come near later have no order: each stays on its side.
 """
 
 from __future__ import annotations
@@ -17,15 +18,18 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import without_directors
 from featherfx.files.store import kept
+from featherfx.solver.contact.meeting_kernels import meeting
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.surfaces import WALL_FIT, Grids, moving_bodies, no_memory
 from featherfx.solver.contact.types import Candidates, Search, VaneSurfaces
+from featherfx.solver.state import State
+from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# feathers are paired where their boxes at rest are nearer than this, over their length
-REACH = 0.5
+# feathers are paired at rest where their boxes meet when each is larger by this, over its length
+REACH = 0.25
 # nodes within this, over the length, count for the order at rest
 NEAR = 0.1
 # part of the nodes by which one side must lead
@@ -58,17 +62,46 @@ def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) ->
 def _near_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
     """(N, 2) guest and host of feathers that may meet, each pair in both roles."""
     nodes = [without_directors(points).reshape(-1, 3) for points in rest]
-    low = np.stack([points.min(axis=0) for points in nodes])
-    high = np.stack([points.max(axis=0) for points in nodes])
-    found = []
-    for first in range(len(nodes) - 1):
-        others = slice(first + 1, None)
-        margin = REACH * np.maximum(lengths[first], lengths[others])[:, None]
-        meet = (low[others] <= high[first] + margin) & (low[first] <= high[others] + margin)
-        second = first + 1 + np.flatnonzero(meet.all(axis=1))
-        found.append(np.stack([np.full(len(second), first), second], axis=1))
-    pairs = np.concatenate([np.zeros((0, 2), dtype=np.int64), *found])
+    reach = REACH * lengths[:, None]
+    low = np.stack([points.min(axis=0) for points in nodes]) - reach
+    high = np.stack([points.max(axis=0) for points in nodes]) + reach
+    pairs = meeting(low, high)
     return np.concatenate([pairs, pairs[:, ::-1]])
+
+
+class Encounters:
+    """Feathers that come to meet although they were far from each other at rest.
+
+    pairs: (N, 2) that are known, in both roles. bodies: how many feathers there are.
+    """
+
+    def __init__(self, pairs: Indices, bodies: int) -> None:
+        self._bodies = bodies
+        self._known = np.unique(pairs @ [bodies, 1])
+
+    def new(
+        self, states: Sequence[State], paths: Sequence[RootPath], duration: float, margin: float
+    ) -> Indices:
+        """(N, 2) pairs, in both roles, of feathers that were not known to meet, and may within a
+        duration (s) as they and their roots move; they are known from now on. margin: m."""
+        low, high = [], []
+        for state, path in zip(states, paths, strict=True):
+            nodes = without_directors(state.points)
+            least, most = nodes.min(axis=(1, 2)), nodes.max(axis=(1, 2))
+            size = np.linalg.norm(most - least, axis=1)
+            led = np.abs(path.samples - path.samples[:, :1]).max(axis=1)
+            way = np.abs(without_directors(state.velocity)).max(axis=(1, 2)) * duration
+            way = np.maximum(
+                way, led[:, :3] + led[:, 3:].sum(axis=1, keepdims=True) * size[:, None]
+            )
+            low.append(least - way - margin)
+            high.append(most + way + margin)
+        pairs = meeting(np.concatenate(low), np.concatenate(high))
+        codes = pairs @ [self._bodies, 1]
+        fresh = pairs[~np.isin(codes, self._known)]
+        both = np.concatenate([fresh, fresh[:, ::-1]])
+        self._known = np.union1d(self._known, both @ [self._bodies, 1])
+        return both
 
 
 def _order_at_rest(

@@ -197,11 +197,13 @@ def _find_pair(pair, side, bodies, search, touch, state):
 
 
 @kernel
-def refit(search, clearance, low, high):
-    """Boxes around the bodies from low to high - 1 at both ends of the interval; how far each goes
-    in it, and has gone since the search before."""
+def refit(search, clearance, near, low, high):
+    """Boxes around the bodies from low to high - 1 that are near (B,) at both ends of the interval;
+    how far each goes in it, and has gone since the search that it was in before."""
     bodies, present = search.bodies, search.surfaces.present
     for body in range(low, high):
+        if near[body] == 0:
+            continue
         bodies.way[body] = row_boxes(
             bodies.start[body],
             bodies.ahead[body],

@@ -149,6 +149,16 @@ class ContactSolver:
         self.found, self._spare = Found(new_touch(), 0), new_touch()
         self._listed = ByBody(np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
+    def add_pairs(self, pairs: Indices) -> None:
+        """(N, 2) bodies that may meet from now on, each pair in both roles; nothing tells on which
+        side of each other they belong but where they are when they come near."""
+        known = self.candidates
+        self.candidates = Candidates(
+            np.concatenate([known.pairs, pairs]),
+            np.concatenate([known.order, np.zeros(len(pairs), dtype=np.int64)]),
+        )
+        self._searcher.take_on(self.candidates)
+
     def interval(
         self,
         states: Sequence[State],
@@ -169,14 +179,13 @@ class ContactSolver:
         it; the report counts no steps of those that were not. yielding: (B,) bodies whose contacts
         are soft, because they cannot be solved otherwise; what goes too deep comes out later, at
         the recovery speed. walls: bodies whose motion over the duration is given; of several, a
-        node meets each. led: bodies that the others meet as they meet walls; nothing is said of
-        them. iterations: of Newton in one solve of a feather, at most. A feather that cannot be solved has a status in its batch's report, and then what it
-        presses is not solved either.
+        node meets each. led: bodies that the others meet as they meet walls; their states come out
+        as zero. iterations: of Newton in one solve of a feather, at most. A feather that cannot be
+        solved has a status in its batch's report, and then what it presses is not solved either.
         """
-        run = Run(self._team, states, loads, paths, duration, substeps, iterations)
-        free = np.ones(self.grids.bodies, dtype=np.bool_)
+        free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
+        run = Run(self._team, states, loads, paths, duration, substeps, iterations, free)
         if led is not None:
-            free = led.free
             run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
         self._free, memory, rounds = free, self.memory, 0
         stale = free.copy() if resting is None else free & ~resting

@@ -79,7 +79,8 @@ class Run:
     """Where the batches started, and where the last iterate stands.
 
     duration: s. substeps: most regular steps of a feather within it. iterations: of Newton in one
-    solve of a feather, at most. start, now: (B, n, P, 3) m,
+    solve of a feather, at most. free: (B,) feathers that are solved; the states of others are
+    zero. start, now: (B, n, P, 3) m,
     all bodies on the widest grid. report: of all solves and bodies.
     """
 
@@ -92,13 +93,15 @@ class Run:
         duration: float,
         substeps: int,
         iterations: int,
+        free: Flags,
     ) -> None:
         self._team, self.duration, self._loads = team, duration, loads
-        grids = team.grids
-        self.old = [state.copy() for state in states]
-        for solver, state, path in zip(team.solvers, self.old, paths, strict=True):
-            carry_to(solver.model, state, path)
-        self.new = [state.copy() for state in self.old]
+        grids, bodies = team.grids, pairwise(team.grids.first)
+        own = [free[low:high] for low, high in bodies]
+        self.old = [_rows_of(state, some) for state, some in zip(states, own, strict=True)]
+        for solver, state, path, some in zip(team.solvers, self.old, paths, own, strict=True):
+            carry_to(solver.model, state, path, some)
+        self.new = [_rows_of(state, some) for state, some in zip(self.old, own, strict=True)]
         self.start = grids.together([state.points for state in self.old])
         velocity = grids.together([state.velocity for state in self.old])
         self.now = self.start + duration * velocity
@@ -195,6 +198,17 @@ def no_colours(bodies: int) -> Colours:
         colour=np.zeros(bodies, dtype=np.int64),
         taken_by=np.zeros(bodies + 1, dtype=np.int64),
     )
+
+
+def _rows_of(state: State, free: Flags) -> State:
+    """A copy of some feathers (F,) of a state; the others are zero, and cost nothing."""
+    if free.all():
+        return state.copy()
+    arrays = {}
+    for name, array in state.arrays().items():
+        arrays[name] = np.zeros_like(array)
+        arrays[name][free] = array[free]
+    return State.of(arrays)
 
 
 def _rows(state: State) -> tuple[Array, ...]:

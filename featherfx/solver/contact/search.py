@@ -78,15 +78,25 @@ class Searcher:
         jobs: int = 1,
         for_each: ForEach | None = None,
     ) -> None:
-        self.candidates, self._for_each = candidates, for_each or _one_by_one
-        pairs, bodies = len(candidates.pairs), len(surfaces.far)
-        points = pairs * int(np.count_nonzero(surfaces.guests)) // bodies
+        self._for_each, self._jobs = for_each or _one_by_one, jobs
+        self._points = int(np.count_nonzero(surfaces.guests)) / len(surfaces.far)
+        self.looked_at = 0
+        self._clearance = _no_clearance(surfaces)
+        self.take_on(candidates)
+
+    def take_on(self, candidates: Candidates) -> None:
+        """Search these from now on: those before, and behind them some that are new."""
+        pairs, bodies = len(candidates.pairs), len(self._clearance.half)
+        known, points = len(self._clearance.until), int(pairs * self._points)
+        jobs = self._jobs
         pieces = 1 if jobs == 1 else max(1, min(PIECES * jobs, points // LEAST_POINTS))
+        self.candidates = candidates
         self._spans = np.linspace(0, pairs, pieces + 1).astype(np.int64).tolist()
         self._bodies = np.linspace(0, bodies, pieces + 1).astype(np.int64).tolist()
         self._rooms = [new_touch() for _ in range(pieces)]
-        self.looked_at = 0
-        self._clearance = _no_clearance(surfaces, pairs)
+        until, wait = np.full(pairs, -np.inf), np.zeros(pairs, dtype=np.int8)
+        until[:known], wait[:known] = self._clearance.until, self._clearance.wait
+        self._clearance = self._clearance._replace(until=until, wait=wait)
 
     def find(
         self,
@@ -105,11 +115,15 @@ class Searcher:
         before = before or Found(new_touch(1), 0)
         anew = np.ones(len(search.surfaces.far), dtype=bool) if stale is None else stale
         earlier = Earlier(before.touch, before.number, anew.astype(np.int8))
+        every = np.ones(len(anew), dtype=np.int8)
+        near = every
+        if free is not None and not free.all():
+            every, near = free.astype(np.int8), self._near(free)
         pieces, counts = range(len(self._rooms)), np.zeros((len(self._rooms), 2), dtype=np.int64)
         clearance, bodies, spans = self._clearance, self._bodies, self._spans
 
         def fit(k: int) -> None:
-            refit(search, clearance, bodies[k], bodies[k + 1])
+            refit(search, clearance, near, bodies[k], bodies[k + 1])
 
         def look(k: int) -> None:
             low, high = spans[k], spans[k + 1]
@@ -124,9 +138,15 @@ class Searcher:
         self._for_each(fit, pieces)
         self._for_each(look, pieces)
         self.looked_at = int(counts[:, 1].sum())
-        every = np.ones(len(anew), dtype=np.bool_) if free is None else free
-        meeting = walls, every.astype(np.int8)
+        meeting = walls, every
         return self._joined(counts[:, 0], search, meeting, new_touch() if room is None else room)
+
+    def _near(self, free: NDArray[np.bool_]) -> Bytes:
+        """(B,) bodies that are free, or may touch one that is."""
+        pairs = self.candidates.pairs
+        near = free.copy()
+        near[pairs[free[pairs].any(axis=1)].ravel()] = True
+        return near.astype(np.int8)
 
     def _joined(
         self, counts: Indices, search: Search, meeting: tuple[Sequence[Wall], Bytes], touch: Touch
@@ -169,8 +189,8 @@ def _one_by_one(function: Callable[[int], None], numbers: Iterable[int]) -> None
         function(number)
 
 
-def _no_clearance(surfaces: VaneSurfaces, pairs: int) -> Clearance:
-    """Nothing looked at yet."""
+def _no_clearance(surfaces: VaneSurfaces) -> Clearance:
+    """Nothing looked at yet, and no pairs."""
     bodies, _, rows, columns, _ = surfaces.exists.shape
     return Clearance(
         nodes=np.zeros((*surfaces.half.shape, 3)),
@@ -180,6 +200,6 @@ def _no_clearance(surfaces: VaneSurfaces, pairs: int) -> Clearance:
         size=np.zeros(bodies),
         as_guest=np.zeros(bodies),
         as_host=np.zeros(bodies),
-        until=np.full(pairs, -np.inf),
-        wait=np.zeros(pairs, dtype=np.int8),
+        until=np.zeros(0),
+        wait=np.zeros(0, dtype=np.int8),
     )

@@ -51,17 +51,20 @@ def take_up(
 SAME = 1e-9
 
 
-def carry_to(model: Model, state: State, path: RootPath) -> None:
+def carry_to(
+    model: Model, state: State, path: RootPath, only: NDArray[np.bool_] | None = None
+) -> None:
     """Move held feathers rigidly, in place, to where their paths begin.
 
     A jump in no time is a cut in the animation, not a motion: taken as one it would throw the
     feather with its length over the step, and shorter steps would throw it harder. Velocities and
-    accelerations turn with the feather. Feathers that are there already are not touched.
+    accelerations turn with the feather. Feathers that are there already are not touched. only:
+    (F,) those that are looked at, all by default.
     """
     move = path.samples[:, 0, :3] - state.centre[:, 0]
     apart = 1.0 - np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0]))
     cut = model.held & ((np.abs(move).max(axis=1) > SAME) | (apart > 0.125 * SAME))
-    for f in np.flatnonzero(cut):
+    for f in np.flatnonzero(cut if only is None else cut & only):
         _carry(int(f), state, path)
 
 

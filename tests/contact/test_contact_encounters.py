@@ -1,0 +1,76 @@
+"""Feathers that were far from each other at rest and come to meet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from test_contact_shots import all_crossings, baked, bird, meshes
+
+from featherfx.shot.simulate import simulate
+from featherfx.shot.types import Motion
+from featherfx.solver.contact.meeting_kernels import meeting
+
+PAIR = "right_primary_03", "left_primary_03"
+
+
+def falling():
+    """A feather of the left wing is laid over one of the right, and pressed down through it."""
+    shot = bird()
+    feathers = tuple(f for f in shot.groom.feathers if f.id in PAIR)
+    right, left = (next(f for f in feathers if f.id == name) for name in PAIR)
+    over = right.position - left.position + np.array([-0.02, 0.0, 0.02])
+    down = over - np.array([0.0, 0.0, 0.03])
+    places = (0.0, np.zeros(3)), (0.3, over), (0.4, over), (0.6, down)
+    keys = [{"time": time, "joint": "left_wrist", "position": list(at)} for time, at in places]
+    groom = replace(shot.groom, feathers=feathers)
+    contact = replace(shot.contact, steps=0)
+    quality = replace(shot.quality, tolerance=1e-3)
+    motion = Motion("keys", {"keyframes": keys})
+    return replace(
+        shot, groom=groom, motion=motion, contact=contact, last_frame=18, preroll=0, quality=quality
+    )
+
+
+def test_feathers_that_meet_later_do_not_pass_through_each_other():
+    shot = falling()
+    simulation, frames = baked(shot, 18)
+    contact = simulation.report["contact"]
+    assert contact["most_contacts"] > 0
+    free, without = baked(replace(shot, contact=None), 18)
+    cuts = [all_crossings(meshes(free, frame)) for frame in without]
+    assert max(cuts) > 5
+    assert all_crossings(meshes(simulation, frames[int(np.argmax(cuts))])) == 0
+    # one lies on the other to the end, where the other has gone through it
+    heights = [
+        [points[:, 0, 2].mean() for points in frame.points] for frame in (frames[-1], without[-1])
+    ]
+    assert heights[0][1] > heights[0][0]
+    assert heights[1][1] < heights[1][0]
+
+
+def test_who_has_met_is_in_the_checkpoint(tmp_path):
+    from featherfx.shot.checkpoint import Checkpoint
+
+    shot, whole = falling(), []
+    simulation = simulate(shot, 1, (1, 19))
+    for frame in simulation:
+        whole.append(frame)
+        if frame.number == 16:
+            assert len(simulation.checkpoint().contact["met"]) == 2
+            simulation.checkpoint().save(tmp_path / "state.npz")
+    start = Checkpoint.load(tmp_path / "state.npz")
+    rest = list(simulate(shot, 1, (17, 19), start=start))
+    for a, b in zip(whole[-3:], rest, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
+
+
+def test_boxes_that_meet_are_found():
+    rng = np.random.default_rng(8)
+    low = rng.random((300, 3))
+    high = low + 0.2 * rng.random((300, 3))
+    both = (low[:, None] <= high[None]).all(axis=2)
+    expected = np.argwhere(np.triu(both & both.T, 1))
+    assert len(expected) > 300
+    assert np.array_equal(meeting(low, high), expected)
+    assert meeting(low[:1], high[:1]).shape == (0, 2)
