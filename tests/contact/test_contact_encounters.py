@@ -51,8 +51,8 @@ def test_feathers_that_meet_later_do_not_pass_through_each_other():
     simulation, frames = baked(shot, 18)
     contact = simulation.report["contact"]
     assert contact["most_contacts"] > 0
-    free, without = baked(replace(shot, contact=None), 18)
-    assert height_over(without[5]) > 0.01
+    _, without = baked(replace(shot, contact=None), 18)
+    assert height_over(without[11]) > 0.02
     assert height_over(without[-1]) < -30.0 * THICKNESS
     assert height_over(frames[-1]) > -THICKNESS
 
