@@ -5,7 +5,7 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 
 from featherfx.groom.types import Placement
-from featherfx.shot.types import Detail, Shelter
+from featherfx.shot.types import Contact, Detail, Shelter
 
 
 def fits(entry: Detail | Shelter, placement: Placement) -> bool:
@@ -14,4 +14,11 @@ def fits(entry: Detail | Shelter, placement: Placement) -> bool:
         fnmatchcase(placement.id, entry.feathers)
         and fnmatchcase(placement.region, entry.region)
         and fnmatchcase(placement.kind.name, entry.kind)
+    )
+
+
+def touches(contact: Contact, placement: Placement) -> bool:
+    """Whether a feather touches others and colliders."""
+    return any(fnmatchcase(placement.region, each) for each in contact.regions) and any(
+        fnmatchcase(placement.kind.name, each) for each in contact.kinds
     )

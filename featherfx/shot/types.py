@@ -26,6 +26,7 @@ _COLUMN = "Place along the barb: 0 the rachis, 1 the barb's end."
 _VANES = Text(("leading", "trailing"))
 _VANE = "Vane that the barb belongs to."
 _PART = Number(0, 1)
+_PATTERNS = ArrayOf(Text(), 1, 1000)
 _PIXELS = Number(0, 1e6)
 
 
@@ -152,6 +153,14 @@ class Contact:
         Number(0, 10_000, whole=True),
         "Steps per frame that all feathers take together; 0: by the quality's tolerance.",
     ] = 0
+    regions: Annotated[
+        tuple[str, ...],
+        _PATTERNS,
+        "Regions whose feathers touch, with * and ? as wild cards; others pass through everything.",
+    ] = ("*",)
+    kinds: Annotated[
+        tuple[str, ...], _PATTERNS, "Kinds whose feathers touch, as regions; both must fit."
+    ] = ("*",)
 
 
 @dataclass(frozen=True)

@@ -200,6 +200,9 @@ def test_feathers_are_carried_by_a_body_that_moves():
         ("steps = 1.5", "steps"),
         ("enabled = 1", "enabled"),
         ("stiffness = 3", "stiffness"),
+        ('regions = ["wing"]', "regions[0]"),
+        ('kinds = ["swan_*", "crow"]', "kinds[1]"),
+        ("regions = []", "regions"),
     ],
 )
 def test_wrong_keys_are_named(tmp_path, keys, what):
@@ -219,3 +222,25 @@ def test_the_table_is_read_and_can_be_switched_off(tmp_path):
     assert read_shot(path).contact == Contact(None, 0.3, 0)
     path.write_text(text + "[contact]\nenabled = false\nfriction = 0.1\n")
     assert read_shot(path).contact is None
+
+
+def test_contact_can_be_limited_to_regions_and_kinds():
+    shot = half_wing(bird())
+    regions = {feather.region for feather in shot.groom.feathers}
+    assert regions == {"primaries"}
+    own = tuple(
+        replace(feather, region="tip") if feather.id.endswith(("_04", "_05")) else feather
+        for feather in shot.groom.feathers
+    )
+    some = replace(
+        shot,
+        groom=replace(shot.groom, feathers=own),
+        contact=replace(shot.contact, regions=("prim*",)),
+        settle=False,
+    )
+    simulation, _ = baked(some, 1)
+    solver = simulation._contact.solver
+    names = simulation._contact.names
+    touching = {names[body] for body in np.unique(solver.candidates.pairs)}
+    assert touching == {f"right_primary_0{k}" for k in (1, 2, 3)}
+    assert not solver.surfaces.guests[names.index("right_primary_05")].any()

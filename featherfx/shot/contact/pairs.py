@@ -72,12 +72,20 @@ def _near_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
 class Encounters:
     """Feathers that come to meet although they were far from each other at rest.
 
-    pairs: (N, 2) that are known, in both roles. bodies: how many feathers there are.
+    pairs: (N, 2) that are known, in both roles. touching: (B,) feathers that touch others at all.
     """
 
-    def __init__(self, pairs: Indices, bodies: int) -> None:
-        self._bodies = bodies
-        self._known = np.unique(pairs @ [bodies, 1])
+    def __init__(self, pairs: Indices, touching: NDArray[np.bool_]) -> None:
+        self._touching = touching
+        self._known = self._codes(pairs)
+
+    def _codes(self, pairs: Indices) -> Indices:
+        """(N,) a number for each pair."""
+        return pairs[:, 0] * len(self._touching) + pairs[:, 1]
+
+    def know(self, pairs: Indices) -> None:
+        """Take pairs (N, 2) for known."""
+        self._known = np.union1d(self._known, self._codes(pairs))
 
     def new(
         self, states: Sequence[State], paths: Sequence[RootPath], duration: float, margin: float
@@ -97,10 +105,10 @@ class Encounters:
             low.append(least - way - margin)
             high.append(most + way + margin)
         pairs = meeting(np.concatenate(low), np.concatenate(high))
-        codes = pairs @ [self._bodies, 1]
-        fresh = pairs[~np.isin(codes, self._known)]
+        fresh = pairs[self._touching[pairs].all(axis=1)]
+        fresh = fresh[~np.isin(self._codes(fresh), self._known)]
         both = np.concatenate([fresh, fresh[:, ::-1]])
-        self._known = np.union1d(self._known, both @ [self._bodies, 1])
+        self.know(both)
         return both
 
 

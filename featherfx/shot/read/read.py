@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
@@ -89,7 +89,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     )
     loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
-    contact = _contact(parts["contact"]) if sound else None
+    contact = _contact(parts["contact"], groom, place.child("contact")) if sound else None
     if sound and parts["cycle"] and contact is not None:
         message = "feathers that touch act on each other and are not replayed: leave out contact"
         place.child("cycle").fail(message)
@@ -139,10 +139,14 @@ def _scenes(
     }
 
 
-def _contact(values: dict[str, Any] | None) -> Contact | None:
+def _contact(values: dict[str, Any] | None, groom: Groom | None, place: Place) -> Contact | None:
     if values is None or not values["enabled"]:
         return None
-    return Contact(values["thickness"], values["friction"], values["steps"])
+    known = _names(groom)
+    for key, one in (("regions", "region"), ("kinds", "kind")):
+        for i, pattern in enumerate(values[key]):
+            _check_pattern(pattern, one, known[one], place.child(key).item(i))
+    return Contact(**{each.name: values[each.name] for each in fields(Contact)})
 
 
 def _check_frames(frames: Any, place: Place) -> None:
@@ -259,19 +263,28 @@ def _check_forces(entries: Entries) -> None:
                 at.child("keys").item(index + 1).fail(message)
 
 
-def _check_patterns(entries: Entries, groom: Groom | None) -> None:
+def _names(groom: Groom | None) -> dict[str, set[str]]:
+    """What patterns of ids, regions and kinds may stand for."""
     feathers = groom.feathers if groom is not None else ()
-    known = {
+    return {
         "feathers": {feather.id for feather in feathers},
         "region": {feather.region for feather in feathers},
         "kind": {feather.kind.name for feather in feathers},
     }
+
+
+def _check_patterns(entries: Entries, groom: Groom | None) -> None:
+    known = _names(groom)
     for at, entry in entries:
         for key, names in known.items():
-            pattern, what = entry[key], "feather" if key == "feathers" else key
-            fits = pattern in names or any(fnmatchcase(each, pattern) for each in names)
-            if names and not fits:
-                at.child(key).unknown(f"no {what} of the groom fits '{pattern}'", pattern, names)
+            what = "feather" if key == "feathers" else key
+            _check_pattern(entry[key], what, names, at.child(key))
+
+
+def _check_pattern(pattern: str, what: str, names: set[str], place: Place) -> None:
+    fits = pattern in names or any(fnmatchcase(each, pattern) for each in names)
+    if names and not fits:
+        place.unknown(f"no {what} of the groom fits '{pattern}'", pattern, names)
 
 
 def _check_ids(entries: Entries, groom: Groom | None) -> None:
