@@ -178,7 +178,7 @@ def _default(value: Any) -> str:
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, tuple):
-        return "`[" + ", ".join(f"{each:g}" for each in value) + "]`"
+        return f"`[{', '.join(_default(each).strip('`') for each in value)}]`"
     if isinstance(value, str):
         return f'`"{value}"`'
     return f"`{value:g}`"
