@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from featherfx.baking.groom import export_groom
     from featherfx.baking.plan import plan
     from featherfx.baking.stats import plumage_stats
+    from featherfx.usd.check.crossings import count_crossings
     from featherfx.usd.read.inspect import inspect_stage
 
 _HOMES = {
     "bake": "featherfx.baking.bake",
     "check": "featherfx.baking.check",
+    "count_crossings": "featherfx.usd.check.crossings",
     "export": "featherfx.baking.convert",
     "export_groom": "featherfx.baking.groom",
     "inspect_stage": "featherfx.usd.read.inspect",
@@ -32,6 +34,7 @@ _HOMES = {
 __all__ = [
     "bake",
     "check",
+    "count_crossings",
     "export",
     "export_groom",
     "inspect_stage",

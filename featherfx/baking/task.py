@@ -151,8 +151,9 @@ def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Seq
         raise InputError(Problem(str(shot.source), "contact", message))
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)
-    # followers need guides that may be of another share
-    return part, (shot if uses_guides(shot) else part), numbers.tolist()
+    # followers need guides, and layers what is beneath, that may be of another share
+    shared = uses_guides(shot) or shot.layers is not None
+    return part, (shot if shared else part), numbers.tolist()
 
 
 def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:

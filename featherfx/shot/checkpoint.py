@@ -17,7 +17,7 @@ from featherfx.solver.state import State
 
 Array = NDArray[np.float64]
 
-_KEPT = ("contact", "levels", "cycles")
+_KEPT = ("contact", "levels", "cycles", "layers")
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Checkpoint:
     index: number of the sample, 0 at the first frame, counted in frames times subframes.
     states: one per group of feathers. starts: per group (F, n, P, 3) m, material points at the
     first frame, from which grips count. wanted: (W,) numbers of the feathers in its frames.
-    contact, levels, cycles: arrays that contact, changes of level and repeated motion keep between
-    frames.
+    contact, levels, cycles, layers: arrays that contact, changes of level, repeated motion and
+    layered plumage keep between frames.
     """
 
     index: int
@@ -37,6 +37,7 @@ class Checkpoint:
     contact: dict[str, NDArray[Any]] = field(default_factory=dict)
     levels: dict[str, NDArray[Any]] = field(default_factory=dict)
     cycles: dict[str, NDArray[Any]] = field(default_factory=dict)
+    layers: dict[str, NDArray[Any]] = field(default_factory=dict)
     wanted: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def save(self, path: Path) -> None:
@@ -59,9 +60,9 @@ class Checkpoint:
                 groups = range(int(file["groups"]))
                 states = tuple(State.of(_under(f"{k}.", file)) for k in groups)
                 starts = tuple(file[f"{k}.start"] for k in groups)
-                contact, levels, cycles = (_under(f"{kind}.", file) for kind in _KEPT)
+                kept = {kind: _under(f"{kind}.", file) for kind in _KEPT}
                 index, wanted = int(file["index"]), file["wanted"]
-                return Checkpoint(index, states, starts, contact, levels, cycles, wanted)
+                return Checkpoint(index, states, starts, **kept, wanted=wanted)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
 

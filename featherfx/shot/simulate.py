@@ -17,13 +17,14 @@ from featherfx.mechanics.model import Loads
 from featherfx.phases import counted
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.contact.contact import ShotContact
-from featherfx.shot.detail.carried import Carried
+from featherfx.shot.detail.carried import Carried, FeatherPose
 from featherfx.shot.detail.cycle import Cycle, memory_of, restore, warn_if_never
 from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within, make_groups
+from featherfx.shot.layers.layers import Layers
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.motion.preroll import RunUp, moves_before
 from featherfx.shot.motion.roots import RootFrames, root_rates
@@ -72,9 +73,12 @@ class Simulation:
         chosen = range(len(drawn)) if wanted is None else wanted
         self._wanted: Indices = np.array(chosen, dtype=np.int64)
         self.feathers: tuple[Feather, ...] = tuple(drawn[f] for f in self._wanted)
+        self._layers = Layers(shot, drawn, self._wanted, jobs) if shot.layers else None
+        self._laid: list[FeatherPose] = []
+        computed = self._layers.needed if self._layers else self._wanted
         plan = level_plan(shot, drawn, motion)
-        carried = Carried(shot, drawn, plan.of("guided"), plan.leading, self._wanted)
-        plan = plan.part(np.union1d(self._wanted, carried.guides))
+        carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
+        plan = plan.part(np.union1d(computed, carried.guides))
         self.resolutions: list[Resolution] = [plan.resolutions[f][0] for f in self._wanted]
         self._groups = make_groups(
             shot, drawn, plan.resolutions, motion, jobs, self._time(self._first)
@@ -84,7 +88,7 @@ class Simulation:
                 period, count = shot.cycle * subframes, len(group.members)
                 group.cycle = Cycle(period, shot.quality.tolerance, count)
         self._levels = LevelRun(
-            shot, plan, drawn, self._groups, motion, carried, self._wanted, subframes
+            shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
         self._contact = None if shot.contact is None else contact_of(shot, self._groups)
         self._index = self._first - 1
@@ -95,8 +99,9 @@ class Simulation:
     @property
     def report(self) -> dict[str, Any]:
         """Counts over all feathers and frames so far."""
-        contact = {} if self._contact is None else {"contact": self._contact.report()}
-        return self._counts.summary() | contact
+        parts = [each.report() for each in (self._contact, self._layers) if each is not None]
+        contact = {key: value for part in parts for key, value in part.items()}
+        return self._counts.summary() | ({"contact": contact} if contact else {})
 
     def __iter__(self) -> Iterator[Frame]:
         return self._frames
@@ -140,6 +145,11 @@ class Simulation:
                 group.start = group.state.points.copy()
         if index >= 0:
             self._levels.finish(index)
+        if index >= 0 and self._layers is not None:
+            duration = self._time(1) if index else 0.0
+            number = sample_number(self.shot.first_frame, index, self._subframes)
+            poses, time = self._levels.shown(index), self._time(index)
+            self._laid = self._layers.lay(poses, number, time, duration)
         self._index = index
 
     def _begin(self) -> None:
@@ -174,6 +184,7 @@ class Simulation:
             {} if self._contact is None else self._contact.memory(),
             self._levels.fades.memory(),
             memory_of([group.cycle for group in self._groups]),
+            {} if self._layers is None else self._layers.memory(),
             self._wanted,
         )
 
@@ -195,6 +206,8 @@ class Simulation:
         if self._contact is not None:
             self._contact.restore(start.contact)
         self._levels.fades.restore(start.levels)
+        if self._layers is not None:
+            self._layers.restore(start.layers)
         restore([group.cycle for group in self._groups], start.cycles)
 
     def _number(self, index: int) -> float:
@@ -294,7 +307,11 @@ class Simulation:
         time = self._time(index)
         number = self._number(index)
         self._counts.frame(*self._levels.counts())
-        poses = self._levels.shown(index)
+        poses = (
+            self._levels.shown(index)
+            if self._layers is None
+            else self._layers.of(self._wanted, self._laid)
+        )
         for f, pose in zip(self._wanted.tolist(), poses, strict=True):
             if not np.isfinite(pose.points).all():
                 name = self.shot.groom.feathers[f].id

@@ -164,6 +164,19 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class Layers:
+    """How feathers as they are shown lie over each other (featherfx/shot/layers).
+
+    contact: thickness, and which feathers touch.
+    """
+
+    contact: Contact
+    skin: Annotated[
+        bool, "Whether feathers are kept above the skin that they grow on, where a shot has one."
+    ] = True
+
+
+@dataclass(frozen=True)
 class Force:
     """A dead force. force: (3,). Of a barb's line the row alone counts."""
 
@@ -209,8 +222,9 @@ class Shot:
     skin: the groom's roots on their skin, where the motion is of kind "skin"; surfaces: what they
     are to be bound to, until featherfx.shot.placement has done so. wind_source: added to wind.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
-    through each other and through colliders. level_of_detail: None: levels do not change.
-    inputs: what the shot's files say, by key (groom/read/told.py).
+    through each other and through colliders. layers: None: they are shown as they were simulated.
+    level_of_detail: None: levels do not change. inputs: what the shot's files say, by key
+    (groom/read/told.py).
     """
 
     name: str
@@ -273,6 +287,7 @@ class Shot:
     wind_source: TimedWind | None = None
     colliders: tuple[TimedSurface, ...] = ()
     contact: Contact | None = None
+    layers: Layers | None = None
     level_of_detail: LevelOfDetail | None = None
     shelters: tuple[Shelter, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)

@@ -78,8 +78,14 @@ def test_flapping_bird_keeps_its_feathers_apart():
     assert all_crossings(meshes(simulation, frames[-1])) == 0
 
 
-def test_without_contact_the_same_feathers_cut_through_each_other():
+def test_layers_alone_keep_what_is_shown_apart():
+    """Nothing pushes, and yet no feather is drawn through another."""
     simulation, frames = baked(replace(bird(), contact=None), 10)
+    assert all_crossings(meshes(simulation, frames[-1])) == 0
+
+
+def test_without_contact_the_same_feathers_cut_through_each_other():
+    simulation, frames = baked(replace(bird(), contact=None, layers=None), 10)
     assert "contact" not in simulation.report
     assert all_crossings(meshes(simulation, frames[-1])) > 50
 

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 # cosine of the angle between two dorsal sides from which on feathers do not count as layered
-_LEAST_FACING = 0.5
+LEAST_FACING = 0.5
 # of a stacked pair against one that flows, and of the hold against a pair
 _STACK_WEIGHT, _HOLD = 10.0, 1e-7
 
@@ -76,8 +76,10 @@ def strips_of(placements: Sequence[Placement]) -> Strips:
     )
 
 
-def shingle_pairs(strips: Strips) -> tuple[Indices, Indices]:
+def shingle_pairs(strips: Strips, facing: float = LEAST_FACING) -> tuple[Indices, Indices]:
     """(K, 2) feathers that may meet, the one that lies over the other first; sorted by it.
+
+    facing: least cosine of the angle between their dorsal sides.
 
     And (F,) all feathers in an order in which those beneath come first.
 
@@ -86,8 +88,8 @@ def shingle_pairs(strips: Strips) -> tuple[Indices, Indices]:
     """
     pairs = _near(strips)
     first, second = pairs.T
-    facing = np.einsum("kc,kc->k", strips.dorsal[first], strips.dorsal[second])
-    pairs = pairs[facing > _LEAST_FACING]
+    cosine = np.einsum("kc,kc->k", strips.dorsal[first], strips.dorsal[second])
+    pairs = pairs[cosine > facing]
     first, second = pairs.T
     shaft = strips.shaft
     distance = segment_distance(

@@ -14,7 +14,16 @@ from featherfx.groom.keys.values import (
     Text,
     keys_of,
 )
-from featherfx.shot.types import Contact, Detail, Force, Grip, LevelOfDetail, Shelter, Shot
+from featherfx.shot.types import (
+    Contact,
+    Detail,
+    Force,
+    Grip,
+    Layers,
+    LevelOfDetail,
+    Shelter,
+    Shot,
+)
 
 GRIP = keys_of(Grip)
 FORCE = keys_of(Force)
@@ -84,7 +93,19 @@ COLLIDER = {
     "interpolation": _INTERPOLATION,
 }
 
-CONTACT = {"enabled": Key(Flag(), "Whether feathers touch each other.", True)} | keys_of(Contact)
+CONTACT = {
+    "enabled": Key(Flag(), "Whether feathers touch each other.", True),
+    "forces": Key(
+        Flag(), "Whether feathers that touch push each other; without, they move as if alone.", True
+    ),
+    "layers": Key(
+        Flag(),
+        "Whether all feathers, simulated or not, are laid over those beneath them as they lie at "
+        "rest, sample by sample, in what is written.",
+        True,
+    ),
+    "skin": keys_of(Layers)["skin"],
+} | keys_of(Contact)
 
 LEVEL_OF_DETAIL = {
     "enabled": Key(Flag(), "Whether levels follow what is seen.", True),

@@ -23,7 +23,18 @@ from featherfx.groom.types import Groom
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.scenes import read_colliders, read_level_of_detail, read_skin, read_wind
 from featherfx.shot.read.sources import SceneReaders
-from featherfx.shot.types import Contact, Detail, Force, Grip, Motion, Quality, Shelter, Shot, Wind
+from featherfx.shot.types import (
+    Contact,
+    Detail,
+    Force,
+    Grip,
+    Layers,
+    Motion,
+    Quality,
+    Shelter,
+    Shot,
+    Wind,
+)
 
 Entries = list[tuple[Place, dict[str, Any]]]
 
@@ -89,7 +100,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     )
     loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
-    contact = _contact(parts["contact"], groom, place.child("contact")) if sound else None
+    contact, layers = _contact(parts["contact"], groom, place.child("contact"), sound)
     if sound and parts["cycle"] and contact is not None:
         message = "feathers that touch act on each other and are not replayed: leave out contact"
         place.child("cycle").fail(message)
@@ -112,6 +123,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         quality=quality,
         gravity=np.array(parts["gravity"]),
         contact=contact,
+        layers=layers,
         inputs=dict(groom.inputs) | _said(raw, library, path.parent),
         **loads,
         **scenes,
@@ -139,14 +151,18 @@ def _scenes(
     }
 
 
-def _contact(values: dict[str, Any] | None, groom: Groom | None, place: Place) -> Contact | None:
-    if values is None or not values["enabled"]:
-        return None
+def _contact(
+    values: dict[str, Any] | None, groom: Groom | None, place: Place, sound: bool
+) -> tuple[Contact | None, Layers | None]:
+    if not sound or values is None or not values["enabled"]:
+        return None, None
     known = _names(groom)
     for key, one in (("regions", "region"), ("kinds", "kind")):
         for i, pattern in enumerate(values[key]):
             _check_pattern(pattern, one, known[one], place.child(key).item(i))
-    return Contact(**{each.name: values[each.name] for each in fields(Contact)})
+    contact = Contact(**{each.name: values[each.name] for each in fields(Contact)})
+    layers = Layers(contact, values["skin"]) if values["layers"] else None
+    return (contact if values["forces"] else None), layers
 
 
 def _check_frames(frames: Any, place: Place) -> None:

@@ -47,6 +47,7 @@ class CachedFeather:
     """The constant part of one mesh.
 
     path: of the prim. id, kind, region: labels (id: the prim's name where none is authored).
+    is_feather: whether an id is authored.
     triangles: (T, 3) point indices; faces with more sides are cut into fans. side: (T,) 0 leading,
     1 trailing, 2 rachis (0 where unknown). face: (T,) face that the triangle was cut from.
     subsets: name to face indices. rest: (V, 3), st: (V, 2) and colour: (V, 3), displayColor (the
@@ -64,6 +65,7 @@ class CachedFeather:
     rest: Floats | None
     st: Floats | None
     colour: Floats | None
+    is_feather: bool
 
 
 @dataclass(frozen=True)
@@ -196,9 +198,7 @@ def _constant_parts(drawn: Sequence[DrawnMesh]) -> Iterator[CachedFeather]:
             known[path] = _constant_part(each.mesh)
         labels = each.labels
         yield (
-            known[path]
-            if labels is None
-            else replace(known[path], id=labels.id, kind=labels.kind, region=labels.region)
+            known[path] if labels is None else replace(known[path], **vars(labels), is_feather=True)
         )
 
 
@@ -243,10 +243,11 @@ def _constant_part(mesh: Any) -> CachedFeather:
         return _sized(primvars.GetPrimvar(name).GetAttr(), EARLIEST, kind, count)
 
     side = own("side", INTEGERS, len(counts))
+    authored = text_of(primvars.GetPrimvar("featherId").GetAttr())
     subsets = UsdGeom.Subset.GetAllGeomSubsets(mesh)
     return CachedFeather(
         path=str(prim.GetPath()),
-        id=label("featherId", prim.GetName()),
+        id=authored or prim.GetName(),
         kind=label("featherKind", ""),
         region=label("region", ""),
         triangles=indices[corners],
@@ -263,6 +264,7 @@ def _constant_part(mesh: Any) -> CachedFeather:
         colour=_vertex_colours(
             primvars.FindPrimvarWithInheritance("displayColor"), counts, indices, total
         ),
+        is_feather=bool(authored),
     )
 
 

@@ -1,0 +1,1 @@
+"""Plumage as it is shown: each feather laid over those beneath it, frame by frame."""

@@ -1,0 +1,66 @@
+"""How deep feathers are in each other in what is written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from featherfx.shot.layers.types import Array, Indices, Stack
+
+# over the thickness: gap up to which two feathers touch; width and number of the bins that depths
+# are counted in, deeper ones in the last
+TOUCH = 0.1
+BIN, BINS = 1e-3, 100_000
+# pairs that are named
+MOST_NAMED = 10
+
+
+class Depths:
+    """Depths of all pairs of a stack that touch, over their thickness, sample after sample."""
+
+    def __init__(self, stack: Stack) -> None:
+        self._pairs: Indices = stack.pairs
+        self._counts = np.zeros(BINS + 1, dtype=np.int64)
+        self._worst = np.full(len(stack.pairs), -np.inf)
+        self._frame = np.zeros(len(stack.pairs))
+
+    def add(self, depths: Array, frame: float) -> None:
+        """depths: (K,) of one sample, below 0 where there is a gap."""
+        touching = np.maximum(depths[depths > -TOUCH], 0.0)
+        bins = np.minimum(np.ceil(touching / BIN), BINS).astype(np.int64)
+        self._counts += np.bincount(bins, minlength=BINS + 1)
+        deeper = depths > self._worst
+        self._worst[deeper], self._frame[deeper] = depths[deeper], frame
+
+    def report(self, names: Sequence[str]) -> dict[str, Any]:
+        """Distribution over pairs and samples, and the pairs that were deepest. names: ids."""
+        worst = np.maximum(self._worst, 0.0)
+        order = np.argsort(-worst, kind="stable")[:MOST_NAMED]
+        return {
+            "written_depth": {
+                "median": self._quantile(0.5),
+                "p99": self._quantile(0.99),
+                "worst": float(worst.max(initial=0.0)),
+            },
+            "pairs_deep": [
+                {
+                    "feather": names[self._pairs[k, 0]],
+                    "other": names[self._pairs[k, 1]],
+                    "depth": float(worst[k]),
+                    "frame": float(self._frame[k]),
+                }
+                for k in order.tolist()
+                if worst[k] > 0.0
+            ],
+            "pairs_touching": int(self._counts.sum()),
+        }
+
+    def _quantile(self, share: float) -> float:
+        """Depth that a share of the pairs and samples do not exceed, to BIN."""
+        total = int(self._counts.sum())
+        if not total:
+            return 0.0
+        place = np.searchsorted(np.cumsum(self._counts), share * total)
+        return float(min(BIN * place, self._worst.max(initial=0.0)))

@@ -1,0 +1,182 @@
+"""Which feathers lie over which, by the groom's layers or its rest pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from heapq import heapify, heappop, heappush
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.layout.overlap import shingle_pairs, strips_of
+from featherfx.feather.types import LEADING, Feather
+from featherfx.groom.types import Placement
+from featherfx.shot.layers.lap_kernels import find_laps, lift_points
+from featherfx.shot.layers.types import LAP, Array, Bytes, Indices, Laps, Pose, Stack, Vanes
+
+# feathers may come over each other that are, at rest, so many times as far apart as they are wide
+REACH = 1.5
+# cosine of the angle between two dorsal sides from which on feathers lie over each other
+FACING = 0.3
+# depth at rest, over the shorter feather's length, from which on a layout's order does not count
+WRONG = 0.05
+# heights over a feather's length up to which points tell who lies over whom at rest
+NEAR = 0.1
+# depth, over a feather's length, that is undone; beyond twice that the order counts for nothing
+DEEPEST = 0.2
+
+
+def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: Array) -> Stack:
+    """The order in which a layout laid the feathers; without one, who is seen over whom at rest,
+    and upstream over downstream where that says nothing.
+
+    rest: (F, n, P, 3) m, material points at rest.
+    """
+    strips = strips_of(placements)
+    pairs, order = shingle_pairs(replace(strips, reach=REACH * strips.reach), FACING)
+    stack = sorted_stack(pairs, order)
+    laps = _laps_at_rest(stack, vanes, rest)
+    if strips.rank.min(initial=0) < 0:
+        return _by_votes(*_votes(laps, len(order)), order)
+    # a layout leaves some feathers on the wrong side of others
+    depth, length = np.zeros(len(stack.pairs)), vanes.row.sum(axis=1)
+    np.maximum.at(depth, laps["pair"], laps["base"])
+    return sorted_stack(stack.pairs[depth <= WRONG * length[stack.pairs].min(axis=1)], order)
+
+
+def _laps_at_rest(stack: Stack, vanes: Vanes, rest: Array) -> Laps:
+    """Of all pairs, also of those that lie the other way round."""
+    length = vanes.row.sum(axis=1)
+    pose = pose_like(rest, vanes.present.shape)
+    lift_points(vanes, rest, pose, 0, len(length))
+    seen = vanes._replace(deepest=NEAR * length)
+    stale, span = np.ones(len(length), dtype=np.int8), (0, len(stack.pairs))
+    laps = np.zeros(1024, dtype=LAP)
+    margin = NEAR * float(length.max(initial=0.0))
+    while (count := find_laps(seen, stack, pose, stale, margin, span, laps)) > len(laps):
+        laps = np.zeros(int(1.25 * count), dtype=LAP)
+    laps = laps[:count]
+    return laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
+
+
+def _votes(laps: Laps, count: int) -> tuple[Indices, Indices]:
+    """Pairs (K, 2) and by how many points of either the first is over the second, less those by
+    which it is under it."""
+    upper, lower = laps["upper"].astype(np.int64), laps["lower"].astype(np.int64)
+    keys, place = np.unique(upper * count + lower, return_inverse=True)
+    sums = np.bincount(place, np.where(laps["base"] > 0.0, -1.0, 1.0), len(keys))
+    return np.stack([keys // count, keys % count], axis=1), sums.astype(np.int64)
+
+
+def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:
+    """Feathers in an order in which as many pairs as can be lie as their votes say.
+
+    order: (F,), where votes say nothing. Of a ring, who is over all others but one that is over it
+    comes first, and that pair is left out.
+    """
+    told = np.flatnonzero(votes)
+    over = np.where(votes[told, None] > 0, pairs[told], pairs[told, ::-1])
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    above: dict[int, list[int]] = {}
+    waiting = np.bincount(over[:, 0], minlength=len(order))
+    for upper, lower in over.tolist():
+        above.setdefault(lower, []).append(upper)
+    queue = [(int(waiting[f]), int(rank[f]), f) for f in range(len(order))]
+    heapify(queue)
+    placed = np.full(len(order), -1)
+    found: list[int] = []
+    while queue:
+        count, _, f = heappop(queue)
+        if placed[f] >= 0 or count != waiting[f]:
+            continue
+        placed[f] = len(found)
+        found.append(f)
+        for upper in above.get(f, ()):
+            waiting[upper] -= 1
+            heappush(queue, (int(waiting[upper]), int(rank[upper]), upper))
+    kept = over[placed[over[:, 0]] > placed[over[:, 1]]]
+    return sorted_stack(kept, np.array(found, dtype=np.int64))
+
+
+def pose_like(points: Array, shape: tuple[int, ...]) -> Pose:
+    """Room for a pose of points (F, n, P, 3). shape: (F, n, 2 m + 1)."""
+    count, rows = shape[:2]
+    return Pose(
+        points=np.zeros_like(points),
+        lift=np.zeros(shape),
+        boxes=np.zeros((count, rows, 6)),
+        bounds=np.zeros((count, 6)),
+        frames=np.zeros((count, 4, 3)),
+        own=np.zeros((count, 6)),
+    )
+
+
+def sorted_stack(pairs: Indices, order: Indices) -> Stack:
+    """Pairs (K, 2), upper and lower, by the place of the upper in an order (F,)."""
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    upper = rank[pairs[:, 0]]
+    chosen = np.lexsort((rank[pairs[:, 1]], upper))
+    first = np.searchsorted(upper[chosen], np.arange(len(order) + 1))
+    return Stack(order.astype(np.int64), np.ascontiguousarray(pairs[chosen]), first)
+
+
+def among(stack: Stack, touching: NDArray[np.bool_]) -> Stack:
+    """The stack with the pairs alone of which both feathers touch others, (F,)."""
+    return sorted_stack(stack.pairs[touching[stack.pairs].all(axis=1)], stack.order)
+
+
+def beneath(stack: Stack, chosen: Indices) -> Indices:
+    """Numbers of some feathers and of all that lie beneath them, through any number between."""
+    needed = np.zeros(len(stack.order), dtype=np.bool_)
+    needed[chosen] = True
+    for k in range(len(stack.order) - 1, -1, -1):
+        if needed[stack.order[k]]:
+            needed[stack.pairs[stack.first[k] : stack.first[k + 1], 1]] = True
+    return np.flatnonzero(needed)
+
+
+def part_of(stack: Stack, vanes: Vanes, some: Indices) -> tuple[Stack, Vanes]:
+    """The stack and vanes of some feathers alone, (K,) ascending, counted in them."""
+    place = np.full(len(stack.order), -1)
+    place[some] = np.arange(len(some))
+    kept, order = (place[stack.pairs] >= 0).all(axis=1), place[stack.order]
+    fields = {name: values[some] for name, values in vanes._asdict().items()}
+    return sorted_stack(place[stack.pairs[kept]], order[order >= 0]), Vanes(**fields)
+
+
+def vanes_of(feathers: Sequence[Feather], halves: Array) -> Vanes:
+    """Vanes of feathers of one grid. halves: (F,) m, half thickness."""
+    count, (n, m) = len(feathers), (feathers[0].rows, feathers[0].columns)
+    row, barb = np.zeros((count, n - 1)), np.zeros((count, 2, n))
+    exists = np.stack([feather.cell for feather in feathers]).astype(np.int8)
+    for f, feather in enumerate(feathers):
+        row[f], barb[f] = np.diff(feather.station), feather.barb_length / m
+    present = _present(exists.astype(bool))
+    return Vanes(
+        present=present,
+        exists=exists,
+        half=halves,
+        row=row,
+        barb=barb,
+        first=np.argmax(present.any(axis=2), axis=1),
+        deepest=DEEPEST * row.sum(axis=1),
+    )
+
+
+def _present(exists: NDArray[np.bool_]) -> Bytes:
+    """(F, n, 2 m + 1), which nodes of the strip a triangle has."""
+    count, _, rows, m, _ = exists.shape
+    present = np.zeros((count, rows + 1, 2 * m + 1), dtype=np.int8)
+    for side in range(2):
+        node = np.zeros((count, rows + 1, m + 1), dtype=bool)
+        first, second = exists[:, side, :, :, 0], exists[:, side, :, :, 1]
+        node[:, :-1, :-1] |= first
+        node[:, :-1, 1:] |= first | second
+        node[:, 1:, :-1] |= first | second
+        node[:, 1:, 1:] |= second
+        own = slice(m, None) if side == LEADING else slice(m, None, -1)
+        present[:, :, own] |= node
+    return present

@@ -1,0 +1,94 @@
+"""What is known of layered plumage; as the kernels take it.
+
+Nodes of a vane are counted as on a strip: rows from the base, columns from the trailing barb's end
+(0) over the shaft (m) to the leading barb's end (2 m).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Bytes = NDArray[np.int8]
+
+# One condition that a feather keeps clear of what is beneath it. pair: its number; upper, lower:
+# feathers. node: row and column of the feather that the point is of, part: how far it lies to the
+# next row; above: whether that is the upper one. corner: rows and columns of the other's triangle
+# around the point, weight: theirs, times how far each goes along the triangle's normal for its
+# lift. own: that of the node. base: m, what is lacking where neither is lifted. share: of it that
+# counts. beside: m, how far the point lies beside the other's edge.
+LAP = np.dtype(
+    [
+        *((name, "i4") for name in ("pair", "upper", "lower")),
+        ("above", "i1"),
+        ("node", "i2", (2,)),
+        ("corner", "i2", (3, 2)),
+        ("weight", "f8", (3,)),
+        *((name, "f8") for name in ("part", "own", "base", "share", "beside")),
+    ]
+)
+Laps = NDArray[Any]
+
+
+class Vanes(NamedTuple):
+    """F feathers of n rows and m columns a side, as they are drawn.
+
+    present: (F, n, 2 m + 1) nodes that a triangle has. exists: (F, 2, n - 1, m, 2) triangles.
+    half: (F,) m, half thickness. row: (F, n - 1) and barb: (F, 2, n) m, distances of nodes along
+    shaft and barbs. first: (F,) first row of the vane. deepest: (F,) m, depth that is undone.
+    """
+
+    present: Bytes
+    exists: Bytes
+    half: Array
+    row: Array
+    barb: Array
+    first: Indices
+    deepest: Array
+
+
+class Stack(NamedTuple):
+    """Who lies over whom. order: (F,) feathers, those beneath first. pairs: (K, 2) upper and lower,
+    in the order of the upper; first: (F + 1,) those of order[k] are first[k] to first[k + 1] - 1.
+    """
+
+    order: Indices
+    pairs: Indices
+    first: Indices
+
+
+class Ground(NamedTuple):
+    """Nodes over a skin. triangle: (F, n, 2 m + 1) the nearest at rest, -1 for a node that is not
+    over it. clear: m, height to keep. triangles: (T, 3); beside: (T, 3) those across the edges
+    opposite each corner, -1 for none."""
+
+    triangle: Indices
+    clear: Array
+    triangles: Indices
+    beside: Indices
+
+
+class Lifts(NamedTuple):
+    """How far nodes are lifted. lift: (F, n, 2 m + 1) m, now; before: at the sample before.
+    wanted: scratch, (F, n, 2 m + 1) m."""
+
+    lift: Array
+    before: Array
+    wanted: Array
+
+
+class Pose(NamedTuple):
+    """F feathers at one time. points: (F, n, P, 3) m, lifted by lift, (F, n, 2 m + 1) m. boxes:
+    (F, n, 6) around rows and bounds: (F, 6) around vanes. frames: (F, 4, 3) origin and axes of each
+    feather, along its shaft, across and dorsal; own: (F, 6) box around the vane in that."""
+
+    points: Array
+    lift: Array
+    boxes: Array
+    bounds: Array
+    frames: Array
+    own: Array

@@ -1,0 +1,134 @@
+"""Triangles of different meshes that pass through each other.
+
+Two triangles cross where each has corners strictly on both sides of the other's plane and an edge
+of one whose ends are so meets the other, its rim included. What only touches, with a corner, an
+edge or in a plane, does not cross. The side of a plane on which a point lies is the sign of
+
+    orient(a, b, c, d) = (b - a) x (c - a) . (d - a),
+
+0 where the determinant is within the rounding of its own evaluation (Shewchuk 1997, bound A): then
+the point counts as in the plane.
+"""
+
+from featherfx.algebra.vec3_kernels import sub
+from featherfx.jit.compiled import kernel
+
+# over the sum of the moduli of a determinant's terms
+ROUNDING = 1e-15
+
+
+@kernel
+def orient(a, b, c, d):
+    """1 where d is on the side of (b - a) x (c - a), -1 on the other, 0 in the plane of a, b, c."""
+    u, v, w = sub(b, a), sub(c, a), sub(d, a)
+    first, second = u[1] * v[2], u[2] * v[1]
+    third, fourth = u[2] * v[0], u[0] * v[2]
+    fifth, sixth = u[0] * v[1], u[1] * v[0]
+    value = (first - second) * w[0] + (third - fourth) * w[1] + (fifth - sixth) * w[2]
+    size = (abs(first) + abs(second)) * abs(w[0]) + (abs(third) + abs(fourth)) * abs(w[1])
+    size += (abs(fifth) + abs(sixth)) * abs(w[2])
+    if abs(value) <= ROUNDING * size:
+        return 0
+    return 1 if value > 0.0 else -1
+
+
+@kernel
+def _pierces(p, q, a, b, c):
+    """Whether a line through p and q, on either side of a triangle's plane, meets the triangle."""
+    first, second, third = orient(p, q, a, b), orient(p, q, b, c), orient(p, q, c, a)
+    above = first >= 0 and second >= 0 and third >= 0
+    return above or (first <= 0 and second <= 0 and third <= 0)
+
+
+@kernel
+def _any_edge(p, sides, q):
+    """Whether an edge of triangle p pierces triangle q. sides: of q's plane, of p's corners."""
+    for k in range(3):
+        after = (k + 1) % 3
+        if sides[k] * sides[after] < 0 and _pierces(p[k], p[after], q[0], q[1], q[2]):
+            return True
+    return False
+
+
+@kernel
+def triangles_cross(p, q):
+    """Whether two triangles, three points each, pass through each other."""
+    a, b, c = orient(*q, p[0]), orient(*q, p[1]), orient(*q, p[2])
+    if min(a, min(b, c)) >= 0 or max(a, max(b, c)) <= 0:
+        return False
+    d, e, f = orient(*p, q[0]), orient(*p, q[1]), orient(*p, q[2])
+    if min(d, min(e, f)) >= 0 or max(d, max(e, f)) <= 0:
+        return False
+    return _any_edge(p, (a, b, c), q) or _any_edge(q, (d, e, f), p)
+
+
+@kernel
+def _corners(points, triangle):
+    a, b, c = points[triangle[0]], points[triangle[1]], points[triangle[2]]
+    return (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])
+
+
+@kernel
+def fit_boxes(points, patches, boxes, bounds, low, high):
+    """Boxes (T, 6) of the triangles, and bounds (P, 6) of the patches from low to high - 1."""
+    for patch in range(low, high):
+        for k in range(3):
+            bounds[patch, k], bounds[patch, 3 + k] = 1e300, -1e300
+        for t in range(patches.first[patch], patches.first[patch + 1]):
+            p, q, r = _corners(points, patches.triangles[t])
+            for k in range(3):
+                boxes[t, k] = min(p[k], min(q[k], r[k]))
+                boxes[t, 3 + k] = max(p[k], max(q[k], r[k]))
+                bounds[patch, k] = min(bounds[patch, k], boxes[t, k])
+                bounds[patch, 3 + k] = max(bounds[patch, 3 + k], boxes[t, 3 + k])
+
+
+@kernel
+def _meet(first, second):
+    """Whether two boxes (6,) have a point in common."""
+    for k in range(3):
+        least, greatest = max(first[k], second[k]), min(first[3 + k], second[3 + k])
+        if least > greatest:
+            return False
+    return True
+
+
+@kernel
+def near_patches(order, bounds, owner, low, high, found):
+    """Pairs of patches of different owners whose bounds meet; returns how many there are.
+
+    order: (P,) patches by the least x of their bounds; those from low to high - 1 are paired with
+    all behind them. found: (K, 2), written as far as there is room.
+    """
+    count = 0
+    for place in range(low, high):
+        first = order[place]
+        for other in range(place + 1, order.shape[0]):
+            second = order[other]
+            if bounds[second, 0] > bounds[first, 3]:
+                break
+            if owner[first] != owner[second] and _meet(bounds[first], bounds[second]):
+                if count < found.shape[0]:
+                    found[count, 0], found[count, 1] = first, second
+                count += 1
+    return count
+
+
+@kernel
+def crossings_between(points, patches, boxes, pairs, low, high, counts):
+    """Triangles that cross, of the pairs of patches from low to high - 1.
+
+    counts: (K, 2), by pair: those between vanes, and those of which one at least is of a shaft.
+    """
+    for k in range(low, high):
+        first, second = pairs[k, 0], pairs[k, 1]
+        counts[k, 0] = counts[k, 1] = 0
+        other = patches.first[second], patches.first[second + 1]
+        for t in range(patches.first[first], patches.first[first + 1]):
+            p = _corners(points, patches.triangles[t])
+            for s in range(other[0], other[1]):
+                if not _meet(boxes[t], boxes[s]):
+                    continue
+                if triangles_cross(p, _corners(points, patches.triangles[s])):
+                    shaft = patches.shaft[t] or patches.shaft[s]
+                    counts[k, 1 if shaft else 0] += 1

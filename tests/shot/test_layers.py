@@ -1,0 +1,159 @@
+"""Layered plumage: what is shown lies over what is beneath it, as at rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.read.read import read_shot
+from featherfx.shot.simulate import simulate
+from featherfx.shot.types import Contact, Detail, Layers, Motion, Shot
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+THICKNESS = 1e-3
+
+
+def shingles(count: int = 5, frames: int = 4) -> Shot:
+    """Feathers behind each other along their shafts, in one line, that swing; some follow. A layout
+    is said to have laid each over the next, though they are bent so that they lie in each other."""
+    shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
+    one = shot.groom.feathers[0]
+    step = 0.25 * one.kind.length
+    feathers = tuple(
+        replace(one, id=f"f{k}", region="coat", position=np.array([step * k, 0, 0]), rank=count - k)
+        for k in range(count)
+    )
+    swing = {"amplitude": 0.03, "frequency": 3.0, "direction": (0.0, 0.0, 1.0)}
+    return replace(
+        shot,
+        groom=replace(shot.groom, feathers=feathers),
+        first_frame=0,
+        last_frame=frames,
+        grips=(),
+        motion=Motion("shake", swing),
+        wind=replace(shot.wind, speed=0.0, gust=0.0),
+        quality=replace(shot.quality, rows=11, columns=3, coefficients=1, simulated_rows=0),
+        details=(Detail(level="guided", every=4),),
+        layers=Layers(Contact(THICKNESS)),
+    )
+
+
+@pytest.fixture(scope="module")
+def bakes() -> tuple[Shot, list, list]:
+    """The shot, its frames laid, and as they were without layers."""
+    shot = shingles()
+    return shot, list(simulate(shot)), list(simulate(replace(shot, layers=None)))
+
+
+def least_gap(upper: np.ndarray, lower: np.ndarray) -> float:
+    """m, of the nodes of one vane over the other, along z, by triangles of its grid."""
+    m = (lower.shape[1] - 3) // 2
+    columns = [*range(2 + 2 * m, 2 + m, -1), 0, *range(3, 3 + m)]
+    low, high = lower[:, columns], upper[:, columns].reshape(-1, 3)
+    corners = np.concatenate(
+        [
+            np.stack([low[:-1, :-1], low[1:, :-1], low[:-1, 1:]], axis=2).reshape(-1, 3, 3),
+            np.stack([low[1:, :-1], low[1:, 1:], low[:-1, 1:]], axis=2).reshape(-1, 3, 3),
+        ]
+    )
+    a, b, c = (corners[:, k] for k in range(3))
+    gaps = []
+    for x in high:
+        u, v, w = (b - a)[:, :2], (c - a)[:, :2], (x - a)[:, :2]
+        det = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        sound = np.abs(det) > 1e-12
+        det = np.where(sound, det, 1.0)
+        p = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / det
+        q = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / det
+        over = sound & (p >= 0) & (q >= 0) & (p + q <= 1)
+        z = a[:, 2] + p * (b - a)[:, 2] + q * (c - a)[:, 2]
+        gaps += (x[2] - z[over]).tolist()
+    return min(gaps, default=np.inf)
+
+
+def test_each_lies_over_the_next(bakes):
+    shot, laid, plain = bakes
+    for frame, other in zip(laid, plain, strict=True):
+        for k in range(len(shot.groom.feathers) - 1):
+            assert least_gap(other.points[k], other.points[k + 1]) < 0.1 * THICKNESS
+            # vanes that slope are nearer along their normal than along z
+            assert least_gap(frame.points[k], frame.points[k + 1]) > 0.85 * THICKNESS
+
+
+def depths(points) -> float:
+    """m, how deep feathers are in those beneath them, the deepest."""
+    count = len(points)
+    return -min(least_gap(points[k], points[j]) for k in range(count) for j in range(k + 1, count))
+
+
+def test_roots_stay_and_no_lift_is_more_than_what_was_lacking(bakes):
+    shot, laid, plain = bakes
+    for frame, other in zip(laid, plain, strict=True):
+        lack = depths(other.points) + THICKNESS
+        assert lack > 3.0 * THICKNESS
+        for k, (points, before) in enumerate(zip(frame.points, other.points, strict=True)):
+            np.testing.assert_array_equal(points[0, 0], before[0, 0])
+            beneath = len(shot.groom.feathers) - 1 - k
+            # that of the rows around, a little more where they slope
+            assert np.abs(points - before).max() < 1.3 * beneath * lack + 1e-12
+
+
+def test_the_change_is_steady_and_is_part_of_the_velocities(bakes):
+    """Lifts change no faster than the feathers bend, each a little more than the one beneath."""
+    shot, laid, plain = bakes
+    step = 1.0 / shot.frames_per_second
+    for k in range(1, len(laid)):
+        moves = [a - b for a, b in zip(plain[k].points, plain[k - 1].points, strict=True)]
+        bent = max(np.abs(move[:, 0] - move[0, 0]).max() for move in moves)
+        for f in range(len(shot.groom.feathers)):
+            now, before = (laid[i].points[f] - plain[i].points[f] for i in (k, k - 1))
+            way = np.abs(now - before).max()
+            assert way < 2.0 * bent + 0.1 * THICKNESS
+            added = np.abs(laid[k].velocities[f] - plain[k].velocities[f]).max() * step
+            assert added == pytest.approx(way, rel=0.2, abs=0.1 * THICKNESS)
+
+
+def test_feathers_that_do_not_touch_are_left_as_they_are(bakes):
+    shot, _, plain = bakes
+    none = replace(shot, layers=Layers(Contact(THICKNESS, regions=("else*",))))
+    for frame, other in zip(simulate(none), plain, strict=True):
+        for points, before in zip(frame.points, other.points, strict=True):
+            np.testing.assert_array_equal(points, before)
+
+
+def test_the_report_tells_how_deep_what_is_written_is(bakes):
+    shot, _, _ = bakes
+    simulation = simulate(shot)
+    for _ in simulation:
+        pass
+    told = simulation.report["contact"]
+    depth = told["written_depth"]
+    assert 0.0 <= depth["median"] <= depth["p99"] <= depth["worst"] < 0.5
+    assert told["pairs_touching"] >= len(range(shot.first_frame, shot.last_frame + 1)) * 4
+    for each in told["pairs_deep"]:
+        assert {each["feather"], each["other"]} <= {f"f{k}" for k in range(5)}
+        assert each["depth"] <= depth["worst"]
+        assert shot.first_frame <= each["frame"] <= shot.last_frame
+
+
+def test_the_same_bytes_by_threads_shares_and_from_a_checkpoint(bakes, tmp_path):
+    shot, laid, _ = bakes
+    threads = list(simulate(shot, jobs=3))
+    share = list(simulate(shot, wanted=[1, 3]))
+    begun = simulate(shot, frames=(0, 2))
+    for _ in begun:
+        pass
+    begun.checkpoint().save(tmp_path / "state.npz")
+    resumed = list(simulate(shot, start=Checkpoint.load(tmp_path / "state.npz")))
+    for frame, other, part in zip(laid, threads, share, strict=True):
+        for f, points in enumerate(frame.points):
+            assert points.tobytes() == other.points[f].tobytes()
+        for k, f in enumerate((1, 3)):
+            assert part.points[k].tobytes() == frame.points[f].tobytes()
+    for frame, other in zip(laid[3:], resumed, strict=True):
+        for points, again in zip(frame.points, other.points, strict=True):
+            assert points.tobytes() == again.tobytes()
