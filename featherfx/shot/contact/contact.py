@@ -7,6 +7,7 @@ tolerance; the others divide these into steps of their own, while what they touc
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.errors import InputWarning
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
@@ -152,7 +154,7 @@ class ShotContact:
         """
         steps = FrameSteps(self._rules, start, end, self._proposal)
         around = Surroundings(loads_of, paths_of, self._bodies)
-        stepper = Stepper(self.solver, self._rules, around, steps.spend)
+        stepper = Stepper(self.solver, self._rules, around, steps.spend, steps.tired)
         current, parts, resting = list(states), [], resting.copy()
         while steps.left():
             span = steps.span
@@ -167,6 +169,7 @@ class ShotContact:
             self.tally.repeated += done.tries
             parts.append(done.reports)
         self._proposal = steps.proposal
+        _warn_of(steps.tired(), self.names, start)
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
 
     def _meet(self, states: Sequence[State], paths: Sequence[RootPath], duration: float) -> None:
@@ -243,6 +246,19 @@ class ShotContact:
         self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
         self._proposal = float(memory["step"])
         self._bodies.begun = True
+
+
+def _warn_of(tired: Flags, names: Sequence[str], time: float) -> None:
+    """Say which feathers (B,) had contacts that yielded in the frame from a time (s) on."""
+    if tired.any():
+        more = f" and {int(tired.sum()) - 1} more" if tired.sum() > 1 else ""
+        warnings.warn(
+            f"contact: feather '{names[int(np.flatnonzero(tired)[0])]}'{more} took too many Newton"
+            f" iterations in the frame from {time:.4g} s on, and contacts yielded there: what holds"
+            " them apart may be passed; less wind, slower roots or more max_substeps help",
+            InputWarning,
+            stacklevel=2,
+        )
 
 
 def _at_rest(feathers: Sequence[Feather], placements: Sequence[Placement]) -> FeathersAtRest:

@@ -65,7 +65,7 @@ class Stepped:
 class Stepper:
     """Steps all feathers over a span, islands of trouble in shorter steps.
 
-    spend: told the iterations of every try.
+    spend: told the iterations of every try. tired: tells whose contacts yield.
     """
 
     def __init__(
@@ -74,8 +74,10 @@ class Stepper:
         rules: StepRules,
         around: Surroundings,
         spend: Callable[[Sequence[StepReport], float], None],
+        tired: Callable[[], Flags],
     ) -> None:
-        self._solver, self._rules, self._around, self._spend = solver, rules, around, spend
+        self._solver, self._rules, self._around = solver, rules, around
+        self._spend, self._tired = spend, tired
 
     def step(
         self,
@@ -88,6 +90,8 @@ class Stepper:
         """The states after a span, of what is not led; its contact forces are kept."""
         solver, around = self._solver, self._around
         walls = around.bodies.walls(states, span.start, span.end, solver.settings.margin)
+        tired = self._tired()
+        soft = tired if yielding is None else yielding | tired
         loads, paths = around.loads(span.start, span.end), around.paths(span.start, span.end)
         new, reports, contact = solver.interval(
             states,
@@ -97,7 +101,7 @@ class Stepper:
             walls,
             span.substeps,
             resting,
-            yielding,
+            soft if soft.any() else None,
             led,
             EASY if span.can_be_cut() else MOST_ITERATIONS,
         )

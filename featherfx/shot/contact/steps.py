@@ -28,8 +28,9 @@ SMALLEST = 1.0 / 16.0
 WRONG, BAD = 0.5, 2.0
 # part of the feathers that should need no more than one step of their own in a common one
 FEW_STEPS = 0.8
-# Newton iterations of a feather in a frame, over Settings.max_iterations: it is solved in rounds
-MORE_ITERATIONS = 8
+# Newton iterations of a feather in a frame, over Settings.max_iterations, until its contacts yield:
+# it is solved in rounds; and, over those, until the bake ends
+MORE_ITERATIONS, MOST_WORK = 8, 4
 
 
 @dataclass(frozen=True)
@@ -138,11 +139,16 @@ class FrameSteps:
 
     def spend(self, reports: Sequence[StepReport], time: float) -> None:
         """Count the iterations of a try that began at a time (s). SimulationError for a feather
-        that took too many in the frame."""
+        that took too many in the frame, although its contacts yielded (tired)."""
         self._spent += np.concatenate([report.iterations for report in reports])
-        most = MORE_ITERATIONS * self.rules.iterations
+        most = MOST_WORK * MORE_ITERATIONS * self.rules.iterations
         status = np.where(self._spent > most, TOO_MUCH_WORK, 0)
         raise_if_failed(status, np.full(len(status), time), self.rules.names, most)
+
+    def tired(self) -> Flags:
+        """(B,) feathers that took so many iterations in this frame that their contacts yield for
+        the rest of it."""
+        return self._spent > MORE_ITERATIONS * self.rules.iterations
 
     def _change(self, reports: Sequence[StepReport]) -> float:
         """Factor from this common step to the next: most feathers should need one of their own."""
