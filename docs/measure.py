@@ -64,7 +64,7 @@ def rest_drift(feather: Feather, kind: FeatherKind, coefficients: int) -> float:
             state, report = solver.step(state, no_loads(1), hold_roots(state), FRAME)
             if report.status.any():
                 return float("nan")
-    return float(np.linalg.norm(state.points - start.points, axis=-1).max())
+    return float(np.linalg.norm(state.points.nodes - start.points.nodes, axis=-1).max())
 
 
 def time_error(path: Path) -> float:

@@ -37,8 +37,10 @@ class Watch:
         def watched(fades, feathers, poses):
             grow(fades, feathers, poses)
             for f in feathers:
-                first, second = (poses[f, int(at)].points for at in (fades.now[f], fades.to[f]))
-                apart = np.linalg.norm(np.delete(second - first, (1, 2), axis=1), axis=2).max()
+                first, second = (
+                    poses[f, int(at)].points.nodes for at in (fades.now[f], fades.to[f])
+                )
+                apart = np.linalg.norm(second - first, axis=2).max()
                 self.added = max(self.added, fades.grown[f] * apart / fades._lengths[f])
 
         def counted(fades, index):

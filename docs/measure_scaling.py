@@ -37,8 +37,8 @@ def measured(kind: FeatherKind) -> tuple[float, float, float]:
         loads = no_loads(1, (0.0, 0.0, -9.81))
         state, status, _ = solver.equilibrium(start, loads)
     assert status[0] == 0
-    down = (start.points[0] - state.points[0])[..., 2]
-    own = down[:, 3:] - down[:, :1]
+    down = (start.points.nodes[0] - state.points.nodes[0])[..., 2]
+    own = down[:, 1:] - down[:, :1]
     return down[-1, 0] / kind.length, own.max() / kind.length, frequencies(model, 0, 1)[0]
 
 

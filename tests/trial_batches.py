@@ -69,10 +69,8 @@ def rod(
     stiffness[..., 4:] = bending / element
     rest = np.zeros((1, rows - 1, 6))
     rest[..., 0] = 1.0
-    mass = np.zeros((1, rows, 3))
-    mass[0, :, 0] = line_mass * element
-    mass[0, [0, -1], 0] *= 0.5
-    mass[..., 1:] = 1e-6 * line_mass * length**2 * element
+    mass = np.full((1, rows, 1), line_mass * element)
+    mass[0, [0, -1]] *= 0.5
     clamp = np.zeros((1, 2, rows, 4))
     clamp[..., 0] = 1.0
     return Model(
@@ -90,6 +88,7 @@ def rod(
         hinge_rest=np.zeros((1, 2, rows, 0)),
         hinge_stiffness=np.zeros((1, 2, rows, 0)),
         mass=mass,
+        rotary_inertia=np.full((1, rows, 2), 1e-6 * line_mass * length**2 * element),
         shaft_area=np.zeros((1, rows)),
         retardation=np.zeros((1, 2)),
     )

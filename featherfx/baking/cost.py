@@ -130,7 +130,9 @@ def _written(part: Shot, simulation: Simulation) -> tuple[float, float]:
     entries = entries_of(part.groom, simulation.feathers, static=False, skin=part.skin)
     sample = sum(feather.bytes_per_sample for feather in posed_feathers(entries, StageSpace()))
     # points, velocities and accelerations
-    return float(sample), 3.0 * sum(feather.points.nbytes for feather in simulation.feathers)
+    return float(sample), 3.0 * sum(
+        part.nbytes for feather in simulation.feathers for part in feather.rest
+    )
 
 
 def _simulated_bytes(simulation: Simulation) -> float:

@@ -15,7 +15,7 @@ from featherfx.errors import all_of
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import Feather, PointMap
+from featherfx.feather.types import Feather, RowMap
 from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.limits import refuse_beyond_memory
 from featherfx.phases import phase
@@ -40,7 +40,7 @@ def entries_of(
             kind=placement.kind.name,
             region=placement.region,
             feather=feather,
-            rest_points=place(feather.points, placement.position, placement.rotation),
+            rest_points=place(feather.rest, placement.position, placement.rotation),
             static=static,
             root=None if skin is None else skin.roots[index],
             vane_stiffness=_vane_stiffness(placement.kind),
@@ -89,13 +89,13 @@ def drawn_entries(
     """
     grid, count = (quality.rows, quality.columns), drawn.barbs
     meshes = drawn.grid(quality)
-    built: list[tuple[Feather, PointMap | None]]
+    built: list[tuple[Feather, RowMap | None]]
     with phase("building", len(groom.feathers)) as done:
         if grid == meshes:
             built = [(feather, None) for feather in feathers_of(groom.feathers, *grid)]
         else:
 
-            def build(number: int, placement: Placement) -> tuple[Feather, PointMap | None]:
+            def build(number: int, placement: Placement) -> tuple[Feather, RowMap | None]:
                 done(number)
                 return _drawn_feather(placement, grid, meshes)
 
@@ -115,7 +115,7 @@ def drawn_entries(
 
 def _drawn_feather(
     placement: Placement, grid: tuple[int, int], meshes: tuple[int, int]
-) -> tuple[Feather, PointMap | None]:
+) -> tuple[Feather, RowMap | None]:
     """The feather to draw, and the map to it from a simulated one of another grid."""
     return render_feather(placement.kind, grid, meshes, placement.mirrored)
 

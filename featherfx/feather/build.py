@@ -14,7 +14,15 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather.outline import outline_fault
 from featherfx.feather.rachis import build_rachis
 from featherfx.feather.surface import build_surface
-from featherfx.feather.types import LEADING, TRAILING, Array, Feather, Surface
+from featherfx.feather.types import (
+    LEADING,
+    TRAILING,
+    Array,
+    Feather,
+    RowPoints,
+    Surface,
+    barb_slice,
+)
 from featherfx.feather.vane import barb_span, build_vane
 from featherfx.groom.types import FeatherKind, Placement, VaneShape
 
@@ -72,22 +80,21 @@ def repeated_shapes(placements: Sequence[Placement]) -> tuple[list[int], list[in
 
 def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feather:
     rachis = build_rachis(kind, rows)
-    points = np.empty((rows, 3 + 2 * columns, 3))
-    points[:, 0] = rachis.position
-    points[:, 1], points[:, 2] = rachis.frame[..., 1], rachis.frame[..., 2]
+    nodes = np.empty((rows, 1 + 2 * columns, 3))
+    nodes[:, 0] = rachis.position
     cell = np.zeros((2, rows - 1, columns, 2), dtype=np.bool_)
     barb_length, spans = np.zeros((2, rows)), np.zeros((2, rows))
     problems: list[Problem] = []
     for side, name in _SIDES:
         vane = build_vane(kind, side, rachis, columns)
-        points[:, 3 + side * columns : 3 + (side + 1) * columns] = vane.nodes[:, 1:]
+        nodes[:, barb_slice(side, columns)] = vane.nodes[:, 1:]
         cell[side], barb_length[side] = vane.cell, vane.barb_length
         spans[side] = barb_span(rachis.station, vane.barb_length, rachis.first_vane_row)
         problems += [_problem(kind, f"{name}.guides", message) for message in vane.problems]
     _raise_if_any(problems)
-    surface = build_surface(points, rachis, barb_length, cell, tube_sides)
+    surface = build_surface(nodes, rachis, barb_length, cell, tube_sides)
     return Feather(
-        points=points,
+        rest=RowPoints(nodes, np.stack([rachis.frame[..., 1], rachis.frame[..., 2]], axis=1)),
         station=rachis.station,
         width=rachis.width,
         height=rachis.height,
@@ -162,10 +169,11 @@ def make_read_only(record: Any) -> None:
     """Let nobody write to the arrays of a record."""
     for entry in fields(record):
         value = getattr(record, entry.name)
-        if isinstance(value, np.ndarray):
-            value.flags.writeable = False
-        elif is_dataclass(value):
+        if is_dataclass(value):
             make_read_only(value)
+            continue
+        for array in value if isinstance(value, RowPoints) else (value,):
+            array.flags.writeable = False
 
 
 _REFLECTION = np.array([1.0, -1.0, 1.0])
@@ -177,19 +185,18 @@ def mirror_feather(feather: Feather) -> Feather:
     A reflection would make the frames left-handed, so d2 is turned round: it still starts as +y,
     which is then the trailing side.
     """
-    points = feather.points * _REFLECTION
-    points[:, 1] = -points[:, 1]
-    return replace(
-        feather, points=_positive_zeros(points), surface=_mirror_surface(feather.surface)
+    turned_round = _REFLECTION * [[-1.0], [1.0]]
+    rest = RowPoints(
+        _positive_zeros(feather.rest.nodes * _REFLECTION),
+        _positive_zeros(feather.rest.directors * turned_round),
     )
+    return replace(feather, rest=rest, surface=_mirror_surface(feather.surface))
 
 
 def _mirror_surface(surface: Surface) -> Surface:
-    weights = surface.weights.copy()
-    weights[:, 1] = -weights[:, 1]
     return replace(
         surface,
-        weights=_positive_zeros(weights),
+        offset=_positive_zeros(surface.offset * [-1.0, 1.0]),
         triangles=np.ascontiguousarray(surface.triangles[:, [0, 2, 1]]),
         barb_direction=_positive_zeros(surface.barb_direction * _REFLECTION),
     )
@@ -204,16 +211,11 @@ def scaled(feather: Feather, size: float) -> Feather:
     """The feather `size` times as large. Directors and the mesh's topology stay the same."""
     if size == 1.0:
         return feather
-    points = size * feather.points
-    points[:, 1:3] = feather.points[:, 1:3]
-    # a point of the shaft's tube is the rachis point plus directors times lengths
-    weights = feather.surface.weights.copy()
-    weights[:, 1:] *= size
     lengths = ("station", "width", "height", "barb_length", "barb_span")
     result = replace(
         feather,
-        points=points,
-        surface=replace(feather.surface, weights=weights),
+        rest=feather.rest._replace(nodes=size * feather.rest.nodes),
+        surface=replace(feather.surface, offset=size * feather.surface.offset),
         **{name: size * getattr(feather, name) for name in lengths},
     )
     make_read_only(result)

@@ -1,4 +1,4 @@
-r"""One feather at two densities: material points of a fine grid from those of a coarse one.
+r"""One feather at two densities: nodes and directors of a fine grid from those of a coarse one.
 
 A fine point is the coarse points' interpolation plus what that misses at rest, carried along by
 the interpolated frame of its row:
@@ -21,68 +21,76 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from featherfx.feather.types import LEADING, TRAILING, Array, Feather, PointMap
+from featherfx.feather.types import (
+    LEADING,
+    TRAILING,
+    Array,
+    Feather,
+    PointMap,
+    RowMap,
+    RowPoints,
+    barb_slice,
+)
 
 
-def density_map(coarse: Feather, fine: Feather) -> PointMap:
-    """Map from the material points of one feather to those of another of the same kind and side.
+def density_map(coarse: Feather, fine: Feather) -> RowMap:
+    """Map from the rows of one feather to those of another of the same kind and side.
 
-    Neither has to have more rows or columns than the other. The result is (N, 3 + 2 M, 3) for N
-    rows and M columns of `fine`.
+    Neither has to have more rows or columns than the other.
     """
     along = _Along(coarse, fine)
-    nodes = [_barb_nodes(coarse, fine, side, along.rachis[0]) for side in (LEADING, TRAILING)]
-    matrix = along.completed(sparse.vstack([*along.rachis, *nodes]), fine.points.swapaxes(0, 1))
-    count = fine.points.shape[1]
-    by_row = np.arange(count * fine.rows).reshape(count, fine.rows).T.ravel()
-    matrix = matrix[by_row]
-    matrix.eliminate_zeros()
-    return PointMap(matrix, fine.points.shape)
+    nodes = [_barb_nodes(coarse, fine, side, along.rachis) for side in (LEADING, TRAILING)]
+    interpolated = RowPoints(sparse.vstack([along.rachis, *nodes]), sparse.vstack(along.directors))
+    return RowMap(*map(along.completed, interpolated, fine.rest))
 
 
-def scaled_map(unit: PointMap, size: float, points: int) -> PointMap:
+def scaled_map(unit: RowMap, size: float, rows: int) -> RowMap:
     """The density map between the same two feathers `size` times as large.
 
-    points: material points in a row of the values that are mapped. Positions grow and directors do
-    not, so rows and columns of the matrix are scaled by the size and its inverse where they belong
-    to positions. Much faster than a map of its own.
+    rows: of the values that are mapped. Positions grow and directors do not, so only what goes
+    from one to the other is scaled. Much faster than a map of its own.
     """
     if size == 1.0:
         return unit
-    rows, columns = (
-        np.full(count, factor)
-        for count, factor in zip(unit.matrix.shape, (size, 1.0 / size), strict=True)
-    )
-    rows.reshape(-1, unit.shape[-2])[:, 1:3] = 1.0
-    columns.reshape(-1, points)[:, 1:3] = 1.0
+    is_node = np.arange(unit.nodes.matrix.shape[1]) < unit.nodes.matrix.shape[1] - 2 * rows
+    factors = np.where(is_node, 1.0, size), np.where(is_node, 1.0 / size, 1.0)
+    return RowMap(*map(_with_columns_scaled, unit, factors))
+
+
+def _with_columns_scaled(unit: PointMap, factors: Array) -> PointMap:
     matrix = unit.matrix.copy()
-    matrix.data *= np.repeat(rows, np.diff(matrix.indptr)) * columns[matrix.indices]
+    matrix.data *= factors[matrix.indices]
     return PointMap(matrix, unit.shape)
 
 
 class _Along:
-    """Interpolation along the rachis. rachis: (N, n P) sparse, for rachis points, d2 and d3."""
+    """Interpolation along the rachis. rachis: (N, K) sparse, K nodes and directors of the coarse
+    feather, and directors: the same for d2 and d3."""
 
     def __init__(self, coarse: Feather, fine: Feather) -> None:
-        weights, slopes = hermite_weights(coarse.station, fine.station)
-        picks = [_pick(coarse, point) for point in range(3)]
-        self.rachis = [sparse.csr_array(weights) @ pick for pick in picks]
-        self._frame = [sparse.csr_array(slopes) @ picks[0], *self.rachis[1:]]
-        self._rest = coarse.points.reshape(-1, 3)
+        weights, slopes = map(sparse.csr_array, hermite_weights(coarse.station, fine.station))
+        self.rachis = weights @ _node(coarse, 0)
+        self.directors = [weights @ _director(coarse, k) for k in range(2)]
+        self._frame = [slopes @ _node(coarse, 0), *self.directors]
+        self._rest = np.concatenate([part.reshape(-1, 3) for part in coarse.rest])
         axes = [axis @ self._rest for axis in self._frame]
         self._rest_frame = np.stack(axes, axis=-1)
 
-    def completed(self, interpolation: Any, rest: Array) -> Any:
+    def completed(self, interpolation: Any, rest: Array) -> PointMap:
         """An interpolation with what it misses of the rest shape, in the frame of each row.
 
-        interpolation: (B N, n P), B points of all N rows, point by point. rest: (B, N, 3).
+        interpolation: (B N, K), B points of all N rows, point by point. rest: (N, B, 3).
         """
-        missing = rest - (interpolation @ self._rest).reshape(rest.shape)
+        by_point = rest.swapaxes(0, 1)
+        missing = by_point - (interpolation @ self._rest).reshape(by_point.shape)
         parts = np.linalg.solve(self._rest_frame, missing[..., None])[..., 0].reshape(-1, 3)
         for axis, part in zip(self._frame, parts.T, strict=True):
-            repeated = sparse.vstack([axis] * len(rest))
+            repeated = sparse.vstack([axis] * len(by_point))
             interpolation = interpolation + sparse.diags_array(part) @ repeated
-        return interpolation.tocsr()
+        by_row = np.arange(len(parts)).reshape(by_point.shape[:2]).T.ravel()
+        matrix = interpolation.tocsr()[by_row]
+        matrix.eliminate_zeros()
+        return PointMap(matrix, rest.shape)
 
 
 def linear_weights(knots: Array, places: Array) -> Array:
@@ -135,7 +143,7 @@ def _slope_weights(step: Array) -> Array:
 
 
 def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any) -> Any:
-    """(M N, n P) sparse, the interpolated nodes of one side, node by node from the root on."""
+    """(M N, K) sparse, the interpolated nodes of one side, node by node from the root on."""
     roots = sparse.vstack([rachis] * fine.columns).tocsr()
     grown = np.flatnonzero(coarse.barb_length[side] > 0.0)
     if len(grown) == 0:
@@ -143,21 +151,32 @@ def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any) -> Any:
     weights, _ = hermite_weights(coarse.station[grown], fine.station)
     weights = _reach(fine, side)[:, None] * weights / _reach(coarse, side)[grown]
     along, _ = hermite_weights(*(np.linspace(0.0, 1.0, f.columns + 1) for f in (coarse, fine)))
-    root, first = _pick(coarse, 0)[grown], 3 + side * coarse.columns
-    offsets = [_pick(coarse, first + j)[grown] - root for j in range(coarse.columns)]
+    root, barb = _node(coarse, 0)[grown], barb_slice(side, coarse.columns)
+    offsets = [_node(coarse, node)[grown] - root for node in range(barb.start, barb.stop)]
     spread = sparse.kron(along[1:, 1:], sparse.csr_array(weights), format="csr")
     return (roots + spread @ sparse.vstack(offsets)).tocsr()
 
 
 def _reach(feather: Feather, side: int) -> Array:
     """(n,) m, from roots to ends of barbs at rest: does not depend on the columns."""
-    end = 2 + (side + 1) * feather.columns
-    return np.asarray(np.linalg.norm(feather.points[:, end] - feather.points[:, 0], axis=1))
+    nodes = feather.rest.nodes
+    end = barb_slice(side, feather.columns).stop - 1
+    return np.asarray(np.linalg.norm(nodes[:, end] - nodes[:, 0], axis=1))
 
 
-def _pick(feather: Feather, point: int) -> Any:
-    """(n, n P) sparse: one material point of every row."""
-    rows, count = feather.rows, feather.points.shape[1]
-    every = np.arange(rows)
-    places = (every, every * count + point)
-    return sparse.csr_array((np.ones(rows), places), shape=(rows, rows * count))
+def _node(feather: Feather, node: int) -> Any:
+    """(n, K) sparse: one node of every row."""
+    size = 1 + 2 * feather.columns
+    return _picked(feather, np.arange(feather.rows) * size + node)
+
+
+def _director(feather: Feather, k: int) -> Any:
+    """(n, K) sparse: one director of every row."""
+    nodes = feather.rows * (1 + 2 * feather.columns)
+    return _picked(feather, nodes + 2 * np.arange(feather.rows) + k)
+
+
+def _picked(feather: Feather, places: Any) -> Any:
+    rows = feather.rows
+    shape = rows, rows * (3 + 2 * feather.columns)
+    return sparse.csr_array((np.ones(rows), (np.arange(rows), places)), shape=shape)

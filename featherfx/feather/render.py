@@ -8,7 +8,7 @@ import numpy as np
 
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
-from featherfx.feather.types import LEADING, TRAILING, BarbCurves, Feather, PointMap
+from featherfx.feather.types import LEADING, TRAILING, BarbCurves, Feather, RowMap, barb_slice
 from featherfx.groom.types import FeatherKind
 
 # Straight pieces that a barb is drawn with.
@@ -20,8 +20,8 @@ _THINNEST = 0.05**0.25
 @lru_cache(maxsize=1024)
 def render_feather(
     kind: FeatherKind, grid: tuple[int, int], render_grid: tuple[int, int], mirrored: bool
-) -> tuple[Feather, PointMap | None]:
-    """The feather to draw for one that is simulated, and the map to its material points.
+) -> tuple[Feather, RowMap | None]:
+    """The feather to draw for one that is simulated, and the map to it.
 
     grid, render_grid: rows and columns. The map is None where the grids are equal. Raises
     InputError where a feather cannot be built at the grid.
@@ -43,19 +43,20 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     rows = max(3, round(count / (1.0 - kind.calamus)) + 2)
     dense = build_feather(kind, rows, BARB_SEGMENTS, mirrored)
     grown = [np.flatnonzero(dense.barb_length[side] > 0.0) for side in (LEADING, TRAILING)]
-    nodes = np.arange(1, BARB_SEGMENTS + 1)
-    term = [np.concatenate(([0], 2 + side * BARB_SEGMENTS + nodes)) for side in (0, 1)]
-    size = dense.points.shape[1]
-    picked = np.concatenate([row[:, None] * size + term[side] for side, row in enumerate(grown)])
+    nodes = np.arange(1 + 2 * BARB_SEGMENTS)
+    barbs = [np.append(0, nodes[barb_slice(side, BARB_SEGMENTS)]) for side in (LEADING, TRAILING)]
+    picked = np.concatenate(
+        [row[:, None] * len(nodes) + barb for row, barb in zip(grown, barbs, strict=True)]
+    )
     along = np.linspace(0.0, 1.0, BARB_SEGMENTS + 1)
     thinning = np.maximum((1.0 - along) ** (0.25 * kind.vane_material.barb_taper), _THINNEST)
     station = (dense.station / dense.station[-1])[np.concatenate(grown)]
     sign = np.repeat([1.0, -1.0], [len(row) for row in grown])
     u = 0.5 + 0.5 * sign[:, None] * along
     return BarbCurves(
-        points=dense.points.reshape(-1, 3)[picked],
+        points=dense.rest.nodes.reshape(-1, 3)[picked],
         widths=np.tile(kind.vane_material.thickness * thinning, (len(picked), 1)),
         side=np.repeat(np.array([LEADING, TRAILING]), [len(row) for row in grown]),
         st=np.stack([u, np.broadcast_to(station[:, None], u.shape)], axis=-1),
-        points_map=density_map(build_feather(kind, *grid, mirrored), dense).picked(picked),
+        points_map=density_map(build_feather(kind, *grid, mirrored), dense).nodes.picked(picked),
     )

@@ -5,18 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import lru_cache, partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from featherfx.errors import all_of
 from featherfx.feather.build import build_feather, make_read_only, repeated_shapes, scaled
-from featherfx.feather.types import Feather, Surface
+from featherfx.feather.types import Feather, RowPoints, Surface
 from featherfx.files.store import Arrays, kept
 from featherfx.groom.types import FeatherKind, Placement
 
 _SURFACE = tuple(each.name for each in fields(Surface))
-_FEATHER = tuple(each.name for each in fields(Feather) if each.name != "surface")
+_STRUCTURES = "rest", "surface"
+_OWN = tuple(each.name for each in fields(Feather) if each.name not in _STRUCTURES)
+# where the arrays of a feather are
+_PATHS = (
+    *_OWN,
+    *(f"rest.{name}" for name in RowPoints._fields),
+    *(f"surface.{name}" for name in _SURFACE),
+)
 # grids of a shot's feathers that are remembered: meshes, simulated, coarse
 _GRIDS = 4
 
@@ -57,11 +65,10 @@ def _built(
 def _packed(feathers: Sequence[Feather]) -> Arrays:
     """All arrays of one name end to end, and their sizes."""
     found: Arrays = {}
-    for owner, names in (("", _FEATHER), ("surface.", _SURFACE)):
-        for name in names:
-            parts = [getattr(each.surface if owner else each, name) for each in feathers]
-            found[owner + name] = np.concatenate([np.ravel(part) for part in parts])
-            found[f"{owner}{name}.shape"] = np.array([part.shape for part in parts])
+    for path in _PATHS:
+        parts = [attrgetter(path)(each) for each in feathers]
+        found[path] = np.concatenate([np.ravel(part) for part in parts])
+        found[f"{path}.shape"] = np.array([part.shape for part in parts])
     return found
 
 
@@ -75,7 +82,9 @@ def _unpacked(arrays: Mapping[str, Any], count: int) -> list[Feather]:
     found = []
     for k in range(count):
         surface = Surface(**{name: parts[f"surface.{name}"][k] for name in _SURFACE})
-        feather = Feather(**{name: parts[name][k] for name in _FEATHER}, surface=surface)
+        rest = RowPoints(*(parts[f"rest.{name}"][k] for name in RowPoints._fields))
+        own = {name: parts[name][k] for name in _OWN}
+        feather = Feather(**own, rest=rest, surface=surface)
         make_read_only(feather)
         found.append(feather)
     return found

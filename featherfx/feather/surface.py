@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.rachis import Rachis
-from featherfx.feather.types import LEADING, RACHIS, TRAILING, Array, Indices, Surface
+from featherfx.feather.types import LEADING, RACHIS, TRAILING, Array, Indices, Surface, barb_slice
 
 
 def build_surface(
-    points: Array,
+    nodes: Array,
     rachis: Rachis,
     barb_length: Array,
     cell: NDArray[np.bool_],
@@ -20,57 +20,53 @@ def build_surface(
 ) -> Surface:
     """Mesh of a feather that is not mirrored.
 
-    points: (n, P, 3) m, material points. barb_length: (2, n) m. cell: (2, n - 1, m, 2).
+    nodes: (n, 1 + 2 m, 3) m. barb_length: (2, n) m. cell: (2, n - 1, m, 2).
     tube_sides: corners of the rachis tube's section, at least 3.
     """
-    vane = vane_surface(points, rachis.station, barb_length, cell)
+    vane = vane_surface(nodes, rachis.station, barb_length, cell)
     reach = max(float(barb_length.max()), 0.5 * float(rachis.width.max()))
-    tube = _tube(points, rachis, reach, tube_sides)
+    tube = _tube(nodes[:, 0], rachis, reach, tube_sides)
     tube = replace(tube, triangles=tube.triangles + len(vane.row))
     both = ((getattr(vane, each.name), getattr(tube, each.name)) for each in fields(Surface))
     return Surface(*map(np.concatenate, both))
 
 
 def vane_surface(
-    points: Array, station: Array, barb_length: Array, cell: NDArray[np.bool_]
+    nodes: Array, station: Array, barb_length: Array, cell: NDArray[np.bool_]
 ) -> Surface:
     """Both vanes, which share the rachis points; only points that a triangle uses.
 
-    points: (n, P, 3) m. station: (n,) m. barb_length: (2, n) m. cell: (2, n - 1, m, 2).
+    nodes: (n, 1 + 2 m, 3) m. station: (n,) m. barb_length: (2, n) m. cell: (2, n - 1, m, 2).
     """
-    count = points.shape[1]
     columns = cell.shape[2]
     sides = [_side_triangles(barb_length[s], cell[s], s, columns) for s in (LEADING, TRAILING)]
     corners = np.concatenate([corner for corner, _ in sides])
     root, end = np.concatenate([edge for _, edge in sides]).T
-    position = points.reshape(-1, 3)
+    position = nodes.reshape(-1, 3)
     along = position[end] - position[root]
     used, triangles = np.unique(corners, return_inverse=True)
-    row, term = np.divmod(used, count)
-    node = np.where(term > 2 + columns, 2 + columns - term, np.maximum(term - 2, 0))
-    weights = np.zeros((len(used), 3))
-    weights[:, 0] = 1.0
+    row, node = np.divmod(used, nodes.shape[1])
+    place = np.where(node > columns, columns - node, node)
     return Surface(
         row=row,
-        terms=np.stack((term, np.zeros_like(term), np.zeros_like(term)), axis=-1),
-        weights=weights,
+        node=node,
+        offset=np.zeros((len(used), 2)),
         triangles=triangles.reshape(-1, 3),
         part=np.repeat(np.array([LEADING, TRAILING]), [len(corner) for corner, _ in sides]),
         barb_direction=along / np.linalg.norm(along, axis=-1, keepdims=True),
-        st=np.stack((0.5 + 0.5 * node / columns, station[row] / station[-1]), axis=-1),
+        st=np.stack((0.5 + 0.5 * place / columns, station[row] / station[-1]), axis=-1),
     )
 
 
 def _side_triangles(
     barb_length: Array, cell: NDArray[np.bool_], side: int, columns: int
 ) -> tuple[Indices, Indices]:
-    """(T, 3) corners and (T, 2) barb edges, root to end, as flat material point numbers."""
+    """(T, 3) corners and (T, 2) barb edges, root to end, as flat numbers of nodes."""
     rows = len(barb_length)
-    count = 3 + 2 * columns
-    first = 3 + side * columns
-    term = np.concatenate(([0], np.arange(first, first + columns)))
+    of_row = np.concatenate(([0], np.arange(1 + 2 * columns)[barb_slice(side, columns)]))
     # A barb of length zero is its rachis point; one mesh point stands for all its nodes.
-    node = np.arange(rows)[:, None] * count + np.where(barb_length[:, None] > 0.0, term, 0)
+    node = np.where(barb_length[:, None] > 0.0, of_row, 0)
+    node += np.arange(rows)[:, None] * (1 + 2 * columns)
     here, out, up, diagonal = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
     lower, upper = (here, out, up), (out, diagonal, up)
     if side == LEADING:
@@ -80,9 +76,10 @@ def _side_triangles(
     return corners[cell], edges[cell]
 
 
-def _tube(points: Array, rachis: Rachis, reach: float, sides: int) -> Surface:
+def _tube(shaft: Array, rachis: Rachis, reach: float, sides: int) -> Surface:
     """A closed tube: a ring a row and a centre point at either end.
 
+    shaft: (n, 3) m, rachis nodes.
     reach: m, distance that stands for half the width of the texture, so that the tube takes as
     much of it as of the vane.
     """
@@ -91,9 +88,8 @@ def _tube(points: Array, rachis: Rachis, reach: float, sides: int) -> Surface:
     lateral = 0.5 * np.outer(rachis.width, np.cos(angle)).ravel()
     vertical = 0.5 * np.outer(rachis.height, np.sin(angle)).ravel()
     row = np.concatenate((np.repeat(np.arange(rows), sides), [0, rows - 1]))
-    weights = np.zeros((len(row), 3))
-    weights[:, 0] = 1.0
-    weights[:-2, 1], weights[:-2, 2] = lateral, vertical
+    offset = np.zeros((len(row), 2))
+    offset[:-2, 0], offset[:-2, 1] = lateral, vertical
     ring = np.arange(rows * sides).reshape(rows, sides)
     following = np.roll(ring, -1, axis=1)
     lower, beside = ring[:-1], following[:-1]
@@ -103,16 +99,16 @@ def _tube(points: Array, rachis: Rachis, reach: float, sides: int) -> Surface:
     ).reshape(-1, 3)
     base = np.stack((np.full(sides, rows * sides), following[0], ring[0]), axis=-1)
     tip = np.stack((np.full(sides, rows * sides + 1), ring[-1], following[-1]), axis=-1)
-    shaft = np.diff(points[:, 0], axis=0)
-    shaft /= np.linalg.norm(shaft, axis=-1, keepdims=True)
+    along = np.diff(shaft, axis=0)
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
     ends = np.repeat(rachis.frame[[0, -1], :, 0], sides, axis=0)
-    st = np.stack((0.5 + 0.5 * weights[:, 1] / reach, rachis.station[row] / rachis.station[-1]), -1)
+    st = np.stack((0.5 + 0.5 * offset[:, 0] / reach, rachis.station[row] / rachis.station[-1]), -1)
     return Surface(
         row=row,
-        terms=np.tile(np.array([0, 1, 2]), (len(row), 1)),
-        weights=weights,
+        node=np.zeros_like(row),
+        offset=offset,
         triangles=np.concatenate((walls, base, tip)),
         part=np.full(len(walls) + 2 * sides, RACHIS),
-        barb_direction=np.concatenate((np.repeat(shaft, 2 * sides, axis=0), ends)),
+        barb_direction=np.concatenate((np.repeat(along, 2 * sides, axis=0), ends)),
         st=st,
     )

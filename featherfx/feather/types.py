@@ -5,21 +5,21 @@ r"""Rest geometry of one feather: the barb grid and the surface drawn on it.
     row i     o---o---o---*===*---o---o---o        every triangle has one edge along a barb
             trailing      rachis      leading
 
-Material points of a row, P = 3 + 2 m for m columns a side (all vectors of 3):
-    0            rachis point r
-    1, 2         directors d2 (to the leading side, within the vane; to the trailing side on a
-                 mirrored feather) and d3 (dorsal); unit vectors, not positions; d1 = d2 x d3 is
-                 normal to the shaft's section
-    3 .. 2+m     leading barb nodes 1..m, root to end
-    3+m .. 2+2m  trailing barb nodes 1..m, root to end
-Every surface point is a fixed linear combination of the material points of its row, so that one
-map serves positions, velocities and accelerations.
+Nodes of a row, 1 + 2 m for m columns a side, positions:
+    0            rachis node r
+    1 .. m       leading barb nodes, root to end
+    1+m .. 2m    trailing barb nodes, root to end
+Directors of a row, unit vectors: d2 (to the leading side, within the vane; to the trailing side on
+a mirrored feather) and d3 (dorsal); d1 = d2 x d3 is normal to the shaft's section.
+Every surface point is a node of its row, or stands off one along the directors, so that one map
+serves positions, velocities and accelerations.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,29 +28,66 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LEADING, TRAILING, RACHIS = 0, 1, 2
-# places of d2 and d3 in a row
-DIRECTORS = (1, 2)
 
 
-def without_directors(points: Array) -> Array:
-    """Material points (..., P, 3), or their rates, without the directors: (..., P - 2, 3)."""
-    return np.delete(points, DIRECTORS, axis=-2)
+class RowPoints(NamedTuple):
+    """What the rows of a feather are made of, or its rates; with leading axes for many feathers.
+
+    nodes: (n, 1 + 2 m, 3) m. directors: (n, 2, 3) unit vectors d2 and d3.
+    """
+
+    nodes: Array
+    directors: Array
+
+    @staticmethod
+    def of(rows: Array) -> RowPoints:
+        """Those of one array, as `rows` gives it."""
+        return RowPoints(np.delete(rows, (1, 2), axis=-2), rows[..., 1:3, :])
+
+    def rows(self) -> Array:
+        """(..., n, 3 + 2 m, 3), all in one array: of each row rachis node, d2, d3, then barbs."""
+        parts = self.nodes[..., :1, :], self.directors, self.nodes[..., 1:, :]
+        return np.concatenate(parts, axis=-2)
+
+    def at(self, place: Any) -> RowPoints:
+        """Those at a place of the leading axes."""
+        return RowPoints(self.nodes[place], self.directors[place])
+
+    def assign(self, other: RowPoints) -> None:
+        """Set both, in place."""
+        self.nodes[...], self.directors[...] = other
+
+    def shifted(self, way: Array) -> RowPoints:
+        """Moved by way (..., 3), or as fast: directors stay."""
+        return RowPoints(self.nodes + way[..., None, None, :], self.directors)
 
 
-def shifted(points: Array, way: Array) -> Array:
-    """Material points (..., n, P, 3), or their rates, moved by way (..., 3): directors stay."""
-    moved = points + way[..., None, None, :]
-    moved[..., DIRECTORS, :] = points[..., DIRECTORS, :]
-    return moved
+def both(function: Callable[..., Array], *values: RowPoints) -> RowPoints:
+    """A function of the nodes, and of the directors."""
+    return RowPoints(*map(function, *values))
+
+
+def turned(matrices: Array, points: RowPoints) -> RowPoints:
+    """Every vector, as a row, times matrices (..., 3, 3) of its feather or row."""
+    return both(lambda part: part @ matrices, points)
+
+
+def stacked(points: Sequence[RowPoints]) -> RowPoints:
+    """Of feathers of one grid, with an axis in front."""
+    return both(lambda *parts: np.stack(parts), *points)
+
+
+def barb_slice(side: int, columns: int) -> slice:
+    """The nodes of one side's barb within a row."""
+    return slice(1 + side * columns, 1 + (side + 1) * columns)
 
 
 @dataclass(frozen=True)
 class Surface:
     """The mesh of one feather (vanes and a rachis tube), V points, T triangles.
 
-    row: (V,) row of each point.
-    terms: (V, 3) material point indices, and weights: (V, 3): point = sum of weight * material
-        point, over the point's row. Vane points use one term; tube points use r, d2 and d3.
+    row: (V,) row of each point, and node: (V,) the node of that row that it is, or stands off by
+        offset: (V, 2) m along the row's directors; vane points do not, those of the tube do.
     triangles: (T, 3) point indices, counter-clockwise seen from dorsal (vanes) or from outside
         (rachis tube, closed at both ends).
     part: (T,) LEADING, TRAILING or RACHIS.
@@ -61,17 +98,20 @@ class Surface:
     """
 
     row: Indices
-    terms: Indices
-    weights: Array
+    node: Indices
+    offset: Array
     triangles: Indices
     part: Indices
     barb_direction: Array
     st: Array
 
-    def points(self, material_points: Array) -> Array:
-        """(..., n, P, 3) material points (or their rates) to (..., V, 3) surface points."""
-        picked = material_points[..., self.row[:, None], self.terms, :]
-        return np.einsum("vk,...vkc->...vc", self.weights, picked)
+    def points(self, values: RowPoints | Array) -> Array:
+        """(..., V, 3) surface points, or their rates. values: also as an array (RowPoints.rows)."""
+        if isinstance(values, np.ndarray):
+            values = RowPoints.of(values)
+        directors = values.directors[..., self.row, :, :]
+        along, up = (self.offset[:, k, None] * directors[..., k, :] for k in range(2))
+        return np.asarray(values.nodes[..., self.row, self.node, :] + along + up)
 
 
 @dataclass(frozen=True)
@@ -87,7 +127,7 @@ class Feather:
     with d2 = y at the root, so that its leading vane lies on the side of -d2 and -y; d3 is dorsal
     on both. Everything that says leading or trailing (columns, part, cell, st) holds unchanged.
 
-    points: (n, P, 3) material points at rest (layout above).
+    rest: nodes and directors at rest.
     station: (n,) m, arc length of the rachis at the rows.
     width, height: (n,) m, outer section of the shaft along d2 and d3.
     barb_length: (2, n) m, leading and trailing, along the nodes: m segments of barb_length / m.
@@ -98,7 +138,7 @@ class Feather:
         the rachis). Those that would have no area do not.
     """
 
-    points: Array
+    rest: RowPoints
     station: Array
     width: Array
     height: Array
@@ -108,30 +148,44 @@ class Feather:
     surface: Surface
 
     @property
+    def points(self) -> Array:
+        """(n, 3 + 2 m, 3) nodes and directors at rest, as RowPoints.rows gives them."""
+        return self.rest.rows()
+
+    @property
     def rows(self) -> int:
-        return self.points.shape[0]
+        return len(self.station)
 
     @property
     def columns(self) -> int:
-        return (self.points.shape[1] - 3) // 2
+        return self.cell.shape[2]
 
 
 @dataclass(frozen=True)
 class PointMap:
-    """A linear map of material points. matrix: (K, n P) sparse. shape: of the result, (..., 3).
-
-    Values as they come are (n, P, 3) material points or their rates; K points result.
-    """
+    """A linear map of nodes and directors. matrix: (K, n (3 + 2 m)) sparse, all nodes first, row by
+    row. shape: of the result, (..., 3): K points, or their rates."""
 
     matrix: Any
     shape: tuple[int, ...]
 
-    def __call__(self, values: Array) -> Array:
-        return np.asarray(self.matrix @ np.reshape(values, (-1, 3))).reshape(self.shape)
+    def __call__(self, values: RowPoints) -> Array:
+        flat = np.concatenate([each.reshape(-1, 3) for each in values])
+        return np.asarray(self.matrix @ flat).reshape(self.shape)
 
     def picked(self, points: Indices) -> PointMap:
         """The map to some of the points alone. points: (k,) or (k, l), into the K points."""
         return PointMap(self.matrix[points.ravel()], (*points.shape, 3))
+
+
+class RowMap(NamedTuple):
+    """A linear map to the nodes and directors of another grid."""
+
+    nodes: PointMap
+    directors: PointMap
+
+    def __call__(self, values: RowPoints) -> RowPoints:
+        return RowPoints(self.nodes(values), self.directors(values))
 
 
 @dataclass(frozen=True)
@@ -140,7 +194,7 @@ class BarbCurves:
 
     points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
     TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface. points_map: from the
-    simulated feather's material points (or rates) to points.
+    simulated feather's rows (or rates) to points.
     """
 
     points: Array

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotation_vectors
-from featherfx.feather.types import Feather
+from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
 from featherfx.mechanics.model import Model
@@ -33,6 +33,7 @@ class _Constants(NamedTuple):
     hinge_rest: Array
     hinge_stiffness: Array
     mass: Array
+    rotary_inertia: Array
     shaft_area: Array
     cell_guard: Array
 
@@ -83,9 +84,9 @@ def has_elastic_clamp(kind: FeatherKind) -> bool:
 
 
 def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: bool) -> _Constants:
-    points = feather.points
-    frames = row_frames(points)
-    length = np.linalg.norm(np.diff(points[:, 0], axis=0), axis=1)
+    frames = row_frames(feather.rest.directors)
+    centre = feather.rest.nodes[:, 0]
+    length = np.linalg.norm(np.diff(centre, axis=0), axis=1)
     clamp, joints, segment = _barb_rest(feather, frames)
     cell_rest, cell_area = _cells(feather)
     vane = kind.vane_material
@@ -93,7 +94,7 @@ def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: 
     hinge_rest, hinge_stiffness = _hinges(feather, cell_area, vane.bending_across)
     return _Constants(
         length=length,
-        rachis_rest=_rachis_rest(points[:, 0], frames, length),
+        rachis_rest=_rachis_rest(centre, frames, length),
         rachis_stiffness=_rachis_stiffness(feather, kind, length),
         clamp=clamp,
         joints=joints,
@@ -104,14 +105,15 @@ def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: 
         hinge_rest=hinge_rest,
         hinge_stiffness=hinge_stiffness,
         mass=_mass(feather, kind, cell_area, length),
+        rotary_inertia=_rotary_inertia(feather, kind, length),
         shaft_area=feather.width * _row_length(length),
         cell_guard=GUARD_SCALE * vane.compression_guard * vane.thickness * cell_area,
     )
 
 
-def row_frames(points: Array) -> Array:
-    """(..., n, P, 3) material points to (..., n, 3, 3) row frames, columns d1, d2, d3."""
-    second, third = points[..., 1, :], points[..., 2, :]
+def row_frames(directors: Array) -> Array:
+    """(..., n, 3, 3) row frames, columns d1, d2, d3, of directors (..., n, 2, 3)."""
+    second, third = directors[..., 0, :], directors[..., 1, :]
     return np.stack([np.cross(second, third), second, third], axis=-1)
 
 
@@ -147,16 +149,11 @@ def _rachis_stiffness(feather: Feather, kind: FeatherKind, length: Array) -> Arr
 
 
 def _mass(feather: Feather, kind: FeatherKind, cell_area: Array, length: Array) -> Array:
-    """(n, P) lumped masses; directors carry the shaft's rotary inertia."""
+    """(n, 1 + 2 m) lumped masses."""
     columns = feather.columns
-    mass = np.zeros(feather.points.shape[:2])
-    own = _row_length(length)
-    line, about_second, about_third = shaft_mass(
-        feather.width, feather.height, kind.rachis_material
-    )
-    mass[:, 0] = line * own
-    mass[:, 1] = about_third * own
-    mass[:, 2] = about_second * own
+    mass = np.zeros((feather.rows, 1 + 2 * columns))
+    line, _, _ = shaft_mass(feather.width, feather.height, kind.rachis_material)
+    mass[:, 0] = line * _row_length(length)
     third = cell_area * kind.vane_material.surface_density / 3.0
     for side in range(2):
         node = np.zeros((feather.rows, columns + 1))
@@ -166,21 +163,26 @@ def _mass(feather: Feather, kind: FeatherKind, cell_area: Array, length: Array) 
         node[1:, :-1] += first + second
         node[1:, 1:] += second
         mass[:, 0] += node[:, 0]
-        mass[:, 3 + side * columns : 3 + (side + 1) * columns] = node[:, 1:]
+        mass[:, barb_slice(side, columns)] = node[:, 1:]
     return mass
 
 
-def barb_nodes(feather: Feather) -> Array:
-    """(2, n, m + 1, 3) nodes of all barbs, column 0 on the rachis."""
-    m = feather.columns
-    root = feather.points[:, :1]
-    sides = [feather.points[:, 3 + s * m : 3 + (s + 1) * m] for s in range(2)]
+def _rotary_inertia(feather: Feather, kind: FeatherKind, length: Array) -> Array:
+    """(n, 2) kg m^2: a director moves where the shaft turns about the other one."""
+    _, about_second, about_third = shaft_mass(feather.width, feather.height, kind.rachis_material)
+    return np.stack([about_third, about_second], axis=1) * _row_length(length)[:, None]
+
+
+def barb_nodes(nodes: Array) -> Array:
+    """(2, n, m + 1, 3) nodes of all barbs, column 0 on the rachis, from nodes (n, 1 + 2 m, 3)."""
+    root, columns = nodes[:, :1], nodes.shape[1] // 2
+    sides = [nodes[:, barb_slice(side, columns)] for side in range(2)]
     return np.stack([np.concatenate([root, side], axis=1) for side in sides])
 
 
 def _barb_rest(feather: Feather, frames: Array) -> tuple[Array, Array, Array]:
     """Clamp (2, n, 4), joints (2, n, m, 4) and segment lengths (2, n) at rest."""
-    nodes = barb_nodes(feather)
+    nodes = barb_nodes(feather.rest.nodes)
     steps = np.diff(nodes, axis=2)
     segment = feather.barb_length / feather.columns
     present = segment > 0.0
@@ -229,7 +231,7 @@ def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int, elas
 
 def _triangle(feather: Feather) -> tuple[Array, Array, Array]:
     """Edge start, edge end and opposite node of all cells: (2, n-1, m, 2, 3) each."""
-    nodes = barb_nodes(feather)
+    nodes = barb_nodes(feather.rest.nodes)
     low, high = nodes[:, :-1], nodes[:, 1:]
     start = np.stack([low[:, :, :-1], high[:, :, :-1]], axis=3)
     end = np.stack([low[:, :, 1:], high[:, :, 1:]], axis=3)
@@ -252,7 +254,7 @@ def _cells(feather: Feather) -> tuple[Array, Array]:
 
 def _hinges(feather: Feather, cell_area: Array, modulus: float) -> tuple[Array, Array]:
     """hinge_rest and hinge_stiffness, (2, n, m)."""
-    nodes = barb_nodes(feather)
+    nodes = barb_nodes(feather.rest.nodes)
     shape = (2, feather.rows, feather.columns)
     rest, stiffness = np.zeros(shape), np.zeros(shape)
     start, end = nodes[:, 1:-1, :-1], nodes[:, 1:-1, 1:]

@@ -1,4 +1,4 @@
-"""Contact of material points with planes that move: pressure by a multiplier, Coulomb friction.
+"""Contact of nodes with planes that move: pressure by a multiplier, Coulomb friction.
 
     W = <L - r g>^2 / (2 r) + b f(|u|),     g = n.x - d,     u = (1 - n n^T)(x - q)
 
@@ -53,7 +53,7 @@ def friction_potential(slip, smoothing):
 
 @kernel
 def contact_energy(contacts, f, fraction, points):
-    """Energy of feather f's contacts (J). points: (n, P, 3)."""
+    """Energy of feather f's contacts (J). points: nodes, (n, 1 + 2 m, 3)."""
     total = 0.0
     for c in range(contacts.first[f], contacts.first[f + 1]):
         point, strength = points[contacts.node[c, 0], contacts.node[c, 1]], contacts.strength[c]
@@ -70,7 +70,7 @@ def contact_energy(contacts, f, fraction, points):
 
 @kernel
 def add_contact_forces(contacts, f, fraction, points, force, stiff):
-    """Gradient and Hessian of contact_energy, added to force (n, P, 3) and stiff (n, P, 6)."""
+    """Gradient and Hessian of contact_energy, added to force and stiff."""
     for c in range(contacts.first[f], contacts.first[f + 1]):
         row, p = contacts.node[c, 0], contacts.node[c, 1]
         point, n, strength = points[row, p], contacts.normal[c], contacts.strength[c]

@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 class Model(NamedTuple):
     """F feathers, n rows, m columns a side, C curvature coefficients per barb and direction.
 
-    P = 3 + 2 m material points a row (featherfx/feather/types.py); sides are 0 leading,
-    1 trailing. SI units.
+    Nodes and directors of a row: featherfx/feather/types.py; sides are 0 leading, 1 trailing. SI
+    units.
 
     held: (F,) bool, whether row 0 is led by the root frame (else the feather flies free).
     length: (F, n-1) m, rest lengths of the rachis elements.
@@ -29,7 +29,8 @@ class Model(NamedTuple):
     cell_stiffness: (F, 2, n-1, m, 2, 2) N m, b A E_ww and b A E_vw; 0 where there is no triangle.
     hinge_rest: (F, 2, n, m) rad, rest dihedral angle at the barb edge from column j to j + 1.
     hinge_stiffness: (F, 2, n, m) N m; 0 where there is no hinge.
-    mass: (F, n, P) kg, and kg m^2 for the two directors (rotary inertia of the shaft).
+    mass: (F, n, 1 + 2 m) kg, of the nodes.
+    rotary_inertia: (F, n, 2) kg m^2 of the shaft, carried by the directors.
     shaft_area: (F, n) m^2, side area of the shaft that the row stands for, for air drag.
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
     cell_guard: (F, 2, n-1, m, 2) N m, G of the compression guard (vane_guard_kernels), or
@@ -50,6 +51,7 @@ class Model(NamedTuple):
     hinge_rest: Array
     hinge_stiffness: Array
     mass: Array
+    rotary_inertia: Array
     shaft_area: Array
     retardation: Array
     cell_guard: Array = np.zeros((0, 0, 0, 0, 0))
@@ -85,10 +87,10 @@ class Model(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """K contacts of single material points with moving planes (contact_kernels), by feather.
+    """K contacts of single nodes with moving planes (contact_kernels), by feather.
 
     first: (F + 1,) contacts first[f] to first[f + 1] are feather f's. node: (K, 2) row and
-    material point. normal: (K, 3) unit, out of the other body. offset: (K, 2) m, of the plane at
+    node. normal: (K, 3) unit, out of the other body. offset: (K, 2) m, of the plane at
     the step's start and end. target: (K, 2, 3) m, where the point would be had it gone along with
     the other body. strength: (K, 4) stiffness N/m, force of the iteration before N, bound of the
     friction force N, slip over which friction sets in m.
@@ -120,11 +122,12 @@ class Loads(NamedTuple):
     gravity: (3,) m/s^2. air: (4,) air density kg/m^3, normal and tangential vane coefficients,
     shaft coefficient. wind_mean: (F, 3) m/s, or (3,) for all feathers; wind_wave: (K, 3) rad/m,
     wind_rate: (K,) rad/s, wind_amplitude: (K, 3) m/s, wind_phase: (K,) rad: mean + sum amplitude
-    cos(wave.x - rate t + phase). grip_node: (F, G, 2) row and material point, row -1 for none.
+    cos(wave.x - rate t + phase). grip_node: (F, G, 2) row and node, row -1 for none.
     grip_start, grip_end: (F, G, 3) m, target at the frame's start and end. grip_stiffness: (F, G)
-    N/m. force: (F, n, P, 3) N, dead loads on the material points (N m on directors) at the frame's
-    start, or (F, 0, 0, 3) where there are none. force_change: as force, what is added to it
-    linearly up to the frame's end, or (0, 0, 0, 3). contacts: with other bodies.
+    N/m. force: (F, n, 1 + 2 m, 3) N, dead loads on the nodes at the frame's start, or (F, 0, 0, 3)
+    where there are none. force_change: as force, what is added to it linearly up to the frame's
+    end, or (0, 0, 0, 3). couple: (F, n, 2, 3) N m, dead loads on the directors, or (0, 0, 2, 3).
+    contacts: with other bodies.
     """
 
     gravity: Array
@@ -141,6 +144,7 @@ class Loads(NamedTuple):
     force: Array
     contacts: Contacts
     force_change: Array = np.zeros((0, 0, 0, 3))
+    couple: Array = np.zeros((0, 0, 2, 3))
 
 
 def wind_of_each(loads: Loads, feathers: int) -> Loads:

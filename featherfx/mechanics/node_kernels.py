@@ -1,4 +1,4 @@
-"""What acts on single material points: inertia, gravity, air drag, grips and dead loads.
+"""What acts on single nodes: inertia, gravity, air drag, grips and dead loads.
 
     W = 1/2 a m |x - x_t|^2 - m g.x - f.x + D(v) / c + 1/2 k |x - x_g|^2,     v = c (x - x_v)
 
@@ -29,7 +29,7 @@ from featherfx.algebra.vec3_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.row_kernels import is_director
+from featherfx.mechanics.row_kernels import node_index
 
 
 @kernel
@@ -44,28 +44,28 @@ def wind_at(loads, f, time, point):
 
 @kernel
 def sample_wind(loads, f, time, points, wind):
-    """Wind at the material points (n, P, 3), written to wind (n, P, 3).
+    """Wind at the nodes, points (n, 1 + 2 m, 3), written to wind (n, 1 + 2 m, 3).
 
     Gusts are sampled at the rachis and at both ends of a row and run linearly between.
     """
-    columns = (points.shape[1] - 3) // 2
+    columns = points.shape[1] // 2
     for i in range(points.shape[0]):
         middle = wind_at(loads, f, time, points[i, 0])
         store(wind[i, 0], middle)
         for side in range(2 if columns > 0 else 0):
             end = middle
             if loads.wind_rate.shape[0] > 0:
-                end = wind_at(loads, f, time, points[i, 2 + columns * (side + 1)])
+                end = wind_at(loads, f, time, points[i, columns * (side + 1)])
             for j in range(columns):
                 along = scale((j + 1.0) / columns, sub(end, middle))
-                store(wind[i, 3 + side * columns + j], add(middle, along))
+                store(wind[i, node_index(side, j + 1, columns)], add(middle, along))
 
 
 @kernel
 def area_vectors(points, cell_stiffness, area):
-    """Vane area around each material point times its normal, written to area (n, P, 3), m^2.
+    """Vane area around each node times its normal, written to area (n, 1 + 2 m, 3), m^2.
 
-    points: (n, P, 3). cell_stiffness: (2, n-1, m, 2, 2) tells which triangles exist.
+    points: nodes. cell_stiffness: (2, n-1, m, 2, 2) tells which triangles exist.
     """
     area[:] = 0.0
     columns = cell_stiffness.shape[2]
@@ -73,8 +73,7 @@ def area_vectors(points, cell_stiffness, area):
         sign = 1.0 / 6.0 if side == 0 else -1.0 / 6.0
         for i in range(cell_stiffness.shape[1]):
             for j in range(columns):
-                near = 0 if j == 0 else 2 + side * columns + j
-                far = 3 + side * columns + j
+                near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
                 for half in range(2):
                     if cell_stiffness[side, i, j, half, 0] == 0.0:
                         continue
@@ -89,7 +88,7 @@ def area_vectors(points, cell_stiffness, area):
 
 @shared_kernel
 def blow(points, time, loads, f, velocity, cell_stiffness, around):
-    """Wind, vane areas and speeds through the air at the predicted points of feather f."""
+    """Wind, vane areas and speeds through the air at the predicted nodes of feather f."""
     sample_wind(loads, f, time, points, around.wind)
     area_vectors(points, cell_stiffness, around.area)
     for i in range(points.shape[0]):
@@ -110,12 +109,12 @@ def _air_factors(area, shaft, air, speed):
 def _drag(model, loads, f, rate, point, around, i, p):
     """Energy D, its gradient by the velocity, and what its second derivative is made of.
 
-    i, p: row and material point. The second derivative is b 1 + (a - b) n n^T; returns
+    i, p: row and node. The second derivative is b 1 + (a - b) n n^T; returns
     (D, gradient, a, b, n).
     """
     shaft = model.shaft_area[f, i] if p == 0 else 0.0
     n, normal, tangential = _air_factors(around.area[i, p], shaft, loads.air, around.speed[i, p])
-    u = sub(scale(rate, sub(point, around.past[i, p])), around.wind[i, p])
+    u = sub(scale(rate, sub(point, around.past.nodes[i, p])), around.wind[i, p])
     un = dot(u, n)
     t = sub(u, scale(un, n))
     energy = normal * abs(un) ** 3 / 3.0 + 0.5 * tangential * dot(t, t)
@@ -127,7 +126,7 @@ def _drag(model, loads, f, rate, point, around, i, p):
 def node_energy(model, loads, f, factors, points, around):
     """Energy of inertia, gravity and drag of feather f (J).
 
-    factors: a (1/s^2) and c (1/s; 0: no drag) of the integrator. points: (n, P, 3) x. around:
+    factors: a (1/s^2) and c (1/s; 0: no drag) of the integrator. points: (n, 1 + 2 m, 3) x. around:
     x_t, x_v, and wind, areas and speeds of `blow`.
     """
     total = 0.0
@@ -136,10 +135,8 @@ def node_energy(model, loads, f, factors, points, around):
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
             m, x = model.mass[f, i, p], points[i, p]
-            offset = sub(x, around.target[i, p])
+            offset = sub(x, around.target.nodes[i, p])
             total += 0.5 * inertia * m * dot(offset, offset)
-            if is_director(p):
-                continue
             total -= m * dot(loads.gravity, x)
             if blowing:
                 total += _drag(model, loads, f, rate, x, around, i, p)[0] / rate
@@ -148,18 +145,18 @@ def node_energy(model, loads, f, factors, points, around):
 
 @kernel
 def node_forces(model, loads, f, factors, points, around, force, stiff):
-    """Gradient and Hessian of node_energy: force (n, P, 3); stiff (n, P, 6) xx yy zz xy xz yz."""
+    """Gradient and Hessian of node_energy: force (n, 1 + 2 m, 3); stiff (n, 1 + 2 m, 6) xx yy
+    zz xy xz yz."""
     inertia, rate = factors.inertia, factors.rate
     blowing = loads.air[0] > 0.0 and rate > 0.0
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
             m, x, out = model.mass[f, i, p], points[i, p], stiff[i, p]
-            heavy = 0.0 if is_director(p) else m
-            offset = sub(x, around.target[i, p])
-            store(force[i, p], combined(inertia * m, offset, -heavy, loads.gravity))
+            offset = sub(x, around.target.nodes[i, p])
+            store(force[i, p], combined(inertia * m, offset, -m, loads.gravity))
             for k in range(3):
                 out[k], out[3 + k] = inertia * m, 0.0
-            if not blowing or is_director(p):
+            if not blowing:
                 continue
             _, push, second, tangential, n = _drag(model, loads, f, rate, x, around, i, p)
             accumulate(force[i, p], 1.0, push)
@@ -181,7 +178,7 @@ def _grip_gap(loads, f, g, fraction, points):
 
 @kernel
 def grip_energy(loads, f, fraction, points):
-    """Energy of feather f's grips at a fraction of the frame (J). points: (n, P, 3)."""
+    """Energy of feather f's grips at a fraction of the frame (J)."""
     total = 0.0
     for g in range(loads.grip_stiffness.shape[1]):
         if loads.grip_node[f, g, 0] >= 0:
@@ -192,7 +189,7 @@ def grip_energy(loads, f, fraction, points):
 
 @kernel
 def add_grip_forces(loads, f, fraction, points, force, stiff):
-    """Gradient and Hessian of grip_energy, added to force (n, P, 3) and stiff (n, P, 6)."""
+    """Gradient and Hessian of grip_energy, added to force and stiff."""
     for g in range(loads.grip_stiffness.shape[1]):
         row, p = loads.grip_node[f, g, 0], loads.grip_node[f, g, 1]
         if row < 0:
@@ -205,7 +202,7 @@ def add_grip_forces(loads, f, fraction, points, force, stiff):
 
 @kernel
 def dead_energy(loads, f, fraction, points):
-    """Energy of dead loads on feather f's points (n, P, 3) at a fraction of the frame (J)."""
+    """Energy of dead loads on feather f's nodes at a fraction of the frame (J)."""
     total = 0.0
     dead, change = loads.force[f], loads.force_change[f]
     for i in range(dead.shape[0]):
@@ -221,7 +218,7 @@ def dead_energy(loads, f, fraction, points):
 
 @kernel
 def add_dead_forces(loads, f, fraction, force):
-    """Gradient of dead_energy, added to force (n, P, 3)."""
+    """Gradient of dead_energy, added to force."""
     dead, change = loads.force[f], loads.force_change[f]
     for i in range(dead.shape[0]):
         for p in range(dead.shape[1]):

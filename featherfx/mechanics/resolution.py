@@ -67,8 +67,9 @@ def coefficients_for(feather: Feather, kind: FeatherKind, pressure: float, toler
 def vane_width(feather: Feather) -> np.ndarray:
     """(n,) m, how far both vanes together reach from the rachis at every row."""
     m = feather.columns
-    ends = feather.points[:, [2 + m, 2 + 2 * m]] - feather.points[:, :1]
-    return np.asarray(np.abs(np.einsum("nsk,nk->ns", ends, feather.points[:, 1])).sum(axis=1))
+    nodes, lateral = feather.rest.nodes, feather.rest.directors[:, 0]
+    ends = nodes[:, [m, 2 * m]] - nodes[:, :1]
+    return np.asarray(np.abs(np.einsum("nsk,nk->ns", ends, lateral)).sum(axis=1))
 
 
 def rachis_deflection(

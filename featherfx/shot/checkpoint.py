@@ -25,7 +25,7 @@ class Checkpoint:
     """Where a simulation stands after a sample.
 
     index: number of the sample, 0 at the first frame, counted in frames times subframes.
-    states: one per group of feathers. starts: per group (F, n, P, 3) m, material points at the
+    states: one per group of feathers. starts: per group (F, n, 1 + 2 m, 3) m, nodes at the
     first frame, from which grips count. wanted: (W,) numbers of the feathers in its frames.
     contact, levels, cycles, layers: arrays that contact, changes of level, repeated motion and
     layered plumage keep between frames.

@@ -12,20 +12,19 @@ from numpy.typing import NDArray
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map, scaled_map
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import Feather, PointMap
+from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept
 from featherfx.groom.types import FeatherKind, Placement
 from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
-from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
 from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.loads.wind import exposures, sheltered
 from featherfx.shot.motion.roots import Roots
-from featherfx.shot.types import Force, Grip, Shot
+from featherfx.shot.types import FeatherPose, Force, Grip, Shot
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
@@ -50,7 +49,7 @@ class Group:
     exposure: float
     members: NDArray[np.int64]
     feathers: list[Feather]
-    maps: list[PointMap | None]
+    maps: list[RowMap | None]
     names: list[str]
     grips: list[tuple[int, Grip]]
     forces: list[tuple[int, Force, Array]]
@@ -132,7 +131,7 @@ def _group(
         ],
         solver=Solver(model, settings, jobs),
         state=state,
-        start=state.points.copy(),
+        start=state.points.nodes.copy(),
     )
 
 
@@ -183,18 +182,18 @@ def loads_within(
 def pose_of(group: Group, k: int) -> FeatherPose:
     """Points and rates of a group's feather on the grid of the meshes."""
     state, to_mesh = group.state, group.maps[k]
-    values = state.points[k], state.velocity[k], state.acceleration[k]
-    return FeatherPose(*(values if to_mesh is None else map(to_mesh, values)))
+    values = [each.at(k) for each in (state.points, state.velocity, state.acceleration)]
+    return FeatherPose(*(values if to_mesh is None else [to_mesh(each) for each in values]))
 
 
 def _maps(
     placements: Sequence[Placement], simulated: list[Feather], drawn: list[Feather]
-) -> list[PointMap | None]:
+) -> list[RowMap | None]:
     """From the simulated grids to the drawn ones; None where they are the same."""
-    known: dict[tuple[int, bool], PointMap] = {}
-    found: list[PointMap | None] = []
+    known: dict[tuple[int, bool], RowMap] = {}
+    found: list[RowMap | None] = []
     for placement, coarse, fine in zip(placements, simulated, drawn, strict=True):
-        if coarse.points.shape == fine.points.shape:
+        if coarse.cell.shape == fine.cell.shape:
             found.append(None)
             continue
         # one map for all feathers that differ in size only
@@ -208,5 +207,5 @@ def _maps(
                 )
             )
         size = placement.size if placement.prototype is not None else 1.0
-        found.append(scaled_map(known[key], size, coarse.points.shape[1]))
+        found.append(scaled_map(known[key], size, coarse.rows))
     return found

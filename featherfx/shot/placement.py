@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.feather.types import shifted
+from featherfx.feather.types import RowPoints, turned
 from featherfx.groom.types import Groom
 from featherfx.phases import phase
 from featherfx.shot.types import Shot
@@ -16,12 +16,12 @@ from featherfx.shot.types import Shot
 Array = NDArray[np.float64]
 
 
-def place(points: Array, position: Array, rotation: Array) -> Array:
-    """Material points (n, P, 3) in the feather frame to the world frame.
+def place(points: RowPoints, position: Array, rotation: Array) -> RowPoints:
+    """What is given in the feather frame, in the world frame.
 
     position: (3,) m and rotation: (3, 3) of the root.
     """
-    return shifted(points @ rotation.T, position)
+    return turned(rotation.T, points).shifted(position)
 
 
 def lay_out(groom: Groom) -> Groom:

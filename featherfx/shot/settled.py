@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from featherfx.feather.types import shifted
+from featherfx.feather.types import turned
 from featherfx.mechanics.model import Loads
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.solver.solver import Solver, State, raise_if_failed
@@ -47,11 +47,11 @@ def moving_with_roots(state: State, rates: tuple[RootFrames, ...]) -> State:
     rates: of the roots of these feathers, and their first and second rates (see root_rates).
     """
     new, (now, first, second) = state.copy(), rates
-    local = shifted(state.points, -now.positions) @ now.rotations[:, None]
+    local = turned(now.rotations[:, None], state.points.shifted(-now.positions))
     for values, rate in ((new.velocity, first), (new.acceleration, second)):
-        turning = np.swapaxes(rate.rotations, -1, -2)[:, None]
-        values[:] = shifted(local @ turning, rate.positions)
-    new.smoothed[:] = new.acceleration
+        moved = turned(np.swapaxes(rate.rotations, -1, -2)[:, None], local)
+        values.assign(moved.shifted(rate.positions))
+    new.smoothed.assign(new.acceleration)
     return new
 
 

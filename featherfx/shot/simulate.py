@@ -1,4 +1,4 @@
-"""The frame loop: a shot in, frames of material points out."""
+"""The frame loop: a shot in, frames out."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ class Simulation:
                 self._advance(group, index)
         if index == 0:
             for group in self._groups:
-                group.start = group.state.points.copy()
+                group.start = group.state.points.nodes.copy()
         if index >= 0:
             self._levels.finish(index)
         if index >= 0 and self._layers is not None:
@@ -313,16 +313,10 @@ class Simulation:
             else self._layers.of(self._wanted, self._laid)
         )
         for f, pose in zip(self._wanted.tolist(), poses, strict=True):
-            if not np.isfinite(pose.points).all():
+            if not all(np.isfinite(part).all() for part in pose.points):
                 name = self.shot.groom.feathers[f].id
                 raise SimulationError(name, time, "a point is not finite", number)
-        return Frame(
-            number=number,
-            time=time,
-            points=tuple(pose.points for pose in poses),
-            velocities=tuple(pose.velocities for pose in poses),
-            accelerations=tuple(pose.accelerations for pose in poses),
-        )
+        return Frame(number, time, tuple(poses))
 
 
 @dataclass

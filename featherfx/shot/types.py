@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.types import RowPoints
 from featherfx.groom.keys.preset import FAMILIES, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
@@ -117,7 +118,7 @@ class LevelOfDetail:
 
 @dataclass(frozen=True, kw_only=True)
 class Grip:
-    """A material point that is led along a path by a stiff spring.
+    """A node that is led along a path by a stiff spring.
 
     displacement: (3,), reached with zero velocity at start and end.
     """
@@ -294,20 +295,40 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """One frame of every feather, world frame, handed to a sink.
+class FeatherPose:
+    """Nodes and directors of one feather, world frame, and their rates per second."""
 
-    number: frame number; fractional between two frames. time: s since the first frame.
-    points, velocities, accelerations: per feather (n, P, 3), the material points
-        (featherfx/feather/types.py) and their first and second rates per second; accelerations
-        may be empty.
+    points: RowPoints
+    velocities: RowPoints
+    accelerations: RowPoints
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of every feather, handed to a sink.
+
+    number: frame number; fractional between two frames. time: s since the first frame. poses: of
+    the feathers.
     """
 
     number: float
     time: float
-    points: tuple[Array, ...]
-    velocities: tuple[Array, ...]
-    accelerations: tuple[Array, ...] = field(default=())
+    poses: tuple[FeatherPose, ...]
+
+    @property
+    def points(self) -> tuple[Array, ...]:
+        """(n, 3 + 2 m, 3) of every feather, m and unit vectors, as RowPoints.rows gives them."""
+        return tuple(pose.points.rows() for pose in self.poses)
+
+    @property
+    def velocities(self) -> tuple[Array, ...]:
+        """The first rates of points, per second."""
+        return tuple(pose.velocities.rows() for pose in self.poses)
+
+    @property
+    def accelerations(self) -> tuple[Array, ...]:
+        """The second rates of points, per second squared."""
+        return tuple(pose.accelerations.rows() for pose in self.poses)
 
 
 def sample_number(first: int, index: int, subframes: int) -> float:

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats
+from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Model
 from featherfx.solver.step.pose_kernels import rest_pose
 from featherfx.solver.step.strain_kernels import Strains
-from featherfx.solver.work import make_pose, no_strains
+from featherfx.solver.work import make_pose, no_points, no_strains
 
 Array = NDArray[np.float64]
 
 
 class State(NamedTuple):
-    """Generalised coordinates and rates of F feathers at one time (see Model for F, n, C, P).
+    """Generalised coordinates and rates of F feathers at one time (see Model for F, n, C).
 
     rotation: (F, n, 4) row frames as quaternions. centre: (F, n, 3) m. coefficient: (F, 2, n, 2 C)
-    rad. points: (F, n, P, 3) material points, velocity and acceleration: their rates; smoothed:
-    the integrator's averaged acceleration. spin: (F, n, 3) rad/s and coefficient_rate:
+    rad. points: (F, ...) nodes and directors, velocity and acceleration: their rates; smoothed: the
+    integrator's averaged acceleration. spin: (F, n, 3) rad/s and coefficient_rate:
     (F, 2, n, 2 C) rad/s of the last step, for the next predictor. strains: (F, 2, ...) after the
     last step and the one before. step: (F,) s, its length, 0 before the first. proposal: (F,) s,
     length that the error control wants next. time: (F,) s.
@@ -31,10 +33,10 @@ class State(NamedTuple):
     rotation: Array
     centre: Array
     coefficient: Array
-    points: Array
-    velocity: Array
-    acceleration: Array
-    smoothed: Array
+    points: RowPoints
+    velocity: RowPoints
+    acceleration: RowPoints
+    smoothed: RowPoints
     spin: Array
     coefficient_rate: Array
     strains: Strains
@@ -45,6 +47,11 @@ class State(NamedTuple):
     def copy(self) -> State:
         return State.of({name: array.copy() for name, array in self.arrays().items()})
 
+    def rates(self) -> tuple[Array, ...]:
+        """Arrays that are zero where nothing moves."""
+        points = *self.velocity, *self.acceleration, *self.smoothed
+        return *points, self.spin, self.coefficient_rate
+
     def take(self, other: State, f: int) -> None:
         """Set feather f, in place, to what it is in another state."""
         given = other.arrays()
@@ -53,22 +60,38 @@ class State(NamedTuple):
 
     @staticmethod
     def names() -> list[str]:
-        """Names of all arrays, those of the strains, too."""
-        own = [name for name in State._fields if name != "strains"]
-        return own + [f"strains.{name}" for name in Strains._fields]
+        """Names of all arrays, those of structures as structure.array."""
+        return [".".join(path) for path in _PATHS]
 
     def arrays(self) -> dict[str, Array]:
         """All arrays by name."""
-        fields: dict[str, Any] = self._asdict()
-        strains: Strains = fields.pop("strains")
-        return dict(zip(State.names(), (*fields.values(), *strains), strict=True))
+        return {name: attrgetter(name)(self) for name in State.names()}
 
     @staticmethod
     def of(arrays: Mapping[str, Array]) -> State:
         """The state of its `arrays`; KeyError where one is missing."""
-        fields: dict[str, Any] = {name: arrays[name] for name in State.names()}
-        strains = Strains(*(fields.pop(f"strains.{name}") for name in Strains._fields))
-        return State(strains=strains, **fields)
+        fields: dict[str, Any] = {}
+        for name, *within in _PATHS:
+            if within:
+                fields.setdefault(name, {})[within[0]] = arrays[f"{name}.{within[0]}"]
+            else:
+                fields[name] = arrays[name]
+        return State(**fields | {k: kind(**fields[k]) for k, kind in _STRUCTURES.items()})
+
+
+# fields of a state that hold several arrays, and the ways to all arrays
+_STRUCTURES: dict[str, type[RowPoints] | type[Strains]] = {
+    "points": RowPoints,
+    "velocity": RowPoints,
+    "acceleration": RowPoints,
+    "smoothed": RowPoints,
+    "strains": Strains,
+}
+_PATHS = [
+    (name, *within)
+    for name in State._fields
+    for within in ([(each,) for each in _STRUCTURES[name]._fields] if name in _STRUCTURES else [()])
+]
 
 
 class StepReport(NamedTuple):
@@ -101,17 +124,15 @@ def no_steps(feathers: int) -> StepReport:
 
 def rest_state(model: Model, positions: Array, rotations: Array) -> State:
     """Feathers at rest in their rest shape, roots at positions (F, 3), rotations (F, 3, 3)."""
-    n, c, size = model.rows, model.coefficients, 3 + 2 * model.columns
-    count = model.feathers
-    nodes = (count, n, size, 3)
+    n, m, c, count = model.rows, model.columns, model.coefficients, model.feathers
     state = State(
         rotation=np.zeros((count, n, 4)),
         centre=np.zeros((count, n, 3)),
         coefficient=np.zeros((count, 2, n, 2 * c)),
-        points=np.zeros(nodes),
-        velocity=np.zeros(nodes),
-        acceleration=np.zeros(nodes),
-        smoothed=np.zeros(nodes),
+        points=no_points(n, m, count),
+        velocity=no_points(n, m, count),
+        acceleration=no_points(n, m, count),
+        smoothed=no_points(n, m, count),
         spin=np.zeros((count, n, 3)),
         coefficient_rate=np.zeros((count, 2, n, 2 * c)),
         strains=no_strains(model, count, 2),

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Model
 from featherfx.solver.step.banded_kernels import panel_shape
 from featherfx.solver.step.secant_kernels import PAIRS
@@ -23,7 +24,7 @@ class Pose(NamedTuple):
     """Coordinates of one feather and what follows from them.
 
     rotation: (n, 4) row quaternions. centre: (n, 3) m. coefficient: (2, n, 2 C) rad. points:
-    (n, P, 3) material points. frames: (2, n, m, 4) quaternions of the barbs' segments. halfway:
+    nodes and directors. frames: (2, n, m, 4) quaternions of the barbs' segments. halfway:
     (n-1, 3, 3) and rachis: (n-1, 6), frames and strains of the rachis elements. strains: all,
     measured from rest.
     """
@@ -31,7 +32,7 @@ class Pose(NamedTuple):
     rotation: Array
     centre: Array
     coefficient: Array
-    points: Array
+    points: RowPoints
     frames: Array
     halfway: Array
     rachis: Array
@@ -41,12 +42,12 @@ class Pose(NamedTuple):
 class Surroundings(NamedTuple):
     """What a step's energy is measured against.
 
-    target, past: (n, P, 3) m, of the integrator. reference: strains that damping pulls
-    towards. wind: (n, P, 3) m/s, area: (n, P, 3) m^2, speed: (n, P) m/s: node_kernels.
+    target, past: of the integrator. reference: strains that damping pulls towards. Of the nodes
+    (node_kernels): wind (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2, speed (n, 1 + 2 m) m/s.
     """
 
-    target: Array
-    past: Array
+    target: RowPoints
+    past: RowPoints
     reference: Strains
     wind: Array
     area: Array
@@ -114,8 +115,8 @@ class Beam(NamedTuple):
 
 class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, vane: sums. secants
-    (PAIRS, 3, N): steps since the matrix was made (secant_kernels). force (n, P, 3), stiff
-    (n, P, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints. jacobian
+    (PAIRS, 3, N): steps since the matrix was made (secant_kernels). force (n, 1 + 2 m, 3), stiff
+    (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints. jacobian
     (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element.
     """
 
@@ -144,6 +145,12 @@ def no_strains(model: Model, *lead: int) -> Strains:
     )
 
 
+def no_points(rows: int, columns: int, *lead: int) -> RowPoints:
+    """Nodes and directors of zero with leading axes."""
+    nodes = np.zeros((*lead, rows, 1 + 2 * columns, 3))
+    return RowPoints(nodes, np.zeros((*lead, rows, 2, 3)))
+
+
 def make_pose(model: Model) -> Pose:
     """Scratch for one pose of a feather of this batch."""
     n, m, c = model.rows, model.columns, model.coefficients
@@ -151,7 +158,7 @@ def make_pose(model: Model) -> Pose:
         rotation=np.zeros((n, 4)),
         centre=np.zeros((n, 3)),
         coefficient=np.zeros((2, n, 2 * c)),
-        points=np.zeros((n, 3 + 2 * m, 3)),
+        points=no_points(n, m),
         frames=np.zeros((2, n, m, 4)),
         halfway=np.zeros((n - 1, 3, 3)),
         rachis=np.zeros((n - 1, 6)),
@@ -162,13 +169,13 @@ def make_pose(model: Model) -> Pose:
 def make_work(model: Model) -> Work:
     """Scratch for one thread working on feathers of this batch."""
     n, m, c = model.rows, model.columns, model.coefficients
-    size, wide, padded = 3 + 2 * m, 6 + 2 * c, 4 * ((m + 1) // 4 + 1)
+    size, wide, padded = 1 + 2 * m, 6 + 2 * c, 4 * ((m + 1) // 4 + 1)
     return Work(
         now=make_pose(model),
         trial=make_pose(model),
         around=Surroundings(
-            target=np.zeros((n, size, 3)),
-            past=np.zeros((n, size, 3)),
+            target=no_points(n, m),
+            past=no_points(n, m),
             reference=no_strains(model),
             wind=np.zeros((n, size, 3)),
             area=np.zeros((n, size, 3)),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError
-from featherfx.feather.types import BarbCurves, Feather, PointMap
+from featherfx.feather.types import BarbCurves, Feather, RowMap, RowPoints
 from featherfx.shot.motion.skin import SkinRoot
 
 Array = NDArray[np.float64]
@@ -30,12 +30,11 @@ class FeatherEntry:
     """One feather of a cache.
 
     id: unique name, kept as the primvar featherId and made a prim name. kind, region: labels.
-    feather: rest geometry. rest_points: (n, P, 3) m, material points at rest, world frame
-        (layout in featherfx/feather/types.py).
+    feather: rest geometry. rest_points: at rest in the world frame.
     root: where the feather sits on a skin, written as primvars.
     static: promise that the feather never leaves rest_points; its frames are not looked at.
     name: of the prim; empty: made from the id.
-    points_map: from the material points of frames, where these are of another grid, to those of
+    points_map: from the points of frames, where these are of another grid, to those of
         feather.
     barbs: drawn as curves besides; their points are at rest in the world frame.
     vane_stiffness: N/m, thickness times modulus across the barbs and in shear, for the energy.
@@ -45,10 +44,10 @@ class FeatherEntry:
     kind: str
     region: str
     feather: Feather
-    rest_points: Array
+    rest_points: RowPoints
     static: bool = False
     root: SkinRoot | None = None
     name: str = ""
-    points_map: PointMap | None = None
+    points_map: RowMap | None = None
     barbs: BarbCurves | None = None
     vane_stiffness: tuple[float, float] = (0.0, 0.0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from trial_batches import preset_batch
 
 from featherfx.mechanics.model import Model, no_loads
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
 from featherfx.solver.contact.types import Candidates, Wall
 from featherfx.solver.solver import Settings, Solver, hold_roots
@@ -59,20 +60,18 @@ def run(
 
 
 def positions_of(state: State) -> Array:
-    """(F, k, 3) nodes without the directors."""
-    return np.delete(state.points, (1, 2), axis=2).reshape(len(state.rotation), -1, 3)
+    """(F, k, 3) nodes."""
+    return state.points.nodes.reshape(len(state.rotation), -1, 3)
 
 
 def momentum(model: Model, state: State) -> Array:
     """(3,) N s."""
-    mass = np.delete(model.mass, (1, 2), axis=2)
-    velocity = np.delete(state.velocity, (1, 2), axis=2)
-    return np.einsum("fnp,fnpk->k", mass, velocity)
+    return np.einsum("fnp,fnpk->k", model.mass, state.velocity.nodes)
 
 
 def mass_of(model: Model) -> float:
     """kg, of all feathers."""
-    return float(np.delete(model.mass, (1, 2), axis=2).sum())
+    return float(model.mass.sum())
 
 
 def velocity_of(model: Model, state: State) -> Array:
@@ -106,11 +105,10 @@ def surfaces(model: Model, state: State) -> list[tuple[Array, NDArray[np.int64]]
     """(points, triangles) of the vanes of a batch, from the model's cells."""
     m, found = model.columns, []
     for f in range(model.feathers):
-        points = state.points[f]
+        points = state.points.nodes[f]
         triangles = []
         for side, i, j, half in np.argwhere(model.cell_stiffness[f, ..., 0] != 0.0):
-            near = 0 if j == 0 else 2 + side * m + j
-            far = 3 + side * m + j
+            near, far = node_index(side, j, m), node_index(side, j + 1, m)
             corners = [(i, near), (i, far), (i + 1, near)]
             if half == 1:
                 corners = [(i, far), (i + 1, far), (i + 1, near)]
@@ -123,8 +121,8 @@ def vane_nodes(contact: ContactSolver, state: State, f: int = 0) -> Array:
     """(k, 3) nodes of a feather that a triangle has; the calamus has none."""
     present = contact.surfaces.present[f]
     m = present.shape[1] // 2
-    points = [0 if c == m else (2 + c - m if c > m else 2 + 2 * m - c) for c in range(2 * m + 1)]
-    return state.points[f][:, points][present != 0]
+    points = [*range(2 * m, m, -1), *range(1 + m)]
+    return state.points.nodes[f][:, points][present != 0]
 
 
 def share_above(guest: Array, host: tuple[Array, NDArray[np.int64]]) -> float:

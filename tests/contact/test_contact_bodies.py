@@ -77,10 +77,10 @@ def nearest(simulation, frame) -> float:
     """m, least distance of a vane's point from the ball's centre."""
     centre, _ = ball(frame.number)
     found = []
-    for feather, points in zip(simulation.feathers, frame.points, strict=True):
+    for feather, pose in zip(simulation.feathers, frame.poses, strict=True):
         surface = feather.surface
         vane = np.unique(surface.triangles[surface.part < 2])
-        found.append(np.linalg.norm(surface.points(points)[vane] - centre, axis=1).min())
+        found.append(np.linalg.norm(surface.points(pose.points)[vane] - centre, axis=1).min())
     return min(found)
 
 

@@ -27,7 +27,7 @@ TOLD = ("pair", "row", "column", "side", "corner", "weight", "start_gap", "thick
 
 
 def turned(points, turn, rng):
-    """A pose (n, P, 3) turned by up to `turn` rad about its middle, around any axis."""
+    """A pose (n, 1 + 2 m, 3) turned by up to `turn` rad about its middle, around any axis."""
     axis = rng.normal(size=3)
     x, y, z = axis / np.linalg.norm(axis) * turn * rng.uniform(-1.0, 1.0)
     middle = points.mean(axis=(0, 1))
@@ -43,12 +43,12 @@ class Scene:
         model, state = free_feathers("body_contour", places, rows=7, columns=3)
         grids = grids_of([model])
         self.surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * FEATHERS)
-        self.points = grids.together([state.points])
+        self.points = grids.together([state.points.nodes])
         pairs = np.array([(a, b) for a in range(FEATHERS) for b in range(FEATHERS) if a != b])
         above = np.where(places[pairs[:, 0], 2] > places[pairs[:, 1], 2], 1, -1)
         self.candidates = Candidates(pairs, np.where(self.rng.random(len(pairs)) < 0.9, above, 0))
 
-    def searches(self, count, drift=1.5e-4, turn=0.01):
+    def searches(self, count, drift=3e-4, turn=0.02):
         """Poses one after the other, each feather with a speed of its own; some stay."""
         speed = self.rng.normal(size=(FEATHERS, 1, 1, 3)) * drift
         speed[: FEATHERS // 4] = 0.0

@@ -122,7 +122,7 @@ def test_what_is_inside_a_body_at_first_is_left_alone_until_it_comes_out():
     found = contact.found.contacts
     assert len(found) > 0  # those just above the wall do touch it
     assert not contact.memory.inside[0, found["row"], found["column"]].any()
-    assert np.abs(after.velocity).max() < 1.0
+    assert np.abs(after.velocity.nodes).max() < 1.0
     # the wall is taken away and comes back below: the nodes count again
     gone = wall_of(FLOOR - 1.0, FLOOR - 1.0, HALVES, 0.05)
     list(run(contact, after, 1e-3, 1, walls=[gone]))

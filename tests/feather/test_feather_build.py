@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.feather.types import LEADING, RACHIS, TRAILING, Feather
+from featherfx.feather.types import LEADING, RACHIS, TRAILING, Feather, barb_slice
 from featherfx.groom.types import BarbGuide, FeatherKind, VaneShape
 
 SIZES = {"rows": st.integers(3, 30), "columns": st.integers(1, 8)}
@@ -38,21 +38,21 @@ def mesh(feather: Feather, part: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     """Points, triangles and barb directions of one part."""
     surface = feather.surface
     chosen = surface.part == part
-    points = surface.points(feather.points)
+    points = surface.points(feather.rest)
     return points, surface.triangles[chosen], surface.barb_direction[chosen]
 
 
 def barb_nodes(feather: Feather, side: int) -> np.ndarray:
     """(n, m + 1, 3), root first."""
-    m = feather.columns
-    start = 3 + side * m
-    return np.concatenate((feather.points[:, :1], feather.points[:, start : start + m]), axis=1)
+    nodes = feather.rest.nodes
+    return np.concatenate((nodes[:, :1], nodes[:, barb_slice(side, feather.columns)]), axis=1)
 
 
 def barb_angle(feather: Feather, side: int) -> np.ndarray:
     """(n,) deg, between the shaft's tangent and the first segment of the barb."""
-    tangent = np.cross(feather.points[:, 1], feather.points[:, 2])
-    first = barb_nodes(feather, side)[:, 1] - feather.points[:, 0]
+    directors = feather.rest.directors
+    tangent = np.cross(directors[:, 0], directors[:, 1])
+    first = barb_nodes(feather, side)[:, 1] - feather.rest.nodes[:, 0]
     length = np.maximum(np.linalg.norm(first, axis=1), 1e-30)
     return np.degrees(np.arccos(np.clip(np.sum(first * tangent, axis=1) / length, -1.0, 1.0)))
 
@@ -86,7 +86,7 @@ def test_every_vane_triangle_has_one_edge_along_its_barb(kind, rows, columns, mi
         for column, point in enumerate(barb)
         if column > 0 and feather.barb_length[side, row] > 0.0
     }
-    root = {tuple(point): row for row, point in enumerate(feather.points[:, 0])}
+    root = {tuple(point): row for row, point in enumerate(feather.rest.nodes[:, 0])}
     for side in (LEADING, TRAILING):
         points, triangles, directions = mesh(feather, side)
         for triangle, direction in zip(triangles, directions, strict=True):
@@ -112,10 +112,10 @@ def test_barbs_are_equally_divided_and_directors_orthonormal(kind, rows, columns
         expected = np.broadcast_to(feather.barb_length[side][:, None] / columns, step.shape)
         np.testing.assert_allclose(step, expected, rtol=0.0, atol=1e-12)
         bare = feather.barb_length[side] == 0.0
-        assert np.all(barb_nodes(feather, side)[bare] == feather.points[bare, :1])
+        assert np.all(barb_nodes(feather, side)[bare] == feather.rest.nodes[bare, :1])
         assert np.all(feather.barb_length[side][~bare] > 0.9e-3 * kind.length)
         assert np.all((feather.barb_span[side] > 0.0) == ~bare)
-    d2, d3 = feather.points[:, 1], feather.points[:, 2]
+    d2, d3 = feather.rest.directors[:, 0], feather.rest.directors[:, 1]
     for first, second, value in ((d2, d2, 1.0), (d3, d3, 1.0), (d2, d3, 0.0)):
         np.testing.assert_allclose(np.sum(first * second, axis=1), value, atol=2e-15)
 
@@ -157,18 +157,17 @@ def test_a_mirrored_feather_is_the_exact_mirror_image(kind, rows, columns):
     one = build_or_skip(kind, rows, columns)
     other = build_feather(kind, rows, columns, True)
     reflection = [1.0, -1.0, 1.0]
-    assert np.array_equal(other.points[:, 0], one.points[:, 0] * reflection)
-    assert np.array_equal(other.points[:, 3:], one.points[:, 3:] * reflection)
+    assert np.array_equal(other.rest.nodes, one.rest.nodes * reflection)
     surface, image = one.surface, other.surface
-    assert np.array_equal(image.points(other.points), surface.points(one.points) * reflection)
+    assert np.array_equal(image.points(other.rest), surface.points(one.rest) * reflection)
     assert np.array_equal(image.part, surface.part)
     assert np.array_equal(image.st, surface.st)
     assert np.array_equal(image.barb_direction, surface.barb_direction * reflection)
-    frame = np.cross(other.points[:, 1], other.points[:, 2])
-    np.testing.assert_allclose(frame, np.cross(one.points[:, 1], one.points[:, 2]) * reflection)
-    assert np.array_equal(other.points[0, 1:3], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    normal = normals(surface.points(one.points), surface.triangles)
-    turned = normals(image.points(other.points), image.triangles)
+    normals_of = [np.cross(*each.rest.directors.swapaxes(0, 1)) for each in (other, one)]
+    np.testing.assert_allclose(normals_of[0], normals_of[1] * reflection)
+    assert np.array_equal(other.rest.directors[0], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    normal = normals(surface.points(one.rest), surface.triangles)
+    turned = normals(image.points(other.rest), image.triangles)
     np.testing.assert_allclose(turned, normal * reflection, atol=1e-18)
 
 
@@ -186,7 +185,7 @@ def test_equal_kinds_share_one_feather_that_nobody_can_change():
     feather = build_feather(SWAN_PRIMARY, 21, 6)
     assert build_feather(replace(SWAN_PRIMARY), 21, 6) is feather
     with pytest.raises(ValueError, match="read-only"):
-        feather.points[0, 0, 0] = 1.0
+        feather.rest.nodes[0, 0, 0] = 1.0
 
 
 def test_a_swan_primary_has_the_drawn_proportions():
@@ -198,9 +197,9 @@ def test_a_swan_primary_has_the_drawn_proportions():
     assert points[:, 1].max() == pytest.approx(0.036 * 0.35, rel=0.02)
     trailing = feather.barb_length[TRAILING]
     assert trailing[-1] < 0.1 * trailing.max()
-    assert np.all(feather.points[0, 0] == 0.0)
-    assert feather.points[-1, 0, 2] < 0.0, "camber is towards ventral"
-    assert feather.points[-1, 0, 1] < 0.0, "sweep is towards trailing"
+    assert np.all(feather.rest.nodes[0, 0] == 0.0)
+    assert feather.rest.nodes[-1, 0, 2] < 0.0, "camber is towards ventral"
+    assert feather.rest.nodes[-1, 0, 1] < 0.0, "sweep is towards trailing"
 
 
 def test_a_vane_may_be_absent_on_one_side():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import featherfx
 from featherfx.feather.build import build_feather, scaled
 from featherfx.feather.density import density_map, hermite_weights, scaled_map
 from featherfx.feather.render import barb_curves, render_feather
+from featherfx.feather.types import RowPoints, barb_slice, both, turned
 from featherfx.shot.placement import place
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
@@ -29,20 +31,15 @@ def swan():
 
 def bent(feather, amount=0.5):
     """A feather rolled up and twisted smoothly along x; its rows stay rigid."""
-    points = np.array(feather.points)
+    nodes = feather.rest.nodes
     share = feather.station / feather.station[-1]
     turns = Rotation.from_rotvec(amount * np.stack([share**2, share**2, 0 * share], axis=-1))
-    offsets = points - points[:, :1]
-    offsets[:, 1:3] = points[:, 1:3]
-    points = np.einsum("nab,npb->npa", turns.as_matrix(), offsets)
-    tangent = (
-        turns.as_matrix() @ np.gradient(feather.points[:, 0], feather.station, axis=0)[..., None]
-    )
+    local = RowPoints(nodes - nodes[:, :1], feather.rest.directors)
+    tangent = turns.as_matrix() @ np.gradient(nodes[:, 0], feather.station, axis=0)[..., None]
     step = 0.5 * (tangent[1:] + tangent[:-1])[..., 0] * np.diff(feather.station)[:, None]
     shaft = np.concatenate([[[0, 0, 0]], np.cumsum(step, axis=0)])
-    points[:, 0] = 0
-    points[:, [0, *range(3, points.shape[1])]] += shaft[:, None]
-    return points
+    points = turned(turns.as_matrix().swapaxes(1, 2), local)
+    return RowPoints(points.nodes + shaft[:, None], points.directors)
 
 
 @pytest.mark.parametrize("sample", ["swan_wing", "breeze"])
@@ -53,31 +50,39 @@ def test_rest_and_rigid_motions_are_exact(sample, grid, mirrored):
     coarse = build_feather(kind, *GRID, mirrored)
     fine = build_feather(kind, *grid, mirrored)
     mapped = density_map(coarse, fine)
-    np.testing.assert_allclose(mapped(coarse.points), fine.points, atol=1e-14)
+    both(partial(np.testing.assert_allclose, atol=1e-14), mapped(coarse.rest), fine.rest)
     turn, shift = Rotation.from_rotvec([0.7, -1.9, 1.1]).as_matrix(), np.array([3.0, -2.0, 0.5])
-    moved = mapped(place(coarse.points, shift, turn))
-    np.testing.assert_allclose(moved, place(fine.points, shift, turn), atol=1e-13)
+    moved = mapped(place(coarse.rest, shift, turn))
+    expected = place(fine.rest, shift, turn)
+    both(partial(np.testing.assert_allclose, atol=1e-13), moved, expected)
 
 
 def test_one_map_serves_points_and_rates(swan):
     coarse, fine = build_feather(swan, *GRID), build_feather(swan, 60, 10)
     mapped = density_map(coarse, fine)
     random = np.random.default_rng(4)
-    start, rate = random.normal(size=(2, *coarse.points.shape))
-    after = mapped(start + 0.25 * rate)
-    np.testing.assert_allclose(after, mapped(start) + 0.25 * mapped(rate), atol=1e-9)
+    start, rate = (both(lambda part: random.normal(size=part.shape), coarse.rest) for _ in range(2))
+
+    def later(values, rates):
+        return both(lambda x, v: x + 0.25 * v, values, rates)
+
+    after, expected = mapped(later(start, rate)), later(mapped(start), mapped(rate))
+    both(partial(np.testing.assert_allclose, atol=1e-9), after, expected)
 
 
 def test_barbs_of_common_rows_go_through_the_simulated_nodes(swan):
     """Twice the columns on the same rows: every second node is a simulated one, in any pose."""
     coarse, fine = build_feather(swan, *GRID), build_feather(swan, GRID[0], 2 * GRID[1])
-    pose = coarse.points + 0.01 * np.random.default_rng(8).normal(size=coarse.points.shape)
+    random = np.random.default_rng(8)
+    pose = both(lambda part: part + 0.01 * random.normal(size=part.shape), coarse.rest)
     mapped = density_map(coarse, fine)(pose)
-    np.testing.assert_allclose(mapped[:, :3], pose[:, :3], atol=1e-14)
+    np.testing.assert_allclose(mapped.nodes[:, 0], pose.nodes[:, 0], atol=1e-14)
+    np.testing.assert_allclose(mapped.directors, pose.directors, atol=1e-14)
     for side in (0, 1):
         grown = coarse.barb_length[side] > 0
-        ours = mapped[grown, 3 + side * 12 : 15 + side * 12][:, 1::2]
-        np.testing.assert_allclose(ours, pose[grown, 3 + side * 6 : 9 + side * 6], atol=1e-13)
+        ours = mapped.nodes[grown, barb_slice(side, 12)][:, 1::2]
+        theirs = pose.nodes[grown, barb_slice(side, 6)]
+        np.testing.assert_allclose(ours, theirs, atol=1e-13)
 
 
 def test_a_bent_feather_converges_with_the_simulated_rows(swan):
@@ -88,12 +93,12 @@ def test_a_bent_feather_converges_with_the_simulated_rows(swan):
     for rows in (11, 21, 41):
         coarse = build_feather(swan, rows, 6)
         # rows of the coarse feather stand where the finest puts them
-        station = np.stack([np.interp(coarse.station, fine.station, c) for c in wanted[:, 0].T], -1)
-        pose = bent(coarse)
-        pose[:, [0, *range(3, pose.shape[1])]] += (station - pose[:, 0])[:, None]
-        error = np.linalg.norm(
-            (density_map(coarse, fine)(pose) - wanted)[:, [0, *range(3, 15)]], axis=-1
+        station = np.stack(
+            [np.interp(coarse.station, fine.station, c) for c in wanted.nodes[:, 0].T], -1
         )
+        pose = bent(coarse)
+        pose.nodes[:] += (station - pose.nodes[:, 0])[:, None]
+        error = np.linalg.norm(density_map(coarse, fine)(pose).nodes - wanted.nodes, axis=-1)
         errors.append(error.max() / swan.length)
     assert errors[1] < 2e-3
     assert errors[2] < 0.6 * errors[1] < 0.36 * errors[0]
@@ -116,7 +121,7 @@ def test_barbs_are_as_many_as_asked_for_and_follow_the_vane(swan):
     barbs = barb_curves(swan, GRID, 300, False)
     for side in (0, 1):
         assert abs(np.sum(barbs.side == side) - 300) <= 3
-    np.testing.assert_allclose(barbs.points_map(coarse.points), barbs.points, atol=1e-14)
+    np.testing.assert_allclose(barbs.points_map(coarse.rest), barbs.points, atol=1e-14)
     assert barbs.widths.shape == barbs.points.shape[:2]
     assert np.all(np.diff(barbs.widths, axis=1) <= 0)
     assert barbs.widths[:, 0] == pytest.approx(swan.vane_material.thickness)
@@ -135,8 +140,9 @@ def test_the_map_of_a_larger_feather_is_the_scaled_map(swan):
     small = [build_feather(swan, rows, columns) for rows, columns in ((9, 3), GRID)]
     large = [scaled(each, 1.7) for each in small]
     unit, own = density_map(*small), density_map(*large)
-    found = scaled_map(unit, 1.7, small[0].points.shape[1])
-    values = np.random.default_rng(1).normal(size=small[0].points.shape)
-    assert found(values) == pytest.approx(own(values), rel=1e-9, abs=1e-9)
-    assert np.abs(unit(values) - own(values)).max() > 1e-4
-    assert scaled_map(unit, 1.0, small[0].points.shape[1]) is unit
+    found, random = scaled_map(unit, 1.7, small[0].rows), np.random.default_rng(1)
+    values = both(lambda part: random.normal(size=part.shape), small[0].rest)
+    for scaled_part, part, unscaled in zip(found(values), own(values), unit(values), strict=True):
+        assert scaled_part == pytest.approx(part, rel=1e-9, abs=1e-9)
+        assert np.abs(unscaled - part).max() > 1e-5
+    assert scaled_map(unit, 1.0, small[0].rows) is unit

@@ -59,7 +59,7 @@ def test_a_steady_turn_is_exact_at_every_angle(angle):
 
 def test_arc_length_between_fine_rows_is_the_length():
     feather = build_feather(SWAN_PRIMARY, 1001, 1)
-    polyline = np.linalg.norm(np.diff(feather.points[:, 0], axis=0), axis=1).sum()
+    polyline = np.linalg.norm(np.diff(feather.rest.nodes[:, 0], axis=0), axis=1).sum()
     assert polyline == pytest.approx(0.35, rel=1e-7)
     assert feather.station[-1] == 0.35
 

@@ -105,7 +105,7 @@ def test_flat_barbs_end_on_the_outline_after_turning_by_their_curl():
     shape = vane(BAND, (0.0, 70.0, curl, 0.0))
     feather = build_feather(feather_kind(shape, NO_VANE, **FLAT), 21, 10)
     row = 8
-    barb = np.concatenate((feather.points[row, :1], feather.points[row, 3:13]))
+    barb = feather.rest.nodes[row, :11]
     assert barb[-1, 1] == pytest.approx(0.035, rel=1e-12)
     step = np.diff(barb, axis=0)
     heading = np.degrees(np.arctan2(step[:, 1], step[:, 0]))
@@ -117,7 +117,7 @@ def test_barb_camber_turns_both_vanes_towards_ventral():
     shape = vane(BAND, (0.0, 60.0, 0.0, 20.0))
     feather = build_feather(feather_kind(shape, shape, **FLAT), 21, 6)
     for side in (LEADING, TRAILING):
-        ends = feather.points[4:12, 2 + (side + 1) * 6]
+        ends = feather.rest.nodes[4:12, (side + 1) * 6]
         length = feather.barb_length[side, 4:12]
         np.testing.assert_allclose(ends[:, 2], -length * np.sin(np.radians(10.0)), rtol=1e-2)
 

@@ -139,6 +139,8 @@ OPTIONS = {
     "locking": "ratio elements output",
     "mesoscale": "barb-fraction barb-spacing barb barbule angle width height strain steps"
     " size-effect output",
+    "rupture": "elements sigma mu critical release stiffness exponent weak weak-mu scatter seed"
+    " step fibres",
     "calibrate": "elements save name",
     "angles": "barb-fraction barb-spacing barb barbule angle aspect pictures output",
 }

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from featherfx.feather.types import both
 from featherfx.lab.rods.experiments import ReleaseTest, bend, damped, release, total_energy
 from featherfx.lab.rods.oracles import link_chain
 from featherfx.lab.rods.rod import Rod, clamped, rod_loads, rod_model
@@ -153,10 +154,12 @@ def test_energy_never_grows_with_the_damped_setting():
 
 
 def momenta(model, state):
-    mass = model.mass[0]
-    places, rates = state.points[0], state.velocity[0]
-    linear = mass[:, 0] @ rates[:, 0]
-    angular = np.einsum("np,npk->k", mass, np.cross(places, rates))
+    inertia, rates = (model.mass[0], model.rotary_inertia[0]), state.velocity.at(0)
+    linear = inertia[0][:, 0] @ rates.nodes[:, 0]
+    angular = sum(
+        np.einsum("np,npk->k", mass, np.cross(places, rate))
+        for mass, places, rate in zip(inertia, state.points.at(0), rates, strict=True)
+    )
     return linear, angular
 
 
@@ -167,8 +170,8 @@ def test_free_flight_conserves_linear_and_angular_momentum():
     model = model._replace(held=np.zeros(1, dtype=np.bool_))
     spin, flight = np.array([2.0, 5.0, -3.0]), np.array([1.0, -2.0, 0.5])
     state = start.copy()
-    state.velocity[:] = np.cross(spin, state.points)
-    state.velocity[:, :, 0] += flight
+    turning = both(lambda part: np.cross(spin, part), state.points)
+    state.velocity.assign(turning.shifted(flight[None]))
     state.spin[:] = spin
     before = momenta(model, state)
     states = run(fixed(model, 0.9), state, no_loads(1), 5e-4, 800)

@@ -103,7 +103,7 @@ def test_judge_sees_energy_from_nowhere(monkeypatch):
 
     def pushed(self, state, loads, path, duration):
         new, report = honest(self, state, loads, path, duration)
-        new.velocity[:, -1] += 100.0
+        new.velocity.nodes[:, -1] += 100.0
         return new, report
 
     monkeypatch.setattr(Solver, "step", pushed)
@@ -115,8 +115,8 @@ def test_judge_sees_a_changed_input_and_wrong_points(monkeypatch):
 
     def careless(self, state, loads, path, duration):
         new, report = honest(self, state, loads, path, duration)
-        state.velocity[:] += 1.0
-        new.points[:, 1, 0] += 1.0
+        state.velocity.nodes[:] += 1.0
+        new.points.nodes[:, 1, 0] += 1.0
         return new, report
 
     monkeypatch.setattr(Solver, "step", careless)
@@ -134,7 +134,7 @@ def test_a_feather_that_is_not_finite_does_not_stop_the_other():
     }
     model = case.model._replace(**both)
     state = State.of({n: np.repeat(a, 2, axis=0) for n, a in case.state.arrays().items()})
-    state.velocity[1] = np.nan
+    state.velocity.nodes[1] = np.nan
     loads, path = no_loads(2, (0.0, 0.0, -9.81)), hold_roots(state)
     new, report = Solver(model, Settings()).step(state, loads, path, 1e-3)
     alone = case.state
@@ -144,5 +144,5 @@ def test_a_feather_that_is_not_finite_does_not_stop_the_other():
     assert report.status[1] != 0
     assert report.status[0] == 0
     assert new.time[1] == 0.0
-    np.testing.assert_array_equal(new.points[1], state.points[1])
-    np.testing.assert_array_equal(new.points[0], right.points[0])
+    np.testing.assert_array_equal(new.points.nodes[1], state.points.nodes[1])
+    np.testing.assert_array_equal(new.points.nodes[0], right.points.nodes[0])

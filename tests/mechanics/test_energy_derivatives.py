@@ -11,10 +11,17 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from derivatives import derivative_fault, unnoticed_signs
-from trial_batches import barb_slopes, random_quat, rod, turned
+from trial_batches import barb_slopes, random_quat, rod, rotation_of, turned
 
+from featherfx.feather.types import RowPoints
 from featherfx.mechanics.barb_kernels import barb_points
 from featherfx.mechanics.barb_shapes import curvature_shapes
+from featherfx.mechanics.director_kernels import (
+    couple_energy,
+    director_energy,
+    subtract_couple_moments,
+    subtract_director_moments,
+)
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.node_kernels import node_energy, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
@@ -131,7 +138,7 @@ class Nodes:
     """Inertia, gravity and drag of 2 rows of 2 columns in a random wind."""
 
     def __init__(self, rng):
-        shape = (2, 7)
+        shape = (2, 5)
         self.points = rng.normal(size=(*shape, 3))
         self.model = rod(2)._replace(
             mass=rng.uniform(0.5, 1.5, (1, *shape)), shaft_area=rng.uniform(1, 2, (1, 2))
@@ -139,9 +146,14 @@ class Nodes:
         air, gravity = np.array([1.2, 1.5, 0.1, 1.1]), rng.normal(size=3)
         self.loads = no_loads(1)._replace(air=air, gravity=gravity)
         target, past, wind, area = rng.normal(size=(4, *shape, 3))
+        still = np.zeros((2, 2, 3))
         speed = rng.uniform(0.5, 2.0, shape)
         self.around = make_work(self.model).around._replace(
-            target=target, past=past, wind=wind, area=area, speed=speed
+            target=RowPoints(target, still),
+            past=RowPoints(past, still),
+            wind=wind,
+            area=area,
+            speed=speed,
         )
         self.factors = Factors(3.0, 2.0, 0.0)
         self.force, self.stiff = np.zeros((*shape, 3)), np.zeros((*shape, 6))
@@ -158,6 +170,23 @@ class Nodes:
         return self.force.copy()
 
 
+def directors(rng):
+    """Rotary inertia of 2 rows whose directors turn with them, and dead loads on these."""
+    rest, target, couple = rng.normal(size=(3, 2, 2, 3))
+    inertia, turned_rows = rng.uniform(0.5, 1.5, (2, 2)), np.zeros(6)
+
+    def energy(x):
+        moved = np.stack(
+            [each @ rotation_of(u).T for each, u in zip(rest, x.reshape(2, 3), strict=True)]
+        )
+        return director_energy(inertia, 3.0, moved, target) + couple_energy(couple, moved)
+
+    for i in range(2):
+        subtract_director_moments(i, inertia, 3.0, rest, target, turned_rows[3 * i :])
+        subtract_couple_moments(i, couple, rest, turned_rows[3 * i :])
+    return Case(energy, -turned_rows, 0.3)
+
+
 def nodes(rng):
     trial = Nodes(rng)
     return Case(trial.energy, trial.forces(np.zeros(trial.size)).ravel(), 0.3)
@@ -165,14 +194,14 @@ def nodes(rng):
 
 def node_stiffness(rng):
     """A random combination of the node forces: its gradient is the Hessian's product."""
-    trial, weight = Nodes(rng), rng.normal(size=(2, 7, 3))
+    trial, weight = Nodes(rng), rng.normal(size=(2, 5, 3))
     trial.forces(np.zeros(trial.size))
     order = [[0, 3, 4], [3, 1, 5], [4, 5, 2]]
     gradient = np.einsum("ipkl,ipl->ipk", trial.stiff[..., order], weight)
     return Case(lambda x: np.sum(weight * trial.forces(x)), gradient.ravel())
 
 
-CASES = [rachis, rachis_at_rest_angle, membrane, hinge, barb, nodes]
+CASES = [rachis, rachis_at_rest_angle, membrane, hinge, barb, directors, nodes]
 
 
 @pytest.mark.parametrize("seed", SEEDS)

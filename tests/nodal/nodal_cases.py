@@ -71,7 +71,7 @@ def feather_models(kind, rows, columns, coefficients=2, **options):
 
 
 def strip_models(length, width, rows, columns, vane, pinned, **options):
-    """(model, nodal) of one strip without a shaft; pinned: (n, P)."""
+    """(model, nodal) of one strip without a shaft; pinned: (n, 1 + 2 m)."""
     kind = strip_kind(length, vane)
     feather = strip_feather(length, width, rows, columns)
     model = make_model([feather], [kind], 0)
@@ -88,14 +88,12 @@ def shifted(state, nodal, step):
     """The state with its unknowns (N,) moved by a step, as the solver numbers them."""
     new, slot = state.copy(), nodal.slot[0]
     for i, p in np.argwhere(slot >= 0):
-        move = step[slot[i, p] : slot[i, p] + 3]
-        if p == 1:
-            turned = Rotation.from_rotvec(move) * Rotation.from_quat(
-                np.roll(new.rotation[0, i], -1)
-            )
-            new.rotation[0, i] = np.roll(turned.as_quat(), 1)
-        else:
-            new.points[0, i, p] += move
+        new.points.nodes[0, i, p] += step[slot[i, p] : slot[i, p] + 3]
+    for i in np.flatnonzero(nodal.frame_slot[0] >= 0):
+        at = nodal.frame_slot[0, i]
+        before = Rotation.from_quat(np.roll(new.rotation[0, i], -1))
+        turned = Rotation.from_rotvec(step[at : at + 3]) * before
+        new.rotation[0, i] = np.roll(turned.as_quat(), 1)
     return new
 
 
@@ -103,7 +101,7 @@ def end_row_loads(loads, model, direction, total):
     """Dead load of the given total (N) spread along the last row as a constant traction."""
     columns = model.columns
     weight = np.r_[0.5, np.ones(2 * columns - 1), 0.5] / (2 * columns)
-    order = [*range(2 + 2 * columns, 2 + columns, -1), 0, *range(3, 3 + columns)]
-    force = np.zeros((1, model.rows, 3 + 2 * columns, 3))
+    order = [*range(2 * columns, columns, -1), *range(1 + columns)]
+    force = np.zeros((1, model.rows, 1 + 2 * columns, 3))
     force[0, -1, order] = total * weight[:, None] * np.asarray(direction)
     return loads._replace(force=force)

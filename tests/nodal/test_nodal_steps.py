@@ -16,7 +16,7 @@ GRIDS = ((11, 4, 2), (21, 8, 4))
 
 def distance(first, second):
     """Largest distance of any point, rachis or barb, as a share of the feather's length."""
-    return np.linalg.norm(np.delete(first - second, [1, 2], axis=-2), axis=-1).max() / LENGTH
+    return np.linalg.norm(first - second, axis=-1).max() / LENGTH
 
 
 def shake(frame, rate):
@@ -35,7 +35,7 @@ def run(solver, state, frames, rate=96.0):
         state, report = solver.step(state, loads, shake(frame, rate), 1.0 / rate)
         assert report.status[0] == 0
         iterations += report.iterations[0]
-        trace.append(state.points[0])
+        trace.append(state.points.nodes[0])
     return np.array(trace), iterations, state
 
 
@@ -54,8 +54,8 @@ def test_both_kinematics_converge_to_one_static_shape():
         solver = NodalSolver(model, nodal, Settings(newton=1e-9))
         points, nodal_status, _ = solver.equilibrium(at_rest(model, nodal), loads)
         assert status[0] == nodal_status[0] == 0
-        assert distance(points.points, straight.points) > 0.05
-        errors.append(distance(points.points, smooth.points))
+        assert distance(points.points.nodes, straight.points.nodes) > 0.05
+        errors.append(distance(points.points.nodes, smooth.points.nodes))
     assert errors[0] < 5e-3
     assert errors[1] < 5e-4
     assert errors[1] < errors[0] / 4.0
@@ -74,7 +74,7 @@ def test_unequal_barbs_converge_where_sections_are_carried_in_both():
         solver = NodalSolver(model, nodal, Settings(newton=1e-9))
         points, nodal_status, _ = solver.equilibrium(at_rest(model, nodal), loads)
         assert status[0] == nodal_status[0] == 0
-        errors.append(distance(points.points, smooth.points))
+        errors.append(distance(points.points.nodes, smooth.points.nodes))
     assert errors[1] < 1e-3
     assert errors[1] < errors[0] / 2.5
 
@@ -118,6 +118,11 @@ def test_inextensible_is_the_limit_of_stiff_barbs():
     assert gaps[1] < 0.3 * gaps[0]
 
 
+def arrays_of(state):
+    """All arrays of a state."""
+    return [a for each in state for a in (each if isinstance(each, tuple) else (each,))]
+
+
 def test_a_step_leaves_its_inputs_alone_and_repeats_exactly():
     model, nodal = feather_models(curved_kind(), 11, 4)
     solver, state = NodalSolver(model, nodal, Settings()), at_rest(model, nodal)
@@ -125,6 +130,6 @@ def test_a_step_leaves_its_inputs_alone_and_repeats_exactly():
     loads = no_loads(1, (0.0, 0.0, -9.81))
     first, _ = solver.step(state, loads, shake(0, 24.0), 1.0 / 24.0)
     second, _ = solver.step(state, loads, shake(0, 24.0), 1.0 / 24.0)
-    assert all(np.array_equal(a, b) for a, b in zip(state, before, strict=True))
-    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+    assert all(map(np.array_equal, arrays_of(state), arrays_of(before)))
+    assert all(map(np.array_equal, arrays_of(first), arrays_of(second)))
     assert first.time[0] == pytest.approx(1.0 / 24.0)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from featherfx.feather.types import Feather
+from featherfx.feather.types import Feather, barb_slice
 from featherfx.shot.loads.forces import grip_fraction
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.placement import place
@@ -24,12 +24,14 @@ SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
 
 class Film(NamedTuple):
-    """A shot's feathers and, per feather, (frames, n, P, 3) points and velocities."""
+    """A shot's feathers and, per feather, points and velocities of its nodes
+    (frames, n, 1 + 2 m, 3) and directors (frames, n, 2, 3)."""
 
     shot: Shot
     feathers: tuple[Feather, ...]
     points: tuple[Array, ...]
     velocities: tuple[Array, ...]
+    directors: tuple[Array, ...]
 
     @property
     def times(self) -> Array:
@@ -49,8 +51,9 @@ def film(sample: str) -> Film:
     return Film(
         shot,
         simulation.feathers,
-        tuple(np.stack([frame.points[k] for frame in frames]) for k in count),
-        tuple(np.stack([frame.velocities[k] for frame in frames]) for k in count),
+        tuple(np.stack([frame.poses[k].points.nodes for frame in frames]) for k in count),
+        tuple(np.stack([frame.poses[k].velocities.nodes for frame in frames]) for k in count),
+        tuple(np.stack([frame.poses[k].points.directors for frame in frames]) for k in count),
     )
 
 
@@ -58,8 +61,7 @@ def barb_stretch(feather: Feather, points: Array) -> float:
     """Largest relative change of length of a barb segment over all frames."""
     worst, m = 0.0, feather.columns
     for side in range(2):
-        first = 3 + side * m
-        nodes = np.concatenate([points[:, :, :1], points[:, :, first : first + m]], axis=2)
+        nodes = np.concatenate([points[:, :, :1], points[:, :, barb_slice(side, m)]], axis=2)
         present = feather.barb_length[side] > 0.0
         length = np.linalg.norm(np.diff(nodes[:, present], axis=2), axis=3)
         rest = feather.barb_length[side, present, None] / m
@@ -94,7 +96,7 @@ def test_roots_are_exactly_where_the_motion_puts_them(sample):
         positions, rotations = motion.frames(time)
         for k, points in enumerate(got.points):
             assert points[frame, 0, 0] == pytest.approx(positions[k], abs=1e-9)
-            assert points[frame, 0, 1] == pytest.approx(rotations[k][:, 1], abs=1e-9)
+            assert got.directors[k][frame, 0] == pytest.approx(rotations[k].T[1:], abs=1e-9)
 
 
 @pytest.mark.parametrize("sample", SHOTS)
@@ -106,8 +108,7 @@ def test_velocities_are_the_rates_of_the_points(sample):
         summed = 0.5 * step * (velocities[1:] + velocities[:-1]).sum(axis=0)
         way = points[-1] - points[0]
         travelled = np.abs(np.diff(points, axis=0)).sum(axis=0).max()
-        nodes = [0, *range(3, points.shape[2])]
-        assert np.abs(summed - way)[:, nodes].max() < 0.1 * travelled
+        assert np.abs(summed - way).max() < 0.1 * travelled
 
 
 def rigid_tips(got: Film, name: str) -> Array:
@@ -116,7 +117,7 @@ def rigid_tips(got: Film, name: str) -> Array:
     tips = []
     for time in got.times:
         positions, rotations = motion.frames(time)
-        tips.append(place(got.feathers[k].points, positions[k], rotations[k])[-1, 0])
+        tips.append(place(got.feathers[k].rest, positions[k], rotations[k]).nodes[-1, 0])
     return np.array(tips)
 
 

@@ -16,7 +16,7 @@ def saved(tmp_path):
     state = at_origin(rod(4))
     for number, array in enumerate(state.arrays().values()):
         array[...] = number
-    checkpoint = Checkpoint(3, (state,), (state.points.copy(),), {"held": np.arange(2)})
+    checkpoint = Checkpoint(3, (state,), (state.points.nodes.copy(),), {"held": np.arange(2)})
     checkpoint.save(tmp_path / "state.npz")
     return checkpoint, tmp_path / "state.npz"
 

@@ -10,6 +10,7 @@ import pytest
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
+from featherfx.feather.types import LEADING, barb_slice
 from featherfx.shot.loads.forces import force_at, force_weights, hat_integrals
 from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.read.read import read_shot
@@ -59,13 +60,14 @@ def test_a_point_of_a_barb_is_between_its_rows_and_nodes() -> None:
     kind = feather()
     weights = force_weights(a_force(row=0.5, column=0.6, side="trailing"), kind)
     assert weights.sum() == pytest.approx(1.0, abs=1e-14)
-    assert not weights[:, 1:3].any()
-    assert not weights[:, 3 : 3 + kind.columns].any()
-    place = np.einsum("np,npk->k", weights, kind.points)
+    assert not weights[:, barb_slice(LEADING, kind.columns)].any()
+    place = np.einsum("np,npk->k", weights, kind.rest.nodes)
     # the same point of a grid eight times as fine
     fine = feather(97, 32)
     exact = np.einsum(
-        "np,npk->k", force_weights(a_force(row=0.5, column=0.6, side="trailing"), fine), fine.points
+        "np,npk->k",
+        force_weights(a_force(row=0.5, column=0.6, side="trailing"), fine),
+        fine.rest.nodes,
     )
     assert np.linalg.norm(place - exact) < 0.02 * kind.barb_length.max()
 
@@ -104,7 +106,7 @@ def test_loads_pass_from_one_frame_to_the_next_without_a_jump() -> None:
     force = a_force(keys=((0.1, 0.0), (0.5, 1.0)))
     triple = [(0, force, force_weights(force, kind))]
     first, second = (
-        frame_loads(shot, [], [kind], [kind.points], start, start + 0.04, None, triple)
+        frame_loads(shot, [], [kind], [kind.rest.nodes], start, start + 0.04, None, triple)
         for start in (0.2, 0.24)
     )
     assert (first.force + first.force_change).sum() == pytest.approx(second.force.sum())
@@ -155,5 +157,5 @@ def test_wind_of_a_scene_acts_on_each_feather_by_its_own_place() -> None:
     shot = replace(read_shot(SAMPLE), wind_source=Shear())
     kind = feather()
     roots = np.array([[1.0, 2.0, 0.0], [3.0, -1.0, 0.0]])
-    loads = frame_loads(shot, [], [kind, kind], [kind.points] * 2, 0.0, 0.04, roots)
+    loads = frame_loads(shot, [], [kind, kind], [kind.rest.nodes] * 2, 0.0, 0.04, roots)
     assert loads.wind_mean == pytest.approx(np.array([[2.0, 0, 2], [-1.0, 0, 6]]))

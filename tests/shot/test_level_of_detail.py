@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
+from featherfx.feather.types import RowPoints
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.detail.changes import JUMP, Fades
@@ -151,12 +152,15 @@ def test_a_change_adds_less_than_the_bound_however_far_levels_are_apart() -> Non
     rng = np.random.default_rng(2)
     now = np.zeros((2, 5, 4, 3))
     now[1] += 0.05
+    still = np.zeros((5, 2, 3))
     shares, added = [0.0], []
     while fades.now[0] == 0:
         fades.begin(len(shares))
         before, now = now, now + rng.normal(0.0, 1e-4, now.shape)
         poses = {
-            (0, level): FeatherPose(each, np.zeros_like(each), np.zeros_like(each))
+            (0, level): FeatherPose(
+                *(RowPoints(part, still) for part in (each, 0 * each, 0 * each))
+            )
             for level, each in zip((0, 4), now, strict=True)
         }
         if fades.fading.size:
@@ -164,8 +168,8 @@ def test_a_change_adds_less_than_the_bound_however_far_levels_are_apart() -> Non
             w = shares[-1]
             shown = (1.0 - w) * before[0] + w * before[1]
             own = (1.0 - w) * (now[0] - before[0]) + w * (now[1] - before[1])
-            jump = fades.blended(0, poses).points - shown - own
-            added.append(np.linalg.norm(np.delete(jump, (1, 2), axis=1), axis=-1).max())
+            jump = fades.blended(0, poses).points.nodes - shown - own
+            added.append(np.linalg.norm(jump, axis=-1).max())
             shares.append(float(fades.weight[0]))
         assert len(shares) < 500
     assert shares[-1] == 1.0
@@ -185,13 +189,12 @@ def test_a_hanging_feather_changes_without_a_pop(level: str) -> None:
     below = {f"{level}_below": 40.0}
     away = railed(shot, (near,) * 8 + (far,) * 35 + (near,) * 60, **below)
     assert {"full", level} == {row[0] for row in names(away)}
-    full = next(iter(simulate(shot))).points[0]
+    full = next(iter(simulate(shot))).poses[0].points.nodes
     length = shot.groom.feathers[0].kind.length
-    points = np.stack([frame.points[0] for frame in simulate(away)])
-    places = np.delete(points, (1, 2), axis=2)
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=-1).max(axis=(1, 2))
+    points = np.stack([frame.poses[0].points.nodes for frame in simulate(away)])
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=-1).max(axis=(1, 2))
     assert steps.max() < 0.005 * length
-    apart = np.linalg.norm(np.delete(points - full, (1, 2), axis=2), axis=-1).max()
+    apart = np.linalg.norm(points - full, axis=-1).max()
     assert apart > {"coarse": 2e-4, "rachis": 2e-3, "rigid": 0.03}[level] * length
     assert points[-1] == pytest.approx(full, abs=5e-3 * length)
 

@@ -128,7 +128,7 @@ def test_a_rigid_feather_is_its_rest_shape_with_the_rates_of_its_root() -> None:
     frames = list(simulation)
     fine = list(simulate(shot, subframes=32))
     distances = np.linalg.norm(frames[-1].points[0][1:, 0] - frames[-1].points[0][0, 0], axis=1)
-    rest = simulation.feathers[0].points
+    rest = simulation.feathers[0].rest.nodes
     assert distances == pytest.approx(np.linalg.norm(rest[1:, 0] - rest[0, 0], axis=1), rel=1e-12)
     assert simulation.report["skipped"]["rigid feather frames"] == len(frames)
     step = 1.0 / shot.frames_per_second / 32
@@ -209,7 +209,7 @@ def test_the_estimated_deflection_is_that_of_a_settled_feather(scale: float) -> 
         loads = no_loads(1, (0.0, 0.0, -9.81))
         state, status, _ = solver.equilibrium(start, loads)
     assert status[0] == 0
-    sag = np.linalg.norm(state.points[0, -1, 0] - start.points[0, -1, 0])
+    sag = np.linalg.norm(state.points.nodes[0, -1, 0] - start.points.nodes[0, -1, 0])
     assert rachis_deflection(feather, kind, 9.81, 0.0) == pytest.approx(sag, rel=0.3)
 
 

@@ -17,6 +17,7 @@ from trial_batches import (
 )
 
 from featherfx.algebra.rotation import quats_to_frames, rotation_vectors
+from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import copy_pose, evaluate
@@ -37,8 +38,8 @@ class Trial:
         self.work = make_work(model)
         if around is not None:
             for name, array in around.items():
-                if name == "reference":
-                    self.work.around.reference.assign(Strains(*array))
+                if name in ("reference", "target", "past"):
+                    getattr(self.work.around, name).assign(array)
                 else:
                     getattr(self.work.around, name)[...] = array
         now = self.work.now
@@ -62,7 +63,7 @@ def loaded(name, seed, **sizes):
     model = model._replace(held=np.array([False]), retardation=np.array([[0.01, 0.02]]))
     state = random_pose(model, rng)
     size = (model.rows, model.mass.shape[2])
-    last = 3 + model.columns
+    last = 1 + model.columns
     loads = no_loads(1, (1.0, 2.0, -9.8))._replace(
         air=np.array([1.2, 1.5, 0.1, 1.0]),
         grip_node=np.array([[[model.rows - 1, 0], [2, last], [-1, 0]]]),
@@ -71,9 +72,9 @@ def loaded(name, seed, **sizes):
         grip_stiffness=np.array([[50.0, 20.0, 1e9]]),
     )
     around = {
-        "target": rng.normal(size=(*size, 3)),
-        "past": 0.1 * rng.normal(size=(*size, 3)),
-        "reference": [0.1 * rng.normal(size=a.shape) for a in no_strains(model)],
+        "target": RowPoints(rng.normal(size=(*size, 3)), rng.normal(size=(model.rows, 2, 3))),
+        "past": RowPoints(0.1 * rng.normal(size=(*size, 3)), np.zeros((model.rows, 2, 3))),
+        "reference": Strains(*(0.1 * rng.normal(size=a.shape) for a in no_strains(model))),
         "wind": rng.normal(size=(*size, 3)),
         "area": 1e-2 * rng.normal(size=(*size, 3)),
         "speed": np.abs(rng.normal(size=size)),
@@ -117,7 +118,7 @@ def test_at_rest_the_matrix_is_the_derivative_of_the_gradient(columns, coefficie
     _, model = preset_batch("swan_primary", rows=6, columns=columns, coefficients=coefficients)
     model = model._replace(held=np.array([False]), retardation=np.array([[0.01, 0.02]]))
     state = at_origin(model)
-    trial = Trial(model, state, no_loads(1), FACTORS, {"target": state.points[0]})
+    trial = Trial(model, state, no_loads(1), FACTORS, {"target": state.points.at(0)})
     scale = scales(model)
     force = np.abs(trial.assembled(signed=True) * scale).max()
     matrix = dense(trial.work.system.band)

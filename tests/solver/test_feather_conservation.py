@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from trial_batches import at_origin, preset_kind, random_quat
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.feather.build import build_feather
+from featherfx.feather.types import both
 from featherfx.lab.rods.experiments import total_energy
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
@@ -33,13 +36,13 @@ def plucked(model: Model) -> State:
     """
     start = at_origin(model)
     length = float(model.length[0].sum())
-    force = np.zeros_like(start.points)
+    force = np.zeros_like(start.points.nodes)
     force[0, -1, 0, 2] = -0.01
     with Solver(model, Settings(newton=1e-11)) as solver:
         for _ in range(5):
             state, status, _ = solver.equilibrium(start, no_loads(1)._replace(force=force))
             assert status[0] == 0
-            way = state.points - start.points
+            way = state.points.nodes - start.points.nodes
             size = 0.03 * length / np.linalg.norm(way[0, -1, 0])
             force = model.mass[..., None] * way * np.vdot(force, way)
             force *= size / np.vdot(model.mass[..., None] * way, way)
@@ -94,10 +97,12 @@ def test_energy_never_grows_with_the_damped_settings(radius: float) -> None:
 
 def momenta(model: Model, state: State) -> tuple[np.ndarray, np.ndarray]:
     """Linear (kg m/s) and angular momentum (kg m^2/s) about the origin; directors turn."""
-    mass, points, rates = model.mass[0], state.points[0], state.velocity[0]
-    places = [0, *range(3, points.shape[1])]
-    linear = np.einsum("np,npk->k", mass[:, places], rates[:, places])
-    angular = np.einsum("np,npk->k", mass, np.cross(points, rates))
+    inertia, rates = (model.mass[0], model.rotary_inertia[0]), state.velocity.at(0)
+    linear = np.einsum("np,npk->k", inertia[0], rates.nodes)
+    angular = sum(
+        np.einsum("np,npk->k", mass, np.cross(points, rate))
+        for mass, points, rate in zip(inertia, state.points.at(0), rates, strict=True)
+    )
     return linear, angular
 
 
@@ -109,8 +114,7 @@ def test_free_flight_keeps_linear_and_angular_momentum() -> None:
         frame = quats_to_frames(random_quat(np.random.default_rng(3)))
         start = rest_state(model, np.array([[0.1, -0.2, 0.3]]), frame[None])
         spin, throw = np.array([6.0, -4.0, 9.0]), np.array([1.0, 2.0, -0.5])
-        velocity = np.cross(spin, start.points)
-        velocity[:, :, [0, *range(3, start.points.shape[2])]] += throw
+        velocity = both(partial(np.cross, spin), start.points).shifted(throw[None])
         state = start._replace(
             velocity=velocity, spin=np.broadcast_to(spin, start.spin.shape).copy()
         )
@@ -145,4 +149,4 @@ def test_a_storm_does_not_force_small_steps() -> None:
                 assert report.status[0] == 0
                 steps += report.steps[0]
         assert steps <= most * frames
-        assert np.isfinite(state.points).all()
+        assert np.isfinite(state.points.nodes).all()

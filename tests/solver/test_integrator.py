@@ -23,7 +23,7 @@ RADII = [0.0, 0.5, 0.8, 1.0]
 
 
 class Oscillator:
-    """x'' = -w^2 x from x = 1 at rest, as one material point."""
+    """x'' = -w^2 x from x = 1 at rest, as one node."""
 
     def __init__(self, frequency, radius):
         self.square, self.radius = frequency**2, radius
@@ -148,7 +148,7 @@ def swinging_rod(steps, settings):
             state, report = solver.step(state, loads, hold_roots(state), duration / steps)
             assert report.status[0] == 0
             assert report.steps[0] == 1
-    return state.points[0, -1, 0].copy()
+    return state.points.nodes[0, -1, 0].copy()
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.8])

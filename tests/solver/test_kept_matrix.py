@@ -88,7 +88,7 @@ def test_a_step_ends_within_the_tolerance_of_its_solution_with_fewer_matrices(ra
         near, report = loose.step(state, loads, path, 1.0 / rate)
         state, exact = tight.step(state, loads, path, 1.0 / rate)
         assert (report.status[0], exact.status[0]) == (0, 0)
-        assert np.abs(near.points - state.points)[:, :, [0, *range(3, 11)]].max() < 1e-6
+        assert np.abs(near.points.nodes - state.points.nodes).max() < 1e-6
         assert report.move[0] < 1e-6
         iterations, matrices = iterations + report.iterations[0], matrices + report.matrices[0]
     assert matrices < 0.7 * iterations

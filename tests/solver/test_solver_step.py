@@ -9,6 +9,7 @@ import pytest
 from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind, random_pose
 
 from featherfx.errors import SimulationError
+from featherfx.feather.types import barb_slice
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import RootPath, Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
@@ -31,12 +32,11 @@ def swung(state, start, amplitude=0.1, frequency=3.0, axis=2, smooth=False):
 
 
 def barb_stretch(model, points):
-    """Largest relative change of length of any barb segment; points: (F, n, P, 3)."""
+    """Largest relative change of length of any barb segment; points: (F, n, 1 + 2 m, 3)."""
     worst = 0.0
-    columns = model.columns
     for side in range(2):
-        first = 3 + side * columns
-        nodes = np.concatenate([points[:, :, :1], points[:, :, first : first + columns]], axis=2)
+        barb = points[:, :, barb_slice(side, model.columns)]
+        nodes = np.concatenate([points[:, :, :1], barb], axis=2)
         length = np.linalg.norm(np.diff(nodes, axis=2), axis=3)
         rest = model.segment[:, side, :, None]
         present = np.broadcast_to(rest > 0.0, length.shape)
@@ -60,7 +60,7 @@ def test_a_feather_without_loads_stays_at_rest(name):
         for _ in range(24):
             state, report = solver.step(state, no_loads(1), hold_roots(state), FRAME)
             assert not report.status.any()
-    drift = np.linalg.norm(state.points - start.points, axis=-1).max()
+    drift = np.linalg.norm(state.points.nodes - start.points.nodes, axis=-1).max()
     assert drift < 1e-9
     assert state.time[0] == pytest.approx(1.0)
 
@@ -74,10 +74,10 @@ def test_violent_motion_keeps_every_barb_segment_and_follows_the_root():
             path = swung(state, frame * FRAME, amplitude=0.25)
             state, report = solver.step(state, no_loads(1, EARTH), path, FRAME)
             assert not report.status.any()
-            assert np.isfinite(state.points).all()
-            assert barb_stretch(model, state.points) < 1e-12
+            assert np.isfinite(state.points.nodes).all()
+            assert barb_stretch(model, state.points.nodes) < 1e-12
             assert state.centre[0, 0] == pytest.approx(path.samples[0, -1, :3], abs=1e-12)
-            moved = max(moved, np.abs(state.points - before.points).max())
+            moved = max(moved, np.abs(state.points.nodes - before.points.nodes).max())
     assert moved > 0.1
 
 
@@ -126,7 +126,7 @@ def test_a_feather_does_not_depend_on_the_others_of_its_batch():
         with Solver(each, SETTINGS) as solver:
             state, _ = solver.step(state, no_loads(each.feathers, EARTH), swung(state, 0.0), FRAME)
         states.append(state)
-    assert states[0].points[2].tobytes() == states[1].points[0].tobytes()
+    assert states[0].points.nodes[2].tobytes() == states[1].points.nodes[0].tobytes()
 
 
 def test_chosen_feathers_move_and_the_others_do_not():
@@ -135,8 +135,8 @@ def test_chosen_feathers_move_and_the_others_do_not():
         after, report = solver.step(
             state, no_loads(3, EARTH), hold_roots(state), FRAME, feathers=[2]
         )
-    assert after.points[:2].tobytes() == state.points[:2].tobytes()
-    assert not np.array_equal(after.points[2], state.points[2])
+    assert after.points.nodes[:2].tobytes() == state.points.nodes[:2].tobytes()
+    assert not np.array_equal(after.points.nodes[2], state.points.nodes[2])
     assert report.steps.tolist()[:2] == [0.0, 0.0]
     assert report.steps[2] > 0
     assert after.time == pytest.approx([0.0, 0.0, FRAME])
@@ -210,7 +210,7 @@ def test_a_root_that_spins_at_300_rad_per_second_stays_finite():
         )
     for name, array in after.arrays().items():
         assert np.isfinite(array).all(), name
-    assert barb_stretch(model, after.points) < 1e-12
+    assert barb_stretch(model, after.points.nodes) < 1e-12
     assert report.status[0] == CONVERGED
     assert np.abs(after.centre[0]).max() < 1.01 * model.length[0].sum()
 
@@ -230,7 +230,7 @@ def test_error_control_keeps_to_the_tolerance():
                 assert report.error[0] <= tolerance
                 assert report.move[0] <= 1e-8
                 count += report.steps[0]
-        ends.append(np.delete(state.points[0], [1, 2], axis=1))
+        ends.append(state.points.nodes[0])
         steps.append(count)
     assert steps == sorted(steps)
     assert steps[-1] > 4 * steps[0]
@@ -249,6 +249,6 @@ def test_a_mirrored_feather_moves_as_the_mirror_image(name):
             for frame in range(3):
                 path = swung(state, frame * FRAME, amplitude=0.05 * sign, axis=1, smooth=True)
                 state, _ = solver.step(state, loads, path, FRAME)
-        ends.append(np.delete(state.points[0], [1, 2], axis=1))
+        ends.append(state.points.nodes[0])
     assert np.abs(ends[0][:, :, 1]).max() > 0.01
     assert np.abs(ends[0] * (1.0, -1.0, 1.0) - ends[1]).max() < 1e-6

@@ -4,41 +4,48 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherfx.feather.types import LEADING, RACHIS, TRAILING, Feather, Surface
-from featherfx.shot.types import Frame
+from featherfx.feather.types import (
+    LEADING,
+    RACHIS,
+    TRAILING,
+    Feather,
+    RowPoints,
+    Surface,
+    both,
+    turned,
+)
+from featherfx.shot.types import FeatherPose, Frame
 from featherfx.usd.types import FeatherEntry
 
 ROWS, COLUMNS, LENGTH, RADIUS = 4, 2, 0.1, 0.001
 
 
-def material_points() -> np.ndarray:
-    """(4, 7, 3): a flat feather along x, barbs at 45 degrees, 2 columns a side."""
-    points = np.zeros((ROWS, 3 + 2 * COLUMNS, 3))
+def rest_points() -> RowPoints:
+    """A flat feather of 4 rows along x, barbs at 45 degrees, 2 columns a side."""
+    nodes = np.zeros((ROWS, 1 + 2 * COLUMNS, 3))
     for row in range(ROWS):
-        points[row, 0] = (LENGTH * row / (ROWS - 1), 0, 0)
-        points[row, 1] = (0, 1, 0)
-        points[row, 2] = (0, 0, 1)
+        nodes[row, 0] = (LENGTH * row / (ROWS - 1), 0, 0)
         for column in range(1, COLUMNS + 1):
             step = 0.01 * column
-            points[row, 2 + column] = points[row, 0] + (step, step, 0)
-            points[row, 2 + COLUMNS + column] = points[row, 0] + (step, -step, 0)
-    return points
+            nodes[row, column] = nodes[row, 0] + (step, step, 0)
+            nodes[row, COLUMNS + column] = nodes[row, 0] + (step, -step, 0)
+    return RowPoints(nodes, np.tile(np.eye(3)[1:], (ROWS, 1, 1)))
 
 
 def surface() -> Surface:
     """5 vane points a row (trailing end to leading end) and a square tube of 4 points a row."""
-    vane_terms = [4 + COLUMNS, 3 + COLUMNS, 0, 3, 4]
-    row, terms, weights, st = [], [], [], []
+    vane_nodes = [2 + COLUMNS, 1 + COLUMNS, 0, 1, 2]
+    row, node, offset, st = [], [], [], []
     for i in range(ROWS):
-        for k, term in enumerate(vane_terms):
+        for k, place in enumerate(vane_nodes):
             row.append(i)
-            terms.append((term, 0, 0))
-            weights.append((1.0, 0.0, 0.0))
+            node.append(place)
+            offset.append((0.0, 0.0))
             st.append((k / 4, i / (ROWS - 1)))
         for across, up in ((1, 0), (0, 1), (-1, 0), (0, -1)):
             row.append(i)
-            terms.append((0, 1, 2))
-            weights.append((1.0, RADIUS * across, RADIUS * up))
+            node.append(0)
+            offset.append((RADIUS * across, RADIUS * up))
             st.append((0.5, i / (ROWS - 1)))
     triangles, part, direction = [], [], []
 
@@ -61,7 +68,7 @@ def surface() -> Surface:
             add(low + a, high + a, low + b, RACHIS, (1, 0, 0))
             add(low + b, high + a, high + b, RACHIS, (1, 0, 0))
     result = Surface(
-        np.array(row), np.array(terms), np.array(weights), np.array(triangles), np.array(part),
+        np.array(row), np.array(node), np.array(offset), np.array(triangles), np.array(part),
         np.array(direction, dtype=float), np.array(st),
     )  # fmt: skip
     return _outward(result)
@@ -69,7 +76,7 @@ def surface() -> Surface:
 
 def _outward(given: Surface) -> Surface:
     """Vanes face dorsal (z), the tube faces away from its axis."""
-    points = given.points(material_points())
+    points = given.points(rest_points())
     triangles = given.triangles.copy()
     for index, (a, b, c) in enumerate(given.triangles):
         normal = np.cross(points[b] - points[a], points[c] - points[a])
@@ -78,7 +85,7 @@ def _outward(given: Surface) -> Surface:
         if normal @ np.array(wanted) < 0:
             triangles[index] = (a, c, b)
     return Surface(
-        given.row, given.terms, given.weights, triangles, given.part, given.barb_direction,
+        given.row, given.node, given.offset, triangles, given.part, given.barb_direction,
         given.st,
     )  # fmt: skip
 
@@ -86,7 +93,7 @@ def _outward(given: Surface) -> Surface:
 def feather() -> Feather:
     barbs = np.full((2, ROWS), 0.01 * COLUMNS * 2**0.5)
     return Feather(
-        points=material_points(),
+        rest=rest_points(),
         station=np.linspace(0, LENGTH, ROWS),
         width=np.full(ROWS, 2 * RADIUS),
         height=np.full(ROWS, 2 * RADIUS),
@@ -97,13 +104,11 @@ def feather() -> Feather:
     )
 
 
-def placed(offset: tuple[float, float, float], angle: float = 0.0) -> np.ndarray:
-    """Material points turned about y and moved; directors turn only."""
+def placed(offset: tuple[float, float, float], angle: float = 0.0) -> RowPoints:
+    """The feather turned about y and moved; directors turn only."""
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-    points = material_points() @ turn.T
-    points[:, [0, *range(3, 3 + 2 * COLUMNS)]] += offset
-    return points
+    return turned(turn.T, rest_points()).shifted(np.array(offset, dtype=float))
 
 
 def entries() -> list[FeatherEntry]:
@@ -123,8 +128,16 @@ def frame(number: int, first: int = 1, rate: float = 24.0) -> Frame:
     angles = [0.4 * np.sin(5 * time) + 0.01, max(0.0, 0.05 * (number - first - 1)), 0.0, 0.0]
     rates = [0.4 * 5 * np.cos(5 * time), 0.05 * rate if number - first > 1 else 0.0, 0.0, 0.0]
     offsets = [(0, 0.1 * k, 0) for k in range(4)]
-    points = tuple(placed(o, a) for o, a in zip(offsets, angles, strict=True))
-    turned = (placed((0, 0, 0), a + np.pi / 2) for a in angles)
+    points = [placed(o, a) for o, a in zip(offsets, angles, strict=True)]
+    quarter = [placed((0, 0, 0), a + np.pi / 2) for a in angles]
     # d/dangle of a turn about y is the turned (x, z) plane; y does not move.
-    velocities = tuple(t * (1, 0, 1) * r for t, r in zip(turned, rates, strict=True))
-    return Frame(number, time, points, velocities)
+    velocities = [
+        both(lambda part, r=r: part * (1, 0, 1) * r, t) for t, r in zip(quarter, rates, strict=True)
+    ]
+    return frame_of(number, time, points, velocities)
+
+
+def frame_of(number, time, points, velocities) -> Frame:
+    """A frame of given points and velocities, without accelerations."""
+    still = [both(np.zeros_like, each) for each in points]
+    return Frame(number, time, tuple(map(FeatherPose, points, velocities, still)))

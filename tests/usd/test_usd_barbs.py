@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from feathers import frame_of
 from pxr import Usd, UsdGeom, UsdUtils
 from scipy.spatial.transform import Rotation
 
 import featherfx
 from featherfx.feather.build import build_feather
 from featherfx.feather.render import barb_curves, render_feather
+from featherfx.feather.types import RowPoints, both
 from featherfx.shot.placement import place
-from featherfx.shot.types import Frame
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
@@ -25,7 +26,7 @@ NAMES = ("bare", "moving", "still", "fixed")
 EVERY = [0.0, 0.3, 0.6]
 
 
-def pose(points: np.ndarray, index: int, angle: float) -> np.ndarray:
+def pose(points: RowPoints, index: int, angle: float) -> RowPoints:
     turn = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
     return place(points, np.array([0.0, 0.2 * index, 0.0]), turn)
 
@@ -39,7 +40,7 @@ def cache(request, tmp_path_factory: pytest.TempPathFactory):
     barbs = barb_curves(kind, GRID, BARBS, False)
     entries = [
         FeatherEntry(
-            name, "k", "r", fine, pose(fine.points, k, 0.0), name == "fixed", None, "", points_map,
+            name, "k", "r", fine, pose(fine.rest, k, 0.0), name == "fixed", None, "", points_map,
             None if name == "bare" else shifted(barbs, k),
         )
         for k, name in enumerate(NAMES)
@@ -48,12 +49,12 @@ def cache(request, tmp_path_factory: pytest.TempPathFactory):
     options = WriteOptions(layout=request.param, chunk=2, up_axis="Y", meters_per_unit=0.01)
     with CacheWriter(path, entries, (1, 3), 24.0, options) as writer:
         for number, angle in enumerate(EVERY, start=1):
-            given = tuple(
-                pose(coarse.points, k, angle if NAMES[k] in ("bare", "moving") else 0.0)
+            given = [
+                pose(coarse.rest, k, angle if NAMES[k] in ("bare", "moving") else 0.0)
                 for k in range(len(NAMES))
-            )
-            rates = tuple(np.zeros_like(each) for each in given)
-            writer.write(Frame(number, (number - 1) / 24, given, rates))
+            ]
+            rates = [both(np.zeros_like, each) for each in given]
+            writer.write(frame_of(number, (number - 1) / 24, given, rates))
     return path, kind, barbs
 
 

@@ -12,8 +12,7 @@ from pxr import Usd, UsdGeom
 from scipy.spatial.transform import Rotation
 
 from featherfx.errors import InputError
-from featherfx.feather.types import RACHIS
-from featherfx.shot.types import Frame
+from featherfx.feather.types import RACHIS, RowPoints, both, turned
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
@@ -24,8 +23,8 @@ LINEAR = np.array([[1.02, 0.05, 0.0], [-0.01, 1.1, 0.0], [0.03, 0.04, 1.0]])
 TURN = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
 
 
-def affine(points: np.ndarray, linear: np.ndarray) -> np.ndarray:
-    return points @ linear.T
+def affine(points: RowPoints, linear: np.ndarray) -> RowPoints:
+    return turned(linear.T, points)
 
 
 def write(path: Path, layout: str, diagnostics=("strain", "energy"), **options) -> Path:
@@ -41,9 +40,9 @@ def write(path: Path, layout: str, diagnostics=("strain", "energy"), **options) 
         options=WriteOptions(layout=layout, chunk=2, diagnostics=diagnostics, **options),
     ) as writer:
         for number, linear in enumerate(poses, start=1):
-            zero = np.zeros_like(rest)
+            zero = both(np.zeros_like, rest)
             points = (affine(rest, linear), still.rest_points)
-            writer.write(Frame(number, number / 24, points, (zero, zero)))
+            writer.write(feathers.frame_of(number, number / 24, points, (zero, zero)))
     return path
 
 

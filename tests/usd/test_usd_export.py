@@ -60,9 +60,9 @@ def test_condensed_feathers_carry_the_barbs(tmp_path, caches):
     stage = Usd.Stage.Open(str(path))
     curve = UsdGeom.BasisCurves.Get(stage, "/condensed/primary_1")
     for code in (1, 4):
-        material = feathers.frame(code).points[0]
+        material = feathers.frame(code).poses[0].points.nodes
         np.testing.assert_allclose(curve.GetPointsAttr().Get(code), material[:, 0], atol=1e-7)
-        for name, first in (("P_barbl", 3), ("P_barbr", 3 + feathers.COLUMNS)):
+        for name, first in (("P_barbl", 1), ("P_barbr", 1 + feathers.COLUMNS)):
             primvar = UsdGeom.PrimvarsAPI(curve).GetPrimvar(name)
             assert primvar.GetElementSize() == feathers.COLUMNS
             barbs = np.array(primvar.Get(code)).reshape(feathers.ROWS, feathers.COLUMNS, 3)
@@ -77,7 +77,7 @@ def test_condensed_feathers_keep_subframes(tmp_path):
     ) as writer:
         for code in (1, 1.5, 2):
             frame = feathers.frame(code)
-            writer.write(replace(frame, points=frame.points[:1], velocities=frame.velocities[:1]))
+            writer.write(replace(frame, poses=frame.poses[:1]))
     pipeline.export(path, tmp_path / "condensed.usda", condensed=True)
     stage = Usd.Stage.Open(str(tmp_path / "condensed.usda"))
     points = UsdGeom.BasisCurves.Get(stage, "/condensed/primary_1").GetPointsAttr()

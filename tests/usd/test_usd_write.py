@@ -12,7 +12,7 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from featherfx.errors import InputError, SimulationError
-from featherfx.shot.types import Frame
+from featherfx.feather.types import both
 from featherfx.usd.read.read import Cache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import FeatherEntry
@@ -44,8 +44,8 @@ print(json.dumps(out))
 
 
 def expected(index: int, number: int) -> tuple[np.ndarray, np.ndarray]:
-    surface, frame = feathers.surface(), feathers.frame(number)
-    return surface.points(frame.points[index]), surface.points(frame.velocities[index])
+    surface, pose = feathers.surface(), feathers.frame(number).poses[index]
+    return surface.points(pose.points), surface.points(pose.velocities)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -135,15 +135,15 @@ def test_one_other_pose_throughout_needs_no_samples(tmp_path, kind):
         path, feathers.entries(), (1, 6), options=WriteOptions(layout=kind, chunk=2)
     ) as writer:
         for number in range(1, 7):
-            points = list(feathers.frame(5).points)
-            velocities = [np.full_like(p, 1e-9) for p in points]
+            points = [pose.points for pose in feathers.frame(5).poses]
+            velocities = [both(lambda part: np.full_like(part, 1e-9), p) for p in points]
             points[1] = feathers.placed((0, 0.1, 0), 0.05 * max(0, number - 4))
-            writer.write(Frame(number, 0.0, tuple(points), tuple(velocities)))
+            writer.write(feathers.frame_of(number, 0.0, points, velocities))
     stage = Usd.Stage.Open(str(path))
     names = ("primary_1", "primary_1_2")
     still, late = (UsdGeom.Mesh.Get(stage, f"/settled/feathers/{name}") for name in names)
     assert not any(a.GetNumTimeSamples() for a in still.GetPrim().GetAttributes())
-    pose = feathers.surface().points(feathers.frame(5).points[0])
+    pose = feathers.surface().points(feathers.frame(5).poses[0].points)
     rest = feathers.surface().points(feathers.entries()[0].rest_points)
     for code in (Usd.TimeCode.Default(), 1, 3.5, 6):
         np.testing.assert_allclose(still.GetPointsAttr().Get(code), pose, atol=1e-8)
@@ -227,7 +227,7 @@ def test_an_absent_vane_has_no_subset(tmp_path):
     surface = feathers.surface()
     keep = surface.part != 1
     bare = type(surface)(
-        surface.row, surface.terms, surface.weights, surface.triangles[keep], surface.part[keep],
+        surface.row, surface.node, surface.offset, surface.triangles[keep], surface.part[keep],
         surface.barb_direction[keep], surface.st,
     )  # fmt: skip
     feather = feathers.feather()
@@ -333,7 +333,7 @@ def test_prim_names_are_valid_unique_and_stable():
 
 def test_a_value_that_is_not_finite_names_the_feather(tmp_path):
     frame = feathers.frame(1)
-    frame.points[1][2, 4, 0] = np.nan
+    frame.poses[1].points.nodes[2, 2, 0] = np.nan
     path = tmp_path / "bad.usdc"
     with (
         pytest.raises(SimulationError, match="primary 1 at t = 0"),

@@ -20,7 +20,8 @@ import numpy as np
 
 from featherfx.api import read_groom
 from featherfx.feather.build import build_feather
-from featherfx.shot.types import Frame
+from featherfx.feather.types import RowPoints, both
+from featherfx.shot.types import FeatherPose, Frame
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter
@@ -48,19 +49,23 @@ def entries(count: int) -> list[FeatherEntry]:
     """Feathers of about 3,000 points each."""
     kind = read_groom(SAMPLES / "feather_pull/groom.toml").feathers[0].kind
     feather = build_feather(kind, ROWS, COLUMNS)
-    return [FeatherEntry(f"f{k}", "k", "r", feather, feather.points) for k in range(count)]
+    return [FeatherEntry(f"f{k}", "k", "r", feather, feather.rest) for k in range(count)]
 
 
-def frame(number: int, rest: np.ndarray, count: int) -> Frame:
+def frame(number: int, rest: RowPoints, count: int) -> Frame:
     """All feathers bend, each by itself; every coordinate of every frame is another number."""
     bend = 0.1 * np.sin(0.1 * number + 0.7137 * np.arange(count))
-    points, velocities = [], []
+    poses = []
     for angle in bend:
-        bent = rest.copy()
-        bent[..., 2] += angle * np.sin(9.0 * rest[..., 0] + 7.0 * rest[..., 1] + angle)
-        points.append(bent)
-        velocities.append(angle * np.cos(5.0 * bent))
-    return Frame(number, number / 24.0, tuple(points), tuple(velocities))
+
+        def bent(part: np.ndarray, angle: float = angle) -> np.ndarray:
+            away = angle * np.sin(9.0 * part[..., 0] + 7.0 * part[..., 1] + angle)
+            return part + away[..., None] * [0.0, 0.0, 1.0]
+
+        points = both(bent, rest)
+        rates = both(lambda part, angle=angle: angle * np.cos(5.0 * part), points)
+        poses.append(FeatherPose(points, rates, rates))
+    return Frame(number, number / 24.0, tuple(poses))
 
 
 def write_raw(path: Path, size: int, values: np.ndarray) -> None:

@@ -11,10 +11,10 @@ from featherfx.shot.placement import place
 
 
 def built(groom, number=0):
-    """World points (n, P, 3) of a feather of a groom."""
+    """World points of a feather of a groom, and the feather."""
     feather = featherfx.build(groom, "final")[number]
     placement = groom.feathers[number]
-    return place(feather.points, placement.position, placement.rotation), feather
+    return place(feather.rest, placement.position, placement.rotation), feather
 
 
 def test_a_plain_curve(tmp_path):
@@ -60,17 +60,18 @@ def test_units_axes_and_transforms(tmp_path, up_axis, meters_per_unit, mirror):
     )
     shift = above[3, :3] if up_axis == "Z" else above[3, :3] @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
     whole = np.diag([1, mirror, 1]) @ to_world
-    points, feather = built(groom)
+    placed, feather = built(groom)
+    points = placed.nodes
     expected = drawn @ whole + shift
     for target in expected:
         near = np.linalg.norm(points[:, 0] - target, axis=1).min()
         assert near < 0.2 / (feather.rows - 1) * 0.6
     np.testing.assert_allclose(points[0, 0], expected[0], atol=1e-6)
     np.testing.assert_allclose(points[-1, 0], expected[-1], atol=2e-4)
-    leading = points[feather.rows // 2, 3 + feather.columns - 1] - points[feather.rows // 2, 0]
+    leading = points[feather.rows // 2, feather.columns] - points[feather.rows // 2, 0]
     assert leading @ (np.array([0, 1.0, 0]) @ whole) > 0  # toward the image of y
     part = feather.surface.part == LEADING
-    corners = feather.surface.points(points)[feather.surface.triangles[part]]
+    corners = feather.surface.points(placed)[feather.surface.triangles[part]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
     dorsal = np.array([0, 0, 1.0]) @ whole
     assert normal @ dorsal > 0
@@ -87,7 +88,7 @@ def test_cubic_curves_run_through_their_ends(tmp_path, basis):
     prim.CreateBasisAttr(basis)
     prim.CreateWrapAttr("pinned" if basis != "bezier" else "nonperiodic")
     stage.Save()
-    points, _ = built(featherfx.read_groom(tmp_path / "bird.usda"))
+    (points, _), _ = built(featherfx.read_groom(tmp_path / "bird.usda"))
     np.testing.assert_allclose(points[0, 0], control[0], atol=1e-6)
     np.testing.assert_allclose(points[-1, 0], control[-1], atol=6e-3)
 
@@ -174,9 +175,9 @@ def test_condensed_feathers(tmp_path, mirror, plain_numbers):
         'name = "s"\n[[feather]]\nid = "f"\nkind = "swan_primary"\nposition = [0.1, 0.2, 0.3]\n'
         "direction = [1, 0.5, 0.2]\nup = [0, 0.2, 1]\n"
     )
-    points, feather = built(featherfx.read_groom(tmp_path / "source.toml"))
+    (points, _), feather = built(featherfx.read_groom(tmp_path / "source.toml"))
     columns = feather.columns
-    barbs = points[:, 3 : 3 + columns], points[:, 3 + columns :]
+    barbs = points[:, 1 : 1 + columns], points[:, 1 + columns :]
     stage = new_stage(tmp_path / "bird.usda", 0.01, "Z")
     scale = [100, -100, 100] if mirror else [100, 100, 100]
     prim = add_curves(stage, "/bird/feathers", [points[:, 0] * scale], "swan_primary", None, ["f"])
@@ -203,10 +204,10 @@ def test_condensed_feathers(tmp_path, mirror, plain_numbers):
     )
     groom = featherfx.read_groom(tmp_path / "groom.toml")
     assert not groom.feathers[0].mirrored
-    again, rebuilt = built(groom)
+    (again, _), rebuilt = built(groom)
     length = groom.feathers[0].kind.length
     assert rebuilt.columns == columns
-    for column in (0, 3 + columns - 1, 2 + 2 * columns):  # shaft, leading and trailing ends
+    for column in (0, columns, 2 * columns):  # shaft, leading and trailing ends
         for point in again[3:-3, column]:
             off = np.linalg.norm(points[:, column] - point, axis=1).min()
             assert off < 0.04 * length

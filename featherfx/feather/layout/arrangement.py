@@ -185,14 +185,13 @@ def height_maps(shapes: list[tuple[FeatherKind, bool]]) -> HeightMaps:
 def _samples(feather: Feather) -> tuple[Array, Array]:
     """(Q, 3) m within and on the edge: rachis and middles of barbs; ends of barbs and the tip."""
     middle, end = (_COLUMNS + 1) // 2, _COLUMNS
-    within, edge = [], []
+    nodes, within, edge = feather.rest.nodes, [], []
     for side in range(2):
         has = feather.barb_length[side] > 0.0
-        first = 2 + side * _COLUMNS
-        within.append(feather.points[has, first + middle])
-        edge.append(feather.points[has, first + end])
+        within.append(nodes[has, side * _COLUMNS + middle])
+        edge.append(nodes[has, side * _COLUMNS + end])
     in_vane = (feather.barb_length > 0.0).any(axis=0)
-    shaft = feather.points[in_vane, 0]
+    shaft = nodes[in_vane, 0]
     return np.concatenate([shaft[1:], *within]), np.concatenate([shaft[:1], *edge])
 
 
@@ -200,7 +199,7 @@ def _map(feather: Feather, length: float) -> tuple[Array, Array]:
     """(H, W) heights and (4,) window of one feather, by its vanes' triangles."""
     surface = feather.surface
     triangles = surface.triangles[surface.part != RACHIS]
-    points = surface.points(feather.points)[:, :] / length
+    points = surface.points(feather.rest)[:, :] / length
     used = points[np.unique(triangles)]
     low, high = used[:, :2].min(axis=0), used[:, :2].max(axis=0)
     step = np.maximum((high - low) / (np.array(_NODES) - 1.0), 1e-9)

@@ -164,7 +164,7 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
     rebuild_centres(model.length[0], unstretched)
     state.centre[0] = unstretched.centre
     pose = pose_of(model, state)
-    state.points[0] = pose.points
+    state.points.at(0).assign(pose.points)
     for step in range(2):
         state.strains.at(0, step).assign(pose.strains)
 

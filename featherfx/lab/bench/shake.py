@@ -160,7 +160,7 @@ def _settings(shake: Shake) -> Settings:
 def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int) -> ShakeRun:
     """Step any solver through the shake; solver and state have the shape of Solver and State."""
     feather = build_feather(kind, shake.rows, shake.columns)
-    rest = _followed(feather, state.points[0])
+    rest = _followed(feather, state.points.nodes[0])
     loads = no_loads(shake.count)
     clock = perf_counter if shake.jobs > 1 else thread_time
     moved, seconds, steps, iterations = [], 0.0, 0, 0
@@ -173,7 +173,7 @@ def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int
         steps += int(report.steps[0])
         iterations += int(report.iterations[0])
         if _is_output(after):
-            moved.append(_followed(feather, state.points[0]) - rest)
+            moved.append(_followed(feather, state.points.nodes[0]) - rest)
     present = np.concatenate([np.ones((1, feather.rows)), feather.barb_length]) > 0.0
     return ShakeRun(
         feather.station, np.array(moved), present.T, seconds, steps, iterations, unknowns
@@ -191,9 +191,9 @@ def _is_output(time: float) -> bool:
 
 
 def _followed(feather: Feather, points: Array) -> Array:
-    """(n, 3, 3) rachis point and ends of both barbs of every row, from points (n, P, 3)."""
+    """(n, 3, 3) rachis point and ends of both barbs of every row, from nodes (n, 1 + 2 m, 3)."""
     m = feather.columns
-    return points[:, [0, 2 + m, 2 + 2 * m]]
+    return points[:, [0, m, 2 * m]]
 
 
 def trajectory_error(run: ShakeRun, reference: ShakeRun, length: float) -> float:

@@ -12,14 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import without_directors
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.detail.view import TimedCamera, View
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
+from featherfx.shot.types import Detail, Frame, LevelOfDetail, Motion, Shot
 
 Array = NDArray[np.float64]
 Change = Callable[[Shot], Shot]
@@ -136,7 +135,7 @@ class Skip(NamedTuple):
 
 
 class _Baked(NamedTuple):
-    """seconds: of processor. points: per frame and feather (n, P, 3)."""
+    """seconds: of processor. points: per frame and feather (n, 1 + 2 m, 3)."""
 
     seconds: float
     points: list[tuple[Array, ...]]
@@ -295,20 +294,24 @@ def _run(shot: Shot) -> _Baked:
     list(simulate(some, frames=(shot.first_frame, min(shot.first_frame + 1, shot.last_frame))))
     simulation = simulate(shot)
     frames = iter(simulation)
-    points = [next(frames).points]
+    points = [_nodes(next(frames))]
     begin = time.process_time()
-    points += [frame.points for frame in frames]
+    points += [_nodes(frame) for frame in frames]
     return _Baked(time.process_time() - begin, points, simulation)
+
+
+def _nodes(frame: Frame) -> tuple[Array, ...]:
+    return tuple(pose.points.nodes for pose in frame.poses)
 
 
 def _errors(
     shot: Shot, first: Iterable[tuple[Array, ...]], second: Iterable[tuple[Array, ...]]
 ) -> tuple[float, float]:
-    """Largest and mean distance of points over their feather's length, directors left out."""
+    """Largest and mean distance of points over their feather's length."""
     worst, means = 0.0, []
     for one, other in zip(first, second, strict=True):
         for placement, a, b in zip(shot.groom.feathers, one, other, strict=True):
-            way = np.linalg.norm(without_directors(a - b), axis=2) / placement.kind.length
+            way = np.linalg.norm(a - b, axis=2) / placement.kind.length
             worst = max(worst, float(way.max()))
             means.append(float(way.mean()))
     return worst, float(np.mean(means))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.feather.build import build_feather
-from featherfx.feather.types import Feather, without_directors
+from featherfx.feather.types import Feather
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.presets import load_preset
@@ -121,7 +121,7 @@ def run_feather(test: FeatherTest, preset_folders: tuple[str | Path, ...] = ()) 
     feather = build_feather(kind, test.rows, test.columns)
     body = _body(test, feather, kind)
     shot = _shot(test, kind)
-    loads = frame_loads(shot, (), [feather], [body.state.points[0]], 0.0, 0.0)
+    loads = frame_loads(shot, (), [feather], [body.state.points.nodes[0]], 0.0, 0.0)
     state, status, _ = body.solver.equilibrium(body.state, loads)
     raise_if_failed(status, state.time, [test.preset])
     return _stepped(test, shot, feather, replace(body, state=state))
@@ -158,7 +158,7 @@ def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _FeatherBody
     state, steps, iterations, seconds = body.state, 0.0, 0.0, 0.0
     for k in range(count):
         now, then = k * interval, (k + 1) * interval
-        loads = frame_loads(shot, grips, [feather], [body.state.points[0]], now, then)
+        loads = frame_loads(shot, grips, [feather], [body.state.points.nodes[0]], now, then)
         path = root_path(motion, members, now, then)
         if k == 0:
             body.solver.step(state, loads, path, interval)  # compiles before anything is timed
@@ -170,21 +170,23 @@ def _stepped(test: FeatherTest, shot: Shot, feather: Feather, body: _FeatherBody
         iterations += report.iterations[0]
     assembly, solve = iteration_seconds(body.repeat(loads, state), float(state.step[0]))
     return FeatherRun(
-        points=without_directors(state.points[0]),
+        points=state.points.nodes[0],
         iterations_per_step=float(iterations / steps),
         steps=int(steps),
         unknowns=body.unknowns,
-        barb_strain_max=barb_strain(feather, state.points[0]),
+        barb_strain_max=barb_strain(feather, state.points.nodes[0]),
         seconds=seconds,
         seconds_assembly=float(iterations * assembly),
         seconds_solve=float(iterations * solve),
     )
 
 
-def barb_strain(feather: Feather, points: Array) -> float:
-    """Largest relative change of length of a barb's segments; points: (n, P, 3) m."""
-    rest = np.linalg.norm(np.diff(barb_nodes(feather), axis=2), axis=-1)
-    now = np.linalg.norm(np.diff(barb_nodes(replace(feather, points=points)), axis=2), axis=-1)
+def barb_strain(feather: Feather, nodes: Array) -> float:
+    """Largest relative change of length of a barb's segments; nodes: (n, 1 + 2 m, 3) m."""
+    rest, now = (
+        np.linalg.norm(np.diff(barb_nodes(each), axis=2), axis=-1)
+        for each in (feather.rest.nodes, nodes)
+    )
     present = rest > 0.0
     return float(np.max(np.abs(now[present] / rest[present] - 1.0), initial=0.0))
 

@@ -29,7 +29,7 @@ from scipy.interpolate import CubicSpline
 
 from featherfx.errors import Problem
 from featherfx.feather.build import build_feather
-from featherfx.feather.types import Feather, without_directors
+from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial, VaneShape
 from featherfx.lab.declare import Range, out_of_range, require, value
 from featherfx.lab.feathers.feather import barb_strain, feather_kind
@@ -183,19 +183,19 @@ def pull_feather(pull: FullPull) -> PulledFeather:
     raise_if_failed(status, state.time, [pull.material])
     iterations += int(count[0])
     seconds = time.perf_counter() - begin
-    points = np.array(state.points[0])
+    points, rest = np.array(state.points.nodes[0]), feather.rest.nodes
     apart = loads.grip_end[0, 0] - points[node]
     wavelength, amplitude = wrinkles(feather, points)
     return PulledFeather(
-        rachis_deflection=float(np.linalg.norm(points[-1, 0] - feather.points[-1, 0])) / LENGTH,
+        rachis_deflection=float(np.linalg.norm(points[-1, 0] - rest[-1, 0])) / LENGTH,
         barb_strain=barb_strain(feather, points),
         force=GRIP_STIFFNESS * float(np.linalg.norm(apart)),
         wavelength=wavelength,
         amplitude=amplitude,
         iterations=iterations,
         seconds=seconds,
-        points=without_directors(points),
-        rest=without_directors(feather.points),
+        points=points,
+        rest=rest,
     )
 
 
@@ -230,23 +230,24 @@ def _solver(feather: Feather, kind: FeatherKind, nodal: bool) -> tuple[Any, Any]
 
 
 def _gripped(pull: FullPull, feather: Feather) -> tuple[int, int]:
-    """Row and material point that the grip holds: rachis tip, or edge of the trailing vane."""
+    """Row and node that the grip holds: rachis tip, or edge of the trailing vane."""
     if pull.scene == "tip":
         return feather.rows - 1, 0
-    return round(SIDE_ROW * (feather.rows - 1)), 2 + 2 * feather.columns
+    return round(SIDE_ROW * (feather.rows - 1)), 2 * feather.columns
 
 
 def _loads(
     pull: FullPull, feather: Feather, node: tuple[int, int], done: float, pushed: bool = True
 ) -> Loads:
-    start, aside = feather.points[node], done * pull.distance * LENGTH
+    rest = feather.rest.nodes
+    start, aside = rest[node], done * pull.distance * LENGTH
     # what a cantilever that is bent by aside at its end falls short by: the shaft is not stretched
     target = start - np.array([0.6 * aside**2 / start[0], aside, 0.0])
-    force = np.zeros((1, *feather.points.shape))
+    force = np.zeros((1, *rest.shape))
     count = 2 * feather.columns
     random = np.random.default_rng(SEED).normal(size=(feather.rows, count))
     if pushed:
-        force[0, :, 3:, 2] = IMPERFECTION * random
+        force[0, :, 1:, 2] = IMPERFECTION * random
     return no_loads(1)._replace(
         grip_node=np.array([[node]], dtype=np.int64),
         grip_start=target[None, None],
@@ -264,8 +265,8 @@ def wrinkles(feather: Feather, points: Array) -> tuple[float, float]:
     best = (float("nan"), 0.0)
     for side in range(2):
         rows = np.flatnonzero(feather.barb_length[side] > 0.0)
-        last = 2 + (side + 1) * feather.columns
-        edge = feather.points[rows, last]
+        last = (side + 1) * feather.columns
+        edge = feather.rest.nodes[rows, last]
         arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(edge, axis=0), axis=1)))
         found = edge_waves(arc, points[rows, last, 2])
         if found[1] > best[1]:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from featherfx.errors import Problem
 from featherfx.feather.surface import vane_surface
-from featherfx.feather.types import Feather
+from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice
 from featherfx.groom.types import FeatherKind, RachisMaterial, RachisShape, VaneMaterial, VaneShape
 from featherfx.lab.declare import Range, out_of_range, require, value
 from featherfx.lab.nodal.model import nodal_model
@@ -119,7 +119,7 @@ class _StripBody:
 
 def _fall(test: StripTest, body: _StripBody, times: list[float]) -> StripRun:
     state, loads, path = body.state, no_loads(1, GRAVITY), _held_root(body.state)
-    rest = _edges(test, state.points[0])
+    rest = _edges(test, state.points.nodes[0])
     tips, strain, seconds, steps, iterations = [], 0.0, 0.0, 0, 0
     body.solver.step(state, loads, path, test.dt)  # compiles before anything is timed
     for step, is_output in _steps(times, test.dt):
@@ -129,9 +129,9 @@ def _fall(test: StripTest, body: _StripBody, times: list[float]) -> StripRun:
         raise_if_failed(report.status, state.time, [f"strip '{test.scene}'"])
         steps += int(report.steps[0])
         iterations += int(report.iterations[0])
-        strain = max(strain, float(np.abs(_edges(test, state.points[0]) / rest - 1.0).max()))
+        strain = max(strain, float(np.abs(_edges(test, state.points.nodes[0]) / rest - 1.0).max()))
         if is_output:
-            tips.append(state.points[0, -1, 0])
+            tips.append(state.points.nodes[0, -1, 0])
     return StripRun(
         time=np.array(times[1:]),
         tip=np.array(tips),
@@ -154,14 +154,14 @@ def _steps(times: list[float], longest: float) -> Iterator[tuple[float, bool]]:
 def _held_root(state: Any) -> RootPath:
     """The root stays where it is."""
     samples = np.zeros((1, 2, 6))
-    samples[:, :, :3] = state.points[:, None, 0, 0]
+    samples[:, :, :3] = state.points.nodes[:, None, 0, 0]
     return RootPath(samples, state.rotation[:, 0].copy())
 
 
 def _edges(test: StripTest, points: Array) -> Array:
-    """Lengths of the stiff edges, m: along y, and for iso along x; points: (n, P, 3)."""
+    """Lengths of the stiff edges, m: along y, and for iso along x; points: (n, 1 + 2 m, 3)."""
     columns = test.columns
-    order = [*range(2 + 2 * columns, 2 + columns, -1), 0, *range(3, 3 + columns)]
+    order = [*range(2 * columns, columns, -1), *range(1 + columns)]
     nodes = points[:, order]
     along_y = np.linalg.norm(np.diff(nodes, axis=1), axis=-1).ravel()
     if test.scene == "feather":
@@ -201,7 +201,7 @@ def _nodal_body(test: StripTest) -> _StripBody:
     kind = strip_kind(LENGTH, _material(test.scene))
     feather = strip_feather(LENGTH, WIDTH, rows, test.columns)
     model = make_model([feather], [kind], 0)
-    pinned = np.zeros((rows, 3 + 2 * test.columns), dtype=np.bool_)
+    pinned = np.zeros((rows, 1 + 2 * test.columns), dtype=np.bool_)
     pinned[: test.refinement + 1] = True
     iso = test.scene == "iso"
     if not iso:
@@ -285,23 +285,22 @@ def strip_kind(length: float, vane: VaneMaterial) -> FeatherKind:
 def strip_feather(length: float, width: float, rows: int, columns: int) -> Feather:
     """Rest geometry of a strip 0..length by -width/2..width/2 (m); columns: to each side of x."""
     station = np.linspace(0.0, length, rows)
-    points = np.zeros((rows, 3 + 2 * columns, 3))
-    points[:, 1, 1], points[:, 2, 2] = 1.0, 1.0
+    nodes = np.zeros((rows, 1 + 2 * columns, 3))
     reach = 0.5 * width * np.arange(1, columns + 1) / columns
-    points[:, [0, *range(3, 3 + 2 * columns)], 0] = station[:, None]
-    points[:, 3 : 3 + columns, 1] = reach
-    points[:, 3 + columns :, 1] = -reach
+    nodes[:, :, 0] = station[:, None]
+    nodes[:, barb_slice(LEADING, columns), 1] = reach
+    nodes[:, barb_slice(TRAILING, columns), 1] = -reach
     tributary = np.full(rows, station[1])
     tributary[[0, -1]] *= 0.5
     barb_length = np.full((2, rows), 0.5 * width)
     cell = np.ones((2, rows - 1, columns, 2), dtype=np.bool_)
     return Feather(
-        points=points,
+        rest=RowPoints(nodes, np.tile(np.eye(3)[1:], (rows, 1, 1))),
         station=station,
         width=np.full(rows, NO_SHAFT),
         height=np.full(rows, NO_SHAFT),
         barb_length=barb_length,
         barb_span=np.stack([tributary, tributary]),
         cell=cell,
-        surface=vane_surface(points, station, barb_length, cell),
+        surface=vane_surface(nodes, station, barb_length, cell),
     )

@@ -6,8 +6,9 @@ from featherfx.lab.nodal.energy_kernels import hinge_index, sections
 from featherfx.lab.nodal.guard_kernels import add_guard
 from featherfx.lab.nodal.plate_kernels import hinge_of, patch_hinge_gradient, patch_nodes
 from featherfx.lab.nodal.stencil_kernels import (
+    add_directors,
     add_element,
-    add_points,
+    add_nodes,
     add_rachis,
     add_stress,
     add_stretch,
@@ -24,7 +25,7 @@ from featherfx.solver.vane.pairs_kernels import cell_nodes
 def _add_cells(model, nodal, f, damping, signed, work):
     """Membrane of all triangles."""
     pose, before, reference = work.now, work.before, work.around.reference
-    element, system, points, slot = work.element, work.system, pose.points, nodal.slot[f]
+    element, system, points, slot = work.element, work.system, pose.points.nodes, nodal.slot[f]
     rows, columns = points.shape[0], model.joints.shape[3]
     lines, weight, gradient, stress = (
         element.lines,
@@ -70,7 +71,7 @@ def _add_cells(model, nodal, f, damping, signed, work):
 @kernel
 def _add_plate(nodal, f, damping, work):
     """Bending of all triangles by their dihedral angles."""
-    rows, columns = work.now.points.shape[0], nodal.plate.shape[3]
+    rows, columns = work.now.rotation.shape[0], nodal.plate.shape[3]
     for side in range(2):
         for i in range(rows - 1):
             for j in range(columns):
@@ -82,7 +83,7 @@ def _add_plate(nodal, f, damping, work):
 def _add_triangle(nodal, f, place, damping, work):
     """Bending of one triangle; place: (side, row, column, half)."""
     side, i, j, half = place
-    points, element, slot = work.now.points, work.element, nodal.slot[f]
+    points, element, slot = work.now.points.nodes, work.element, nodal.slot[f]
     rows, columns = points.shape[0], nodal.plate.shape[3]
     _, _, _, start = sections(rows, columns)
     angles, reference = work.now.strains[start:], work.around.reference[start:]
@@ -125,13 +126,16 @@ def nodal_assemble(model, nodal, loads, f, fraction, factors, signed, work):
     work.before: (S,) strains of the iterate before, for what both agree on; those of the pose
     itself for the exact geometric stiffness.
     """
-    points, around, system = work.now.points, work.around, work.system
+    points, around, system = work.now.points.nodes, work.around, work.system
     system.band[:] = 0.0
     system.right[:] = 0.0
     node_forces(model, loads, f, factors, points, around, work.force, work.stiff)
     add_grip_forces(loads, f, fraction, points, work.force, work.stiff)
     add_dead_forces(loads, f, fraction, work.force)
-    add_points(nodal.slot[f], work)
+    add_nodes(nodal.slot[f], work)
+    add_directors(
+        model.rotary_inertia[f], factors.inertia, loads.couple[f], nodal.frame_slot[f], work
+    )
     if nodal.shaft:
         damping = model.retardation[f, 0] * factors.strain_rate
         add_rachis(model, nodal, f, damping, signed, work)

@@ -11,6 +11,7 @@ from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.barb_stretch_kernels import stretch_strain
 from featherfx.lab.nodal.plate_kernels import hinge_of
 from featherfx.lab.nodal.turns_kernels import barb_turns, hinge_turns
+from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.rachis_kernels import rachis_strain
 from featherfx.mechanics.row_kernels import node_index
@@ -37,7 +38,7 @@ def sections(rows, columns):
 @kernel
 def nodal_strains(model, nodal, f, pose, frame):
     """All strains of feather f's pose from its points and frames, in place; frame: scratch."""
-    points, strains = pose.points, pose.strains
+    points, strains = pose.points.nodes, pose.strains
     rows, columns = points.shape[0], model.joints.shape[3]
     at_stretch, at_turns, at_cells, at_hinges = sections(rows, columns)
     for i in range(rows - 1 if nodal.shaft else 0):
@@ -152,12 +153,16 @@ def nodal_step_energy(model, nodal, loads, f, fraction, factors, pose, work):
 
     factors: of the integrator. fraction: of the frame, for the grips.
     """
-    around = work.around
+    around, nodes, directors = work.around, pose.points.nodes, pose.points.directors
     return (
         nodal_elastic_energy(
             model, nodal, f, pose.strains, around.reference, work.multiplier, factors.strain_rate
         )
-        + grip_energy(loads, f, fraction, pose.points)
-        + dead_energy(loads, f, fraction, pose.points)
-        + node_energy(model, loads, f, factors, pose.points, around)
+        + grip_energy(loads, f, fraction, nodes)
+        + dead_energy(loads, f, fraction, nodes)
+        + node_energy(model, loads, f, factors, nodes, around)
+        + couple_energy(loads.couple[f], directors)
+        + director_energy(
+            model.rotary_inertia[f], factors.inertia, directors, around.target.directors
+        )
     )

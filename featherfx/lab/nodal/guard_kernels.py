@@ -20,7 +20,7 @@ def add_guard(model, nodal, f, signed, work):
 
     signed: whether the destabilising part of the geometric stiffness is included, too.
     """
-    guard, slot, points = model.cell_guard[f], nodal.slot[f], work.now.points
+    guard, slot, points = model.cell_guard[f], nodal.slot[f], work.now.points.nodes
     element, columns = work.element, guard.shape[2]
     _, _, at, _ = sections(points.shape[0], model.joints.shape[3])
     for side in range(2):

@@ -1,9 +1,9 @@
 """Constant data of the nodal kinematics, beside the Model of the same batch.
 
-The unknowns are the positions of the material points themselves: a row's rachis point, the world
-rotation of its frame and its barb nodes. They are numbered row by row, and within a row from the
-end of the trailing barb over the rachis to the end of the leading one; nodes of a barb of length
-zero are their row's rachis point. So no energy couples unknowns further apart than about two rows.
+The unknowns are the positions of the nodes themselves and the world rotations of the rows' frames.
+They are numbered row by row, and within a row from the end of the trailing barb over the rachis and
+the frame to the end of the leading one; nodes of a barb of length zero are their row's rachis node.
+So no energy couples unknowns further apart than about two rows.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ Section = Literal["vane", "carried"]
 
 
 class NodalModel(NamedTuple):
-    """F feathers, n rows, m columns a side, P = 3 + 2 m material points a row; sides as in Model.
+    """F feathers, n rows, m columns a side; sides as in Model.
 
-    slot: (F, n, P) first of a point's three unknowns (point 1: the frame's rotation; point 2
-    unused), -1 where it is prescribed. size: (F,) unknowns of a feather. band: half-bandwidth of
-    the widest. rest_points: (F, n, P, 3) m and rest_rotation: (F, n, 4), in the root's frame.
+    slot: (F, n, 1 + 2 m) first of a node's three unknowns, -1 where it is prescribed; frame_slot:
+    (F, n) the same of the rows' frames. size: (F,) unknowns of a feather. band: half-bandwidth of
+    the widest. rest_nodes: (F, n, 1 + 2 m, 3) m and rest_rotation: (F, n, 4), in the root's frame.
     present: (F, 2, n) bool, barbs that there are. stretch_inverse: (F, 2, n, m) 1/s, of the
     segment up to node j + 1, and stretch_stiffness: (F, 2, n, m) N m. bend_rest: (F, 2, n, m, 2)
     rad, (s, b) at joint j (0: the clamp), and bend_stiffness: N m. hinge_active, hinge_rest:
@@ -45,9 +45,10 @@ class NodalModel(NamedTuple):
     """
 
     slot: NDArray[np.int64]
+    frame_slot: NDArray[np.int64]
     size: NDArray[np.int64]
     band: int
-    rest_points: Array
+    rest_nodes: Array
     rest_rotation: Array
     present: NDArray[np.bool_]
     stretch_inverse: Array
@@ -84,8 +85,9 @@ def nodal_model(
     section: what a barb's bending out of the vane and within it refers to: "vane": the vane's
     normal at the node, as barbules hold it; "carried": a section carried along the barb without
     twist from its clamp, as in the barb-curvature kinematics; it wants a shaft.
-    shaft: whether there is a rachis; without one its points are plain nodes. pinned: (n, P)
-    points that follow the root rigidly besides the held root itself (point 1: the frame).
+    shaft: whether there is a rachis; without one its points are plain nodes. pinned:
+    (n, 1 + 2 m) nodes that follow the root rigidly besides the held root itself; a rachis node
+    that does, does so with its frame.
 
     InputError for an unknown bending, stretch or section or a pinned of another shape.
     """
@@ -151,8 +153,8 @@ def _one(
     present = feather.barb_length > 0.0
     area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
     area = area / (vane.across * vane.thickness)
-    points = np.ascontiguousarray(feather.points)
-    rotation = frames_to_quats(row_frames(points))
+    nodes = np.ascontiguousarray(feather.rest.nodes)
+    rotation = frames_to_quats(row_frames(feather.rest.directors))
     active = hinge_places(feather.cell)
     plate = _bending_tables(model, f, feather, kind, bending, area, active, shaft)
     used = np.any(plate != 0.0, axis=-2)
@@ -160,17 +162,18 @@ def _one(
     bend_stiffness = _bend_stiffness(feather, kind, bending, shaft)
     bend_rest = np.zeros(bend_stiffness.size)
     barb_turns(
-        rotation, points, model.clamp[f], bend_stiffness, carried, np.zeros((3, 3)), bend_rest
+        rotation, nodes, model.clamp[f], bend_stiffness, carried, np.zeros((3, 3)), bend_rest
     )
     hinge_rest = np.zeros(active.size)
-    hinge_turns(points, active, hinge_rest)
-    slot, size = _slots(present, feather.columns, shaft, bool(model.held[f]), pinned)
+    hinge_turns(nodes, active, hinge_rest)
+    slot, frame_slot, size = _slots(present, feather.columns, shaft, bool(model.held[f]), pinned)
     inverse, stretch_stiffness = _stretch(feather, kind, area)
     return {
         "slot": slot,
+        "frame_slot": frame_slot,
         "size": np.int64(size),
-        "band": half_bandwidth(slot, feather.cell, np.zeros((6, 2), np.int64)),
-        "rest_points": points,
+        "band": half_bandwidth(slot, frame_slot, feather.cell, np.zeros((6, 2), np.int64)),
+        "rest_nodes": nodes,
         "rest_rotation": rotation,
         "present": present,
         "stretch_inverse": inverse,
@@ -189,33 +192,33 @@ def _slots(
     shaft: bool,
     held: bool,
     pinned: NDArray[np.bool_] | None,
-) -> tuple[NDArray[np.int64], int]:
-    """First unknown of every material point (n, P), and how many unknowns there are."""
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """First unknown of every node (n, 1 + 2 m) and frame (n,), and how many unknowns there are."""
     rows = present.shape[1]
-    slot = np.full((rows, 3 + 2 * columns), -1, dtype=np.int64)
+    slot = np.full((rows, 1 + 2 * columns), -1, dtype=np.int64)
+    frame_slot = np.full(rows, -1, dtype=np.int64)
     fixed = np.zeros(slot.shape, dtype=np.bool_) if pinned is None else pinned.copy()
     if held:
-        fixed[0, :2] = True
-    if not shaft:
-        fixed[:, 1] = True
-    trailing = np.arange(2 + 2 * columns, 2 + columns, -1)
-    leading = np.arange(3, 3 + columns)
+        fixed[0, 0] = True
+    leading, trailing = np.arange(1, 1 + columns), np.arange(2 * columns, columns, -1)
     count = 0
     for i in range(rows):
-        order = [*(trailing if present[1, i] else ()), 0, 1, *(leading if present[0, i] else ())]
-        for p in order:
+        for p in [*(trailing if present[1, i] else ()), 0, *(leading if present[0, i] else ())]:
             if not fixed[i, p]:
                 slot[i, p] = count
+                count += 3
+            if p == 0 and shaft and not fixed[i, 0]:
+                frame_slot[i] = count
                 count += 3
         for side, nodes in ((0, leading), (1, trailing)):
             if not present[side, i]:
                 slot[i, nodes] = slot[i, 0]
-    return slot, count
+    return slot, frame_slot, count
 
 
 def _stretch(feather: Feather, kind: FeatherKind, area: Array) -> tuple[Array, Array]:
     """stretch_inverse and stretch_stiffness, (2, n, m)."""
-    length = np.linalg.norm(np.diff(barb_nodes(feather), axis=2), axis=-1)
+    length = np.linalg.norm(np.diff(barb_nodes(feather.rest.nodes), axis=2), axis=-1)
     beside = np.zeros_like(length)
     beside[:, :-1] += area[..., 0]
     beside[:, 1:] += area[..., 1]
@@ -265,12 +268,14 @@ def _bending_tables(
         return barb_hinges(model.hinge_stiffness[f])
     if bending == "hinges":
         along = vane.barb_bending_normal * _taper((np.arange(columns) + 0.5) / columns, kind)
-        return oriented_hinges(barb_nodes(feather), area, active, along, vane.bending_across)
+        return oriented_hinges(
+            barb_nodes(feather.rest.nodes), area, active, along, vane.bending_across
+        )
     if shaft:
         active = active.copy()
         active[2, :, :, 0] = False
     moduli = (vane.barb_bending_normal, vane.bending_across, vane.bending_across)
-    return plate_tables(feather.points, area, active, moduli)
+    return plate_tables(feather.rest.nodes, area, active, moduli)
 
 
 def _used_hinges(active: NDArray[np.bool_], used: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -24,6 +24,7 @@ from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
 from featherfx.lab.nodal.energy_kernels import nodal_step_energy, nodal_strains, sections
 from featherfx.mechanics.rachis_kernels import rachis_gradient
+from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.newton_kernels import HALVINGS, Solved, largest_move
@@ -46,38 +47,39 @@ SHIFT = 1e-8
 
 
 @kernel
-def set_directors(rotation, points):
-    """Material points 1 and 2 of all rows from their frames (n, 4)."""
-    for i in range(rotation.shape[0]):
-        store_directors(rotation[i], points[i])
+def set_directors(pose):
+    """Directors of all rows from their frames."""
+    for i in range(pose.rotation.shape[0]):
+        store_directors(pose.rotation[i], pose.points.directors[i])
 
 
 @kernel
-def gather(present, points):
-    """Nodes of absent barbs to their rachis points; present: (2, n)."""
-    columns = (points.shape[1] - 3) // 2
+def gather(present, nodes):
+    """Nodes (n, 1 + 2 m, 3) of absent barbs to their rachis points; present: (2, n)."""
+    columns = nodes.shape[1] // 2
     for side in range(2):
-        for i in range(points.shape[0]):
+        for i in range(nodes.shape[0]):
             if not present[side, i]:
-                for p in range(3 + side * columns, 3 + (side + 1) * columns):
+                for p in range(1 + side * columns, 1 + (side + 1) * columns):
                     for k in range(3):
-                        points[i, p, k] = points[i, 0, k]
+                        nodes[i, p, k] = nodes[i, 0, k]
 
 
 @kernel
-def _shaft(length, slot, factor, work):
+def _shaft(length, slot, frame_slot, factor, work):
     """Rachis points rebuilt from the first one, so that stretch and shear change linearly."""
     now, trial, step = work.now, work.trial, work.system.right
     beam, stretch = work.element.beam, work.element.stress
     for i in range(slot.shape[0] - 1):
-        if slot[i + 1, 0] < 0 or slot[i + 1, 1] < 0:
+        if slot[i + 1, 0] < 0 or frame_slot[i + 1] < 0:
             continue
-        a, b = now.points[i, 0], now.points[i + 1, 0]
+        a, b = now.points.nodes[i, 0], now.points.nodes[i + 1, 0]
         rachis_gradient(a, b, length[i], now.halfway[i], now.rachis[i], beam)
         for k in range(3):
             change = 0.0
             for node in range(4):
-                at = slot[i + node // 2, node % 2]
+                row = i + node // 2
+                at = slot[row, 0] if node % 2 == 0 else frame_slot[row]
                 for x in range(3 if at >= 0 else 0):
                     change += beam[k, 3 * node + x] * step[at + x]
             stretch[k] = now.rachis[i, k] + factor * change
@@ -86,8 +88,8 @@ def _shaft(length, slot, factor, work):
             trial.rotation[i + 1],
             stretch,
             length[i],
-            trial.points[i, 0],
-            trial.points[i + 1, 0],
+            trial.points.nodes[i, 0],
+            trial.points.nodes[i + 1, 0],
         )
 
 
@@ -95,9 +97,9 @@ def _shaft(length, slot, factor, work):
 def _barb(first, slot, now, step, factor, trial):
     """Nodes of one barb rebuilt from the rachis, so that every stretch e changes linearly.
 
-    first: material point of its first node. slot: (P,), now, trial: (P, 3) of the row.
+    first: of its nodes. slot: (1 + 2 m,), now, trial: (1 + 2 m, 3) of the row.
     """
-    columns = (slot.shape[0] - 3) // 2
+    columns = slot.shape[0] // 2
     # what the straight move of the node before and its rebuilt place are
     before, q = (0.0, 0.0, 0.0), 0
     if slot[0] >= 0:
@@ -125,29 +127,29 @@ def move_by(model, nodal, f, factor, straight, work):
     are rebuilt so that their stretch changes by exactly its linear increment.
     """
     now, trial, step, slot = work.now, work.trial, work.system.right, nodal.slot[f]
+    before, after, frame_slot = now.points.nodes, trial.points.nodes, nodal.frame_slot[f]
     for i in range(slot.shape[0]):
-        at = slot[i, 1]
+        at = frame_slot[i]
         if at >= 0:
             rotate_by(now.rotation[i], step[at : at + 3], factor, trial.rotation[i])
         else:
             for k in range(4):
                 trial.rotation[i, k] = now.rotation[i, k]
         for p in range(slot.shape[1]):
-            if p != 1 and p != 2:
-                at = slot[i, p]
-                for k in range(3):
-                    move = factor * step[at + k] if at >= 0 else 0.0
-                    trial.points[i, p, k] = now.points[i, p, k] + move
+            at = slot[i, p]
+            for k in range(3):
+                move = factor * step[at + k] if at >= 0 else 0.0
+                after[i, p, k] = before[i, p, k] + move
     if nodal.shaft and not straight:
-        _shaft(model.length[f], slot, factor, work)
+        _shaft(model.length[f], slot, frame_slot, factor, work)
         columns = model.joints.shape[3]
         for i in range(slot.shape[0]):
             for side in range(2):
                 if nodal.present[f, side, i]:
-                    start = 3 + side * columns
-                    _barb(start, slot[i], now.points[i], step, factor, trial.points[i])
-    gather(nodal.present[f], trial.points)
-    set_directors(trial.rotation, trial.points)
+                    start = 1 + side * columns
+                    _barb(start, slot[i], before[i], step, factor, after[i])
+    gather(nodal.present[f], after)
+    set_directors(trial)
 
 
 @shared_kernel
@@ -160,7 +162,7 @@ def evaluate(model, nodal, loads, f, fraction, factors, pose, work):
 @kernel
 def _copy_pose(source, target):
     copy_values(source.rotation, target.rotation)
-    copy_values(source.points, target.points)
+    copy_points(source.points, target.points)
     copy_values(source.halfway, target.halfway)
     copy_values(source.rachis, target.rachis)
     copy_values(source.strains, target.strains)

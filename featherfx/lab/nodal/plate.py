@@ -88,8 +88,8 @@ def plate_tables(
 ) -> Array:
     """(2, n-1, m, 2, 3, 3) tables of a plate.
 
-    points: (n, P, 3) m at rest. area: (2, n-1, m, 2) m^2. active: (3, 2, n, m). moduli: N m, along
-    the barbs, across them and in twist.
+    points: (n, 1 + 2 m, 3) m at rest. area: (2, n-1, m, 2) m^2. active: (3, 2, n, m). moduli: N m,
+    along the barbs, across them and in twist.
     """
     response = np.zeros((*area.shape, 3, 3))
     angles_per_curvature(

@@ -21,15 +21,15 @@ from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
 
 @kernel
 def point_of(side, column, columns):
-    """Material point of a barb node; column 0 is the rachis, -1 the other side's first node."""
+    """Place of a barb node in its row; column 0 is the rachis, -1 the other side's first node."""
     if column < 0:
-        return 3 + (1 - side) * columns
+        return 1 + (1 - side) * columns
     return node_index(side, column, columns)
 
 
 @kernel
 def patch_nodes(side, i, j, half, columns, nodes):
-    """(row, material point) of the six nodes of a triangle's patch to nodes (6, 2).
+    """(row, node) of the six nodes of a triangle's patch to nodes (6, 2).
 
     Those beyond the grid are given as row -1.
     """
@@ -70,8 +70,8 @@ def patch_hinge(side, j, half, edge):
 
 @kernel
 def hinge_turn(points, kind, side, i, j):
-    """Dihedral angle of one hinge of the pose points (n, P, 3), rad."""
-    columns = (points.shape[1] - 3) // 2
+    """Dihedral angle of one hinge of the pose points (n, 1 + 2 m, 3), rad."""
+    columns = points.shape[1] // 2
     near, far = point_of(side, j, columns), point_of(side, j + 1, columns)
     low, high = points[i], points[i + 1]
     if kind == 0:
@@ -99,7 +99,7 @@ def hinge_of(side, i, j, half, edge):
 def patch_hinge_gradient(points, side, j, half, edge, nodes, gradient):
     """Gradient of one dihedral angle of a triangle; returns its four nodes' places in the patch.
 
-    points: (n, P, 3). nodes: (6, 2), of patch_nodes. Written: gradient (4, 3).
+    points: (n, 1 + 2 m, 3). nodes: (6, 2), of patch_nodes. Written: gradient (4, 3).
     """
     places = patch_hinge(side, j, half, edge)
     hinge_gradient(
@@ -127,9 +127,9 @@ def patch_gradient(points, side, j, half, edge, nodes, gradient, line):
 def angles_per_curvature(points, active, nodes, gradient, line, response):
     """Dihedral angles of every triangle for unit curvatures of its patch.
 
-    points: (n, P, 3) at rest. active: (3, 2, n, m) which hinges there are. Scratch: nodes (6, 2)
-    int, gradient (4, 3), line (18,). Written: response (2, n-1, m, 2, 3, 3), angle by curvature
-    (along the barb, across it, twist); rows of missing hinges stay as they are.
+    points: (n, 1 + 2 m, 3) at rest. active: (3, 2, n, m) which hinges there are. Scratch: nodes
+    (6, 2) int, gradient (4, 3), line (18,). Written: response (2, n-1, m, 2, 3, 3), angle by
+    curvature (along the barb, across it, twist); rows of missing hinges stay as they are.
     """
     columns = active.shape[3]
     for side in range(2):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from featherfx.feather.types import both
 from featherfx.lab.nodal.assembly_kernels import nodal_assemble
 from featherfx.lab.nodal.model import NodalModel
 from featherfx.lab.nodal.newton_kernels import Minimiser, evaluate, move_by, nodal_minimise
@@ -31,17 +32,18 @@ def nodal_settle(
     As settle of solver/settle/settle.py. method: of its steps. Returns (Newton status, iterations).
     """
     around, now = work.around, work.now
-    for rate in (state.velocity, state.acceleration, state.smoothed, state.spin, state.step):
+    points = *state.velocity, *state.acceleration, *state.smoothed
+    for rate in (*points, state.spin, state.step):
         rate[f] = 0.0
     around.reference[:] = 0.0
     h, iterations, status = FIRST, 0, CONVERGED
     for _ in range(STEPS):
         load_state(state, f, work)
-        around.target[:] = now.points
-        around.past[:] = now.points
+        for held in (around.target, around.past):
+            held.assign(now.points)
         if loads.air[0] > 0.0:
-            time, still = state.time[f], state.velocity[f]
-            blow(now.points, time, loads, f, still, model.cell_stiffness[f], around)
+            time, still = state.time[f], state.velocity.nodes[f]
+            blow(now.points.nodes, time, loads, f, still, model.cell_stiffness[f], around)
         factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
         solved = nodal_minimise(model, nodal, loads, f, fraction, factors, method, work)
         status, iterations = solved.status, iterations + solved.iterations
@@ -74,8 +76,8 @@ def nodal_system(
     """
     now, around = work.now, work.around
     load_state(state, f, work)
-    around.target[:] = now.points
-    around.past[:] = now.points
+    for held in (around.target, around.past):
+        held.assign(now.points)
     around.reference[:] = 0.0
     factors = Factors(inertia, 0.0, 0.0)
     energy = evaluate(model, nodal, loads, f, 0.0, factors, now, work)
@@ -104,5 +106,6 @@ def nodal_start(
         return
     solve_factored(system.band, system.right)
     move_by(model, nodal, f, 1.0, True, work)
-    state.acceleration[f] = (trial.points - now.points) / square
-    state.smoothed[f] = state.acceleration[f]
+    rates = both(lambda after, before: (after - before) / square, trial.points, now.points)
+    for kept in (state.acceleration, state.smoothed):
+        kept.at(f).assign(rates)

@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import along_rows, frames_to_quats
+from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
+from featherfx.feather.types import RowPoints, both, turned
 from featherfx.lab.nodal.model import NodalModel
 from featherfx.mechanics.batch import row_frames
 from featherfx.mechanics.model import Model
-from featherfx.solver.work import System, make_system
+from featherfx.solver.work import System, make_system, no_points
 
 Array = NDArray[np.float64]
 
 
 class NodalState(NamedTuple):
-    """Positions and rates of F feathers at one time (see Model for F, n, m, P).
+    """Positions and rates of F feathers at one time (see Model for F, n, m).
 
-    rotation: (F, n, 4) row frames as quaternions. points: (F, n, P, 3) material points, the
-    coordinates themselves; velocity, acceleration, smoothed: as in State. spin: (F, n, 3) rad/s.
+    rotation: (F, n, 4) row frames as quaternions. points: (F, ...) nodes, the coordinates
+    themselves, and directors; velocity, acceleration, smoothed: as in State. spin: (F, n, 3) rad/s.
     strains: (F, 2, S) after the last step and the one before. multiplier: (F, 2, n, m) N m, of
     inextensible barb segments. step, proposal, time: (F,) s, as in State.
     """
 
     rotation: Array
-    points: Array
-    velocity: Array
-    acceleration: Array
-    smoothed: Array
+    points: RowPoints
+    velocity: RowPoints
+    acceleration: RowPoints
+    smoothed: RowPoints
     spin: Array
     strains: Array
     multiplier: Array
@@ -38,15 +40,15 @@ class NodalState(NamedTuple):
     time: Array
 
     def copy(self) -> NodalState:
-        return NodalState(*(array.copy() for array in self))
+        return deepcopy(self)
 
 
 class NodalPose(NamedTuple):
-    """One feather's pose: rotation (n, 4), points (n, P, 3); halfway (n-1, 3, 3) and rachis
+    """One feather's pose: rotation (n, 4), points; halfway (n-1, 3, 3) and rachis
     (n-1, 6) of the rachis elements; strains (S,), measured from rest."""
 
     rotation: Array
-    points: Array
+    points: RowPoints
     halfway: Array
     rachis: Array
     strains: Array
@@ -76,8 +78,8 @@ class Element(NamedTuple):
 class NodalSurroundings(NamedTuple):
     """As Surroundings of solver/work.py; reference: (S,)."""
 
-    target: Array
-    past: Array
+    target: RowPoints
+    past: RowPoints
     reference: Array
     wind: Array
     area: Array
@@ -87,7 +89,7 @@ class NodalSurroundings(NamedTuple):
 class NodalWork(NamedTuple):
     """Scratch of one thread. now, trial: poses. before: (S,) strains of the last iterate.
     multiplier: (2, n, m). around: NodalSurroundings. system: band (N, B + 1) and right (N,). force
-    (n, P, 3), stiff (n, P, 6): of the nodes."""
+    (n, 1 + 2 m, 3), stiff (n, 1 + 2 m, 6): of the nodes."""
 
     now: NodalPose
     trial: NodalPose
@@ -110,29 +112,29 @@ def nodal_rest_state(
     model: Model, nodal: NodalModel, positions: Array, rotations: Array
 ) -> NodalState:
     """Feathers at rest in their rest shape, roots at positions (F, 3) m, rotations (F, 3, 3)."""
-    points = np.einsum("fkl,fnpl->fnpk", np.asarray(rotations, float), nodal.rest_points)
-    points[:, :, 0] += np.asarray(positions, float)[:, None]
-    points[:, :, 3:] += np.asarray(positions, float)[:, None, None]
-    return nodal_state(model, points)
+    turns = np.swapaxes(np.asarray(rotations, float), 1, 2)[:, None]
+    directors = quats_to_frames(nodal.rest_rotation).swapaxes(2, 3)[:, :, 1:]
+    points = turned(turns, RowPoints(nodal.rest_nodes, directors))
+    return nodal_state(model, points.shifted(np.asarray(positions, float)))
 
 
-def nodal_state(model: Model, points: Array) -> NodalState:
-    """Feathers at rest (without velocity) with given material points (F, n, P, 3).
+def nodal_state(model: Model, points: RowPoints) -> NodalState:
+    """F feathers at rest (without velocity) with given points.
 
     So a pose of the barb-curvature kinematics (State.points) is carried over as it is; the other
-    way, NodalState.points are material points to compare with it or to draw.
+    way, NodalState.points are there to compare with it or to draw.
     """
-    points = np.array(points, dtype=float)
-    count, n = points.shape[:2]
+    points = both(np.array, points)
+    count, n, m = len(points.nodes), model.rows, model.columns
     return NodalState(
-        rotation=along_rows(frames_to_quats(row_frames(points))),
+        rotation=along_rows(frames_to_quats(row_frames(points.directors))),
         points=points,
-        velocity=np.zeros(points.shape),
-        acceleration=np.zeros(points.shape),
-        smoothed=np.zeros(points.shape),
+        velocity=no_points(n, m, count),
+        acceleration=no_points(n, m, count),
+        smoothed=no_points(n, m, count),
         spin=np.zeros((count, n, 3)),
         strains=np.zeros((count, 2, nodal_strain_count(model))),
-        multiplier=np.zeros((count, 2, n, model.columns)),
+        multiplier=np.zeros((count, 2, n, m)),
         step=np.zeros(count),
         proposal=np.zeros(count),
         time=np.zeros(count),
@@ -143,7 +145,7 @@ def _make_pose(model: Model) -> NodalPose:
     n = model.rows
     return NodalPose(
         rotation=np.zeros((n, 4)),
-        points=np.zeros((n, 3 + 2 * model.columns, 3)),
+        points=no_points(n, model.columns),
         halfway=np.zeros((n - 1, 3, 3)),
         rachis=np.zeros((n - 1, 6)),
         strains=np.zeros(nodal_strain_count(model)),
@@ -152,7 +154,8 @@ def _make_pose(model: Model) -> NodalPose:
 
 def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
     """Scratch for one thread working on feathers of this batch."""
-    n, size = model.rows, 3 + 2 * model.columns
+    n, m = model.rows, model.columns
+    size = 1 + 2 * m
     unknowns, nodes = int(nodal.size.max()), (n, size, 3)
     count = nodal_strain_count(model)
     # of a stencil: a triangle and its neighbours, or a whole barb with its row
@@ -161,10 +164,10 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
         now=_make_pose(model),
         trial=_make_pose(model),
         before=np.zeros(count),
-        multiplier=np.zeros((2, n, model.columns)),
+        multiplier=np.zeros((2, n, m)),
         around=NodalSurroundings(
-            target=np.zeros(nodes),
-            past=np.zeros(nodes),
+            target=no_points(n, m),
+            past=no_points(n, m),
             reference=np.zeros(count),
             wind=np.zeros(nodes),
             area=np.zeros(nodes),

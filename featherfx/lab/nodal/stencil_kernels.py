@@ -9,13 +9,17 @@ iterate alone may be thousands of times the true one, because a move may stretch
 Newton then stalls; left out, it converges slowly or not at all where tension carries load.
 """
 
-from featherfx.algebra.vec3_kernels import accumulate, cross
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.barb_bending_kernels import bend_gradient, clamp_gradient
 from featherfx.lab.nodal.barb_carried_kernels import begin_barb, begin_twist, carried_gradient
 from featherfx.lab.nodal.barb_stretch_kernels import stretch_gradient
 from featherfx.lab.nodal.energy_kernels import sections
 from featherfx.lab.nodal.turns_kernels import bend_nodes
+from featherfx.mechanics.director_kernels import (
+    add_director_stiffness,
+    subtract_couple_moments,
+    subtract_director_moments,
+)
 from featherfx.mechanics.rachis_kernels import (
     rachis_geometric_stiffness,
     rachis_gradient,
@@ -98,14 +102,14 @@ def add_isotropic(first, second, stiffness, band):
 
 
 @kernel
-def add_points(slot, work):
+def add_nodes(slot, work):
     """Inertia, gravity, air and grips."""
-    points, force, stiff = work.now.points, work.force, work.stiff
+    force, stiff = work.force, work.stiff
     band, right = work.system.band, work.system.right
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
+    for i in range(slot.shape[0]):
+        for p in range(slot.shape[1]):
             at = slot[i, p]
-            if at < 0 or p == 1 or p == 2:
+            if at < 0:
                 continue
             for k in range(3):
                 right[at + k] -= force[i, p, k]
@@ -113,17 +117,19 @@ def add_points(slot, work):
             band[at, 1] += stiff[i, p, 3]
             band[at, 2] += stiff[i, p, 4]
             band[at + 1, 1] += stiff[i, p, 5]
-        at = slot[i, 1]
-        for p in range(1, 3 if at >= 0 else 1):
-            x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
-            inertia = stiff[i, p, 0]
-            accumulate(right[at:], -1.0, cross(points[i, p], force[i, p]))
-            band[at, 0] += inertia * (y * y + z * z)
-            band[at + 1, 0] += inertia * (x * x + z * z)
-            band[at + 2, 0] += inertia * (x * x + y * y)
-            band[at, 1] -= inertia * x * y
-            band[at, 2] -= inertia * x * z
-            band[at + 1, 1] -= inertia * y * z
+
+
+@kernel
+def add_directors(rotary_inertia, inertia, couple, frame_slot, work):
+    """Rotary inertia of the shaft, and dead loads. inertia: 1/s^2. couple: as of Loads."""
+    directors, target = work.now.points.directors, work.around.target.directors
+    band, right = work.system.band, work.system.right
+    for i in range(frame_slot.shape[0]):
+        at = frame_slot[i]
+        if at >= 0:
+            subtract_director_moments(i, rotary_inertia, inertia, directors, target, right[at:])
+            subtract_couple_moments(i, couple, directors, right[at:])
+            add_director_stiffness(i, rotary_inertia, inertia, directors, at, band)
 
 
 @kernel
@@ -132,10 +138,11 @@ def add_rachis(model, nodal, f, damping, signed, work):
     pose, before, reference, slot = work.now, work.before, work.around.reference, nodal.slot[f]
     element, system = work.element, work.system
     beam, matrix, slots = element.beam, element.matrix, element.slots
+    nodes, frame_slot = pose.points.nodes, nodal.frame_slot[f]
     for i in range(pose.halfway.shape[0]):
         for a in range(2):
-            slots[a], slots[2 + a] = slot[i, a], slot[i + 1, a]
-        start, end, length = pose.points[i, 0], pose.points[i + 1, 0], model.length[f, i]
+            slots[2 * a], slots[2 * a + 1] = slot[i + a, 0], frame_slot[i + a]
+        start, end, length = nodes[i, 0], nodes[i + 1, 0], model.length[f, i]
         rachis_gradient(start, end, length, pose.halfway[i], pose.rachis[i], beam)
         for k in range(6):
             at = 6 * i + k
@@ -180,7 +187,10 @@ def add_stretch(nodal, f, damping, signed, work):
                     inverse = nodal.stretch_inverse[f, side, i, j]
                     element.slots[0], element.slots[1] = nodal.slot[f, i, p], nodal.slot[f, i, q]
                     stretch_gradient(
-                        pose.points[i, p], pose.points[i, q], inverse, element.lines[0]
+                        pose.points.nodes[i, p],
+                        pose.points.nodes[i, q],
+                        inverse,
+                        element.lines[0],
                     )
                     strain, extra = pose.strains[at], price[side, i, j]
                     rate = damping * (strain - reference[at])
@@ -213,22 +223,23 @@ def _clamp(model, nodal, f, side, i, work):
     clamp_gradient(
         pose.rotation[i],
         model.clamp[f, side, i],
-        pose.points[i, 0],
-        pose.points[i, p],
+        pose.points.nodes[i, 0],
+        pose.points.nodes[i, p],
         element.frame,
         element.turns,
         element.lines,
     )
-    element.slots[0], element.slots[1], element.slots[2] = slot[i, 0], slot[i, 1], slot[i, p]
+    slots = element.slots
+    slots[0], slots[1], slots[2] = slot[i, 0], nodal.frame_slot[f, i], slot[i, p]
     return 3
 
 
 @kernel
 def _bend(nodal, f, side, i, j, work):
     """Stencil of a barb's bend in a section that follows the vane; returns its points."""
-    points, element = work.now.points, work.element
+    points, element = work.now.points.nodes, work.element
     nodes, slot = element.nodes, nodal.slot[f]
-    rows, columns = points.shape[0], (points.shape[1] - 3) // 2
+    rows, columns = points.shape[0], points.shape[1] // 2
     bend_nodes(side, i, j, rows, columns, nodes)
     for a in range(5):
         element.slots[a] = slot[nodes[a, 0], nodes[a, 1]]
@@ -262,10 +273,10 @@ def _add_bend(at, stiffness, count, damping, work):
 def _add_carried(model, nodal, f, side, i, at, damping, work):
     """Bending of one barb in a section that is carried along it; at: its first strain."""
     pose, element = work.now, work.element
-    columns, row, slots = model.joints.shape[3], pose.points[i], element.slots
+    columns, row, slots = model.joints.shape[3], pose.points.nodes[i], element.slots
     begin_barb(pose.rotation[i], model.clamp[f, side, i], element.frame)
     begin_twist(element.frame, element.lines)
-    slots[0], slots[1] = nodal.slot[f, i, 0], nodal.slot[f, i, 1]
+    slots[0], slots[1] = nodal.slot[f, i, 0], nodal.frame_slot[f, i]
     length = 0.0
     for j in range(columns):
         p, q = node_index(side, j, columns), node_index(side, j + 1, columns)
@@ -280,7 +291,7 @@ def _add_carried(model, nodal, f, side, i, at, damping, work):
 @kernel
 def add_turns(model, nodal, f, damping, work):
     """Bending of all barbs, and their clamps."""
-    rows, columns = work.now.points.shape[0], model.joints.shape[3]
+    rows, columns = work.now.rotation.shape[0], model.joints.shape[3]
     _, at, _, _ = sections(rows, columns)
     for side in range(2):
         for i in range(rows):

@@ -12,19 +12,20 @@ from featherfx.algebra.rotation_kernels import (
     same_sign,
     store_rotation,
 )
-from featherfx.algebra.vec3_kernels import add, over, store, sub
+from featherfx.algebra.vec3_kernels import accumulate, add, over, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.newton_kernels import Minimiser, gather, nodal_minimise, set_directors
 from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.energy_promise_kernels import Promise
 from featherfx.solver.step.integrator_kernels import (
     EULER,
     Factors,
-    begin_step,
-    end_step,
+    begin_points,
+    end_points,
     integrator_of,
-    motion_of,
+    motion_of_nodes,
     step_error,
 )
 from featherfx.solver.step.pose_kernels import rotate_by
@@ -68,32 +69,33 @@ def _pin(nodal, f, pose, rotation, centre):
     place = centre[0], centre[1], centre[2]
     slot = nodal.slot[f]
     for i in range(slot.shape[0]):
-        if slot[i, 1] < 0:
+        if nodal.frame_slot[f, i] < 0:
             store_rotation(pose.rotation[i], normalised(multiply(root, nodal.rest_rotation[f, i])))
         for p in range(slot.shape[1]):
-            if slot[i, p] < 0 and p != 1 and p != 2:
-                store(pose.points[i, p], add(place, rotate(root, nodal.rest_points[f, i, p])))
+            if slot[i, p] < 0:
+                node = add(place, rotate(root, nodal.rest_nodes[f, i, p]))
+                store(pose.points.nodes[i, p], node)
 
 
 @kernel
 def load_state(state, f, work):
     """The state's pose and multipliers to work.now."""
     copy_values(state.rotation[f], work.now.rotation)
-    copy_values(state.points[f], work.now.points)
+    copy_points(points_of(state.points, f), work.now.points)
     copy_values(state.multiplier[f], work.multiplier)
     copy_values(state.strains[f, 0], work.before)
 
 
 @kernel
-def _go_on(h, slot, spin, velocity, pose):
+def _go_on(h, nodal, f, state, pose):
     """Predict the end of a step: the last step's rates go on."""
+    slot, nodes = nodal.slot[f], pose.points.nodes
     for i in range(slot.shape[0]):
-        if slot[i, 1] >= 0:
-            rotate_by(pose.rotation[i], spin[i], h, pose.rotation[i])
+        if nodal.frame_slot[f, i] >= 0:
+            rotate_by(pose.rotation[i], state.spin[f, i], h, pose.rotation[i])
         for p in range(slot.shape[1]):
-            if slot[i, p] >= 0 and p != 1 and p != 2:
-                for k in range(3):
-                    pose.points[i, p, k] += h * velocity[i, p, k]
+            if slot[i, p] >= 0:
+                accumulate(nodes[i, p], h, state.velocity.nodes[f, i, p])
 
 
 @kernel
@@ -105,10 +107,8 @@ def _follow_root(before, start, rotation, centre, pose):
     move = multiply(rotation, conjugate(before))
     for i in range(pose.rotation.shape[0]):
         store_rotation(pose.rotation[i], normalised(multiply(move, pose.rotation[i])))
-        for p in range(pose.points.shape[1]):
-            if p != 1 and p != 2:
-                point = pose.points[i, p]
-                store(point, add(centre, rotate(move, sub(point, start))))
+        for point in pose.points.nodes[i]:
+            store(point, add(centre, rotate(move, sub(point, start))))
 
 
 @kernel
@@ -119,31 +119,24 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
     """
     now, around, h, way = work.now, work.around, attempt.h, attempt.way
     load_state(state, f, work)
-    begin_step(attempt.spectral_radius, h, motion_of(state, f), around.target, around.past)
+    begin_points(attempt.spectral_radius, h, state, f, around)
     weights = difference_weights(h, state.step[f])
     set_reference(weights, state.strains[f, 0], state.strains[f, 1], around.reference)
     if way == GO_ON:
-        _go_on(h, nodal.slot[f], state.spin[f], state.velocity[f], now)
+        _go_on(h, nodal, f, state, now)
     if model.held[f]:
         # scratch of the elements, which are not in use yet
         rotation, centre = work.element.matrix[0], work.element.matrix[1]
         root_at(path, f, attempt.fraction, rotation, centre)
         same_sign(state.rotation[f, 0], rotation)
         if way >= FOLLOW:
-            _follow_root(state.rotation[f, 0], state.points[f, 0, 0], rotation, centre, now)
+            _follow_root(state.rotation[f, 0], state.points.nodes[f, 0, 0], rotation, centre, now)
         _pin(nodal, f, now, rotation, centre)
-    gather(nodal.present[f], now.points)
-    set_directors(now.rotation, now.points)
+    gather(nodal.present[f], now.points.nodes)
+    set_directors(now)
     if loads.air[0] > 0.0:
-        blow(
-            now.points,
-            state.time[f] + h,
-            loads,
-            f,
-            state.velocity[f],
-            model.cell_stiffness[f],
-            around,
-        )
+        velocity, cells = state.velocity.nodes[f], model.cell_stiffness[f]
+        blow(now.points.nodes, state.time[f] + h, loads, f, velocity, cells, around)
     method = integrator_of(attempt.spectral_radius, h)
     return Factors(method.inertia, method.rate, weights[2] / h)
 
@@ -152,9 +145,7 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
 def _accept(f, attempt, state, work):
     """The solved step becomes the state."""
     now, around, h = work.now, work.around, attempt.h
-    end_step(
-        attempt.spectral_radius, h, motion_of(state, f), now.points, around.target, around.past
-    )
+    end_points(attempt.spectral_radius, h, state, f, now.points, around)
     for i in range(now.rotation.shape[0]):
         change = multiply(now.rotation[i], conjugate(state.rotation[f, i]))
         store(state.spin[f, i], over(logarithm(change), h))
@@ -168,7 +159,7 @@ def _accept(f, attempt, state, work):
 def keep_state(f, state, work):
     """Pose, strains and multipliers of work to the state."""
     copy_values(work.now.rotation, state.rotation[f])
-    copy_values(work.now.points, state.points[f])
+    copy_points(work.now.points, points_of(state.points, f))
     copy_values(work.now.strains, state.strains[f, 0])
     copy_values(work.multiplier, state.multiplier[f])
 
@@ -199,7 +190,13 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
             model, nodal, loads, f, frame.path, place if textbook else attempt, state, work
         )
         solved = nodal_minimise(model, nodal, loads, f, fraction, factors, method, work)
-        error = step_error(radius, step, motion_of(state, f), work.now.points, work.around.target)
+        error = step_error(
+            radius,
+            step,
+            motion_of_nodes(state, f),
+            work.now.points.nodes,
+            work.around.target.nodes,
+        )
         outcome = Outcome(
             solved.status, solved.iterations, solved.matrices, solved.move, error, 1.0, 0.0
         )

@@ -8,7 +8,7 @@ from featherfx.lab.nodal.plate_kernels import hinge_turn, patch_nodes, point_of
 
 @kernel
 def bend_nodes(side, i, j, rows, columns, nodes):
-    """(row, material point) of the five nodes of a barb's bend at node j >= 1, to nodes (6, 2).
+    """(row, node) of the five nodes of a barb's bend at node j >= 1, to nodes (6, 2).
 
     Before, node, after, above, below; the node itself stands in for a missing neighbour.
     """
@@ -22,7 +22,7 @@ def bend_nodes(side, i, j, rows, columns, nodes):
 def barb_turns(rotation, points, clamp, stiffness, carried, frame, out):
     """Turns (s, b) at all joints of all barbs, joint 0 the clamp.
 
-    rotation: (n, 4). points: (n, P, 3). clamp: (2, n, 4). stiffness: (2, n, m, 2) tells which
+    rotation: (n, 4). points: (n, 1 + 2 m, 3). clamp: (2, n, 4). stiffness: (2, n, m, 2) tells which
     joints there are. carried: whether sections are carried along the barb, else they follow the
     vane. frame: (3, 3) scratch. Written: out (2 n m 2,), zero where there is no joint.
     """
@@ -64,18 +64,18 @@ def hinge_turns(points, active, out):
 
 
 @kernel
-def half_bandwidth(slot, exists, nodes):
+def half_bandwidth(slot, frame_slot, exists, nodes):
     """Largest distance of two unknowns that share an energy.
 
-    slot: (n, P) first unknown of each point, -1 none. exists: (2, n-1, m, 2) which triangles there
-    are. nodes: (6, 2) scratch.
+    slot: (n, 1 + 2 m) first unknown of each node, -1 none; frame_slot: (n,) of each frame. exists:
+    (2, n-1, m, 2) which triangles there are. nodes: (6, 2) scratch.
     """
     rows, columns = slot.shape[0], exists.shape[2]
     widest = 5
     for i in range(rows - 1):
         low, high = slot[i, 0], slot[i + 1, 0]
-        if slot[i + 1, 1] >= 0:
-            high = slot[i + 1, 1]
+        if frame_slot[i + 1] >= 0:
+            high = frame_slot[i + 1]
         if low >= 0 and high >= 0:
             widest = max(widest, high + 2 - low)
     for side in range(2):
@@ -85,7 +85,7 @@ def half_bandwidth(slot, exists, nodes):
                     bend_nodes(side, i, j, rows, columns, nodes)
                     widest = max(widest, _spread(slot, nodes, 5))
                 else:
-                    first, frame = slot[i, point_of(side, 1, columns)], slot[i, 1]
+                    first, frame = slot[i, point_of(side, 1, columns)], frame_slot[i]
                     if first >= 0 and frame >= 0:
                         widest = max(widest, abs(first - frame) + 2)
                 for half in range(2 if i + 1 < rows else 0):

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputWarning, Problem
-from featherfx.feather.types import without_directors
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, part, require, value
 from featherfx.lab.rods.rod import (
     Rod,
@@ -228,13 +227,14 @@ def total_energy(model: Model, loads: Loads, state: State) -> float:
     """Kinetic, elastic and potential energy (J) of a batch of one under dead loads and gravity."""
     strains = posed(model, loads, state).now.strains
     elastic = elastic_energy(model, 0, strains, strains, 0.0)
-    kinetic = 0.5 * np.einsum("np,npk,npk", model.mass[0], state.velocity[0], state.velocity[0])
-    places = without_directors(state.points[0])
-    potential = -np.einsum(
-        "np,npk,k", np.delete(model.mass[0], (1, 2), axis=1), places, loads.gravity
+    inertia, nodes = (model.mass[0], model.rotary_inertia[0]), state.points.nodes[0]
+    kinetic = sum(
+        0.5 * np.einsum("np,npk,npk", mass, rate, rate)
+        for mass, rate in zip(inertia, state.velocity.at(0), strict=True)
     )
+    potential = -np.einsum("np,npk,k", model.mass[0], nodes, loads.gravity)
     if loads.force.size:
-        potential -= np.sum(loads.force[0] * state.points[0])
+        potential -= np.sum(loads.force[0] * nodes)
     return float(elastic + kinetic + potential)
 
 

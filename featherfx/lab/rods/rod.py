@@ -89,9 +89,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
     rachis_rest = np.zeros((rod.segments, 6))
     rachis_rest[:, 0] = np.sinc(half / np.pi)
     rachis_rest[:, 5] = 2.0 * half
-    mass = np.zeros((1, rows, 3))
-    mass[0, :, 0] = line_mass(rod) * tributary_length(rod)
-    mass[0, :, 1:] = mass[0, :, :1] * (GYRATION * rod.length) ** 2
+    mass = (line_mass(rod) * tributary_length(rod))[None, :, None]
     barbs = (1, 2, rows, 0)
     return Model(
         held=np.ones(1, dtype=np.bool_),
@@ -108,6 +106,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
         hinge_rest=np.zeros(barbs),
         hinge_stiffness=np.zeros(barbs),
         mass=mass,
+        rotary_inertia=np.repeat(mass * (GYRATION * rod.length) ** 2, 2, axis=2),
         shaft_area=np.zeros((1, rows)),
         retardation=np.zeros((1, 2)),
     )
@@ -174,9 +173,7 @@ def rod_loads(
         weight = place / rod.length * rod.segments - low
         force[low] += (1.0 - weight) * np.asarray(vector)
         force[low + 1] += weight * np.asarray(vector)
-    nodes = np.zeros((1, rod.segments + 1, 3, 3))
-    nodes[0, :, 0] = force
-    return no_loads(1)._replace(force=nodes)
+    return no_loads(1)._replace(force=force[None, :, None])
 
 
 def load_problems(

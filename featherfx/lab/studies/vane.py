@@ -243,7 +243,7 @@ def _change_with_ratio(factor: float) -> float:
         solver = Solver(model, Settings())
         found, status, _ = solver.equilibrium(state, no_loads(1, (0.0, 0.0, -9.81)))
         raise_if_failed(status, found.time, [kind.name])
-        poses.append(found.points)
+        poses.append(found.points.nodes)
     return float(np.abs(poses[1] - poses[0]).max())
 
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import without_directors
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.types import Wall
 from featherfx.solver.contact.wall import outward, wall_of
@@ -42,7 +41,7 @@ class Bodies:
         """
         if not self._bodies:
             return False
-        nodes = [without_directors(state.points) for state in states]
+        nodes = [state.points.nodes for state in states]
         low = np.concatenate([each.min(axis=(1, 2)) for each in nodes]) - margin
         high = np.concatenate([each.max(axis=(1, 2)) for each in nodes]) + margin
         times = np.linspace(start, end, LOOKS)
@@ -59,7 +58,7 @@ class Bodies:
         """The bodies from start to end, s since the first frame, for feathers in these states."""
         if not self._bodies:
             return []
-        fastest = max(float(np.abs(state.velocity).max()) for state in states)
+        fastest = max(float(np.abs(state.velocity.nodes).max()) for state in states)
         walls = []
         for body, triangles in zip(self._bodies, self._triangles, strict=True):
             before, after = body.points(start), body.points(end)

@@ -263,8 +263,8 @@ def _warn_of(tired: Flags, names: Sequence[str], time: float) -> None:
 
 def _at_rest(feathers: Sequence[Feather], placements: Sequence[Placement]) -> FeathersAtRest:
     return FeathersAtRest(
-        points=[
-            place(feather.points, placement.position, placement.rotation)
+        nodes=[
+            place(feather.rest, placement.position, placement.rotation).nodes
             for feather, placement in zip(feathers, placements, strict=True)
         ],
         lengths=np.array([feather.station[-1] for feather in feathers]),

@@ -140,8 +140,8 @@ class Stepper:
         solver, grids = self._solver, self._solver.grids
         failed = any(report.status.any() for report in whole.reports)
         solver.accept(but=island)
-        start = grids.together([state.points for state in states])
-        end = grids.together([state.points for state in whole.states])
+        start = grids.together([state.points.nodes for state in states])
+        end = grids.together([state.points.nodes for state in whole.states])
         if not led.free.all():
             start[~led.free], end[~led.free] = led.start[~led.free], led.end[~led.free]
         current, done = list(states), whole

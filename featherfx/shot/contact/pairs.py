@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import without_directors
 from featherfx.files.store import kept
 from featherfx.solver.contact.meeting_kernels import meeting
 from featherfx.solver.contact.search import Searcher
@@ -39,11 +38,11 @@ DEEP = 0.05
 
 
 class FeathersAtRest(NamedTuple):
-    """points: per feather (n, P, 3) m, in the world. lengths: (F,) m. ranks: (F,) places in the
-    order in which a layout laid the feathers, upwards, -1 without one. dorsal: (F, 3) unit vectors
-    at the roots."""
+    """nodes: per feather (n, 1 + 2 m, 3) m, in the world. lengths: (F,) m. ranks: (F,) places in
+    the order in which a layout laid the feathers, upwards, -1 without one. dorsal: (F, 3) unit
+    vectors at the roots."""
 
-    points: Sequence[Array]
+    nodes: Sequence[Array]
     lengths: Array
     ranks: Indices
     dorsal: Array
@@ -53,7 +52,7 @@ def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) ->
     """Feathers that may meet, each pair in both roles, and which of the two lies over the other."""
 
     def compute() -> dict[str, Indices]:
-        pairs = _near_pairs(rest.points, rest.lengths)
+        pairs = _near_pairs(rest.nodes, rest.lengths)
         return Candidates(pairs, _order_at_rest(pairs, rest, surfaces, grids))._asdict()
 
     return Candidates(**kept("pairs", [rest, surfaces, grids], compute))
@@ -61,7 +60,7 @@ def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) ->
 
 def _near_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
     """(N, 2) guest and host of feathers that may meet, each pair in both roles."""
-    nodes = [without_directors(points).reshape(-1, 3) for points in rest]
+    nodes = [each.reshape(-1, 3) for each in rest]
     reach = REACH * lengths[:, None]
     low = np.stack([points.min(axis=0) for points in nodes]) - reach
     high = np.stack([points.max(axis=0) for points in nodes]) + reach
@@ -94,11 +93,11 @@ class Encounters:
         duration (s) as they and their roots move; they are known from now on. margin: m."""
         low, high = [], []
         for state, path in zip(states, paths, strict=True):
-            nodes = without_directors(state.points)
+            nodes = state.points.nodes
             least, most = nodes.min(axis=(1, 2)), nodes.max(axis=(1, 2))
             size = np.linalg.norm(most - least, axis=1)
             led = np.abs(path.samples - path.samples[:, :1]).max(axis=1)
-            way = np.abs(without_directors(state.velocity)).max(axis=(1, 2)) * duration
+            way = np.abs(state.velocity.nodes).max(axis=(1, 2)) * duration
             way = np.maximum(
                 way, led[:, :3] + led[:, 3:].sum(axis=1, keepdims=True) * size[:, None]
             )
@@ -120,9 +119,9 @@ def _order_at_rest(
     An order that would have a feather deeper in another than a layout ever leaves it is no order.
     """
     ranks, shorter = rest.ranks, rest.lengths[pairs].min(axis=1)
-    normals = np.stack([_normal_of(points) for points in rest.points])
+    normals = np.stack([_normal_of(points) for points in rest.nodes])
     batches = pairwise(grids.first)
-    points = grids.together([np.stack(rest.points[low:high]) for low, high in batches])
+    points = grids.together([np.stack(rest.nodes[low:high]) for low, high in batches])
     votes = _votes(pairs, points, surfaces, shorter)
     half = len(pairs) // 2
     guest, host = pairs[:half].T
@@ -177,9 +176,9 @@ def _votes(pairs: Indices, rest: Array, surfaces: VaneSurfaces, shorter: Array) 
 
 
 def _normal_of(points: Array) -> Array:
-    """(3,) normal of a feather's surface (n, P, 3), on the whole; not of unit length."""
-    m = (points.shape[1] - 3) // 2
-    across = points[:, 2 + m] - points[:, 2 + 2 * m]
+    """(3,) normal of a feather's surface (n, 1 + 2 m, 3), on the whole; not of unit length."""
+    m = points.shape[1] // 2
+    across = points[:, m] - points[:, 2 * m]
     normal: Array = np.cross(np.gradient(points[:, 0], axis=0), across).sum(axis=0)
     return normal
 

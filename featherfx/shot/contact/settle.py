@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputWarning
-from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Loads
 from featherfx.phases import phase
 from featherfx.shot.contact.bodies import Bodies
@@ -122,7 +121,7 @@ def _step(
 def _moves(after: Sequence[State], before: Sequence[State]) -> NDArray[np.float64]:
     """(B,) m, how far any node of each feather moved."""
     moves = [
-        np.abs(without_directors(a.points - b.points)).max(axis=(1, 2, 3))
+        np.abs(a.points.nodes - b.points.nodes).max(axis=(1, 2, 3))
         for a, b in zip(after, before, strict=True)
     ]
     return np.concatenate(moves)
@@ -130,7 +129,7 @@ def _moves(after: Sequence[State], before: Sequence[State]) -> NDArray[np.float6
 
 def _stopped(state: State, time: float) -> State:
     new = state.copy()
-    for rate in (new.velocity, new.acceleration, new.smoothed, new.spin, new.coefficient_rate):
+    for rate in new.rates():
         rate[:] = 0.0
     new.step[:], new.proposal[:], new.time[:] = 0.0, 0.0, time
     return new

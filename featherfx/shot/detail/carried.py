@@ -6,28 +6,18 @@ Guides are seen from their moving roots, and what follows them is carried back i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import Feather, shifted
+from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
-from featherfx.shot.types import Shot
+from featherfx.shot.types import FeatherPose, Shot
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class FeatherPose:
-    """points, velocities, accelerations: (n, P, 3) of one feather."""
-
-    points: Array
-    velocities: Array
-    accelerations: Array
 
 
 def rigid_poses(
@@ -38,8 +28,8 @@ def rigid_poses(
     start: s, of the sample before (see root_rates).
     """
     members = np.array(list(feathers), dtype=np.int64)
-    local = np.stack([feather.points for feather in feathers.values()])
-    world = [shifted(_turned(r, local), p) for p, r in _rates(motion, members, start, end)]
+    local = stacked([feather.rest for feather in feathers.values()])
+    world = [_turned(r, local).shifted(p) for p, r in _rates(motion, members, start, end)]
     return _by_number(members, world)
 
 
@@ -87,7 +77,7 @@ class Carried:
         """
         poses = [guides[int(f)] for f in self.guides]
         given = [
-            np.stack([getattr(pose, name) for pose in poses])
+            stacked([getattr(pose, name) for pose in poses])
             for name in ("points", "velocities", "accelerations")
         ]
         points, rates, seconds = _seen_from_roots(given, _rates(motion, self.guides, start, end))
@@ -102,35 +92,39 @@ def _rates(motion: Roots, members: Indices, start: float, end: float) -> list[Ro
     ]
 
 
-def _by_number(members: Indices, world: Sequence[Array]) -> dict[int, FeatherPose]:
-    return {int(f): FeatherPose(*pose) for f, *pose in zip(members, *world, strict=True)}
+def _by_number(members: Indices, world: Sequence[RowPoints]) -> dict[int, FeatherPose]:
+    return {int(f): FeatherPose(*(values.at(k) for values in world)) for k, f in enumerate(members)}
 
 
-def _seen_from_roots(world: Sequence[Array], roots: Sequence[RootFrames]) -> list[Array]:
-    """Points (F, n, P, 3) and their first and second rates in moving root frames.
+def _seen_from_roots(world: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[RowPoints]:
+    """Points and their first and second rates in moving root frames.
 
     With x = p + R y:  R y' = x' - p' - R' y,  R y'' = x'' - p'' - R'' y - 2 R' y'.
     """
     (p, r), (p1, r1), (p2, r2) = roots
     back = r.swapaxes(1, 2)
-    y = _turned(back, shifted(world[0], -p))
-    y1 = _turned(back, shifted(world[1], -p1) - _turned(r1, y))
-    y2 = _turned(back, shifted(world[2], -p2) - _turned(r2, y) - 2.0 * _turned(r1, y1))
+    x, x1, x2 = (values.shifted(-place) for values, place in zip(world, (p, p1, p2), strict=True))
+    y = _turned(back, x)
+    y1 = _turned(back, both(np.subtract, x1, _turned(r1, y)))
+    turning = _turned(r2, y), _turned(r1, y1)
+    y2 = _turned(back, both(lambda x, second, first: x - second - 2.0 * first, x2, *turning))
     return [y, y1, y2]
 
 
-def _in_world(local: Sequence[Array], roots: Sequence[RootFrames]) -> list[Array]:
+def _in_world(local: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[RowPoints]:
     """The inverse of _seen_from_roots."""
     (p, r), (p1, r1), (p2, r2) = roots
     y, y1, y2 = local
+    first = _turned(r1, y).shifted(p1), _turned(r, y1)
+    second = _turned(r2, y).shifted(p2), _turned(r1, y1), _turned(r, y2)
     return [
-        shifted(_turned(r, y), p),
-        shifted(_turned(r1, y), p1) + _turned(r, y1),
-        shifted(_turned(r2, y), p2) + 2.0 * _turned(r1, y1) + _turned(r, y2),
+        _turned(r, y).shifted(p),
+        both(np.add, *first),
+        both(lambda a, b, c: a + 2.0 * b + c, *second),
     ]
 
 
-def _turned(matrices: Array, points: Array) -> Array:
-    """Material points (F, n, P, 3) times matrices (F, 3, 3)."""
-    flat = points.reshape(len(points), -1, 3)
-    return np.asarray(flat @ matrices.swapaxes(1, 2)).reshape(points.shape)
+def _turned(matrices: Array, points: RowPoints) -> RowPoints:
+    """Points of F feathers times matrices (F, 3, 3)."""
+    back = matrices.swapaxes(1, 2)
+    return both(lambda part: (part.reshape(len(part), -1, 3) @ back).reshape(part.shape), points)

@@ -22,15 +22,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.density import linear_weights
-from featherfx.feather.types import LEADING, TRAILING, Feather, shifted, without_directors
-from featherfx.mechanics.batch import has_elastic_clamp
-from featherfx.shot.detail.carried import FeatherPose
+from featherfx.feather.types import (
+    LEADING,
+    TRAILING,
+    Feather,
+    RowPoints,
+    barb_slice,
+    both,
+    stacked,
+    turned,
+)
+from featherfx.mechanics.batch import has_elastic_clamp, row_frames
 from featherfx.shot.detail.guided import Shapes, Turns, overlaps
 from featherfx.shot.detail.levels import LevelPlan
 from featherfx.shot.groups import Group
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.placement import place
-from featherfx.shot.types import Shot
+from featherfx.shot.types import FeatherPose, Shot
 from featherfx.solver.settle.take_up import take_up
 
 Array = NDArray[np.float64]
@@ -89,8 +97,10 @@ class Fades:
     def grow(self, feathers: Sequence[int], poses: Mapping[tuple[int, int], FeatherPose]) -> None:
         """Move fades on by a sample. poses: by feather and level."""
         for f in feathers:
-            before, after = (poses[f, int(level)].points for level in (self.now[f], self.to[f]))
-            apart = float(np.linalg.norm(without_directors(after - before), axis=2).max())
+            before, after = (
+                poses[f, int(level)].points.nodes for level in (self.now[f], self.to[f])
+            )
+            apart = float(np.linalg.norm(after - before, axis=2).max())
             allowed = JUMP * self._lengths[f] / self._per_frame
             self.grown[f] = min(self._most, allowed / max(apart, 1e-30), 1.0 - self.weight[f])
             self.weight[f] += self.grown[f]
@@ -102,15 +112,16 @@ class Fades:
         if weight == 0.0:
             return first
         second = poses[f, int(self.to[f])]
-        way = second.points - first.points
+        way = both(np.subtract, second.points, first.points)
         rate = self.grown[f] / self._duration
-        change = second.velocities - first.velocities
+        change = both(np.subtract, second.velocities, first.velocities)
+        bend = both(np.subtract, second.accelerations, first.accelerations)
         return FeatherPose(
-            first.points + weight * way,
-            first.velocities + weight * change + rate * way,
-            first.accelerations
-            + weight * (second.accelerations - first.accelerations)
-            + 2.0 * rate * change,
+            both(lambda a, w: a + weight * w, first.points, way),
+            both(lambda a, c, w: a + weight * c + rate * w, first.velocities, change, way),
+            both(
+                lambda a, b, c: a + weight * b + 2.0 * rate * c, first.accelerations, bend, change
+            ),
         )
 
     def memory(self) -> dict[str, Any]:
@@ -144,41 +155,39 @@ def take_level_up(
     placement = shot.groom.feathers[int(group.members[k])]
     feather, mirrored = group.feathers[k], [placement.mirrored]
     position, rotation = root.positions, root.rotations
-    local = shifted(pose.points, -position)
+    local = turned(rotation, pose.points.shifted(-position))
     given, own = Shapes([drawn], mirrored), Shapes([feather], mirrored)
-    taken = given.turns((local @ rotation)[None])
+    taken = given.turns(stacked([local]))
     blend = overlaps(own.stations[0], given.stations[0])
     rows, columns = own.size
     along = (blend @ taken.along[0])[None]
     world = place(
-        own.posed(Turns(along, np.zeros((1, 2, rows, columns, 3))))[0], position, rotation
+        own.posed(Turns(along, np.zeros((1, 2, rows, columns, 3)))).at(0), position, rotation
     )
-    second, third = world[:, 1], world[:, 2]
-    frames = np.stack([np.cross(second, third), second, third], axis=-1)
+    frames, centres = row_frames(world.directors), world.nodes[:, 0]
     velocity = _resampled(pose.velocities, drawn, feather)
     coefficients = np.zeros_like(group.state.coefficient[k])
     if source is not None:
         coefficients = _coefficients(group, k, source, has_elastic_clamp(placement.kind))
-    take_up(group.solver.model, group.state, k, frames, world[:, 0], coefficients, velocity, time)
+    take_up(group.solver.model, group.state, k, frames, centres, coefficients, velocity, time)
 
 
-def _resampled(values: Array, given: Feather, wanted: Feather) -> Array:
-    """Rates (n, P, 3) of one grid on another, linear between rows and between barb nodes.
+def _resampled(values: RowPoints, given: Feather, wanted: Feather) -> RowPoints:
+    """Rates of one grid on another, linear between rows and between barb nodes.
 
     The density maps (featherfx/feather/density.py) would be exact for turning feathers as well,
     but take longer to make than a feather to step.
     """
-    if given.points.shape == wanted.points.shape:
+    if given.cell.shape == wanted.cell.shape:
         return values
     rows = linear_weights(*(each.station / each.station[-1] for each in (given, wanted)))
     nodes = linear_weights(*(np.linspace(0.0, 1.0, each.columns + 1) for each in (given, wanted)))
-    along = np.einsum("ni,ipc->npc", rows, values)
-    parts = [along[:, :3]]
+    along = both(lambda part: np.einsum("ni,ipc->npc", rows, part), values)
+    root, parts = along.nodes[:, :1], [along.nodes[:, :1]]
     for side in (LEADING, TRAILING):
-        first = 3 + side * given.columns
-        barb = np.concatenate([along[:, :1], along[:, first : first + given.columns]], axis=1)
+        barb = np.concatenate([root, along.nodes[:, barb_slice(side, given.columns)]], axis=1)
         parts.append(np.einsum("mj,njc->nmc", nodes[1:], barb))
-    return np.concatenate(parts, axis=1)
+    return along._replace(nodes=np.concatenate(parts, axis=1))
 
 
 def _coefficients(group: Group, k: int, source: tuple[Group, int], clamp: bool) -> Array:

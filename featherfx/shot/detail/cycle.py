@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.errors import InputWarning
-from featherfx.feather.types import shifted, without_directors
 from featherfx.mechanics.model import Loads
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
@@ -85,7 +84,7 @@ class Cycle:
         new.time[flags] = state.time[flags] + duration
         way = (path.samples[:, -1, :3] - old.place)[flags]
         new.centre[flags] += way[:, None]
-        new.points[flags] = shifted(new.points[flags], way)
+        new.points.nodes[flags] += way[:, None, None]
         return new
 
     def keep(self, state: State, path: RootPath, loads: Loads, usable: Flags) -> None:
@@ -96,8 +95,8 @@ class Cycle:
             same = self._same(inputs)
             self.met |= bool(same.any())
             old = self._kept[0]
-            way = state.points - old.state.points - (place - old.place)[:, None, None]
-            apart = np.linalg.norm(without_directors(way), axis=3).max(axis=(1, 2))
+            way = state.points.nodes - old.state.points.nodes - (place - old.place)[:, None, None]
+            apart = np.linalg.norm(way, axis=3).max(axis=(1, 2))
             change = np.where(same & usable, apart, np.inf)
         self._changes.append(change)
         self._kept.append(_Sample(state, inputs, place))

@@ -29,7 +29,7 @@ from scipy import sparse
 
 from featherfx.algebra.rotation import rotation_vectors
 from featherfx.feather.density import linear_weights
-from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice, both, stacked
 from featherfx.shot.detail.guided_kernels import chains
 
 Array = NDArray[np.float64]
@@ -72,34 +72,35 @@ class Shapes:
 
     def __init__(self, feathers: Sequence[Feather], mirrored: Sequence[bool]) -> None:
         self._mirrored = np.array(mirrored, dtype=np.bool_)
-        rest = self._unmirrored(np.stack([feather.points for feather in feathers]))
+        rest = self._unmirrored(stacked([feather.rest for feather in feathers]))
         self._rest = _pieces(rest)
         self.stations = [np.round(each.station / each.station[-1], _DIGITS) for each in feathers]
         self.grown = [np.asarray(each.barb_length > 0.0) for each in feathers]
-        self.size = rest.shape[1], (rest.shape[2] - 3) // 2
+        self.size = feathers[0].rows, feathers[0].columns
 
-    def turns(self, points: Array) -> Turns:
-        """How feathers with material points (F, n, P, 3) in their root frames are deformed."""
+    def turns(self, points: RowPoints) -> Turns:
+        """How F feathers, seen from their root frames, are deformed."""
         now = _pieces(self._unmirrored(points))
         bends = rotation_vectors(np.ascontiguousarray(_transposed(self._rest.steps) @ now.steps))
         along = np.concatenate([bends, _turn_between(self._rest.chords, now.chords)], axis=2)
         return Turns(along, _turn_between(self._rest.segments, now.segments))
 
-    def posed(self, turns: Turns) -> Array:
-        """(F, n, P, 3) material points in the root frames."""
+    def posed(self, turns: Turns) -> RowPoints:
+        """The F feathers in their root frames."""
         rows, columns = self.size
-        points = np.empty((len(self._rest.origins), rows, 3 + 2 * columns, 3))
+        count = len(self._rest.origins)
+        nodes = np.empty((count, rows, 1 + 2 * columns, 3))
+        points = RowPoints(nodes, np.empty((count, rows, 2, 3)))
         chains(turns, self._rest, np.empty((3, 3, 3)), points)
         return self._unmirrored(points)
 
-    def _unmirrored(self, points: Array) -> Array:
+    def _unmirrored(self, points: RowPoints) -> RowPoints:
         """Mirrored feathers as their mirror images (featherfx/feather/types.py), and back."""
         if not self._mirrored.any():
             return points
-        sign = np.ones((len(points), 1, points.shape[2], 3))
-        sign[self._mirrored, :, :, 1] = -1.0
-        sign[self._mirrored, :, 1] *= -1.0
-        return points * sign
+        flipped = np.where(self._mirrored[:, None, None, None], [1.0, -1.0, 1.0], 1.0)
+        turned_round = np.where(self._mirrored[:, None, None, None], [[-1.0], [1.0]], 1.0)
+        return RowPoints(points.nodes * flipped, points.directors * flipped * turned_round)
 
 
 class Followers:
@@ -109,8 +110,8 @@ class Followers:
         self.shapes, self.guides = shapes, guides
         self._along, self._sides = _blends(shapes, guides, weights)
 
-    def points(self, guides: Array) -> Array:
-        """(F, n, P, 3) material points in root frames from those of the guides (G, n, P, 3)."""
+    def points(self, guides: RowPoints) -> RowPoints:
+        """The F feathers in their root frames from the G guides in theirs."""
         taken = self.guides.turns(guides)
         rows, columns = self.shapes.size
         count = len(self.shapes.stations)
@@ -125,18 +126,28 @@ class Followers:
             Turns(along.reshape(count, rows - 1, 6), np.ascontiguousarray(barbs.swapaxes(0, 1)))
         )
 
-    def motion(self, guides: Array, rate: Array, second: Array, span: float) -> list[Array]:
+    def motion(
+        self, guides: RowPoints, rate: RowPoints, second: RowPoints, span: float
+    ) -> list[RowPoints]:
         """Points and their first and second rates in root frames, from those of the guides.
 
         span: s, time between samples; 0: nothing moves.
         """
         now = self.points(guides)
         if not span > 0.0:
-            return [now, np.zeros_like(now), np.zeros_like(now)]
+            return [now, both(np.zeros_like, now), both(np.zeros_like, now)]
         h = INSTANT * span
-        bend = 0.5 * h * h * second
-        after, before = self.points(guides + h * rate + bend), self.points(guides - h * rate + bend)
-        return [now, (after - before) / (2.0 * h), (after - 2.0 * now + before) / (h * h)]
+
+        def at(step: float) -> RowPoints:
+            moved = both(lambda x, v, a: x + step * v + 0.5 * h * h * a, guides, rate, second)
+            return self.points(moved)
+
+        after, before = at(h), at(-h)
+        return [
+            now,
+            both(lambda a, b: (a - b) / (2.0 * h), after, before),
+            both(lambda a, x, b: (a - 2.0 * x + b) / (h * h), after, now, before),
+        ]
 
 
 def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any]]:
@@ -178,26 +189,26 @@ def _interpolation(own: Array, other: Array, grown: NDArray[np.bool_]) -> Array:
     return found
 
 
-def _row_frames(points: Array) -> Array:
+def _row_frames(directors: Array) -> Array:
     """(F, n, 3, 3) row frames from the directors, made orthonormal."""
-    second = points[:, :, 1] / np.linalg.norm(points[:, :, 1], axis=-1, keepdims=True)
-    third = points[:, :, 2]
+    second, third = directors[:, :, 0], directors[:, :, 1]
+    second = second / np.linalg.norm(second, axis=-1, keepdims=True)
     third = third - np.einsum("fnk,fnk->fn", third, second)[..., None] * second
     third = third / np.linalg.norm(third, axis=-1, keepdims=True)
     return np.stack([np.cross(second, third), second, third], axis=-1)
 
 
-def _pieces(points: Array) -> Pieces:
-    """What feathers with material points (F, n, P, 3) in their root frames are made of."""
-    frames, columns = _row_frames(points), (points.shape[2] - 3) // 2
+def _pieces(points: RowPoints) -> Pieces:
+    """What F feathers, seen from their root frames, are made of."""
+    frames, every = _row_frames(points.directors), points.nodes
     back = _transposed(frames[:, :-1])
-    chords = (back @ np.diff(points[:, :, 0], axis=1)[..., None])[..., 0]
+    chords = (back @ np.diff(every[:, :, 0], axis=1)[..., None])[..., 0]
     sides = []
     for side in (LEADING, TRAILING):
-        first = 3 + side * columns
-        nodes = np.concatenate([points[:, :, :1], points[:, :, first : first + columns]], axis=2)
+        barb = every[:, :, barb_slice(side, every.shape[2] // 2)]
+        nodes = np.concatenate([every[:, :, :1], barb], axis=2)
         sides.append(np.diff(nodes, axis=2) @ frames)
-    pieces = points[:, 0, 0], back @ frames[:, 1:], chords, np.stack(sides, axis=1)
+    pieces = every[:, 0, 0], back @ frames[:, 1:], chords, np.stack(sides, axis=1)
     return Pieces(*map(np.ascontiguousarray, pieces))
 
 

@@ -35,33 +35,35 @@ def add_applied(frame, vector, start, out):
 
 @kernel
 def chains(turns, rest, scratch, points):
-    """Material points of all feathers, in their root frames.
+    """Nodes and directors of all feathers, in their root frames.
 
     turns: Turns, and rest: Pieces at rest, of F feathers. scratch: (3, 3, 3). Written: points
-    (F, n, 3 + 2 m, 3).
+    (RowPoints).
     """
     rows, columns = turns.barbs.shape[2], turns.barbs.shape[3]
     step, none = scratch[2, 0], (0.0, 0.0, 0.0)
-    for f in range(points.shape[0]):
+    nodes, directors = points.nodes, points.directors
+    for f in range(nodes.shape[0]):
         now, after = scratch[0], scratch[1]
         for k in range(3):
-            points[f, 0, 0, k] = rest.origins[f, k]
+            nodes[f, 0, 0, k] = rest.origins[f, k]
             for c in range(3):
                 now[k, c] = 1.0 if k == c else 0.0
         for i in range(rows):
-            at = points[f, i]
+            at = nodes[f, i]
             for k in range(3):
-                at[1, k], at[2, k] = now[k, 1], now[k, 2]
+                directors[f, i, 0, k], directors[f, i, 1, k] = now[k, 1], now[k, 2]
             for side in range(2):
                 start = at[0]
                 for j in range(columns):
                     piece = turned(turns.barbs[f, side, i, j], rest.segments[f, side, i, j])
-                    add_applied(now, piece, start, at[3 + side * columns + j])
-                    start = at[3 + side * columns + j]
+                    end = at[1 + side * columns + j]
+                    add_applied(now, piece, start, end)
+                    start = end
             if i == rows - 1:
                 break
             chord = turned(turns.along[f, i, 3:], rest.chords[f, i])
-            add_applied(now, chord, at[0], points[f, i + 1, 0])
+            add_applied(now, chord, at[0], nodes[f, i + 1, 0])
             # columns of the next frame: A K exp(k) e_c
             for c in range(3):
                 unit = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
-from featherfx.shot.detail.carried import Carried, FeatherPose, rigid_poses
+from featherfx.shot.detail.carried import Carried, rigid_poses
 from featherfx.shot.detail.changes import Change, Fades, take_level_up
 from featherfx.shot.detail.levels import NUMBER, LevelPlan
 from featherfx.shot.groups import Group, loads_within, pose_of
 from featherfx.shot.motion.roots import RootFrames, Roots
-from featherfx.shot.types import Shot
+from featherfx.shot.types import FeatherPose, Shot
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
@@ -101,12 +101,12 @@ class LevelRun:
             chosen.setdefault(id(group), (group, []))[1].append(k)
         for group, members in chosen.values():
             loads = loads_within(self._shot, group, self._motion, time, time, False)
-            velocity = group.state.velocity[members].copy()
+            velocity = group.state.velocity.at(members)
             settled, status, _ = group.solver.equilibrium(group.state, loads, feathers=members)
-            for k, speed in zip(members, velocity, strict=True):
+            for place, k in enumerate(members):
                 if status[k] == 0:
                     group.state.take(settled, k)
-                    group.state.velocity[k] = speed
+                    group.state.velocity.at(k).assign(velocity.at(place))
 
     def finish(self, index: int) -> None:
         """Move the changes on, once all feathers are at a sample."""

@@ -19,7 +19,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import shifted, without_directors
 from featherfx.mechanics.model import Loads
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import RootPath
@@ -37,15 +36,14 @@ def at_rest(state: State, path: RootPath, tolerance: float, duration: float) -> 
     """(F,) which feathers move against their roots by next to nothing against a tolerance (m)
     in a frame (s)."""
     limit = STILL * tolerance
-    velocity = state.velocity - (_way(path) / duration)[:, None, None]
+    velocity = state.velocity.nodes - (_way(path) / duration)[:, None, None]
     quiet = _largest(velocity) * duration < limit
-    return quiet & (_largest(state.acceleration) * duration**2 < limit)
+    return quiet & (_largest(state.acceleration.nodes) * duration**2 < limit)
 
 
 def _largest(rates: Array) -> Array:
-    """(F,) largest length of (F, n, P, 3) rates, directors left out."""
-    lengths = np.linalg.norm(without_directors(rates), axis=3)
-    return np.asarray(lengths.max(axis=(1, 2)))
+    """(F,) largest length of (F, n, 1 + 2 m, 3) rates."""
+    return np.asarray(np.linalg.norm(rates, axis=3).max(axis=(1, 2)))
 
 
 def _way(path: RootPath) -> Array:
@@ -89,7 +87,7 @@ def undisturbed(
 
 
 def _last_force(loads: Loads) -> Array:
-    """(F, n, P, 3) N, dead forces at the end of a frame."""
+    """(F, n, 1 + 2 m, 3) N, dead forces at the end of a frame."""
     return loads.force + loads.force_change if loads.force_change.size else loads.force
 
 
@@ -106,7 +104,7 @@ def asleep(state: State, sleeping: Flags, path: RootPath, duration: float) -> St
     """The state after a frame (s) in which some feathers slept or coasted: their time goes on, and
     nothing moves against the roots."""
     new = state.copy()
-    for rates in (new.velocity, new.acceleration, new.smoothed, new.spin, new.coefficient_rate):
+    for rates in new.rates():
         rates[sleeping] = 0.0
     new.time[sleeping] += duration
     way = _way(path)
@@ -114,6 +112,6 @@ def asleep(state: State, sleeping: Flags, path: RootPath, duration: float) -> St
     if moved.any():
         new.centre[moved] += way[moved, None]
         new.centre[moved, 0] = path.samples[moved, -1, :3]
-        new.points[moved] = shifted(new.points[moved], way[moved])
-        new.velocity[moved] = shifted(new.velocity[moved], way[moved] / duration)
+        new.points.nodes[moved] += way[moved, None, None]
+        new.velocity.nodes[moved] += way[moved, None, None] / duration
     return new

@@ -9,8 +9,8 @@ them, because rims cross between nodes.
 
 from featherfx.algebra.vec3_kernels import add, cross, dot, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.search_kernels import (
-    barb_point,
     boxes_apart,
     closest_weights,
     corner_node,
@@ -31,29 +31,29 @@ RIM_PARTS = 3
 
 @kernel
 def lift_points(vanes, points, pose, low, high):
-    """Lift points (F, n, P, 3) of feathers from low to high - 1 along their rows' dorsal directors,
-    to a pose, and fit its boxes."""
+    """Lift RowPoints of feathers from low to high - 1 along their rows' dorsal directors, to a
+    pose, and fit its boxes."""
     columns, lift, out = vanes.exists.shape[3], pose.lift, pose.points
     for f in range(low, high):
-        for i in range(points.shape[1]):
+        for i in range(out.shape[1]):
             for k in range(3):
-                d = points[f, i, 2, k]
-                out[f, i, 1, k], out[f, i, 2, k] = points[f, i, 1, k], d
+                d = points.directors[f, i, 1, k]
+                pose.dorsal[f, i, k] = d
                 for c in range(2 * columns + 1):
                     p = strip_point(c, columns)
-                    out[f, i, p, k] = points[f, i, p, k] + lift[f, i, c] * d
+                    out[f, i, p, k] = points.nodes[f, i, p, k] + lift[f, i, c] * d
         row_boxes(out[f], out[f], vanes.present[f], pose.boxes[f], pose.bounds[f])
-        _fit_own(vanes.present[f], out[f], pose.frames[f], pose.own[f])
+        _fit_own(vanes.present[f], out[f], pose.dorsal[f], pose.frames[f], pose.own[f])
 
 
 @kernel
-def _fit_own(present, points, frame, own):
+def _fit_own(present, points, dorsal, frame, own):
     """Origin and axes (4, 3) of a feather's own frame, along the shaft, across and dorsal, and the
     box (6,) around its vane in that."""
     rows, columns = points.shape[0], (present.shape[1] - 1) // 2
     along = sub(points[rows - 1, 0], points[0, 0])
     along = scale(1.0 / length(along), along)
-    across = cross(points[rows // 2, 2], along)
+    across = cross(dorsal[rows // 2], along)
     across = scale(1.0 / length(across), across)
     store(frame[0], points[0, 0])
     store(frame[1], along)
@@ -73,13 +73,13 @@ def _fit_own(present, points, frame, own):
 @kernel
 def _corners(points, place):
     """Corners of a triangle."""
-    columns = (points.shape[1] - 3) // 2
+    columns = (points.shape[1] - 1) // 2
     row, node = corner_node(place, 0)
-    a = points[row, barb_point(place[0], node, columns)]
+    a = points[row, node_index(place[0], node, columns)]
     row, node = corner_node(place, 1)
-    b = points[row, barb_point(place[0], node, columns)]
+    b = points[row, node_index(place[0], node, columns)]
     row, node = corner_node(place, 2)
-    c = points[row, barb_point(place[0], node, columns)]
+    c = points[row, node_index(place[0], node, columns)]
     return (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])
 
 
@@ -182,7 +182,7 @@ def _lap(vanes, pose, bodies, node, place, margin, lap):
     size = length(normal)
     if size <= 0.0:
         return place, False
-    dorsal = dot(normal, points[host, place[1], 2]) >= 0.0
+    dorsal = dot(normal, pose.dorsal[host, place[1]]) >= 0.0
     normal, away = scale(1.0 / size if dorsal else -1.0 / size, normal), sub(x, y)
     along, thickness = dot(normal, away), vanes.half[guest] + vanes.half[host]
     gap = (along if above else -along) - thickness
@@ -191,14 +191,14 @@ def _lap(vanes, pose, bodies, node, place, margin, lap):
         return place, False
     lap.beside = length(cross(normal, away))
     fade = 1.0 - lap.beside / (FADE * thickness)
-    side, lap.own = 1.0 if above else -1.0, dot(normal, points[guest, i, 2])
+    side, lap.own = 1.0 if above else -1.0, dot(normal, pose.dorsal[guest, i])
     lifted = (1.0 - part) * lift[guest, i, c] + part * lift[guest, after, c]
     base, total = -gap + side * lap.own * lifted, 0.0
     for q in range(3):
         row, barb_node = corner_node(place, q)
         column = columns + barb_node if place[0] == 0 else columns - barb_node
         lap.corner[q, 0], lap.corner[q, 1] = row, column
-        lap.weight[q] = weight[q] * dot(normal, points[host, row, 2])
+        lap.weight[q] = weight[q] * dot(normal, pose.dorsal[host, row])
         total += lap.weight[q]
         base -= side * lap.weight[q] * lift[host, row, column]
     lap.upper, lap.lower = (guest, host) if above else (host, guest)
@@ -330,7 +330,7 @@ def ground_lacks(vanes, pose, ground, skin, wanted, low, high):
                     continue
                 x = points[f, i, strip_point(c, columns)]
                 height, normal, _ = skin_under(x, skin, ground, triangle)
-                own = dot(normal, points[f, i, 2])
+                own = dot(normal, pose.dorsal[f, i])
                 if own < LEAST_COSINE:
                     continue
                 lack = ground.clear[f, i, c] - height + own * lift[f, i, c]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import Feather
+from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.layers.depths import Depths
 from featherfx.shot.layers.ground import skins_beneath
@@ -54,9 +54,9 @@ class Layers:
         contact = shot.layers.contact
         if contact.thickness is not None:
             thickness[:] = contact.thickness
-        rest = np.stack(
+        rest = stacked(
             [
-                place(feather.points, own.position, own.rotation)
+                place(feather.rest, own.position, own.rotation)
                 for feather, own in zip(drawn, placements, strict=True)
             ]
         )
@@ -65,7 +65,7 @@ class Layers:
         stack = among(stack_of(placements, vanes, rest), touching)
         self.needed = beneath(stack, wanted)
         self.stack, self.vanes = part_of(stack, vanes, self.needed)
-        rest = rest[self.needed]
+        rest = rest.at(self.needed)
         count = len(self.needed)
         self._names = [placements[f].id for f in self.needed]
         self._depths = Depths(self.stack)
@@ -77,7 +77,7 @@ class Layers:
         self._pose = pose_like(rest, shape)
         self._skins = []
         if shot.skin is not None and shot.layers.skin:
-            self._skins = skins_beneath(shot.skin, self.needed, self.vanes, _nodes(rest))
+            self._skins = skins_beneath(shot.skin, self.needed, self.vanes, _nodes(rest.nodes))
             for skin in self._skins:
                 skin.ground.triangle[~touching[self.needed]] = -1
         self._rooms = [np.zeros(1024, dtype=LAP) for _ in range(PIECES * jobs)]
@@ -91,11 +91,11 @@ class Layers:
         number: of the frame. time: s since the first one. duration: s since the sample before; 0 at
         the first.
         """
-        points = np.stack([pose.points for pose in poses])
+        points = stacked([pose.points for pose in poses])
         lifts, pose = self.lifts, self._pose
         kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
         lifts.before[:] = lifts.lift
-        laps, stale = np.zeros(0, dtype=LAP), np.ones(len(points), dtype=np.bool_)
+        laps, stale = np.zeros(0, dtype=LAP), np.ones(len(poses), dtype=np.bool_)
         with ThreadPoolExecutor(self._jobs) as pool:
             for _ in range(MOST_ROUNDS if duration > 0.0 else FIRST_ROUNDS):
                 self._pose_lifted(pool, points)
@@ -113,11 +113,15 @@ class Layers:
         pair_depths(self.vanes, laps, lifts.lift, depths)
         self._depths.add(depths, number)
         if duration > 0.0:
-            rate = _along_dorsal((lifts.lift - lifts.before) / duration, points)
+            rate = _along_dorsal((lifts.lift - lifts.before) / duration, pose.dorsal)
         else:
-            rate = np.zeros_like(points)
+            rate = np.zeros_like(pose.points)
         return [
-            FeatherPose(own.copy(), given.velocities + added, given.accelerations)
+            FeatherPose(
+                given.points._replace(nodes=own.copy()),
+                given.velocities._replace(nodes=given.velocities.nodes + added),
+                given.accelerations,
+            )
             for own, given, added in zip(pose.points, poses, rate, strict=True)
         ]
 
@@ -125,7 +129,7 @@ class Layers:
         """Those of the needed feathers' poses that are wanted, by numbers."""
         return [laid[k] for k in np.searchsorted(self.needed, wanted).tolist()]
 
-    def _pose_lifted(self, pool: ThreadPoolExecutor, points: Array) -> None:
+    def _pose_lifted(self, pool: ThreadPoolExecutor, points: RowPoints) -> None:
         self._pose.lift[:] = self.lifts.lift
         self._each(pool, partial(lift_points, self.vanes, points, self._pose))
 
@@ -175,17 +179,13 @@ class Layers:
 
 
 def _nodes(points: Array) -> Array:
-    """(F, n, 2 m + 1, 3) nodes of the strips from material points (F, n, P, 3)."""
-    m = (points.shape[2] - 3) // 2
-    trailing = points[:, :, 3 + m :][:, :, ::-1]
-    return np.concatenate([trailing, points[:, :, :1], points[:, :, 3 : 3 + m]], axis=2)
+    """(F, n, 2 m + 1, 3) nodes of the strips from nodes of rows, (F, n, 1 + 2 m, 3)."""
+    m = points.shape[2] // 2
+    return np.concatenate([points[:, :, :m:-1], points[:, :, : 1 + m]], axis=2)
 
 
-def _along_dorsal(values: Array, points: Array) -> Array:
-    """(F, n, P, 3) values (F, n, 2 m + 1) of nodes times the dorsal directors of their rows."""
+def _along_dorsal(values: Array, dorsal: Array) -> Array:
+    """(F, n, 1 + 2 m, 3) values (F, n, 2 m + 1) of strips times the directors (F, n, 3) of rows."""
     m = values.shape[2] // 2
-    out = np.zeros_like(points)
-    ways = values[..., None] * points[:, :, 2][:, :, None]
-    out[:, :, 3 + m :] = ways[:, :, :m][:, :, ::-1]
-    out[:, :, 0], out[:, :, 3 : 3 + m] = ways[:, :, m], ways[:, :, m + 1 :]
-    return out
+    ways = values[..., None] * dorsal[:, :, None]
+    return np.concatenate([ways[:, :, m:], ways[:, :, :m][:, :, ::-1]], axis=2)

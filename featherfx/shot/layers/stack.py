@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.layout.overlap import shingle_pairs, strips_of
-from featherfx.feather.types import LEADING, Feather
+from featherfx.feather.types import LEADING, Feather, RowPoints
 from featherfx.groom.types import Placement
 from featherfx.shot.layers.lap_kernels import find_laps, lift_points
 from featherfx.shot.layers.types import LAP, Array, Bytes, Indices, Laps, Pose, Stack, Vanes
@@ -27,11 +27,11 @@ NEAR = 0.1
 DEEPEST = 0.2
 
 
-def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: Array) -> Stack:
+def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: RowPoints) -> Stack:
     """The order in which a layout laid the feathers; without one, who is seen over whom at rest,
     and upstream over downstream where that says nothing.
 
-    rest: (F, n, P, 3) m, material points at rest.
+    rest: of all feathers.
     """
     strips = strips_of(placements)
     pairs, order = shingle_pairs(replace(strips, reach=REACH * strips.reach), FACING)
@@ -45,7 +45,7 @@ def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: Array) -> Stac
     return sorted_stack(stack.pairs[depth <= WRONG * length[stack.pairs].min(axis=1)], order)
 
 
-def _laps_at_rest(stack: Stack, vanes: Vanes, rest: Array) -> Laps:
+def _laps_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> Laps:
     """Of all pairs, also of those that lie the other way round."""
     length = vanes.row.sum(axis=1)
     pose = pose_like(rest, vanes.present.shape)
@@ -100,11 +100,12 @@ def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:
     return sorted_stack(kept, np.array(found, dtype=np.int64))
 
 
-def pose_like(points: Array, shape: tuple[int, ...]) -> Pose:
-    """Room for a pose of points (F, n, P, 3). shape: (F, n, 2 m + 1)."""
+def pose_like(points: RowPoints, shape: tuple[int, ...]) -> Pose:
+    """Room for a pose of points. shape: (F, n, 2 m + 1)."""
     count, rows = shape[:2]
     return Pose(
-        points=np.zeros_like(points),
+        points=np.zeros_like(points.nodes),
+        dorsal=np.zeros((count, rows, 3)),
         lift=np.zeros(shape),
         boxes=np.zeros((count, rows, 6)),
         bounds=np.zeros((count, 6)),

@@ -82,11 +82,13 @@ class Lifts(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """F feathers at one time. points: (F, n, P, 3) m, lifted by lift, (F, n, 2 m + 1) m. boxes:
-    (F, n, 6) around rows and bounds: (F, 6) around vanes. frames: (F, 4, 3) origin and axes of each
-    feather, along its shaft, across and dorsal; own: (F, 6) box around the vane in that."""
+    """F feathers at one time. points: (F, n, 1 + 2 m, 3) m, nodes, lifted by lift,
+    (F, n, 2 m + 1) m, along dorsal, (F, n, 3), the rows' dorsal directors. boxes: (F, n, 6) around
+    rows and bounds: (F, 6) around vanes. frames: (F, 4, 3) origin and axes of each feather, along
+    its shaft, across and dorsal; own: (F, 6) box around the vane in that."""
 
     points: Array
+    dorsal: Array
     lift: Array
     boxes: Array
     bounds: Array

@@ -1,6 +1,6 @@
 """What pulls single feathers: dead forces at a point, along the rachis or along a barb, and grips.
 
-A force is spread over the material points around its place with linear hats along the rachis (by
+A force is spread over the nodes around its place with linear hats along the rachis (by
 arc length) and along the barbs, a line's with the integrals of those hats. So the total does not
 depend on the grid, and the place converges with it.
 """
@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import smooth_step
 from featherfx.errors import InputError, Problem
 from featherfx.feather.density import linear_weights
-from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.feather.types import LEADING, TRAILING, Feather, barb_slice
 from featherfx.shot.types import Force, Grip
 
 Array = NDArray[np.float64]
 
 
 def force_weights(force: Force, feather: Feather) -> Array:
-    """(n, P) how much of a force acts on every material point; of a line's, m.
+    """(n, 1 + 2 m) how much of a force acts on every node; of a line's, m.
 
     Raises InputError where a barb is meant and none grows.
     """
     stations = feather.station / feather.station[-1]
-    weights = np.zeros(feather.points.shape[:2])
+    weights = np.zeros(feather.rest.nodes.shape[:2])
     if force.line == "rachis":
         weights[:, 0] = feather.station[-1] * hat_integrals(stations, *force.span)
         return weights
@@ -45,8 +45,7 @@ def force_weights(force: Force, feather: Feather) -> Array:
     else:
         along = linear_weights(columns, np.array([force.column]))[0]
     weights[:, 0] = rows * along[0]
-    first = 3 + side * feather.columns
-    weights[:, first : first + feather.columns] = rows[:, None] * along[1:]
+    weights[:, barb_slice(side, feather.columns)] = rows[:, None] * along[1:]
     return weights
 
 
@@ -82,7 +81,7 @@ def dead_forces(
     """force and force_change of Loads, from (place in the batch, force, its weights)."""
     if not forces:
         return np.zeros((len(feathers), 0, 0, 3)), np.zeros((0, 0, 0, 3))
-    force = np.zeros((len(feathers), *feathers[0].points.shape))
+    force = np.zeros((len(feathers), *feathers[0].rest.nodes.shape))
     change = np.zeros_like(force)
     for place, each, weights in forces:
         before, after = force_at(each, start), force_at(each, end)
@@ -123,9 +122,9 @@ def grip_fraction(grip: Grip, time: float) -> float:
 
 
 def _grip_node(grip: Grip, feather: Feather) -> tuple[int, int]:
-    """Row and material point that a grip holds."""
+    """Row and node that a grip holds."""
     row = round(grip.row * (feather.rows - 1))
     column = round(grip.column * feather.columns)
     if column == 0:
         return row, 0
-    return row, 2 + (0 if grip.side == "leading" else feather.columns) + column
+    return row, (0 if grip.side == "leading" else feather.columns) + column

@@ -31,9 +31,10 @@ def frame_loads(
 ) -> Loads:
     """Loads of a batch of F feathers from start to end (s since the first frame).
 
-    grips: (place in the batch, grip) pairs. start_points: (n, P, 3) world points of every feather
-    at the first frame, from which the grips' displacements count. roots: (F, 3) m, where a scene's
-    wind is sampled for each feather. forces: (place in the batch, force, its weights (n, P)).
+    grips: (place in the batch, grip) pairs. start_points: (n, 1 + 2 m, 3) world nodes of every
+    feather at the first frame, from which the grips' displacements count. roots: (F, 3) m, where a
+    scene's wind is sampled for each feather. forces: (place in the batch, force, its weights
+    (n, 1 + 2 m)).
     """
     count, wind, source = len(feathers), shot.wind, shot.wind_source
     field = wind_field(wind)

@@ -28,8 +28,8 @@ from math import sqrt
 
 from featherfx.algebra.vec3_kernels import add, dot, scale, store, sub
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.search_kernels import (
-    barb_point,
     box_distance,
     corner_node,
     guest_place,
@@ -104,7 +104,7 @@ def _renew(body, search, clearance):
 @kernel
 def _corner(points, place, k, columns):
     row, node = corner_node(place, k)
-    x = points[row, barb_point(place[0], node, columns)]
+    x = points[row, node_index(place[0], node, columns)]
     return x[0], x[1], x[2]
 
 

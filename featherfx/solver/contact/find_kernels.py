@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from featherfx.algebra.vec3_kernels import cross, dot, length, store, sub
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.clearance_kernels import (
     BESIDE,
     CREASE,
@@ -14,7 +15,6 @@ from featherfx.solver.contact.clearance_kernels import (
 )
 from featherfx.solver.contact.list_kernels import host_place, triangle_normal
 from featherfx.solver.contact.search_kernels import (
-    barb_point,
     box_distance,
     boxes_apart,
     closest_point,
@@ -74,7 +74,7 @@ def slot(touch, count):
 
 @kernel
 def start_contact(contact, node, p, fraction):
-    """What a contact is from its node on: material point p, and how far it lies to the next row."""
+    """What a contact is from its node on: node p, and how far it lies to the next row."""
     contact.pair, contact.row, contact.column, contact.point = node.pair, node.row, node.column, p
     contact.guest, contact.host, contact.fraction = node.guest, node.host, fraction
 
@@ -118,7 +118,7 @@ def _find_node(node, guess, search, touch, count):
     for q in range(3):
         row, barb_node = corner_node(place, q)
         contact.corner[q, 0] = row
-        contact.corner[q, 1] = barb_point(place[0], barb_node, columns)
+        contact.corner[q, 1] = node_index(place[0], barb_node, columns)
     if not _meets(contact, now, x, search):
         return count, near
     _press(contact, node.known, search)
@@ -127,7 +127,7 @@ def _find_node(node, guess, search, touch, count):
 
 @kernel
 def _of_corners(values, contact):
-    """Mean of a host's values (n, P) at a contact's corners, by their weights."""
+    """Mean of a host's values (n, 1 + 2 m) at a contact's corners, by their weights."""
     total = 0.0
     for q in range(3):
         total += contact.weight[q] * values[contact.corner[q, 0], contact.corner[q, 1]]

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import without_directors
 from featherfx.mechanics.model import Loads
 from featherfx.solver.contact.colour_kernels import islands_of, neighbours
 from featherfx.solver.contact.list_kernels import add_forces, list_by_body, soften
@@ -348,6 +347,5 @@ class ContactSolver:
 
 
 def _largest_moves(after: Array, before: Array) -> Array:
-    """(B,) m, how far any node of each body is in one pose (B, n, P, 3) from the other."""
-    away = np.abs(without_directors(after - before))
-    return np.asarray(away.max(axis=(1, 2, 3)))
+    """(B,) m, how far any node of each body is in one pose (B, n, 1 + 2 m, 3) from the other."""
+    return np.asarray(np.abs(after - before).max(axis=(1, 2, 3)))

@@ -22,7 +22,7 @@ LEAST_WEIGHT = 1e-6
 
 @kernel
 def triangle_normal(points, contact):
-    """Unit normal of a contact's triangle in a pose (n, P, 3)."""
+    """Unit normal of a contact's triangle in a pose (n, 1 + 2 m, 3)."""
     corner = contact.corner
     a = points[corner[0, 0], corner[0, 1]]
     b = points[corner[1, 0], corner[1, 1]]
@@ -32,7 +32,7 @@ def triangle_normal(points, contact):
 
 @kernel
 def host_place(points, contact):
-    """Place of a contact on its host in a pose (n, P, 3)."""
+    """Place of a contact on its host in a pose (n, 1 + 2 m, 3)."""
     corner, weight = contact.corner, contact.weight
     a = scale(weight[0], points[corner[0, 0], corner[0, 1]])
     b = scale(weight[1], points[corner[1, 0], corner[1, 1]])
@@ -42,13 +42,13 @@ def host_place(points, contact):
 
 @kernel
 def _guest(contact, poses):
-    """Place of a contact's guest in poses (B, n, P, 3)."""
+    """Place of a contact's guest in poses (B, n, 1 + 2 m, 3)."""
     return guest_place(poses[contact.guest], contact.row, contact.point, contact.fraction)
 
 
 @kernel
 def _measure(contact, now):
-    """Gap, normal and place of a contact in a pose now (B, n, P, 3), kept with it."""
+    """Gap, normal and place of a contact in a pose now (B, n, 1 + 2 m, 3), kept with it."""
     if contact.host >= 0:
         host = now[contact.host]
         store(contact.normal, scale(contact.side, triangle_normal(host, contact)))
@@ -59,9 +59,9 @@ def _measure(contact, now):
 
 @kernel
 def measure(touch, low, high, now):
-    """Gaps, normals and places of the contacts from low to high - 1 in a pose now (B, n, P, 3).
+    """Gaps, normals and places of the contacts from low to high - 1 in a pose now.
 
-    Those of a wall have been there since they were found.
+    now: (B, n, 1 + 2 m, 3). Those of a wall have been there since they were found.
     """
     for k in range(low, high):
         _measure(touch[k], now)
@@ -170,8 +170,8 @@ def add_forces(touch, count, total):
 def hand_out(body, touch, listed, mine, start, now, rules, planes):
     """Write the plane contacts of a body to planes; returns how many there are.
 
-    mine: (B,) bodies that are solved for. start, now: (B, n, P, 3) poses at the interval's start
-    and at the last iterate. rules: Handing.
+    mine: (B,) bodies that are solved for. start, now: (B, n, 1 + 2 m, 3) poses at the interval's
+    start and at the last iterate. rules: Handing.
     """
     to = 0
     for at in range(listed.first[body], listed.first[body + 1]):
@@ -215,7 +215,7 @@ def _hand_to(contact, body, start, now, rules, planes, to):
         strength[2] = weight * rules.friction * force
         strength[3] = rules.smoothing
         planes.node[to, 0] = row
-        planes.node[to, 1] = p - (rules.widest - rules.columns[body] if p > 2 + rules.widest else 0)
+        planes.node[to, 1] = p - (rules.widest - rules.columns[body] if p > rules.widest else 0)
         sign = 1.0 if is_guest else -1.0
         _plane(contact, sign, now[body, row, p], start[body, row, p], slip, planes, to)
         to += 1

@@ -80,8 +80,8 @@ class Run:
 
     duration: s. substeps: most regular steps of a feather within it. iterations: of Newton in one
     solve of a feather, at most. free: (B,) feathers that are solved; the states of others are
-    zero. start, now: (B, n, P, 3) m,
-    all bodies on the widest grid. report: of all solves and bodies.
+    zero. start, now: (B, n, 1 + 2 m, 3) m, nodes of all bodies on the widest grid. report: of all
+    solves and bodies.
     """
 
     def __init__(
@@ -102,8 +102,8 @@ class Run:
         for solver, state, path, some in zip(team.solvers, self.old, paths, own, strict=True):
             carry_to(solver.model, state, path, some)
         self.new = [_rows_of(state, some) for state, some in zip(self.old, own, strict=True)]
-        self.start = grids.together([state.points for state in self.old])
-        velocity = grids.together([state.velocity for state in self.old])
+        self.start = grids.together([state.points.nodes for state in self.old])
+        velocity = grids.together([state.velocity.nodes for state in self.old])
         self.now = self.start + duration * velocity
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
         self.report = no_steps(grids.bodies)

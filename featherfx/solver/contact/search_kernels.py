@@ -11,6 +11,7 @@ from math import sqrt
 
 from featherfx.algebra.vec3_kernels import add, dot, length, normal_of, scale, sub
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.row_kernels import node_index
 
 # parts into which the rim between two rows is divided
 RIM_PARTS = 4
@@ -20,15 +21,13 @@ GUESSED = 1e-9
 
 @kernel
 def strip_point(column, columns):
-    """Material point of a node of the strip."""
-    if column == columns:
-        return 0
-    return 2 + column - columns if column > columns else 2 + 2 * columns - column
+    """Node of its row that a node of the strip is."""
+    return column - columns if column >= columns else 2 * columns - column
 
 
 @kernel
 def guest_point(c, columns, own):
-    """(material point, fraction of the way to the next row) of column c of a row's guests.
+    """(node, fraction of the way to the next row) of column c of a row's guests.
 
     columns: of the widest grid, which the points are counted on; own: of the feather's.
 
@@ -39,13 +38,13 @@ def guest_point(c, columns, own):
     if extra < 0:
         return strip_point(c, columns), 0.0
     between = RIM_PARTS - 1
-    p = 2 + columns + own if extra < between else 2 + own
+    p = columns + own if extra < between else own
     return p, (extra % between + 1.0) / RIM_PARTS
 
 
 @kernel
 def guest_place(points, i, p, fraction):
-    """Place of a guest's point in a pose (n, P, 3): row i, material point p, and how far it lies
+    """Place of a guest's point in a pose (n, 1 + 2 m, 3): row i, node p, and how far it lies
     towards the next row."""
     x = add(points[i, p], (0.0, 0.0, 0.0))
     if fraction > 0.0:
@@ -57,8 +56,8 @@ def guest_place(points, i, p, fraction):
 def row_boxes(start, ahead, present, boxes, bounds):
     """Boxes (n, 6) around the strip's rows in two poses, low then high, and of all, bounds (6,); m.
 
-    start, ahead: (n, P, 3). present: (n, 2 m + 1). An empty box has a low above its high. Returns
-    the farthest that a node is in one from the other, m.
+    start, ahead: (n, 1 + 2 m, 3). present: (n, 2 m + 1). An empty box has a low above its high.
+    Returns the farthest that a node is in one from the other, m.
     """
     columns, farthest = (present.shape[1] - 1) // 2, 0.0
     for k in range(3):
@@ -67,8 +66,7 @@ def row_boxes(start, ahead, present, boxes, bounds):
         for k in range(3):
             boxes[i, k], boxes[i, 3 + k] = 1e300, -1e300
         for p in range(start.shape[1]):
-            if p != 1 and p != 2:
-                farthest = max(farthest, _square(ahead[i, p], start[i, p]))
+            farthest = max(farthest, _square(ahead[i, p], start[i, p]))
         for c in range(present.shape[1]):
             if present[i, c] == 0:
                 continue
@@ -187,15 +185,9 @@ def corner_node(place, k):
 
 
 @kernel
-def barb_point(side, node, columns):
-    """Material point of a barb's node; 0 is the rachis."""
-    return 0 if node == 0 else 2 + side * columns + node
-
-
-@kernel
 def _corner(points, place, k, columns):
     row, node = corner_node(place, k)
-    x = points[row, barb_point(place[0], node, columns)]
+    x = points[row, node_index(place[0], node, columns)]
     return x[0], x[1], x[2]
 
 
@@ -233,7 +225,7 @@ def closest_point(x, points, exists, near):
     """Closest point of a strip, walking from a node (row, column): its triangle's place (side -1
     where the node has none) and the weights of its corners.
 
-    points: (n, P, 3). exists: (2, n - 1, m, 2).
+    points: (n, 1 + 2 m, 3). exists: (2, n - 1, m, 2).
     """
     columns = exists.shape[2]
     best = 1e300, (-1, 0, 0, 0), (0.0, 0.0, 0.0)

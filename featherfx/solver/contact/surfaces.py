@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from featherfx.feather.types import barb_slice
 from featherfx.mechanics.model import Model
 from featherfx.solver.contact.search_kernels import RIM_PARTS
 from featherfx.solver.contact.types import (
@@ -60,16 +61,16 @@ class Grids:
         return np.repeat(self.columns, np.diff(self.first))
 
     def put(self, values: Array, batch: int, bodies: Indices | slice, to: Array) -> None:
-        """Write values (k, n, P, ...) of some bodies (counted in their batch) to those of all,
-        (B, most rows, widest P, ...)."""
-        m, trailing = int(self.columns[batch]), 3 + self.most_columns
+        """Write values (k, n, 1 + 2 m, ...) of some bodies (counted in their batch) to those of
+        all, (B, most rows, 1 + 2 most columns, ...)."""
+        m, trailing = int(self.columns[batch]), 1 + self.most_columns
         own = to[self.first[batch] : self.first[batch + 1], : self.rows[batch]]
-        own[bodies, :, : 3 + m] = values[:, :, : 3 + m]
-        own[bodies, :, trailing : trailing + m] = values[:, :, 3 + m :]
+        own[bodies, :, : 1 + m] = values[:, :, : 1 + m]
+        own[bodies, :, trailing : trailing + m] = values[:, :, 1 + m :]
 
     def together(self, parts: Sequence[Array]) -> Array:
-        """(B, most rows, widest P, ...) from one (F, n, P, ...) per batch."""
-        shape = self.bodies, self.most_rows, 3 + 2 * self.most_columns
+        """(B, most rows, 1 + 2 most columns, ...) from one (F, n, 1 + 2 m, ...) per batch."""
+        shape = self.bodies, self.most_rows, 1 + 2 * self.most_columns
         found = np.zeros(shape + parts[0].shape[3:])
         for batch, values in enumerate(parts):
             self.put(values, batch, slice(None), found)
@@ -107,7 +108,7 @@ def surfaces_of(
             present[:, :, m:] |= node
         else:
             present[:, :, m::-1] |= node
-    half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, rows, 3 + 2 * m))
+    half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, rows, 1 + 2 * m))
     columns = grids.own_columns()
     guests = _guests(present, columns)
     far = np.concatenate([_far(model) for model in models])
@@ -124,7 +125,7 @@ def _far(model: Model) -> Array:
 
 
 def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
-    """Bodies (B, n, P, 3) whose boxes are yet to be fitted."""
+    """Bodies (B, n, 1 + 2 m, 3) whose boxes are yet to be fitted."""
     bodies, rows = start.shape[:2]
     return MovingBodies(
         start=start,
@@ -148,7 +149,7 @@ def _guests(present: Bytes, columns: Indices) -> Bytes:
 
 
 def elastic_stiffness(model: Model) -> Array:
-    """(F, n, P) N/m, how stiff a feather is at its nodes, apart from inertia.
+    """(F, n, 1 + 2 m) N/m, how stiff a feather is at its nodes, apart from inertia.
 
     Between that of a single force, 3 B / s^3 on a barb at s from its root, and that of a force on
     all nodes of the barb, 8 B / (L^3 m): their geometric mean; shaft and barb in series. Of the
@@ -161,14 +162,14 @@ def elastic_stiffness(model: Model) -> Array:
     near = np.maximum(station, NEAR_ROOT * station[:, -1:])
     shaft[:, 1:] = 3.0 * bending[:, :1] / near**3
     shaft[:, 0] = shaft[:, 1]
-    stiffness = np.repeat(shaft[:, :, None], 3 + 2 * m, axis=2)
+    stiffness = np.repeat(shaft[:, :, None], 1 + 2 * m, axis=2)
     if m and count:
         length = model.segment * m
         root = model.barb_stiffness[..., 0] / np.where(length > 0.0, length, np.inf) ** 2
         nodes = np.arange(1, m + 1)
         barb = np.sqrt(24.0 * m**2 / nodes**3) * root[..., None]
         for side in range(2):
-            part = stiffness[:, :, 3 + side * m : 3 + (side + 1) * m]
+            part = stiffness[:, :, barb_slice(side, m)]
             soft = barb[:, side]
             with np.errstate(divide="ignore"):
                 part[...] = 1.0 / (1.0 / part + 1.0 / soft)

@@ -104,8 +104,8 @@ class RoundRules(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """What the team works on. start, now: (B, n, P, 3) m. touching: bodies that each touches, of
-    those solved. contacts: how many there are in touch."""
+    """What the team works on. start, now: (B, n, 1 + 2 m, 3) m, nodes. touching: bodies that each
+    touches, of those solved. contacts: how many there are in touch."""
 
     batches: Batches
     step: StepSettings
@@ -130,14 +130,14 @@ def _take(source, target, f):
 
 
 @kernel
-def _put(points, columns, to):
-    """Write the points (n, P, 3) of a body to its place on the widest grid."""
-    ahead, shift = 3 + columns, (to.shape[1] - points.shape[1]) // 2
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
+def _put(nodes, columns, to):
+    """Write the nodes (n, 1 + 2 m, 3) of a body to its place on the widest grid."""
+    ahead, shift = 1 + columns, (to.shape[1] - nodes.shape[1]) // 2
+    for i in range(nodes.shape[0]):
+        for p in range(nodes.shape[1]):
             q = p if p < ahead else p + shift
             for k in range(3):
-                to[i, q, k] = points[i, p, k]
+                to[i, q, k] = nodes[i, p, k]
 
 
 @kernel
@@ -170,7 +170,7 @@ def _solve(body, thread, reach, sweep):
     )
     report.steps[f] = report.forced[f] = report.error[f] = report.move[f] = 0.0
     advance(model, loads, f, path, new, settings_of(sweep.step, model.length[f]), work, report)
-    _put(new.points[f], model.joints.shape[3], sweep.now[body])
+    _put(new.points.nodes[f], model.joints.shape[3], sweep.now[body])
     # the next try starts from this pose: rates that lead there
     copy_values(new.spin[f], old.spin[f])
     copy_values(new.coefficient_rate[f], old.coefficient_rate[f])

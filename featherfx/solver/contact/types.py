@@ -12,10 +12,10 @@ Indices = NDArray[np.int64]
 Bytes = NDArray[np.int8]
 
 # One contact of a guest's node with a host, a body or a wall (host -1). pair: its number, -1 for a
-# wall. row, column: of the guest's points (search_kernels.guest_point); point, fraction: material
-# point there, and how far it lies towards the next row. side: of the host where the guest belongs;
-# mirror: side of the triangle on the host's own vane; corner: row and material point of its
-# corners, weight: theirs. normal: unit, out of the host on the guest's side. Gaps in m: at the
+# wall. row, column: of the guest's points (search_kernels.guest_point); point, fraction: node
+# there, and how far it lies towards the next row. side: of the host where the guest belongs;
+# mirror: side of the triangle on the host's own vane; corner: row and node of its corners, weight:
+# theirs. normal: unit, out of the host on the guest's side. Gaps in m: at the
 # start and now; thickness: sum of both halves; spared: of a depth that was there at the start.
 # Forces, N, that guest and host feel; stiffnesses, N/m, of what each of them is pressed against.
 # place_start, place_now: m, of the host's point.
@@ -33,8 +33,8 @@ Touch = NDArray[Any]
 class VaneSurfaces(NamedTuple):
     """Constant surfaces of B bodies on the widest grid (surfaces.Grids). present:
     (B, n, 2 m + 1), which nodes a triangle has. guests: (B, n, W) points that may touch others
-    (search_kernels.guest_point). exists: (B, 2, n-1, m, 2) triangles. half: (B, n, P) m, half
-    thickness at the material points. columns: (B,) of each body's own grid. far: (B,) m, from the
+    (search_kernels.guest_point). exists: (B, 2, n-1, m, 2) triangles. half: (B, n, 1 + 2 m) m,
+    half thickness at the nodes. columns: (B,) of each body's own grid. far: (B,) m, from the
     nearest node, of points that may still be in the vane or touch it."""
 
     present: Bytes
@@ -46,9 +46,9 @@ class VaneSurfaces(NamedTuple):
 
 
 class MovingBodies(NamedTuple):
-    """B bodies in an interval. start: (B, n, P, 3) m, its begin; ahead: where they will be about
-    its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, P) N/m. way: (B,)
-    m, farthest that a node goes."""
+    """B bodies in an interval. start: (B, n, 1 + 2 m, 3) m, nodes at its begin; ahead: where they
+    will be about its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance:
+    (B, n, 1 + 2 m) N/m. way: (B,) m, farthest that a node goes."""
 
     start: Array
     ahead: Array
@@ -106,7 +106,7 @@ class Earlier(NamedTuple):
 
 class Clearance(NamedTuple):
     """What tells which of N pairs of B bodies cannot touch yet (clearance_kernels). nodes:
-    (B, n, P, 3) m, where they were to be in the search before. half: (B,) m, largest half
+    (B, n, 1 + 2 m, 3) m, where they were to be in the search before. half: (B,) m, largest half
     thickness. facets: (B, 8, T) triangles, the first facet_count (B,) of them: their middle, m,
     normal, size and width, m. size: (B,) m, the largest. as_guest, as_host: (B,) m, what each body
     has gone, as it counts for pairs in that role. until: (N,) m, sum of those of guest and host

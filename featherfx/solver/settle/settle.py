@@ -26,6 +26,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.types import both
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.state import State
@@ -88,27 +89,28 @@ class Rest:
     def load(self) -> None:
         """Take the pose that was kept last."""
         load_pose(self.model, self.f, self.state, self.work.now)
-        self.work.now.points[:] = self.state.points[self.f]
+        self.work.now.points.assign(self.state.points.at(self.f))
 
     def keep(self) -> None:
         """The pose now becomes the state's."""
         state, f, now = self.state, self.f, self.work.now
         state.rotation[f], state.centre[f] = now.rotation, now.centre
-        state.coefficient[f], state.points[f] = now.coefficient, now.points
+        state.coefficient[f] = now.coefficient
+        state.points.at(f).assign(now.points)
         for step in range(2):
             state.strains.at(f, step).assign(now.strains)
 
     def feel_wind(self) -> None:
         """Wind, areas and speeds at the pose now."""
-        still, time = self.state.velocity[self.f], self.state.time[self.f]
+        still, time = self.state.velocity.nodes[self.f], self.state.time[self.f]
         around, stiffness = self.work.around, self.model.cell_stiffness[self.f]
-        blow(self.work.now.points, time, self.loads, self.f, still, stiffness, around)
+        blow(self.work.now.points.nodes, time, self.loads, self.f, still, stiffness, around)
 
     def step(self, h: float, limit: int) -> int:
         """One step of h (s) from rest, in the air around as it is; returns Newton's status."""
         now, around = self.work.now, self.work.around
-        around.target[:] = now.points
-        around.past[:] = now.points
+        for held in (around.target, around.past):
+            held.assign(now.points)
         factors = Factors(1.0 / (h * h), 1.0 / h, 0.0)
         solved = minimise(
             self.model,
@@ -125,14 +127,7 @@ class Rest:
 
 
 def _stop(f: int, state: State) -> None:
-    for rate in (
-        state.velocity,
-        state.acceleration,
-        state.smoothed,
-        state.spin,
-        state.coefficient_rate,
-        state.step,
-    ):
+    for rate in (*state.rates(), state.step):
         rate[f] = 0.0
 
 
@@ -210,7 +205,7 @@ def _drift(rest: Rest) -> int:
     """Short steps towards rest; returns Newton's status."""
     h, before, status = FIRST, None, CONVERGED
     for _ in range(WIND_STEPS):
-        start = rest.work.now.points.copy()
+        start = both(np.copy, rest.work.now.points)
         rest.feel_wind()
         status = rest.step(h, WIND_ITERATIONS)
         if status != CONVERGED:
@@ -220,9 +215,9 @@ def _drift(rest: Rest) -> int:
             rest.load()
             continue
         rest.keep()
-        way = rest.work.now.points - start
+        way = both(np.subtract, rest.work.now.points, start)
         if before is not None:
-            h *= 2.0 if np.vdot(way, before) > 0.0 else 0.5
+            h *= 2.0 if sum(map(np.vdot, way, before)) > 0.0 else 0.5
         h = min(max(h, 1e3 * SHORTEST), STATIC)
         before = way
     return status

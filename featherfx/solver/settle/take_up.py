@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.rotation_kernels import conjugate, multiply, normalised
+from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Model
 from featherfx.solver.state import State
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose
@@ -23,26 +24,26 @@ def take_up(
     frames: Array,
     centres: Array,
     coefficients: Array,
-    velocity: Array,
+    velocity: RowPoints,
     time: float,
 ) -> None:
     """Put feather f of the state into a pose, in place.
 
-    frames: (n, 3, 3) row frames. centres: (n, 3) m. coefficients: (2, n, 2 C). velocity:
-    (n, P, 3) m/s of the material points. time: s. The first step then finds the accelerations that
-    belong to pose and velocity (featherfx/solver/step/start_kernels.py).
+    frames: (n, 3, 3) row frames. centres: (n, 3) m. coefficients: (2, n, 2 C). velocity: of nodes
+    and directors. time: s. The first step then finds the accelerations that belong to pose and
+    velocity (featherfx/solver/step/start_kernels.py).
     """
     state.rotation[f] = along_rows(frames_to_quats(frames))
     state.centre[f], state.coefficient[f] = centres, coefficients
-    for fresh in (state.acceleration, state.smoothed, state.spin, state.coefficient_rate):
-        fresh[f] = 0.0
-    state.velocity[f] = velocity
+    for rate in state.rates():
+        rate[f] = 0.0
+    state.velocity.at(f).assign(velocity)
     state.step[f] = state.proposal[f] = 0.0
     state.time[f] = time
     work = make_work(model)
     load_pose(model, f, state, work.now)
     complete_pose(model, f, work.now, work.around.reference)
-    state.points[f] = work.now.points
+    state.points.at(f).assign(work.now.points)
     for step in range(2):
         state.strains.at(f, step).assign(work.now.strains)
 
@@ -73,11 +74,10 @@ def _carry(f: int, state: State, path: RootPath) -> None:
     turn = quats_to_frames(np.array(move))
     old, new = state.centre[f, 0].copy(), path.samples[f, 0, :3]
     state.centre[f] = new + (state.centre[f] - old) @ turn.T
-    directors = state.points[f, :, 1:3] @ turn.T
-    state.points[f] = new + (state.points[f] - old) @ turn.T
-    state.points[f, :, 1:3] = directors
-    for rate in (state.velocity, state.acceleration, state.smoothed, state.spin):
-        rate[f] = rate[f] @ turn.T
+    state.points.nodes[f] = new + (state.points.nodes[f] - old) @ turn.T
+    rates = *state.velocity, *state.acceleration, *state.smoothed, state.spin
+    for turned in (state.points.directors, *rates):
+        turned[f] = turned[f] @ turn.T
     # the signs of neighbours belong together (rachis_kernels)
     state.rotation[f] = [normalised(multiply(move, row)) for row in state.rotation[f]]
     state.rotation[f, 0] = path.base[f]

@@ -1,8 +1,13 @@
 """Gradient and Hessian of step_energy in generalised coordinates, as a band."""
 
-from featherfx.algebra.vec3_kernels import accumulate, cross
+from featherfx.algebra.vec3_kernels import accumulate
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.contact_kernels import add_contact_forces
+from featherfx.mechanics.director_kernels import (
+    add_director_stiffness,
+    subtract_couple_moments,
+    subtract_director_moments,
+)
 from featherfx.mechanics.node_kernels import add_dead_forces, add_grip_forces, node_forces
 from featherfx.mechanics.rachis_kernels import (
     rachis_geometric_stiffness,
@@ -16,30 +21,13 @@ from featherfx.solver.vane.pairs_kernels import FORCES_ONLY, WHOLE, damped_stres
 
 
 @kernel
-def _subtract_node_forces(i, points, force, right):
-    """Forces on row i's rachis point and directors, projected, to the row's right-hand side."""
-    accumulate(right, -1.0, force[i, 0])
-    for p in range(1, 3):
-        accumulate(right[3:], -1.0, cross(points[i, p], force[i, p]))
-
-
-@kernel
-def _add_rachis_nodes(i, points, stiff, at, band):
-    """Inertia, gravity, air and grips of row i's rachis point and directors."""
+def _add_rachis_node(stiff, at, band):
+    """Inertia, air and grips of a rachis node, stiff (6,)."""
     for k in range(3):
-        band[at + k, 0] += stiff[i, 0, k]
-    band[at, 1] += stiff[i, 0, 3]
-    band[at, 2] += stiff[i, 0, 4]
-    band[at + 1, 1] += stiff[i, 0, 5]
-    for p in range(1, 3):
-        x, y, z = points[i, p, 0], points[i, p, 1], points[i, p, 2]
-        inertia = stiff[i, p, 0]
-        band[at + 3, 0] += inertia * (y * y + z * z)
-        band[at + 4, 0] += inertia * (x * x + z * z)
-        band[at + 5, 0] += inertia * (x * x + y * y)
-        band[at + 3, 1] -= inertia * x * y
-        band[at + 3, 2] -= inertia * x * z
-        band[at + 4, 1] -= inertia * y * z
+        band[at + k, 0] += stiff[k]
+    band[at, 1] += stiff[3]
+    band[at, 2] += stiff[4]
+    band[at + 1, 1] += stiff[5]
 
 
 @kernel
@@ -87,7 +75,7 @@ def _add_rachis_stiffness(model, f, i, damping, wanted, pose, beam, band):
 
 @kernel
 def _add_inertia(inertia, mass, stiff):
-    """Inertia (1/s^2) times the masses (n, P), added to the stiffnesses (n, P, 6) of the nodes."""
+    """Inertia (1/s^2) times the masses, added to the stiffnesses (n, 1 + 2 m, 6) of the nodes."""
     for i in range(mass.shape[0]):
         for p in range(mass.shape[1]):
             for k in range(3):
@@ -110,7 +98,7 @@ def _hold_root(wanted, system):
 @kernel
 def _add_nodes(model, loads, f, fraction, factors, shift, work):
     """Forces and stiffnesses of single nodes to work.force and work.stiff."""
-    points, around = work.now.points, work.around
+    points, around = work.now.points.nodes, work.around
     node_forces(model, loads, f, factors, points, around, work.force, work.stiff)
     if shift > 0.0:
         _add_inertia(shift * factors.inertia, model.mass[f], work.stiff)
@@ -150,11 +138,18 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
     _add_nodes(model, loads, f, fraction, factors, shift, work)
     if model.joints.shape[3] > 0:
         _add_vane(model, f, model.retardation[f, 1] * factors.strain_rate, wanted, work)
+    rotary, directors, target = model.rotary_inertia[f], pose.points.directors, work.around.target
     for i in range(rows):
-        at = i * row_size
-        _subtract_node_forces(i, pose.points, work.force, system.right[at : at + 6])
+        at, inertia = i * row_size, factors.inertia
+        accumulate(system.right[at:], -1.0, work.force[i, 0])
+        subtract_director_moments(
+            i, rotary, inertia, directors, target.directors, system.right[at + 3 :]
+        )
+        subtract_couple_moments(i, loads.couple[f], directors, system.right[at + 3 :])
         if wanted != FORCES_ONLY:
-            _add_rachis_nodes(i, pose.points, work.stiff, at, system.band)
+            _add_rachis_node(work.stiff[i, 0], at, system.band)
+            shifted = (1.0 + shift) * inertia
+            add_director_stiffness(i, rotary, shifted, directors, at + 3, system.band)
     for i in range(rows - 1):
         damping, reference = model.retardation[f, 0] * factors.strain_rate, strains.rachis[i]
         _subtract_rachis_forces(model, f, i, damping, pose, reference, work.beam, system.right)

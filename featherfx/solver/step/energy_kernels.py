@@ -5,11 +5,13 @@ Every strain s has a stiffness k and, where the material is damped, a reference 
     W = sum 1/2 k s^2 + 1/2 k q (s - s_r)^2,      q = retardation time * rate of the integrator
 
 (Kelvin-Voigt; s measured from rest). Those of a hinge are angles, and their energy is multiplied by
-the square of its openness (vane_bending_kernels). The rest is in node_kernels.
+the square of its openness (vane_bending_kernels). The rest is in node_kernels, contact_kernels and
+director_kernels.
 """
 
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.contact_kernels import contact_energy
+from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.vane_guard_kernels import guard_total
 
@@ -60,10 +62,15 @@ def step_energy(model, loads, f, fraction, factors, pose, around):
 
     factors: of the integrator. fraction: of the frame, for the grips.
     """
+    nodes, directors = pose.points.nodes, pose.points.directors
     return (
         elastic_energy(model, f, pose.strains, around.reference, factors.strain_rate)
-        + grip_energy(loads, f, fraction, pose.points)
-        + dead_energy(loads, f, fraction, pose.points)
-        + contact_energy(loads.contacts, f, fraction, pose.points)
-        + node_energy(model, loads, f, factors, pose.points, around)
+        + grip_energy(loads, f, fraction, nodes)
+        + dead_energy(loads, f, fraction, nodes)
+        + contact_energy(loads.contacts, f, fraction, nodes)
+        + node_energy(model, loads, f, factors, nodes, around)
+        + couple_energy(loads.couple[f], directors)
+        + director_energy(
+            model.rotary_inertia[f], factors.inertia, directors, around.target.directors
+        )
     )

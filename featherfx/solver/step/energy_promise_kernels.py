@@ -22,10 +22,11 @@ nonlinear systems ripple as much for small s, too.
 from math import sqrt
 from typing import NamedTuple
 
+from featherfx.algebra.vec3_kernels import dot, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy
-from featherfx.mechanics.row_kernels import is_director
 from featherfx.solver.step.energy_kernels import elastic_energy
+from featherfx.solver.step.integrator_kernels import motion_of_directors, motion_of_nodes
 from featherfx.solver.step.strain_kernels import strains_of
 
 # growth that round-off and Newton's tolerance may cause, part of the energy that there is, and
@@ -33,6 +34,8 @@ from featherfx.solver.step.strain_kernels import strains_of
 ROUNDING, STRAIN = 1e-8, 1e-11
 # m over m, by which a path may leave the even motion that it is taken for
 EVEN = 1e-12
+# of what has no drift: directors
+NO_DRIFT = 0.0, 0.0, 0.0
 
 
 class Promise(NamedTuple):
@@ -90,6 +93,7 @@ def left_alone(model, loads, f, path, duration):
         alone = alone and (still or loads.grip_node[f, g, 0] < 0)
     if loads.force[f].shape[0] > 0:
         alone = alone and not (moving or _any(loads.force_change))
+    alone = alone and loads.couple[f].shape[0] == 0
     alone = alone and loads.contacts.first[f] == loads.contacts.first[f + 1]
     return alone, (x / duration, y / duration, z / duration)
 
@@ -101,8 +105,6 @@ def _potential(model, loads, f, points, strains):
     fall, size = 0.0, 0.0
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
-            if is_director(p):
-                continue
             part = 0.0
             for k in range(3):
                 part -= loads.gravity[k] * (points[i, p, k] - points[0, 0, k])
@@ -129,19 +131,23 @@ def _rounding_energy(model, f):
 
 
 @kernel
+def _kinetic(mass, velocity, drift):
+    """1/2 sum m |v - d|^2, J. mass: (n, .). velocity: (n, ., 3)."""
+    total = 0.0
+    for i in range(mass.shape[0]):
+        for p in range(mass.shape[1]):
+            v = sub(velocity[i, p], drift)
+            total += 0.5 * mass[i, p] * dot(v, v)
+    return total
+
+
+@kernel
 def _state_energy(model, loads, f, drift, state):
     """T + U of feather f of a state, J. drift: (x, y, z) m/s, d."""
-    kinetic = 0.0
-    mass, velocity = model.mass[f], state.velocity[f]
-    for i in range(velocity.shape[0]):
-        for p in range(velocity.shape[1]):
-            x, y, z = velocity[i, p, 0], velocity[i, p, 1], velocity[i, p, 2]
-            if not is_director(p):
-                x, y, z = x - drift[0], y - drift[1], z - drift[2]
-            kinetic += 0.5 * mass[i, p] * (x * x + y * y + z * z)
-    return (
-        kinetic + _potential(model, loads, f, state.points[f], strains_of(state.strains, f, 0))[0]
-    )
+    velocity, nodes = state.velocity, state.points.nodes[f]
+    potential, _ = _potential(model, loads, f, nodes, strains_of(state.strains, f, 0))
+    turning = _kinetic(model.rotary_inertia[f], velocity.directors[f], NO_DRIFT)
+    return potential + _kinetic(model.mass[f], velocity.nodes[f], drift) + turning
 
 
 @kernel
@@ -161,21 +167,34 @@ def with_energy(promise, energy):
 
 
 @kernel
-def held_energy(mass, h, drift, motion):
-    """What the accelerations of one feather may give back in a step of h (s), J.
-
-    mass: (n, P). motion: Motion, of v, w and a.
-    """
+def held_sums(mass, drift, motion):
+    """Sums of m |a|^2 and m (v - d).(a - w) of a Motion."""
     square, lag = 0.0, 0.0
     for i in range(mass.shape[0]):
         for p in range(mass.shape[1]):
-            for k in range(3):
-                a, v = motion.smoothed[i, p, k], motion.velocity[i, p, k]
-                if not is_director(p):
-                    v -= drift[k]
-                square += mass[i, p] * a * a
-                lag += mass[i, p] * v * (a - motion.acceleration[i, p, k])
-    return 0.125 * h * h * square + 0.25 * h * abs(lag)
+            a, v = motion.smoothed[i, p], sub(motion.velocity[i, p], drift)
+            square += mass[i, p] * dot(a, a)
+            lag += mass[i, p] * dot(v, sub(a, motion.acceleration[i, p]))
+    return square, lag
+
+
+@kernel
+def held_energy(model, f, h, drift, state):
+    """What the accelerations of feather f may give back in a step of h (s), J."""
+    square, lag = held_sums(model.mass[f], drift, motion_of_nodes(state, f))
+    turning = held_sums(model.rotary_inertia[f], NO_DRIFT, motion_of_directors(state, f))
+    return 0.125 * h * h * (square + turning[0]) + 0.25 * h * abs(lag + turning[1])
+
+
+@kernel
+def _solved_kinetic(mass, rate, points, past, drift):
+    """As _kinetic of v = rate (x - past)."""
+    total = 0.0
+    for i in range(mass.shape[0]):
+        for p in range(mass.shape[1]):
+            v = sub(scale(rate, sub(points[i, p], past[i, p])), drift)
+            total += 0.5 * mass[i, p] * dot(v, v)
+    return total
 
 
 @kernel
@@ -185,18 +204,10 @@ def solved_energy(model, loads, f, promise, growth, rate, pose, past):
     growth: J, what the integrator may give back. rate, past: of the integrator,
     v = rate (x - past). The part is -1 where U alone is more than there was.
     """
-    points, mass, drift = pose.points, model.mass[f], promise.drift
-    potential, size = _potential(model, loads, f, points, pose.strains)
-    kinetic = 0.0
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
-            square = 0.0
-            for k in range(3):
-                v = rate * (points[i, p, k] - past[i, p, k])
-                if not is_director(p):
-                    v -= drift[k]
-                square += v * v
-            kinetic += 0.5 * mass[i, p] * square
+    points, rotary = pose.points, model.rotary_inertia[f]
+    potential, size = _potential(model, loads, f, points.nodes, pose.strains)
+    kinetic = _solved_kinetic(model.mass[f], rate, points.nodes, past.nodes, promise.drift)
+    kinetic += _solved_kinetic(rotary, rate, points.directors, past.directors, NO_DRIFT)
     growth += promise.rounding + ROUNDING * (size + kinetic)
     most = promise.energy + growth - potential
     if kinetic <= most:
@@ -207,12 +218,16 @@ def solved_energy(model, loads, f, promise, growth, rate, pose, past):
 
 
 @kernel
-def slow_down(keeps, drift, velocity):
-    """Multiply velocities (n, P, 3), measured from the root's, by what they keep, in place."""
-    if keeps >= 1.0:
-        return
+def _slow_down(keeps, drift, velocity):
     for i in range(velocity.shape[0]):
         for p in range(velocity.shape[1]):
             for k in range(3):
-                base = 0.0 if is_director(p) else drift[k]
-                velocity[i, p, k] = base + keeps * (velocity[i, p, k] - base)
+                velocity[i, p, k] = drift[k] + keeps * (velocity[i, p, k] - drift[k])
+
+
+@kernel
+def slow_down(keeps, drift, velocity):
+    """Multiply velocities (RowPoints), measured from the root's, by what they keep, in place."""
+    if keeps < 1.0:
+        _slow_down(keeps, drift, velocity.nodes)
+        _slow_down(keeps, NO_DRIFT, velocity.directors)

@@ -11,6 +11,7 @@ from featherfx.algebra.rotation_kernels import (
 from featherfx.algebra.vec3_kernels import over, store
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.row_kernels import points_of
 from featherfx.solver.status import CONVERGED, GREW, TOO_MUCH_WORK
 from featherfx.solver.step.energy_promise_kernels import (
     held_energy,
@@ -22,17 +23,17 @@ from featherfx.solver.step.energy_promise_kernels import (
 from featherfx.solver.step.integrator_kernels import (
     EULER,
     Factors,
-    begin_step,
-    end_step,
+    begin_points,
+    end_points,
     integrator_of,
-    motion_of,
+    motion_of_nodes,
     step_error,
 )
 from featherfx.solver.step.newton_kernels import minimise, nearly_solved
 from featherfx.solver.step.pose_kernels import (
     keep_pose,
     load_pose,
-    material_points,
+    place_points,
     rebuild_centres,
     rotate_by,
 )
@@ -69,7 +70,7 @@ def _go_on(model, f, h, state, pose):
         rotate_by(pose.rotation[i], state.spin[f, i], h, pose.rotation[i])
     if not held:
         for k in range(3):
-            pose.centre[0, k] += h * state.velocity[f, 0, 0, k]
+            pose.centre[0, k] += h * state.velocity.nodes[f, 0, 0, k]
     for side in range(2):
         for i in range(pose.rotation.shape[0]):
             for c in range(rates.shape[2]):
@@ -127,16 +128,16 @@ def _place(model, f, path, attempt, state, now, expected):
 def _predict(model, loads, f, path, attempt, state, work):
     """Set up a step: pose work.now, surroundings; returns the factors of the integrator."""
     now, around, h, radius = work.now, work.around, attempt.h, attempt.spectral_radius
-    begin_step(radius, h, motion_of(state, f), around.target, around.past)
+    begin_points(radius, h, state, f, around)
     # the two-step difference may put energy into strains that relax within a step
     weights = difference_weights(h, 0.0 if radius == EULER else state.step[f])
     last, before = strains_of(state.strains, f, 0), strains_of(state.strains, f, 1)
     set_reference_strains(weights, last, before, around.reference)
     _place(model, f, path, attempt, state, now, work.trial.rotation[0])
     if loads.air[0] > 0.0:
-        material_points(model, f, now)
-        time, velocity = state.time[f] + h, state.velocity[f]
-        blow(now.points, time, loads, f, velocity, model.cell_stiffness[f], around)
+        place_points(model, f, now)
+        time, velocity = state.time[f] + h, state.velocity.nodes[f]
+        blow(now.points.nodes, time, loads, f, velocity, model.cell_stiffness[f], around)
     method = integrator_of(radius, h)
     return Factors(method.inertia, method.rate, weights[2] / h)
 
@@ -144,19 +145,19 @@ def _predict(model, loads, f, path, attempt, state, work):
 @kernel
 def _try(model, loads, f, path, attempt, state, settings, work):
     """Solve a step to work.now and check it; returns its Outcome."""
-    h, radius, now, target = attempt.h, attempt.spectral_radius, work.now, work.around.target
+    h, radius, now, around = attempt.h, attempt.spectral_radius, work.now, work.around
     factors = _predict(model, loads, f, path, attempt, state, work)
     solved = minimise(
         model, loads, f, attempt.fraction, factors, settings.newton, attempt.limit, work
     )
-    error = step_error(radius, h, motion_of(state, f), now.points, target)
+    error = step_error(radius, h, motion_of_nodes(state, f), now.points.nodes, around.target.nodes)
     status, keeps, energy = nearly_solved(solved, attempt.limit, error), 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0
         if radius != EULER and error <= min(settings.tolerance, settings.coarse):
-            growth = held_energy(model.mass[f], h, attempt.promise.drift, motion_of(state, f))
+            growth = held_energy(model, f, h, attempt.promise.drift, state)
         keeps, energy = solved_energy(
-            model, loads, f, attempt.promise, growth, factors.rate, now, work.around.past
+            model, loads, f, attempt.promise, growth, factors.rate, now, around.past
         )
         status = GREW if keeps < 0.0 else status
     return Outcome(status, solved.iterations, solved.matrices, solved.move, error, keeps, energy)
@@ -166,9 +167,7 @@ def _try(model, loads, f, path, attempt, state, settings, work):
 def _accept(f, attempt, state, now, around):
     """The solved step becomes the state."""
     h = attempt.h
-    end_step(
-        attempt.spectral_radius, h, motion_of(state, f), now.points, around.target, around.past
-    )
+    end_points(attempt.spectral_radius, h, state, f, now.points, around)
     _keep_rates(f, h, now, state)
     copy_strains(strains_of(state.strains, f, 0), strains_of(state.strains, f, 1))
     keep_pose(f, now, state)
@@ -202,7 +201,7 @@ def advance(model, loads, f, path, state, settings, work, report):
         left -= outcome.iterations
         if verdict == TAKEN:
             _accept(f, attempt, state, work.now, work.around)
-            slow_down(outcome.keeps, promise.drift, state.velocity[f])
+            slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))
             promise, done = with_energy(promise, outcome.energy), done + step
             h, way = after_step(GO_ON, attempt, outcome, settings)
         elif h == 0.0:

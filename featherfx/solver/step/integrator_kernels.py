@@ -1,4 +1,4 @@
-"""Time integration of material points: generalised-alpha, and implicit Euler as the fallback.
+"""Time integration of nodes and directors: generalised-alpha, and implicit Euler as the fallback.
 
     (1 - am) a+ + am a = (1 - af) w+ + af w                 a smoothed, w true acceleration
     x+ = x + h v + h^2 ((1/2 - b) a + b a+)
@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.row_kernels import is_director
 
 EULER = -1.0
 
@@ -46,7 +45,7 @@ class Factors(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Material points (n, P, 3) of one feather and their rates, as in State."""
+    """Nodes or directors (n, ., 3) of one feather and their rates, as in State."""
 
     points: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -55,9 +54,25 @@ class Motion(NamedTuple):
 
 
 @kernel
-def motion_of(state, f):
-    """The Motion of feather f of a state."""
-    return Motion(state.points[f], state.velocity[f], state.acceleration[f], state.smoothed[f])
+def motion_of_nodes(state, f):
+    """The Motion of feather f's nodes."""
+    return Motion(
+        state.points.nodes[f],
+        state.velocity.nodes[f],
+        state.acceleration.nodes[f],
+        state.smoothed.nodes[f],
+    )
+
+
+@kernel
+def motion_of_directors(state, f):
+    """The Motion of feather f's directors."""
+    return Motion(
+        state.points.directors[f],
+        state.velocity.directors[f],
+        state.acceleration.directors[f],
+        state.smoothed.directors[f],
+    )
 
 
 @kernel
@@ -75,7 +90,7 @@ def integrator_of(spectral_radius, h):
 
 @kernel
 def begin_step(spectral_radius, h, motion, target, past):
-    """Write target and past (n, P, 3) from the motion at the step's start."""
+    """Write target and past from the motion at the step's start."""
     _, _, am, af, b, g = integrator_of(spectral_radius, h)
     for i in range(target.shape[0]):
         for p in range(target.shape[1]):
@@ -89,6 +104,14 @@ def begin_step(spectral_radius, h, motion, target, past):
                 free = x + h * v + h * h * (0.5 - b) * a
                 target[i, p, k] = free - (am * a - af * w) * b * h * h / (1.0 - am)
                 past[i, p, k] = free - (b * h / g) * (v + h * (1.0 - g) * a)
+
+
+@kernel
+def begin_points(spectral_radius, h, state, f, around):
+    """Target and past of the surroundings of feather f at the step's start."""
+    target, past = around.target, around.past
+    begin_step(spectral_radius, h, motion_of_nodes(state, f), target.nodes, past.nodes)
+    begin_step(spectral_radius, h, motion_of_directors(state, f), target.directors, past.directors)
 
 
 @kernel
@@ -106,15 +129,12 @@ def _true_and_smoothed(spectral_radius, method, new, target, acceleration, smoot
 def step_error(spectral_radius, h, motion, new, target):
     """Local error of a step's displacement, m: |b - 1/6| h^2 |change of smoothed acceleration|.
 
-    motion: at the start, new: (n, P, 3) positions at the end; the largest over the points
-    (directors left out).
+    motion: of the nodes at the start, new: their positions at the end; the largest of all.
     """
     method = integrator_of(spectral_radius, h)
     worst = 0.0
     for i in range(new.shape[0]):
         for p in range(new.shape[1]):
-            if is_director(p):
-                continue
             square = 0.0
             for k in range(3):
                 before = motion.smoothed[i, p, k]
@@ -133,7 +153,7 @@ def step_error(spectral_radius, h, motion, new, target):
 
 @kernel
 def end_step(spectral_radius, h, motion, new, target, past):
-    """Rates at the end of a step to positions new (n, P, 3), written to the motion."""
+    """Rates at the end of a step to the values new, written to the motion."""
     method = integrator_of(spectral_radius, h)
     for i in range(new.shape[0]):
         for p in range(new.shape[1]):
@@ -149,3 +169,12 @@ def end_step(spectral_radius, h, motion, new, target, past):
                 motion.velocity[i, p, k] = method.rate * (new[i, p, k] - past[i, p, k])
                 motion.acceleration[i, p, k] = w
                 motion.smoothed[i, p, k] = a
+
+
+@kernel
+def end_points(spectral_radius, h, state, f, new, around):
+    """Rates of feather f at the end of a step to points new, written to the state."""
+    target, past = around.target, around.past
+    nodes, directors = motion_of_nodes(state, f), motion_of_directors(state, f)
+    end_step(spectral_radius, h, nodes, new.nodes, target.nodes, past.nodes)
+    end_step(spectral_radius, h, directors, new.directors, target.directors, past.directors)

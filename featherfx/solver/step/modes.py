@@ -112,7 +112,8 @@ def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:
         loss = (kind.rachis_material.loss_factor, kind.vane_material.loss_factor)
         if max(loss) == 0.0:
             continue
-        key = b"".join(getattr(model, name)[f].tobytes() for name in ("mass", *STIFFNESSES[:2]))
+        keyed = "mass", "rotary_inertia", *STIFFNESSES[:2]
+        key = b"".join(getattr(model, name)[f].tobytes() for name in keyed)
         if key not in known:
             known[key] = first_frequency(model, f)
         retardation[f] = np.array(loss) / known[key]

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from featherfx.algebra.copy_kernels import copy_values
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.row_kernels import is_director
+from featherfx.mechanics.row_kernels import copy_points
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise
@@ -59,21 +59,25 @@ class Solved(NamedTuple):
 
 
 @kernel
-def largest_move(before, after, arm):
-    """Largest distance between two sets of material points (n, P, 3), m.
-
-    Directors are unit vectors; arm (m) is the lever at which their turn counts.
-    """
+def _largest_square(before, after):
     worst = 0.0
     for i in range(before.shape[0]):
         for p in range(before.shape[1]):
             square = 0.0
             for k in range(3):
                 square += (after[i, p, k] - before[i, p, k]) ** 2
-            if is_director(p):
-                square *= arm * arm
             worst = max(worst, square)
-    return sqrt(worst)
+    return worst
+
+
+@kernel
+def largest_move(before, after, arm):
+    """Largest distance between the RowPoints of two poses, m.
+
+    arm: m, the lever at which a director's turn counts.
+    """
+    turn = arm * arm * _largest_square(before.directors, after.directors)
+    return sqrt(max(_largest_square(before.nodes, after.nodes), turn))
 
 
 @shared_kernel
@@ -89,7 +93,7 @@ def copy_pose(source, target):
     copy_values(source.rotation, target.rotation)
     copy_values(source.centre, target.centre)
     copy_values(source.coefficient, target.coefficient)
-    copy_values(source.points, target.points)
+    copy_points(source.points, target.points)
     copy_values(source.frames, target.frames)
     copy_values(source.halfway, target.halfway)
     copy_values(source.rachis, target.rachis)

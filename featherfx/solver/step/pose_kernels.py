@@ -1,4 +1,4 @@
-"""From generalised coordinates to material points, and from one pose to the next.
+"""From generalised coordinates to nodes and directors, and from one pose to the next.
 
 Coordinates of a row: centre r (3), frame as quaternion (4), coefficients of both barbs (2 x 2 C).
 Increments of a row, w = 6 + 4 C of them: dr (3), world rotation vector u (3), leading and trailing
@@ -18,26 +18,27 @@ from featherfx.algebra.vec3_kernels import add, scale, store
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.barb_kernels import barb_axes, barb_jacobian, barb_points, root_jacobian
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
+from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.step.strain_kernels import copy_strains, feather_strains, strains_of
 
 
 @kernel
-def store_directors(rotation, points):
-    """Material points 1 and 2 of a row (P, 3) from its frame (4,)."""
-    store(points[1], rotate(rotation, (0.0, 1.0, 0.0)))
-    store(points[2], rotate(rotation, (0.0, 0.0, 1.0)))
+def store_directors(rotation, directors):
+    """Directors (2, 3) of a row from its frame (4,)."""
+    store(directors[0], rotate(rotation, (0.0, 1.0, 0.0)))
+    store(directors[1], rotate(rotation, (0.0, 0.0, 1.0)))
 
 
 @kernel
-def material_points(model, f, pose):
+def place_points(model, f, pose):
     """Points of feather f's pose, and the frames of its barbs, from its coordinates."""
     columns = model.joints.shape[3]
     for i in range(pose.rotation.shape[0]):
-        points = pose.points[i]
-        store(points[0], pose.centre[i])
-        store_directors(pose.rotation[i], points)
+        nodes = pose.points.nodes[i]
+        store(nodes[0], pose.centre[i])
+        store_directors(pose.rotation[i], pose.points.directors[i])
         for side in range(2):
-            start = 3 + side * columns
+            start = 1 + side * columns
             barb_points(
                 pose.rotation[i],
                 pose.centre[i],
@@ -47,7 +48,7 @@ def material_points(model, f, pose):
                 model.shapes,
                 pose.coefficient[side, i],
                 pose.frames[side, i],
-                points[start : start + columns],
+                nodes[start : start + columns],
             )
 
 
@@ -55,7 +56,7 @@ def material_points(model, f, pose):
 def joint_axes(shapes, pose, axes):
     """Axes (2, n, m, 6) of the joints of all barbs, as barb_axes gives them.
 
-    pose: with its frames, as material_points leaves them.
+    pose: with its frames, as place_points leaves them.
     """
     for side in range(2):
         for i in range(pose.rotation.shape[0]):
@@ -73,8 +74,8 @@ def barb_jacobians(shapes, pose, axes, jacobian):
     columns, wide, size = shapes.shape[1], jacobian.shape[2], jacobian.shape[3] // 3
     for i in range(pose.rotation.shape[0]):
         for side in range(2):
-            start = 3 + side * columns
-            root, points = pose.points[i, 0], pose.points[i, start : start + columns]
+            start, nodes = 1 + side * columns, pose.points.nodes[i]
+            root, points = nodes[0], nodes[start : start + columns]
             barb = jacobian[i, side].reshape((wide, 3, size))
             root_jacobian(root, points, barb)
             barb_jacobian(axes[side, i], shapes, root, points, barb)
@@ -107,7 +108,7 @@ def load_pose(model, f, state, pose):
 @kernel
 def complete_pose(model, f, pose, reference):
     """Points and strains of a pose from its coordinates; reference: Strains (feather_strains)."""
-    material_points(model, f, pose)
+    place_points(model, f, pose)
     _rachis_strains(model.length[f], pose)
     feather_strains(model, f, pose, reference)
 
@@ -118,7 +119,7 @@ def keep_pose(f, pose, state):
     copy_values(pose.rotation, state.rotation[f])
     copy_values(pose.centre, state.centre[f])
     copy_values(pose.coefficient, state.coefficient[f])
-    copy_values(pose.points, state.points[f])
+    copy_points(pose.points, points_of(state.points, f))
     copy_strains(pose.strains, strains_of(state.strains, f, 0))
 
 
@@ -198,7 +199,7 @@ def rest_pose(model, positions, rotations, state, pose):
             after = normalised(multiply(pose.rotation[i], bend))
             store_rotation(pose.rotation[i + 1], after)
         rebuild_centres(model.length[f], pose)
-        material_points(model, f, pose)
+        place_points(model, f, pose)
         copy_values(pose.rotation, state.rotation[f])
         copy_values(pose.centre, state.centre[f])
-        copy_values(pose.points, state.points[f])
+        copy_points(pose.points, points_of(state.points, f))

@@ -1,10 +1,10 @@
 """Strains and acceleration of a feather whose steps are yet to begin."""
 
-from featherfx.algebra.copy_kernels import copy_values
 from featherfx.algebra.rotation_kernels import conjugate, multiply, rotate, store_rotation
 from featherfx.algebra.vec3_kernels import add, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate, minimise
 from featherfx.solver.step.pose_kernels import load_pose
@@ -32,10 +32,11 @@ def start_acceleration(model, loads, f, duration, state, work, path):
     nothing of accelerations. path: of the roots, over the duration.
     """
     h = INSTANT * duration
-    now, around, points, velocity = work.now, work.around, state.points[f], state.velocity[f]
+    now, around = work.now, work.around
+    points, velocity = points_of(state.points, f), points_of(state.velocity, f)
     factors, before = Factors(1.0 / (h * h), 1.0 / h, 1.0 / h), strains_of(state.strains, f, 0)
-    copy_values(points, around.target)
-    copy_values(points, around.past)
+    copy_points(points, around.target)
+    copy_points(points, around.past)
     copy_strains(before, around.reference)
     load_pose(model, f, state, now)
     evaluate(model, loads, f, 0.0, factors, now, around)
@@ -45,19 +46,21 @@ def start_acceleration(model, loads, f, duration, state, work, path):
         _carry_along(path, f, work.trial.rotation[0], now)
     _go_on(points, h, velocity, around.target)
     if loads.air[0] > 0.0:
-        copy_values(points, now.points)
+        copy_points(points, now.points)
         time = state.time[f] + h
-        blow(now.points, time, loads, f, velocity, model.cell_stiffness[f], around)
+        blow(now.points.nodes, time, loads, f, velocity.nodes, model.cell_stiffness[f], around)
     minimise(model, loads, f, 0.0, factors, 0.0, START_ITERATIONS, work)
-    _rates_of(now.points, around.target, h * h, state.acceleration[f])
-    copy_values(state.acceleration[f], state.smoothed[f])
+    acceleration = points_of(state.acceleration, f)
+    _rates_of(now.points, around.target, h * h, acceleration)
+    copy_points(acceleration, points_of(state.smoothed, f))
 
 
 @kernel
 def _moves(rates):
     moving = False
-    for rate in rates.flat:
-        moving = moving or rate != 0.0
+    for part in rates:
+        for rate in part.flat:
+            moving = moving or rate != 0.0
     return moving
 
 
@@ -73,18 +76,20 @@ def _goes(samples):
 
 @kernel
 def _go_on(points, h, velocity, to):
-    """Where points would be after h (s), to an array of their shape."""
-    x, v, out = points.flat, velocity.flat, to.flat
-    for i in range(points.size):
-        out[i] = x[i] + h * v[i]
+    """Where points would be after h (s), to others."""
+    for part in range(2):
+        x, v, out = points[part].flat, velocity[part].flat, to[part].flat
+        for i in range(points[part].size):
+            out[i] = x[i] + h * v[i]
 
 
 @kernel
 def _rates_of(points, target, square, to):
-    """How far points are from a target, over h^2 (s^2), to an array of their shape."""
-    x, y, out = points.flat, target.flat, to.flat
-    for i in range(points.size):
-        out[i] = (x[i] - y[i]) / square
+    """How far points are from a target, over h^2 (s^2), to rates."""
+    for part in range(2):
+        x, y, out = points[part].flat, target[part].flat, to[part].flat
+        for i in range(points[part].size):
+            out[i] = (x[i] - y[i]) / square
 
 
 @kernel

@@ -108,8 +108,8 @@ def feather_strains(model, f, pose, reference):
         for k in range(6):
             strains.rachis[i, k] = pose.rachis[i, k] - model.rachis_rest[f, i, k]
     copy_values(pose.coefficient, strains.barb)
-    cell_strains(model, f, pose.points, strains.cell)
-    _hinge_strains(model, f, pose.points, reference.hinge, strains)
+    cell_strains(model, f, pose.points.nodes, strains.cell)
+    _hinge_strains(model, f, pose.points.nodes, reference.hinge, strains)
 
 
 @kernel

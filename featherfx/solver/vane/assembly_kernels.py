@@ -16,8 +16,8 @@ from featherfx.solver.vane.pairs_kernels import ALONG, OWN, SKIP, SLANT, UP, dam
 
 @kernel
 def _add_node_stiffness(i, side, stiff, own):
-    """Inertia, air and grips of the barb's nodes (n, P, 6), added to own (3, 3 S), halved."""
-    count, columns = own.shape[1] // 3, (stiff.shape[1] - 3) // 2
+    """Inertia, air and grips of the barb's nodes (n, 1 + 2 m, 6), added to own (3, 3 S), halved."""
+    count, columns = own.shape[1] // 3, stiff.shape[1] // 2
     for j in range(1, columns + 1):
         s = stiff[i, node_index(side, j, columns)]
         for k in range(3):
@@ -35,13 +35,13 @@ def _add_node_stiffness(i, side, stiff, own):
 def _add_tension(i, side, segment, signed, points, force, vane):
     """Geometric stiffness of the barb's tension: T / l |turn of each segment|^2.
 
-    segment: m, their length. points, force: (n, P, 3).
+    segment: m, their length. points, force: nodes, (n, 1 + 2 m, 3).
     """
     if not segment > 0.0:
         return
     tension, own, along = vane.tension, vane.blocks[i, side, OWN], vane.blocks[i, side, ALONG]
     columns, count = tension.shape[0], own.shape[1] // 3
-    barb = slice(3 + side * columns, 3 + (side + 1) * columns)
+    barb = slice(1 + side * columns, 1 + (side + 1) * columns)
     barb_tensions(points[i, 0], points[i, barb], force[i, barb], tension)
     for j in range(columns):
         value = tension[j] / segment
@@ -189,20 +189,20 @@ def _add_within_row(rows, columns, row_at, shift, band):
 def subtract_barb_forces(model, f, damping, pose, reference, force, axes, right):
     """Forces of all barbs and on their nodes, projected, to the right-hand side.
 
-    force: (n, P, 3), of all that acts. axes: (2, n, m, 6) of pose_kernels.joint_axes.
+    force: (n, 1 + 2 m, 3), of all that acts. axes: (2, n, m, 6) of pose_kernels.joint_axes.
     """
     rows, count = pose.rotation.shape[0], pose.coefficient.shape[2]
-    columns, row_size = axes.shape[2], 6 + 2 * count
+    columns, row_size, nodes = axes.shape[2], 6 + 2 * count, pose.points.nodes
     for side in range(2):
-        barb = slice(3 + side * columns, 3 + (side + 1) * columns)
+        barb = slice(1 + side * columns, 1 + (side + 1) * columns)
         for i in range(rows):
             at = i * row_size
             first = at + 6 + side * count
             add_barb_forces(
                 axes[side, i],
                 model.shapes,
-                pose.points[i, 0],
-                pose.points[i, barb],
+                nodes[i, 0],
+                nodes[i, barb],
                 force[i, barb],
                 right[at:],
                 right[first : first + count],
@@ -232,7 +232,7 @@ def add_rows(model, f, damping, signed, work):
             for c in range(count):
                 stiffness = model.barb_stiffness[f, side, i, c]
                 band[at + 6 + shift + c, 0] += stiffness * (1.0 + damping)
-            segment, points = model.segment[f, side, i], work.now.points
+            segment, points = model.segment[f, side, i], work.now.points.nodes
             _add_node_stiffness(i, side, work.stiff, own)
             _add_tension(i, side, segment, signed, points, work.force, vane)
             _tile(barb, tiles)

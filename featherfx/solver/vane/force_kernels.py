@@ -14,14 +14,15 @@ from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
 
 @kernel
 def add_vane_forces(model, f, damping, wanted, pose, reference, vane, force):
-    """Membrane and hinges of feather f: forces added to force (n, P, 3), stiffness to vane.blocks.
+    """Membrane and hinges of feather f: forces added to force (n, 1 + 2 m, 3), stiffness to
+    vane.blocks.
 
     wanted: FORCES_ONLY leaves the blocks as they are, STABILISING leaves out what of the geometric
     stiffness may be indefinite.
     """
     rows = pose.rotation.shape[0]
     strains = pose.strains
-    nodes_to_lines(pose.points, vane.nodes)
+    nodes_to_lines(pose.points.nodes, vane.nodes)
     vane.pull[:] = 0.0
     if wanted != FORCES_ONLY:
         vane.blocks[:] = 0.0

@@ -22,11 +22,11 @@ def lanes(columns):
 
 @kernel
 def nodes_to_lines(points, lines):
-    """Nodes of both barbs of every row, points (n, P, 3), to lines (n, 2, 3, .)."""
-    columns = (points.shape[1] - 3) // 2
+    """Nodes of both barbs of every row, points (n, 1 + 2 m, 3), to lines (n, 2, 3, .)."""
+    columns = points.shape[1] // 2
     for i in range(points.shape[0]):
         for side in range(2):
-            start = 2 + side * columns
+            start = side * columns
             for k in range(3):
                 line = lines[i, side, k]
                 line[0] = points[i, 0, k]
@@ -36,11 +36,11 @@ def nodes_to_lines(points, lines):
 
 @kernel
 def add_lines_to_nodes(lines, force):
-    """Lines (n, 2, 3, .) of forces on the nodes of all barbs, added to force (n, P, 3)."""
-    columns = (force.shape[1] - 3) // 2
+    """Lines (n, 2, 3, .) of forces on the nodes of all barbs, added to force (n, 1 + 2 m, 3)."""
+    columns = force.shape[1] // 2
     for i in range(force.shape[0]):
         for side in range(2):
-            start = 2 + side * columns
+            start = side * columns
             for k in range(3):
                 line = lines[i, side, k]
                 force[i, 0, k] += line[0]

@@ -106,7 +106,7 @@ class ChunkWriter:
         left = [index for index in range(len(self._spare)) if index not in self._taken]
         self._place = {index: place for place, index in enumerate(left)}
 
-    def add(self, code: float, frame: Frame, accelerations: bool) -> list[int]:
+    def add(self, code: float, frame: Frame) -> list[int]:
         """Add the pose at the next time code; returns feathers with values that are not finite.
 
         After such feathers the chunk is of no use.
@@ -117,10 +117,7 @@ class ChunkWriter:
             if self._earlier is not None and index in self._taken:
                 self._earlier.fill(self._prims.paths[index], code, pose)
                 continue
-            place = self._place[index]
-            second = frame.accelerations[place] if accelerations else None
-            points, rates = frame.points[place], frame.velocities[place]
-            self._prims.feathers[index].evaluate(pose, points, rates, second)
+            self._prims.feathers[index].evaluate(pose, frame.poses[self._place[index]])
         bad = [index for index, pose in poses.items() if not pose.finite]
         if not bad:
             with Sdf.ChangeBlock():

@@ -112,7 +112,7 @@ def define_prims(
         rest = {part: pose.values[part, "points"].value for part in posed.parts}
         at = {part: prims.paths[index][part, "points"].GetPrimPath() for part in posed.parts}
         define_mesh(stage, at[MESH], entry, shapes[id(surface)], rest[MESH], materials)
-        up = info.space.directions(entry.rest_points[0, 2])
+        up = info.space.directions(entry.rest_points.directors[0, 1])
         define_rachis(stage, at[RACHIS], entry, rest[RACHIS], posed.widths, up, materials)
         if posed.has_barbs:
             define_barbs(stage, at[BARB], entry, rest[BARB], posed.barb_widths, materials)

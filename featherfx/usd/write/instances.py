@@ -87,7 +87,7 @@ def _entries(
             kind=kind,
             region="",
             feather=shape,
-            rest_points=place(shape.points, np.zeros(3), np.eye(3)),
+            rest_points=place(shape.rest, np.zeros(3), np.eye(3)),
             static=True,
         )
         for number, (shape, kind) in enumerate(zip(shapes, kinds, strict=True))

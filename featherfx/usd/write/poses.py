@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import RACHIS as SHAFT
-from featherfx.feather.types import Feather, PointMap, Surface, shifted
+from featherfx.feather.types import Feather, PointMap, RowMap, RowPoints, Surface, both
+from featherfx.shot.types import FeatherPose
 from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
@@ -99,8 +100,7 @@ class PosedFeather:
     def rest(self) -> WrittenPose:
         """The rest pose; its rates are zero."""
         pose, barbs = self.new_pose(), self._entry.barbs
-        material = np.reshape(self._from_origin(self._entry.rest_points), (-1, 3))
-        pose.finite = self._place(pose, material)
+        pose.finite = self._place(pose, _plain_points(self._from_origin(self._entry.rest_points)))
         if self.has_barbs and barbs:
             points = barbs.points if self._to_origin is None else barbs.points + self._to_origin
             pose.finite &= self._barb_points(pose, np.reshape(points, (-1, 3)))
@@ -109,36 +109,32 @@ class PosedFeather:
                 value.numbers[...] = 0.0
         return pose
 
-    def evaluate(
-        self, pose: WrittenPose, points: Array, velocities: Array, accelerations: Array | None
-    ) -> None:
-        """Write a pose: (n, P, 3) material points and their rates, m and per second, to pose.
+    def evaluate(self, pose: WrittenPose, given: FeatherPose) -> None:
+        """Write what is given of the feather, m and per second, to pose.
 
-        accelerations: None where they are not written. Raises ValueError for another shape.
+        Raises ValueError for another grid.
         """
-        own, expected = self._entry.points_map, np.shape(self._entry.rest_points)
-        if own is None and not np.shape(points) == np.shape(velocities) == expected:
-            raise ValueError(f"'{self._entry.id}': {np.shape(points)}, not {expected} points")
-        points = self._from_origin(points)
+        own, barbs = self._entry.points_map, self._entry.barbs
+        found, expected = np.shape(given.points.nodes), self._entry.rest_points.nodes.shape
+        if own is None and found != expected:
+            raise ValueError(f"'{self._entry.id}': {found}, not {expected} nodes")
+        points = self._from_origin(given.points)
+        rates = {"velocities": given.velocities}
+        if self._accelerations:
+            rates[ACCELERATIONS] = given.accelerations
         pose.finite = self._place(pose, _mapped(own, points))
-        pose.finite &= self._rates(pose, "velocities", _mapped(own, velocities))
-        if self._accelerations and accelerations is not None:
-            pose.finite &= self._rates(pose, ACCELERATIONS, _mapped(own, accelerations))
-        barbs = self._entry.barbs
+        for name, values in rates.items():
+            pose.finite &= self._rates(pose, name, _mapped(own, values))
         if not self.has_barbs or barbs is None:
             return
-        pose.finite &= self._barb_points(pose, _mapped(barbs.points_map, points))
-        rates = {"velocities": velocities}
-        if self._accelerations and accelerations is not None:
-            rates[ACCELERATIONS] = accelerations
+        pose.finite &= self._barb_points(pose, _curves(barbs.points_map, points))
         for name, values in rates.items():
-            out = pose.values[BARB, name].numbers
-            mapped = _mapped(barbs.points_map, values)
+            out, mapped = pose.values[BARB, name].numbers, _curves(barbs.points_map, values)
             pose.finite &= bool(surface_kernels.write_points(mapped, 1, self._to_stage, out))
 
-    def _from_origin(self, points: Array) -> Array:
-        """(n, P, 3) material points as seen from where the root prim stands."""
-        return points if self._to_origin is None else shifted(points, self._to_origin)
+    def _from_origin(self, points: RowPoints) -> RowPoints:
+        """Points as seen from where the root prim stands."""
+        return points if self._to_origin is None else points.shifted(self._to_origin)
 
     def changed(self, pose: WrittenPose, reference: WrittenPose, seconds: float) -> bool:
         """Whether the feather, as written, differs from a reference pose, or is on its way.
@@ -157,14 +153,14 @@ class PosedFeather:
             for part in self.parts
         )
 
-    def _place(self, pose: WrittenPose, material: Array) -> bool:
+    def _place(self, pose: WrittenPose, points: RowPoints) -> bool:
         """Points of mesh and shaft, and what follows from them; whether all are finite."""
         drawn, stage, values = self._surface.drawn, self._to_stage, pose.values
         names = ("points", "normals", BARB_DIRECTION, "extent")
         mesh = WrittenMesh(*(values[MESH, name].numbers for name in names))
-        finite = surface_kernels.pose_surface(material, drawn, stage, mesh)
+        finite = surface_kernels.pose_surface(points, drawn, stage, mesh)
         shaft = values[RACHIS, "points"].numbers
-        finite &= surface_kernels.write_points(material, drawn.size, stage, shaft)
+        finite &= _write_shaft(points, stage, shaft)
         surface_kernels.extent(shaft, self._half_width, values[RACHIS, "extent"].numbers)
         if self._scalars:
             self._diagnose(pose)
@@ -184,12 +180,12 @@ class PosedFeather:
             out = values[MESH, ENERGY_DENSITY].numbers
             surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, out)
 
-    def _rates(self, pose: WrittenPose, name: str, material: Array) -> bool:
+    def _rates(self, pose: WrittenPose, name: str, values: RowPoints) -> bool:
         drawn, stage = self._surface.drawn, self._to_stage
         out, shaft = pose.values[MESH, name].numbers, pose.values[RACHIS, name].numbers
-        surface_kernels.combine(material, drawn)
+        surface_kernels.combine(values, drawn)
         finite = surface_kernels.write_points(drawn.world, 1, stage, out)
-        finite &= surface_kernels.write_points(material, drawn.size, stage, shaft)
+        finite &= _write_shaft(values, stage, shaft)
         return bool(finite)
 
     def _barb_points(self, pose: WrittenPose, points: Array) -> bool:
@@ -204,13 +200,12 @@ class _Surface:
 
     def __init__(self, feather: Feather) -> None:
         surface = feather.surface
-        rest = surface.points(feather.points)
+        rest = surface.points(feather.rest)
         edges = barb_edges(surface, rest)
         self.drawn = DrawnSurface(
             row=_plain(surface.row),
-            terms=_plain(surface.terms),
-            weights=np.ascontiguousarray(surface.weights, dtype=np.float64),
-            size=feather.points.shape[1],
+            node=_plain(surface.node),
+            offset=np.ascontiguousarray(surface.offset, dtype=np.float64),
             triangles=_plain(surface.triangles),
             edges=edges,
             world=np.zeros(rest.shape),
@@ -268,10 +263,24 @@ def strain_rest(surface: Surface, edges: NDArray[np.int32], points: Array) -> tu
     return corners, rest
 
 
-def _mapped(points_map: PointMap | None, values: Array) -> Array:
-    """(K, 3) material points or rates of what is drawn, from those of a frame."""
-    mapped = values if points_map is None else points_map(values)
-    return np.ascontiguousarray(mapped, dtype=np.float64).reshape(-1, 3)
+def _mapped(points_map: RowMap | None, values: RowPoints) -> RowPoints:
+    """Points or rates of what is drawn, from those of a frame."""
+    return _plain_points(values if points_map is None else points_map(values))
+
+
+def _plain_points(values: RowPoints) -> RowPoints:
+    return both(lambda part: np.ascontiguousarray(part, dtype=np.float64), values)
+
+
+def _curves(points_map: PointMap, values: RowPoints) -> Array:
+    """(K, 3) points or rates of barbs."""
+    return np.ascontiguousarray(points_map(values), dtype=np.float64).reshape(-1, 3)
+
+
+def _write_shaft(values: RowPoints, stage: ToStage, out: Floats) -> bool:
+    nodes = values.nodes
+    flat = nodes.reshape(-1, 3)
+    return bool(surface_kernels.write_points(flat, nodes.shape[1], stage, out))
 
 
 def _padding(widths: Array) -> np.float32:

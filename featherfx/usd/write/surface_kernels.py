@@ -1,6 +1,6 @@
 """One pose of a feather as it is written: points, rates, normals, directions, extents, strains.
 
-material: (M, 3) material points or rates, world frame, m. Results are single precision.
+values: RowPoints of a feather or their rates, world frame, m. Results are single precision.
 
 Strain and energy are those of the vanes as they are drawn, per face, by the mechanics' own strain:
 
@@ -28,17 +28,15 @@ Indices = NDArray[np.int64]
 
 
 class DrawnSurface(NamedTuple):
-    """A surface of V points and T triangles, of rows of size material points.
+    """A surface of V points and T triangles; row, node, offset: as in Surface.
 
-    Point v is the sum of weights[v] times the material points terms[v] of row[v]. edges: (T, 2), a
-    triangle's along its barb. world: (V, 3) m, points or rates in double precision, for what is
-    derived of them, and sums: (V, 3) of normals; both are scratch.
+    edges: (T, 2), a triangle's along its barb. world: (V, 3) m, points or rates in double
+    precision, for what is derived of them, and sums: (V, 3) of normals; both are scratch.
     """
 
     row: Indices
-    terms: Indices
-    weights: Array
-    size: int
+    node: Indices
+    offset: Array
     triangles: Indices
     edges: NDArray[np.int32]
     world: Array
@@ -62,14 +60,15 @@ class WrittenMesh(NamedTuple):
 
 
 @kernel
-def combine(material, surface):
+def combine(values, surface):
     """The surface's points, or their rates, to surface.world."""
     for v in range(surface.row.shape[0]):
-        point, first = (0.0, 0.0, 0.0), surface.row[v] * surface.size
-        for k in range(3):
-            w = surface.weights[v, k]
+        i = surface.row[v]
+        point = add((0.0, 0.0, 0.0), values.nodes[i, surface.node[v]])
+        for k in range(2):
+            w = surface.offset[v, k]
             if w != 0.0:
-                point = add(point, scale(w, material[first + surface.terms[v, k]]))
+                point = add(point, scale(w, values.directors[i, k]))
         store(surface.world[v], point)
 
 
@@ -130,9 +129,9 @@ def extent(points, padding, out):
 
 
 @kernel
-def pose_surface(material, surface, stage, out):
+def pose_surface(values, surface, stage, out):
     """A mesh's pose, to out (WrittenMesh); True if the points are finite."""
-    combine(material, surface)
+    combine(values, surface)
     finite = write_points(surface.world, 1, stage, out.points)
     vertex_normals(surface, stage, out.normals)
     edge_directions(surface, stage, out.directions)

@@ -10,8 +10,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-
 from featherfx.errors import Problem, SimulationError
 from featherfx.files.background import Background
 from featherfx.files.whole import standing
@@ -90,7 +88,6 @@ class CacheWriter:
         check_arguments(self._path, feathers, frames, frames_per_second, options)
         self._frames, space = frames, replace(StageSpace.of(options), origin=origin)
         self._feathers, self._subframes = tuple(feathers), options.subframes
-        self._accelerations = options.accelerations
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
         posed = posed_feathers(self._feathers, space, extras)
         self._static = [entry.static for entry in self._feathers]
@@ -195,11 +192,9 @@ class CacheWriter:
         frames = self._frames
         if frames is None or self._next == self._samples or frame.number != self._code:
             raise ValueError(f"frame {frame.number:g} is out of turn; the cache holds {frames}")
-        if len(frame.points) != self._given:
-            raise ValueError(f"{len(frame.points)} feathers given, not {self._given}")
-        if self._accelerations and len(frame.accelerations) != self._given:
-            raise ValueError(f"frame {frame.number:g} has no accelerations")
-        bad = self._chunk.add(float(frame.number), frame, self._accelerations)
+        if len(frame.poses) != self._given:
+            raise ValueError(f"{len(frame.poses)} feathers given, not {self._given}")
+        bad = self._chunk.add(float(frame.number), frame)
         self._check_finite(bad, frame.time)
         self._next += 1
         if self._chunk.count == self.chunk or self._next == self._samples:
@@ -288,9 +283,8 @@ def check_arguments(
         if entry.id in seen:
             wrong.append(("feathers", f"id '{entry.id}' is used twice; ids are unique"))
         seen.add(entry.id)
-        expected = entry.feather.points.shape
-        if np.shape(entry.rest_points) != expected:
-            shape = np.shape(entry.rest_points)
+        expected, shape = (each.nodes.shape for each in (entry.feather.rest, entry.rest_points))
+        if shape != expected:
             wrong.append(("feathers", f"'{entry.id}': rest points {shape}, not {expected}"))
     if frames is not None and frames[0] > frames[1]:
         wrong.append(("frames", f"first frame {frames[0]} is after the last, {frames[1]}"))
