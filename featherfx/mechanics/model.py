@@ -2,32 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-
-class Hooks(NamedTuple):
-    """When gaps between barbs slip and open (vane_hook_kernels), triangle by triangle.
-
-    limit: (F, 2, n-1, m, 2, 2) J, y_w and y_v. growth: (F, 2, n-1, m, 2) 1/J, c. release:
-    (F, 2, n-1, m, 2) J, work of slip at level 1 from the strength to the open gap; infinite where
-    gaps do not open. strength: (F,) level. All but the last have (F, 0, ...) where no hook slips.
-    """
-
-    limit: Array
-    growth: Array
-    release: Array
-    strength: Array
-
-
-NO_HOOKS = Hooks(
-    np.zeros((0, 0, 0, 0, 0, 0)), np.zeros((0, 0, 0, 0, 0)), np.zeros((0, 0, 0, 0, 0)), np.zeros(0)
-)
 
 
 class Model(NamedTuple):
@@ -54,7 +34,7 @@ class Model(NamedTuple):
     shaft_area: (F, n) m^2, side area of the shaft that the row stands for, for air drag.
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
     cell_guard: (F, 2, n-1, m, 2) N m, G of the compression guard (vane_guard_kernels), or
-    (F, 0, 0, 0, 0) where there is none. hooks: yield and release of the vane.
+    (F, 0, 0, 0, 0) where there is none.
     """
 
     held: NDArray[np.bool_]
@@ -75,7 +55,6 @@ class Model(NamedTuple):
     shaft_area: Array
     retardation: Array
     cell_guard: Array = np.zeros((0, 0, 0, 0, 0))
-    hooks: Hooks = NO_HOOKS
 
     @property
     def feathers(self) -> int:
@@ -95,30 +74,11 @@ class Model(NamedTuple):
 
     def only(self, feather: int) -> Model:
         """The model of one of its feathers."""
-        return self.some(slice(feather, feather + 1))
-
-    def some(self, feathers: slice | list[int]) -> Model:
-        """The model of some of its feathers; numbers may repeat."""
-        parts = {name: value[feathers] for name, value in self.arrays().items() if name != "shapes"}
-        return Model.of(parts | {"shapes": self.shapes})
-
-    def arrays(self) -> dict[str, Any]:
-        """All arrays by name, those of the hooks, too."""
-        fields: dict[str, Any] = self._asdict()
-        hooks: Hooks = fields.pop("hooks")
-        return fields | {f"hooks.{name}": value for name, value in hooks._asdict().items()}
-
-    @staticmethod
-    def of(arrays: Mapping[str, Any]) -> Model:
-        """The model of its `arrays`."""
-        fields = dict(arrays)
-        hooks = Hooks(*(fields.pop(f"hooks.{name}") for name in Hooks._fields))
-        return Model(hooks=hooks, **fields)
-
-    @property
-    def hooked(self) -> bool:
-        """Whether gaps between barbs may slip."""
-        return self.hooks.limit.shape[1] > 0
+        own = slice(feather, feather + 1)
+        parts = self._asdict() | {
+            name: value[own] for name, value in self._asdict().items() if name != "shapes"
+        }
+        return Model(**parts)
 
     @property
     def unknowns(self) -> int:

@@ -17,25 +17,14 @@ At the strength one gap of the triangle gives way. Over its opening d the level 
 proportion, to nothing at the release opening R; what is spent per length of barb, 1/2 b S R (S the
 strength), therefore does not depend on the height h of the triangle, for how many gaps ever it
 stands. A triangle with h > E_ww R / S holds more than that: it opens at once, and the rest is
-released to motion. An open triangle resists only that its barbs come nearer than at rest, however
-far they have slid,
+released to motion. An open triangle resists only the touch of its barbs,
 
-    W = 1/2 k_w (1 - J)^2     for J < 1, else 0
-
-J the ratio of areas of featherfx/mechanics/vane_guard_kernels.py: barbs keep their length, so J is
-that of their distance.
+    W = 1/2 k_w min(e_ww, 0)^2
 """
 
 from math import sqrt
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.vane_guard_kernels import area_ratio, ratio_slopes
-
-Array = NDArray[np.float64]
+from featherfx.jit.compiled import kernel
 
 # Newton iterations of the return mapping; it converges from one side
 ITERATIONS = 12
@@ -136,121 +125,8 @@ def slip_after(stiffness, strains, slip, limit, level, growth):
 
 
 @kernel
-def open_energy(stiffness, strains):
-    """W of an open triangle (J): its barbs may touch. Arguments as in hooked_energy."""
-    closed = max(1.0 - area_ratio(strains[0], strains[1]), 0.0)
-    return 0.5 * stiffness[0] * closed * closed
-
-
-@kernel
 def open_response(stiffness, strains):
-    """((s_w, s_v), (C_ww, C_wv, C_vv)) of the same."""
-    ratio = area_ratio(strains[0], strains[1])
-    if ratio >= 1.0:
-        return (0.0, 0.0), (0.0, 0.0, 0.0)
-    # of J = sqrt(2 e_ww - (2 e_vw)^2 + ...): dJ = (de - s ds) / J, d2J = -(de - s ds)^2 / J^3
-    # - ds^2 / J
-    by_across, by_shear = ratio_slopes(strains[0], strains[1])
-    k, closed = stiffness[0], 1.0 - ratio
-    along, twice = k * (1.0 + closed / ratio), k * closed * by_across
-    return (-k * closed * by_across, -k * closed * by_shear), (
-        along * by_across * by_across,
-        along * by_across * by_shear,
-        along * by_shear * by_shear + twice,
-    )
-
-
-class GapRow(NamedTuple):
-    """The gaps of the triangles between two rows of one side, or of size 0.
-
-    limit: (m, 2, 2), growth: (m, 2), of the model's Hooks. slip: (m, 2, 2), level, hooked: (m, 2),
-    at the step's start.
-    """
-
-    limit: Array
-    growth: Array
-    slip: Array
-    level: Array
-    hooked: Array
-
-
-@kernel
-def row_of_gaps(hooks, f, side, i, strains):
-    """The GapRow between rows i and i + 1 of feather f; strains: at the step's start."""
-    return GapRow(
-        hooks.limit[f, side, i],
-        hooks.growth[f, side, i],
-        strains.slip[side, i],
-        strains.level[side, i],
-        strains.hooked[side, i],
-    )
-
-
-class Gap(NamedTuple):
-    """One of them: slip (p_w, p_v), limit (y_w, y_v) J, level now, growth 1/J, hooked."""
-
-    slip: tuple[float, float]
-    limit: tuple[float, float]
-    level: float
-    growth: float
-    hooked: float
-
-
-@kernel
-def gap_of(gaps, j, half):
-    """The gap of triangle A or B (half) of cell j of a GapRow; what gives way does not harden."""
-    hooked = gaps.hooked[j, half]
-    return Gap(
-        (gaps.slip[j, half, 0], gaps.slip[j, half, 1]),
-        (gaps.limit[j, half, 0], gaps.limit[j, half, 1]),
-        gaps.level[j, half] * hooked,
-        gaps.growth[j, half] if hooked == 1.0 else 0.0,
-        hooked,
-    )
-
-
-@kernel
-def gap_response(stiffness, strains, gap):
-    """As hooked_response, open gaps included."""
-    if gap.level <= 0.0:
-        return open_response(stiffness, strains)
-    return hooked_response(stiffness, strains, gap.slip, gap.limit, gap.level, gap.growth)
-
-
-@kernel
-def gap_energy(stiffness, strains, gap):
-    """W of the same (J)."""
-    if gap.level <= 0.0:
-        return open_energy(stiffness, strains)
-    return hooked_energy(stiffness, strains, gap.slip, gap.limit, gap.level, gap.growth)
-
-
-@kernel
-def _row_energy(gaps, stiffness, cell, before, damping):
-    """Energy (J) of the triangles between two rows; stiffness, cell, before: (m, 2, 2)."""
-    total = 0.0
-    for j in range(stiffness.shape[0]):
-        for half in range(2):
-            k = stiffness[j, half, 0], stiffness[j, half, 1]
-            if k[0] == 0.0:
-                continue
-            x, gap = (cell[j, half, 0], cell[j, half, 1]), gap_of(gaps, j, half)
-            across, shear = x[0] - before[j, half, 0], x[1] - before[j, half, 1]
-            rate = k[0] * across * across + k[1] * shear * shear
-            total += gap_energy(k, x, gap) + 0.5 * damping * gap.hooked * rate
-    return total
-
-
-@shared_kernel
-def hooks_energy(hooks, f, stiffness, strains, reference, damping):
-    """Energy of all triangles of a feather, damping included (J).
-
-    stiffness: (2, n-1, m, 2, 2). strains, reference: Strains; gaps are those of the reference.
-    """
-    total = 0.0
-    for side in range(2):
-        for i in range(stiffness.shape[1]):
-            gaps = row_of_gaps(hooks, f, side, i, reference)
-            cell, before = strains.cell[side, i], reference.cell[side, i]
-            total += _row_energy(gaps, stiffness[side, i], cell, before, damping)
-    return total
+    """(W, s_w, C_ww) of an open triangle: its barbs may touch."""
+    closed = min(strains[0], 0.0)
+    curvature = stiffness[0] if strains[0] < 0.0 else 0.0
+    return 0.5 * stiffness[0] * closed * closed, stiffness[0] * closed, curvature

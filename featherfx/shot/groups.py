@@ -15,7 +15,7 @@ from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept
 from featherfx.groom.types import FeatherKind, Placement
-from featherfx.mechanics.batch import has_elastic_clamp, make_model, may_slip
+from featherfx.mechanics.batch import has_elastic_clamp, make_model
 from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
@@ -68,23 +68,23 @@ def make_groups(
     jobs: int,
     time: float = 0.0,
 ) -> list[Group]:
-    """Batches of feathers of one grid, barb taper, clamp, hooks and exposure, at a time in s.
+    """Batches of feathers of one grid, barb taper, clamp and exposure, at a time in s.
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
     each feather ever has; it is in a batch for each at which something is solved.
     """
-    alike: dict[tuple[Resolution, float, bool, bool, float], list[int]] = {}
+    alike: dict[tuple[Resolution, float, bool, float], list[int]] = {}
     exposed = exposures(shot).tolist()
     for index, placement in enumerate(shot.groom.feathers):
         kind = placement.kind
         for resolution in resolutions[index]:
             if resolution.level not in CARRIED:
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
-                key = (resolution, taper, clamp, may_slip(kind), exposed[index])
+                key = (resolution, taper, clamp, exposed[index])
                 alike.setdefault(key, []).append(index)
     return [
         _group(shot, drawn, np.array(members), resolution, exposure, motion, jobs, time)
-        for (resolution, *_, exposure), members in counted("building", alike.items(), len(alike))
+        for (resolution, _, _, exposure), members in counted("building", alike.items(), len(alike))
     ]
 
 
@@ -151,10 +151,13 @@ def _model(
     def compute() -> dict[str, Any]:
         some = [feathers[k] for k in first.values()]
         model = make_model(some, kinds, resolution.coefficients)
-        return with_damping(model, kinds).arrays()
+        return with_damping(model, kinds)._asdict()
 
     sizes = [(each.kind, each.prototype, each.size, each.mirrored) for each in own]
-    return Model.of(kept("models", [sizes, resolution], compute)).some(chosen)
+    made = Model(**kept("models", [sizes, resolution], compute))
+    return made._replace(
+        **{name: part[chosen] for name, part in made._asdict().items() if name != "shapes"}
+    )
 
 
 def loads_within(

@@ -75,15 +75,13 @@ class Cells(NamedTuple):
     """What a barb's cells or hinges give, between two of its nodes each; up to four strains.
 
     Lines of S numbers (vane/line_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
-    stiffness and half of it. coupling: (S,), of shear in the strain across that the stiffness
-    belongs to, where gaps slip. gradient: (4, 4, 3, S), strain, node, axis. geometric: (6, S), N/m.
+    stiffness and half of it. gradient: (4, 4, 3, S), strain, node, axis. geometric: (6, S), N/m.
     single: (3, 4, 3), of one cell.
     """
 
     rest: Array
     stress: Array
     weight: Array
-    coupling: Array
     gradient: Array
     geometric: Array
     single: Array
@@ -136,19 +134,14 @@ class Work(NamedTuple):
 
 
 def no_strains(model: Model, *lead: int) -> Strains:
-    """Strains of zero with leading axes; all gaps are hooked."""
+    """Strains of zero with leading axes."""
     n, m, c = model.rows, model.columns, model.coefficients
-    gaps = (2, n - 1, m, 2) if model.hooked else (0, 0, 0, 0)
     return Strains(
         rachis=np.zeros((*lead, n - 1, 6)),
         barb=np.zeros((*lead, 2, n, 2 * c)),
         cell=np.zeros((*lead, 2, n - 1, m, 2, 2)),
         hinge=np.zeros((*lead, 2, n, m)),
         openness=np.zeros((*lead, 2, n, m)),
-        slip=np.zeros((*lead, *gaps, 2)),
-        level=np.ones((*lead, *gaps)),
-        hooked=np.ones((*lead, *gaps)),
-        spent=np.zeros((*lead, 3 if model.hooked else 0)),
     )
 
 
@@ -201,7 +194,6 @@ def make_work(model: Model) -> Work:
                 rest=np.zeros((3, padded)),
                 stress=np.zeros((2, padded)),
                 weight=np.zeros((4, 2, padded)),
-                coupling=np.zeros(padded),
                 gradient=np.zeros((4, 4, 3, padded)),
                 geometric=np.zeros((6, padded)),
                 single=np.zeros((3, 4, 3)),

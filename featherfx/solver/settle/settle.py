@@ -31,11 +31,9 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
 from featherfx.solver.state import State
 from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED
-from featherfx.solver.step.gap_kernels import give_way, slip_of_step
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import minimise
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.step.strain_kernels import copy_gaps
 from featherfx.solver.work import Work, no_strains
 
 Array = NDArray[np.float64]
@@ -87,7 +85,6 @@ class Rest:
         _stop(f, state)
         self.load()
         work.around.reference.assign(no_strains(model))
-        copy_gaps(state.strains.at(f, 0), work.around.reference)
 
     def load(self) -> None:
         """Take the pose that was kept last."""
@@ -100,10 +97,6 @@ class Rest:
         state.rotation[f], state.centre[f] = now.rotation, now.centre
         state.coefficient[f] = now.coefficient
         state.points.at(f).assign(now.points)
-        reference = self.work.around.reference
-        slip_of_step(self.model, f, now.strains, reference)
-        give_way(self.model, f, now.strains, reference)
-        copy_gaps(now.strains, reference)
         for step in range(2):
             state.strains.at(f, step).assign(now.strains)
 

@@ -14,7 +14,6 @@ from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.vane_guard_kernels import guard_total
-from featherfx.mechanics.vane_hook_kernels import hooks_energy
 
 
 @kernel
@@ -42,20 +41,12 @@ def _hinge_energy(strains, reference, stiffness, damping):
 
 @kernel
 def elastic_energy(model, f, strains, reference, strain_rate):
-    """Elastic energy, with the dissipation and the slip of the step, of Strains (J).
+    """Elastic energy, with the dissipation of the step, of Strains (J).
 
     reference: Strains. strain_rate: 1/s, of the integrator; 0 for the elastic energy alone.
     """
     shaft = model.retardation[f, 0] * strain_rate
     vane = model.retardation[f, 1] * strain_rate
-    if strains.slip.size > 0:
-        return (
-            _quadratic(strains.rachis, reference.rachis, model.rachis_stiffness[f], shaft)
-            + _quadratic(strains.barb, reference.barb, model.barb_stiffness[f], vane)
-            + hooks_energy(model.hooks, f, model.cell_stiffness[f], strains, reference, vane)
-            + guard_total(model.cell_guard[f], strains.cell)
-            + _hinge_energy(strains, reference, model.hinge_stiffness[f], vane)
-        )
     return (
         _quadratic(strains.rachis, reference.rachis, model.rachis_stiffness[f], shaft)
         + _quadratic(strains.barb, reference.barb, model.barb_stiffness[f], vane)

@@ -20,7 +20,6 @@ from featherfx.solver.step.energy_promise_kernels import (
     solved_energy,
     with_energy,
 )
-from featherfx.solver.step.gap_kernels import LARGEST_SLIP, give_way, slip_of_step
 from featherfx.solver.step.integrator_kernels import (
     EULER,
     Factors,
@@ -152,9 +151,6 @@ def _try(model, loads, f, path, attempt, state, settings, work):
         model, loads, f, attempt.fraction, factors, settings.newton, attempt.limit, work
     )
     error = step_error(radius, h, motion_of_nodes(state, f), now.points.nodes, around.target.nodes)
-    if now.strains.slip.size > 0:
-        slipped = slip_of_step(model, f, now.strains, around.reference)
-        error = max(error, settings.tolerance * slipped / LARGEST_SLIP)
     status, keeps, energy = nearly_solved(solved, attempt.limit, error), 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0
@@ -168,11 +164,9 @@ def _try(model, loads, f, path, attempt, state, settings, work):
 
 
 @kernel
-def _accept(model, f, attempt, state, now, around):
-    """The solved step becomes the state; gaps that it brought to their strength give way."""
+def _accept(f, attempt, state, now, around):
+    """The solved step becomes the state."""
     h = attempt.h
-    if now.strains.slip.size > 0:
-        give_way(model, f, now.strains, around.reference)
     end_points(attempt.spectral_radius, h, state, f, now.points, around)
     _keep_rates(f, h, now, state)
     copy_strains(strains_of(state.strains, f, 0), strains_of(state.strains, f, 1))
@@ -206,7 +200,7 @@ def advance(model, loads, f, path, state, settings, work, report):
         count_try(report, f, verdict, attempt, outcome, settings)
         left -= outcome.iterations
         if verdict == TAKEN:
-            _accept(model, f, attempt, state, work.now, work.around)
+            _accept(f, attempt, state, work.now, work.around)
             slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))
             promise, done = with_energy(promise, outcome.energy), done + step
             h, way = after_step(GO_ON, attempt, outcome, settings)

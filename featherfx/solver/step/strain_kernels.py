@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.copy_kernels import copy_values
-from featherfx.jit.compiled import kernel, shared_kernel
+from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_bending_kernels import angle_and_openness, opening
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
@@ -20,10 +20,7 @@ class Strains(NamedTuple):
 
     rachis: (n-1, 6) of the elements. barb: (2, n, 2 C) rad, coefficients. cell: (2, n-1, m, 2, 2),
     e_ww and 2 e_vw of triangles A and B. hinge: (2, n, m) rad, dihedral angles. openness:
-    (2, n, m), of the hinges (vane_bending_kernels). Of the gaps between barbs (vane_hook_kernels),
-    or (0, ...) where none slips: slip (2, n-1, m, 2, 2), level and hooked, the part of the
-    strength that is left, (2, n-1, m, 2), and spent, (3,) J: what slip and opening have cost
-    so far, and what opened gaps have released besides.
+    (2, n, m), of the hinges (vane_bending_kernels).
     """
 
     rachis: NDArray[np.float64]
@@ -31,10 +28,6 @@ class Strains(NamedTuple):
     cell: NDArray[np.float64]
     hinge: NDArray[np.float64]
     openness: NDArray[np.float64]
-    slip: NDArray[np.float64]
-    level: NDArray[np.float64]
-    hooked: NDArray[np.float64]
-    spent: NDArray[np.float64]
 
     def at(self, *place: int) -> Strains:
         """Those at a place of the leading axes, the same memory."""
@@ -61,27 +54,7 @@ def strains_of(strains, f, step):
         strains.cell[f, step],
         strains.hinge[f, step],
         strains.openness[f, step],
-        strains.slip[f, step],
-        strains.level[f, step],
-        strains.hooked[f, step],
-        strains.spent[f, step],
     )
-
-
-@shared_kernel
-def _copy_each_gap(source, target):
-    """Slip, level and hooks of all gaps."""
-    copy_values(source.slip, target.slip)
-    copy_values(source.level, target.level)
-    copy_values(source.hooked, target.hooked)
-    copy_values(source.spent, target.spent)
-
-
-@kernel
-def copy_gaps(source, target):
-    """The same, where any slips."""
-    if source.slip.size > 0:
-        _copy_each_gap(source, target)
 
 
 @kernel
@@ -92,7 +65,6 @@ def copy_strains(source, target):
     copy_values(source.cell, target.cell)
     copy_values(source.hinge, target.hinge)
     copy_values(source.openness, target.openness)
-    copy_gaps(source, target)
 
 
 @kernel
@@ -117,12 +89,11 @@ def set_reference(weights, last, before, reference):
 
 @kernel
 def set_reference_strains(weights, last, before, reference):
-    """As set_reference, of all strains that resist their rate; gaps are those of the last step."""
+    """As set_reference, of all strains that resist their rate."""
     set_reference(weights, last.rachis, before.rachis, reference.rachis)
     set_reference(weights, last.barb, before.barb, reference.barb)
     set_reference(weights, last.cell, before.cell, reference.cell)
     set_reference(weights, last.hinge, before.hinge, reference.hinge)
-    copy_gaps(last, reference)
 
 
 @kernel
@@ -130,7 +101,7 @@ def feather_strains(model, f, pose, reference):
     """All strains of feather f's pose, from its points, coefficients and rachis, in place.
 
     reference: Strains of before; dihedral angles are those within half a turn of them, so that a
-    fold that closes completely and goes on has no jump. Gaps are as they were.
+    fold that closes completely and goes on has no jump.
     """
     strains = pose.strains
     for i in range(pose.rachis.shape[0]):
@@ -139,7 +110,6 @@ def feather_strains(model, f, pose, reference):
     copy_values(pose.coefficient, strains.barb)
     cell_strains(model, f, pose.points.nodes, strains.cell)
     _hinge_strains(model, f, pose.points.nodes, reference.hinge, strains)
-    copy_gaps(reference, strains)
 
 
 @kernel

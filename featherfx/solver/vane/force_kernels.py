@@ -6,7 +6,6 @@ few kinds of pairs in pairs_kernels are all that triangles and hinges couple.
 """
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.vane_hook_kernels import row_of_gaps
 from featherfx.solver.vane.cell_kernels import Strip, add_strip
 from featherfx.solver.vane.hinge_kernels import Hinges, add_hinges
 from featherfx.solver.vane.line_kernels import add_lines_to_nodes, nodes_to_lines
@@ -36,7 +35,6 @@ def add_vane_forces(model, f, damping, wanted, pose, reference, vane, force):
                 guard=model.cell_guard[f],
                 strains=strains.cell[side, i],
                 reference=reference.cell[side, i],
-                hooks=row_of_gaps(model.hooks, f, side, i, reference),
             )
             for half in range(2):
                 add_strip(i, side, half, strip, damping, wanted, vane)
