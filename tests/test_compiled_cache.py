@@ -141,6 +141,7 @@ def test_another_process_loads_what_one_compiled(run_kernels, tmp_path):
     assert run_kernels(tmp_path / "there") == ["4.0", "(3.0, 3) 9.0 []\n"]
 
 
+@pytest.mark.slow
 def test_types_of_another_version_are_no_obstacle(run_kernels, tmp_path):
     """Who calls a kernel may have moved what he calls it with, while the kernel stayed."""
     run_kernels(tmp_path / "before", "old_types")
@@ -189,7 +190,15 @@ def folder_instead(file):
     file.mkdir()
 
 
-@pytest.mark.parametrize("damage", [cut, flip, empty, other])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param(cut, marks=pytest.mark.slow),
+        flip,
+        pytest.param(empty, marks=pytest.mark.slow),
+        pytest.param(other, marks=pytest.mark.slow),
+    ],
+)
 def test_damaged_machine_code_is_compiled_anew(run_kernels, tmp_path, damage):
     assert run_kernels(tmp_path / "here")[1] == ALL
     for file in sorted((tmp_path / "cache").rglob("*.code"))[1:]:
@@ -201,6 +210,7 @@ def test_damaged_machine_code_is_compiled_anew(run_kernels, tmp_path, damage):
     assert not run_kernels.stderr
 
 
+@pytest.mark.slow
 def test_a_folder_in_the_place_of_an_entry_does_not_stop_the_work(run_kernels, tmp_path):
     run_kernels(tmp_path / "here")
     for file in (tmp_path / "cache").rglob("*.code"):

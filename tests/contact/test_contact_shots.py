@@ -134,6 +134,7 @@ def test_a_calm_layered_wing_starts_without_a_jump_and_stays():
     assert max(speeds) < 0.02
 
 
+@pytest.mark.slow
 def test_a_wing_at_rest_sleeps_as_a_whole():
     still = replace(half_wing(bird()), motion=Motion("hold", {}), last_frame=200)
     simulation, _ = baked(still, 60)

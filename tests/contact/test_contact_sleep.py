@@ -123,7 +123,15 @@ def moves(shot):
     return np.array([np.abs(points - frames[0]).max() for points in frames]), slept
 
 
-@pytest.mark.parametrize("animate", [by_points, by_transform, by_parent, by_skeleton])
+@pytest.mark.parametrize(
+    "animate",
+    [
+        by_points,
+        pytest.param(by_transform, marks=pytest.mark.slow),
+        pytest.param(by_parent, marks=pytest.mark.slow),
+        by_skeleton,
+    ],
+)
 def test_a_body_that_comes_near_wakes(tmp_path, animate):
     shot = shot_with(tmp_path, animate)
     assert shot.sleep

@@ -93,6 +93,7 @@ def test_a_collider_that_is_inside_from_the_start_does_not_stop_the_shot():
     assert all(np.isfinite(points).all() for points in frames[-1].points)
 
 
+@pytest.mark.slow
 def test_a_storm_from_above_ends_with_a_name_or_not_at_all():
     shot = half_wing(coarse_bird())
     wind = replace(
@@ -134,6 +135,7 @@ def test_feathers_of_different_grids_touch_each_other():
     assert max(apart) > 10.0 * THICKNESS
 
 
+@pytest.mark.slow
 def test_feathers_that_nothing_reaches_sleep_while_others_move():
     """Five feathers at rest; the outermost is pulled and stirs its neighbours only a little."""
     shot = replace(half_wing(coarse_bird()), motion=HELD, last_frame=60)

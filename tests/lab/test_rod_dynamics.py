@@ -56,6 +56,7 @@ def plucked(rod, direction, height):
     return model, state
 
 
+@pytest.mark.slow
 def test_released_rod_against_a_chain_of_links():
     """The first swing down and back; the reference is extrapolated from 8 and 16 links."""
     times = np.linspace(0.0, 1.5, 31)
