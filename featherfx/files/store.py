@@ -110,7 +110,7 @@ def _load(file: Path) -> Arrays | None:
 def _save(file: Path, arrays: Arrays) -> None:
     """Keep an entry if the system lets us. Not forced to disk: a checksum tells what is damaged."""
     stream = io.BytesIO()
-    np.savez(stream, **arrays)
+    np.savez(stream, **arrays)  # type: ignore[arg-type]
     content = stream.getbuffer()
     if len(content) > 0.5 * _limit():
         return

@@ -50,7 +50,7 @@ class Checkpoint:
         for kind in _KEPT:
             kept = getattr(self, kind)
             arrays |= {f"{kind}.{name}": value for name, value in kept.items()}
-        write_whole(path, lambda file: np.savez(file, **arrays))
+        write_whole(path, lambda file: np.savez(file, **arrays))  # type: ignore[arg-type]
 
     @staticmethod
     def load(path: Path) -> Checkpoint:
