@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdSkel
 
-from featherfx.usd.read.skinning import SkinPose, animated, from_bind
+from featherfx.usd.read.skinning import Ribbons, SkinPose, animated, from_bind
 from featherfx.usd.read.values import reading
 
 Array = NDArray[np.float64]
@@ -27,8 +27,8 @@ _PIECES = 4  # of a ribbon along a bone
 _ALONE = 0.1  # length of the bone of a skeleton's only joint, in units of the stage
 
 
-class BoneRibbons:
-    """What AnimatedMesh asks of a skinning, of a skeleton. space: its prim."""
+class BoneRibbons(Ribbons):
+    """Ribbons along the bones of a skeleton."""
 
     def __init__(self, prim: Any) -> None:
         self.space = prim
@@ -41,19 +41,6 @@ class BoneRibbons:
         parents = list(self._skeleton.GetTopology().GetParentIndices())
         self.rest, self._weights, self.triangles, self.lengths = _strips(places, parents)
         self.faces = np.arange(len(self.triangles)) // (2 * _PIECES)
-
-    @property
-    def bind_matrix(self) -> Array:
-        """The ribbons are in the skeleton's own space."""
-        return np.eye(4)
-
-    def bind_points(self) -> Array:
-        """(V, 3) in the bind pose."""
-        return self.rest
-
-    def points(self, code: Any) -> Array:
-        """(V, 3) in the skeleton's space at a time code."""
-        return self.posed(self.pose(code))
 
     def pose(self, code: Any) -> SkinPose:
         """What moves the ribbons at a time code."""

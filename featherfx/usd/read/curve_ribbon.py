@@ -16,7 +16,7 @@ from pxr import UsdGeom
 from featherfx.algebra.rotation import transported
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.usd.read.curves import curves_of
-from featherfx.usd.read.skinning import SkinPose
+from featherfx.usd.read.skinning import Ribbons, SkinPose
 from featherfx.usd.read.stage import SourceScene, codes_of, rest_code
 from featherfx.usd.read.values import at
 
@@ -26,12 +26,8 @@ Indices = NDArray[np.int64]
 _WIDTH = 0.2  # half of the ribbon's, in lengths of a piece of the curve
 
 
-class CurveRibbon:
-    """What AnimatedMesh asks of a skinning, of a curve. space: its prim.
-
-    rest: (V, 3). triangles: (T, 3), faces: (T,) pieces of the curve and lengths: (T,) of these. The
-    curve has been looked at by `curve_fault`.
-    """
+class CurveRibbon(Ribbons):
+    """A ribbon along a curve, which has been looked at by `curve_fault`; faces are its pieces."""
 
     def __init__(self, scene: SourceScene, prim: Any) -> None:
         self.space, self._path = prim, scene.path
@@ -47,19 +43,6 @@ class CurveRibbon:
         self.triangles = (first + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
         self.faces = np.repeat(np.arange(len(pieces)), 2)
         self.lengths = np.repeat(pieces, 2)
-
-    @property
-    def bind_matrix(self) -> Array:
-        """The ribbon is in the curve's own space."""
-        return np.eye(4)
-
-    def bind_points(self) -> Array:
-        """(V, 3) at rest."""
-        return self.rest
-
-    def points(self, code: Any) -> Array:
-        """(V, 3) at a time code."""
-        return self._ribbon(self._line(code))
 
     def pose(self, code: Any) -> SkinPose:
         """What moves the ribbon at a time code: the points of the curve."""
