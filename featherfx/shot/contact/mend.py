@@ -24,6 +24,7 @@ from featherfx.solver.contact.interval import (
     ContactReport,
     ContactSolver,
     Led,
+    Manner,
 )
 from featherfx.solver.solver import StepReport
 from featherfx.solver.state import State
@@ -99,11 +100,13 @@ class Stepper:
             paths,
             span.length,
             walls,
-            span.substeps,
-            resting,
-            soft if soft.any() else None,
-            led,
-            EASY if span.can_be_cut() else MOST_ITERATIONS,
+            Manner(
+                span.substeps,
+                resting,
+                soft if soft.any() else None,
+                led,
+                EASY if span.can_be_cut() else MOST_ITERATIONS,
+            ),
         )
         self._spend(reports, span.start)
         off = self._rules.off(reports, contact, span)

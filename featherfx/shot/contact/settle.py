@@ -17,7 +17,7 @@ from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
 from featherfx.phases import phase
 from featherfx.shot.contact.bodies import Bodies
-from featherfx.solver.contact.interval import ContactReport, ContactSolver
+from featherfx.solver.contact.interval import ContactReport, ContactSolver, Manner
 from featherfx.solver.solver import raise_if_failed
 from featherfx.solver.state import State
 from featherfx.solver.step.root_path import hold_roots
@@ -103,7 +103,7 @@ def _step(
         now = float(states[0].time[0])
         walls = bodies.walls(states, now, now, solver.settings.margin)
         new, reports, contact = solver.interval(
-            states, loads, paths, h, walls, 1, resting, yielding
+            states, loads, paths, h, walls, Manner(resting=resting, yielding=yielding)
         )
         spent += np.concatenate([report.iterations for report in reports])
         status = np.concatenate([report.status for report in reports])

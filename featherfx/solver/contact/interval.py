@@ -83,11 +83,29 @@ class ContactSettings:
 
 class Led(NamedTuple):
     """Bodies whose motion over an interval is given. free: (B,) the others, which are solved.
-    start, end: (B, n, P, 3) m, where those are that are led."""
+    start, end: (B, n, 1 + 2 m, 3) m, nodes of those that are led."""
 
     free: Flags
     start: Array
     end: Array
+
+
+class Manner(NamedTuple):
+    """How an interval is solved.
+
+    substeps: most regular steps that a feather may divide it into by itself, to keep to its
+    tolerance. resting: (B,) bodies that are solved only if what touches them asks for it; the
+    report counts no steps of those that were not. yielding: (B,) bodies whose contacts are soft,
+    because they cannot be solved otherwise; what goes too deep comes out later, at the recovery
+    speed. led: bodies that the others meet as they meet walls; their states come out as zero.
+    iterations: of Newton in one solve of a feather, at most.
+    """
+
+    substeps: int = 1
+    resting: Flags | None = None
+    yielding: Flags | None = None
+    led: Led | None = None
+    iterations: int = MOST_ITERATIONS
 
 
 @dataclass(frozen=True)
@@ -169,23 +187,15 @@ class ContactSolver:
         paths: Sequence[RootPath],
         duration: float,
         walls: Sequence[Wall] = (),
-        substeps: int = 1,
-        resting: Flags | None = None,
-        yielding: Flags | None = None,
-        led: Led | None = None,
-        iterations: int = MOST_ITERATIONS,
+        manner: Manner = Manner(),
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
 
-        substeps: most regular steps that a feather may divide the interval into by itself, to keep
-        to its tolerance. resting: (B,) bodies that are solved only if what touches them asks for
-        it; the report counts no steps of those that were not. yielding: (B,) bodies whose contacts
-        are soft, because they cannot be solved otherwise; what goes too deep comes out later, at
-        the recovery speed. walls: bodies whose motion over the duration is given; of several, a
-        node meets each. led: bodies that the others meet as they meet walls; their states come out
-        as zero. iterations: of Newton in one solve of a feather, at most. A feather that cannot be
-        solved has a status in its batch's report, and then what it presses is not solved either.
+        walls: bodies whose motion over the duration is given; of several, a node meets each. A
+        feather that cannot be solved has a status in its batch's report, and then what it presses
+        is not solved either.
         """
+        substeps, resting, yielding, led, iterations = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
         run = Run(self._team, states, loads, paths, duration, substeps, iterations, free)
         if led is not None:
