@@ -108,6 +108,9 @@ class Manner(NamedTuple):
     iterations: int = MOST_ITERATIONS
 
 
+PLAIN = Manner()
+
+
 @dataclass(frozen=True)
 class ContactReport:
     """What an interval took.
@@ -187,7 +190,7 @@ class ContactSolver:
         paths: Sequence[RootPath],
         duration: float,
         walls: Sequence[Wall] = (),
-        manner: Manner = Manner(),
+        manner: Manner = PLAIN,
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
 
