@@ -19,7 +19,7 @@ import itertools
 from typing import Any
 
 from llvmlite import binding
-from numba.core import sigutils
+from numba.core import sigutils, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
@@ -122,6 +122,10 @@ class Shared(Dispatcher):
     """A kernel as others see it that call its machine code; entry: the kernel for Python."""
 
     entry: Any
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        # a number that stands in the caller is no type of its own
+        return super().get_call_template(tuple(map(types.unliteral, args)), kws)
 
     @global_compiler_lock
     def compile(self, sig: Any) -> Any:
