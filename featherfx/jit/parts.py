@@ -103,8 +103,16 @@ class ApartCompiler(PartCompiler):
     apart = True
 
 
-class Part(Dispatcher):
-    """A function as the kernels see it that call it."""
+class Called(Dispatcher):
+    """A function as kernels see it that call it. A number that stands in the caller is no type of
+    its own, which would make a version of the function for every such number."""
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        return super().get_call_template(tuple(map(types.unliteral, args)), kws)
+
+
+class Part(Called):
+    """A function whose intermediate code is linked to its callers."""
 
     @global_compiler_lock
     def compile(self, sig: Any) -> Any:
@@ -118,14 +126,10 @@ class Part(Dispatcher):
         return self.overloads[tuple(args)].entry_point
 
 
-class Shared(Dispatcher):
+class Shared(Called):
     """A kernel as others see it that call its machine code; entry: the kernel for Python."""
 
     entry: Any
-
-    def get_call_template(self, args: Any, kws: Any) -> Any:
-        # a number that stands in the caller is no type of its own
-        return super().get_call_template(tuple(map(types.unliteral, args)), kws)
 
     @global_compiler_lock
     def compile(self, sig: Any) -> Any:
