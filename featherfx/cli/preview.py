@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from featherfx.cli.options import FrameRange, Size, readable_path
+from featherfx.cli.options import FrameRange, Size, progress_option, readable_path
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 from featherfx.limits import MOST_JOBS, MOST_SHEET
@@ -112,14 +112,7 @@ from featherfx.render.picture import COLOURS, FRAMINGS, SAMPLES, VIEWS
 @click.option(
     "--jobs", type=click.IntRange(1, MOST_JOBS), help="Threads that draw.  [default: all cores]"
 )
-@click.option(
-    "--progress",
-    "style",
-    type=click.Choice(["auto", "json"]),
-    default="auto",
-    show_default=True,
-    help="json: one JSON object a line on stderr.",
-)
+@progress_option
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def preview(
     file: Path,

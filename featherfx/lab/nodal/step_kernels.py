@@ -21,11 +21,12 @@ from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.energy_promise_kernels import Promise
 from featherfx.solver.step.integrator_kernels import (
     EULER,
+    NODES,
     Factors,
     begin_points,
     end_points,
     integrator_of,
-    motion_of_nodes,
+    motion_of,
     step_error,
 )
 from featherfx.solver.step.pose_kernels import rotate_by
@@ -193,7 +194,7 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
         error = step_error(
             radius,
             step,
-            motion_of_nodes(state, f),
+            motion_of(state, f, NODES),
             work.now.points.nodes,
             work.around.target.nodes,
         )

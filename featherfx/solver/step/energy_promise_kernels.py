@@ -26,7 +26,7 @@ from featherfx.algebra.vec3_kernels import dot, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.integrator_kernels import motion_of_directors, motion_of_nodes
+from featherfx.solver.step.integrator_kernels import DIRECTORS, NODES, motion_of
 from featherfx.solver.step.strain_kernels import strains_of
 
 # growth that round-off and Newton's tolerance may cause, part of the energy that there is, and
@@ -181,8 +181,8 @@ def held_sums(mass, drift, motion):
 @kernel
 def held_energy(model, f, h, drift, state):
     """What the accelerations of feather f may give back in a step of h (s), J."""
-    square, lag = held_sums(model.mass[f], drift, motion_of_nodes(state, f))
-    turning = held_sums(model.rotary_inertia[f], NO_DRIFT, motion_of_directors(state, f))
+    square, lag = held_sums(model.mass[f], drift, motion_of(state, f, NODES))
+    turning = held_sums(model.rotary_inertia[f], NO_DRIFT, motion_of(state, f, DIRECTORS))
     return 0.125 * h * h * (square + turning[0]) + 0.25 * h * abs(lag + turning[1])
 
 

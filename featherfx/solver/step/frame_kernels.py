@@ -22,11 +22,12 @@ from featherfx.solver.step.energy_promise_kernels import (
 )
 from featherfx.solver.step.integrator_kernels import (
     EULER,
+    NODES,
     Factors,
     begin_points,
     end_points,
     integrator_of,
-    motion_of_nodes,
+    motion_of,
     step_error,
 )
 from featherfx.solver.step.newton_kernels import minimise, nearly_solved
@@ -150,7 +151,7 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     solved = minimise(
         model, loads, f, attempt.fraction, factors, settings.newton, attempt.limit, work
     )
-    error = step_error(radius, h, motion_of_nodes(state, f), now.points.nodes, around.target.nodes)
+    error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
     status, keeps, energy = nearly_solved(solved, attempt.limit, error), 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0

@@ -44,6 +44,10 @@ class Factors(NamedTuple):
     strain_rate: float
 
 
+# places in RowPoints
+NODES, DIRECTORS = 0, 1
+
+
 class Motion(NamedTuple):
     """Nodes or directors (n, ., 3) of one feather and their rates, as in State."""
 
@@ -54,24 +58,13 @@ class Motion(NamedTuple):
 
 
 @kernel
-def motion_of_nodes(state, f):
-    """The Motion of feather f's nodes."""
+def motion_of(state, f, part):
+    """The Motion of feather f's NODES or DIRECTORS."""
     return Motion(
-        state.points.nodes[f],
-        state.velocity.nodes[f],
-        state.acceleration.nodes[f],
-        state.smoothed.nodes[f],
-    )
-
-
-@kernel
-def motion_of_directors(state, f):
-    """The Motion of feather f's directors."""
-    return Motion(
-        state.points.directors[f],
-        state.velocity.directors[f],
-        state.acceleration.directors[f],
-        state.smoothed.directors[f],
+        state.points[part][f],
+        state.velocity[part][f],
+        state.acceleration[part][f],
+        state.smoothed[part][f],
     )
 
 
@@ -109,9 +102,9 @@ def begin_step(spectral_radius, h, motion, target, past):
 @kernel
 def begin_points(spectral_radius, h, state, f, around):
     """Target and past of the surroundings of feather f at the step's start."""
-    target, past = around.target, around.past
-    begin_step(spectral_radius, h, motion_of_nodes(state, f), target.nodes, past.nodes)
-    begin_step(spectral_radius, h, motion_of_directors(state, f), target.directors, past.directors)
+    for part in range(2):
+        motion = motion_of(state, f, part)
+        begin_step(spectral_radius, h, motion, around.target[part], around.past[part])
 
 
 @kernel
@@ -175,6 +168,6 @@ def end_step(spectral_radius, h, motion, new, target, past):
 def end_points(spectral_radius, h, state, f, new, around):
     """Rates of feather f at the end of a step to points new, written to the state."""
     target, past = around.target, around.past
-    nodes, directors = motion_of_nodes(state, f), motion_of_directors(state, f)
-    end_step(spectral_radius, h, nodes, new.nodes, target.nodes, past.nodes)
-    end_step(spectral_radius, h, directors, new.directors, target.directors, past.directors)
+    for part in range(2):
+        motion = motion_of(state, f, part)
+        end_step(spectral_radius, h, motion, new[part], target[part], past[part])
