@@ -97,6 +97,7 @@ class VaneShape:
 
 
 _STIFFNESS = Number(1e-10, 10, "N m")
+_YIELD = Number(1.0, 1e9, "Pa")
 _COMPLIANCE = Number(0, 1e9, "rad/N")
 _LOSS = Number(0, 2)
 _LOSS_MEANS = "Damping: tangent of the loss angle at the feather's first frequency."
@@ -144,6 +145,29 @@ class VaneMaterial:
     barb_clamp_in_plane: Annotated[
         float, _COMPLIANCE, "The same for turns of the barbs' roots within the vane."
     ] = 0.0
+    hooks: Annotated[
+        str,
+        Text(("closed", "slip", "open")),
+        "What hooks between barbs do under load: hold; slip and keep the slip; slip, then open.",
+    ] = "closed"
+    hook_yield_across: Annotated[
+        float, _YIELD, "Stress across the barbs at which hooks begin to slip."
+    ] = 6e3
+    hook_yield_shear: Annotated[float, _YIELD, "The same in shear."] = 4e3
+    hook_strength: Annotated[
+        float, _YIELD, "Stress across the barbs at which a gap opens; the yield stress or more."
+    ] = 1.92e4
+    hook_slip: Annotated[
+        float, Number(0, 0.01, "m"), "Slip of a gap on the way from yield to strength."
+    ] = 2.5e-5
+    hook_release: Annotated[
+        float,
+        Number(1e-8, 0.01, "m"),
+        "Opening over which a gap that gives way loses its strength.",
+    ] = 5e-5
+    hook_scatter: Annotated[
+        float, Number(0, 0.5), "Deviation of the strength from gap to gap, a share of it."
+    ] = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)

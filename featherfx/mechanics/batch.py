@@ -12,7 +12,7 @@ from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotatio
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
-from featherfx.mechanics.model import Model
+from featherfx.mechanics.model import Hooks, Model
 from featherfx.mechanics.section import shaft_mass, shaft_stiffness
 
 Array = NDArray[np.float64]
@@ -36,21 +36,31 @@ class _Constants(NamedTuple):
     rotary_inertia: Array
     shaft_area: Array
     cell_guard: Array
+    hook_limit: Array
+    hook_growth: Array
+    hook_release: Array
+    hook_strength: Array
 
 
 # G of the compression guard over b A k (vane_guard_kernels)
 GUARD_SCALE = 1.0 / 2592.0
+# of the scatter of the strength from gap to gap
+SCATTER_SEED = 41
 # least compliance of an elastic clamp, in that of the barb it holds
 LEAST_CLAMP = 1e-6
 
 
 def make_model(
-    feathers: Sequence[Feather], kinds: Sequence[FeatherKind], coefficients: int
+    feathers: Sequence[Feather],
+    kinds: Sequence[FeatherKind],
+    coefficients: int,
+    hooked: bool = False,
 ) -> Model:
     """Constant arrays of feathers that share a grid.
 
     feathers, kinds: one each per feather of the batch; all feathers have equal rows and columns
     and all kinds the same barb taper. coefficients: per barb and direction, 0 for rigid barbs.
+    hooked: even where no kind's hooks slip, as if they did under infinite stress.
     Where a kind's barbs are clamped elastically, all get one more: see clamped_shapes.
     Damping is left at zero: featherfx.solver.step.modes.with_damping adds it. Roots are held.
     """
@@ -68,11 +78,13 @@ def make_model(
     stacked = {name: np.stack([getattr(p, name) for p in parts]) for name in _Constants._fields}
     if not guarded:
         stacked["cell_guard"] = np.zeros((len(parts), 0, 0, 0, 0))
+    hooks = Hooks(*(stacked.pop(f"hook_{name}") for name in Hooks._fields))
     shapes = curvature_shapes(coefficients, columns, taper)
     return Model(
         held=np.ones(len(parts), dtype=np.bool_),
         shapes=clamped_shapes(shapes) if elastic else shapes,
         retardation=np.zeros((len(parts), 2)),
+        hooks=hooks if hooked or any(may_slip(kind) for kind in kinds) else (),
         **stacked,
     )
 
@@ -81,6 +93,11 @@ def has_elastic_clamp(kind: FeatherKind) -> bool:
     """Whether the barbs turn at their roots."""
     vane = kind.vane_material
     return vane.barb_clamp_normal > 0.0 or vane.barb_clamp_in_plane > 0.0
+
+
+def may_slip(kind: FeatherKind) -> bool:
+    """Whether gaps between the barbs slip under load, and keep what they slipped."""
+    return kind.vane_material.hooks != "closed"
 
 
 def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: bool) -> _Constants:
@@ -108,7 +125,38 @@ def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: 
         rotary_inertia=_rotary_inertia(feather, kind, length),
         shaft_area=feather.width * _row_length(length),
         cell_guard=GUARD_SCALE * vane.compression_guard * vane.thickness * cell_area,
+        **_hooks(kind, cell_rest, cell_area),
     )
+
+
+def _hooks(kind: FeatherKind, cell_rest: Array, cell_area: Array) -> dict[str, Array]:
+    """Yield, growth, release and strength of the vane's gaps, as hook_ and the fields of Hooks.
+
+    All gaps of a triangle share the slip up to the strength, so that its slip strain is that of
+    one over the spacing of barbs; one of them opens, so that this slip is over the triangle's
+    height.
+    """
+    vane = kind.vane_material
+    volume = vane.thickness * cell_area
+    scatter = np.random.default_rng(SCATTER_SEED).normal(size=cell_area.shape[:2])
+    weaker = np.exp(vane.hook_scatter * scatter)[:, :, None, None]
+    across, shear = vane.hook_yield_across * weaker, vane.hook_yield_shear * weaker
+    strength = vane.hook_strength / vane.hook_yield_across
+    limit = np.stack([across * volume, shear * volume], axis=-1)
+    shared = vane.hook_slip / kind.barb_spacing
+    hardening = limit[..., 0] * shared
+    growth = np.divide(strength - 1.0, hardening, out=np.zeros_like(hardening), where=hardening > 0)
+    release = limit[..., 0] * vane.hook_release * cell_rest[..., 2]
+    if vane.hooks != "open":
+        release = np.full_like(release, np.inf)
+    if not may_slip(kind):
+        limit[:] = np.inf
+    return {
+        "hook_limit": limit,
+        "hook_growth": growth,
+        "hook_release": release,
+        "hook_strength": np.array(strength),
+    }
 
 
 def row_frames(directors: Array) -> Array:

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+class Hooks(NamedTuple):
+    """When gaps between barbs slip and open (vane_hook_kernels), triangle by triangle.
+
+    limit: (F, 2, n-1, m, 2, 2) J, y_w and y_v. growth: (F, 2, n-1, m, 2) 1/J, c. release:
+    (F, 2, n-1, m, 2) J, work of slip at level 1 from the strength to the open gap; infinite where
+    gaps do not open. strength: (F,) level.
+    """
+
+    limit: Array
+    growth: Array
+    release: Array
+    strength: Array
 
 
 class Model(NamedTuple):
@@ -34,7 +49,8 @@ class Model(NamedTuple):
     shaft_area: (F, n) m^2, side area of the shaft that the row stands for, for air drag.
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
     cell_guard: (F, 2, n-1, m, 2) N m, G of the compression guard (vane_guard_kernels), or
-    (F, 0, 0, 0, 0) where there is none.
+    (F, 0, 0, 0, 0) where there is none. hooks: of the vane, or () where they hold whatever
+    happens: kernels of such a batch are compiled without them.
     """
 
     held: NDArray[np.bool_]
@@ -55,6 +71,7 @@ class Model(NamedTuple):
     shaft_area: Array
     retardation: Array
     cell_guard: Array = np.zeros((0, 0, 0, 0, 0))
+    hooks: Hooks | tuple[()] = ()
 
     @property
     def feathers(self) -> int:
@@ -74,11 +91,32 @@ class Model(NamedTuple):
 
     def only(self, feather: int) -> Model:
         """The model of one of its feathers."""
-        own = slice(feather, feather + 1)
-        parts = self._asdict() | {
-            name: value[own] for name, value in self._asdict().items() if name != "shapes"
+        return self.some(slice(feather, feather + 1))
+
+    def some(self, feathers: slice | list[int]) -> Model:
+        """The model of some of its feathers; numbers may repeat."""
+        parts = {name: value[feathers] for name, value in self.arrays().items() if name != "shapes"}
+        return Model.of(parts | {"shapes": self.shapes})
+
+    def arrays(self) -> dict[str, Any]:
+        """All arrays by name, those of hooks as hooks.name."""
+        fields: dict[str, Any] = self._asdict()
+        hooks = fields.pop("hooks")
+        return fields | {
+            f"hooks.{name}": value for name, value in zip(Hooks._fields, hooks, strict=False)
         }
-        return Model(**parts)
+
+    @staticmethod
+    def of(arrays: Mapping[str, Any]) -> Model:
+        """The model of its `arrays`."""
+        fields = {name: value for name, value in arrays.items() if "." not in name}
+        hooks = [arrays[f"hooks.{name}"] for name in Hooks._fields if f"hooks.{name}" in arrays]
+        return Model(hooks=Hooks(*hooks) if hooks else (), **fields)
+
+    @property
+    def hooked(self) -> bool:
+        """Whether gaps between barbs may slip."""
+        return len(self.hooks) > 0
 
     @property
     def unknowns(self) -> int:

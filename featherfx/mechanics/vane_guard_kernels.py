@@ -60,6 +60,13 @@ def guard_slopes(stiffness, strain_across, strain_shear):
 
 
 @kernel
+def ratio_slopes(strain_across, strain_shear):
+    """(dJ/de_ww, dJ/d(2 e_vw))."""
+    _, _, by_across, by_shear = guard_slopes(1.0, strain_across, strain_shear)
+    return by_across, by_shear
+
+
+@kernel
 def guard_total(stiffness, strains):
     """Energy of all triangles of a feather (J).
 

@@ -15,7 +15,7 @@ from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept
 from featherfx.groom.types import FeatherKind, Placement
-from featherfx.mechanics.batch import has_elastic_clamp, make_model
+from featherfx.mechanics.batch import has_elastic_clamp, make_model, may_slip
 from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
@@ -68,23 +68,27 @@ def make_groups(
     jobs: int,
     time: float = 0.0,
 ) -> list[Group]:
-    """Batches of feathers of one grid, barb taper, clamp and exposure, at a time in s.
+    """Batches of feathers of one grid, barb taper, clamp, hooks and exposure, at a time in s.
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
     each feather ever has; it is in a batch for each at which something is solved.
     """
-    alike: dict[tuple[Resolution, float, bool, float], list[int]] = {}
+    alike: dict[tuple[Resolution, float, bool, bool, float], list[int]] = {}
     exposed = exposures(shot).tolist()
+    # contact reaches all batches in one way
+    mixed = shot.contact is not None and any(may_slip(p.kind) for p in shot.groom.feathers)
     for index, placement in enumerate(shot.groom.feathers):
         kind = placement.kind
         for resolution in resolutions[index]:
             if resolution.level not in CARRIED:
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
-                key = (resolution, taper, clamp, exposed[index])
+                key = (resolution, taper, clamp, mixed or may_slip(kind), exposed[index])
                 alike.setdefault(key, []).append(index)
     return [
-        _group(shot, drawn, np.array(members), resolution, exposure, motion, jobs, time)
-        for (resolution, _, _, exposure), members in counted("building", alike.items(), len(alike))
+        _group(shot, drawn, np.array(members), resolution, hooked, exposure, motion, jobs, time)
+        for (resolution, _, _, hooked, exposure), members in counted(
+            "building", alike.items(), len(alike)
+        )
     ]
 
 
@@ -93,6 +97,7 @@ def _group(
     drawn: Sequence[Feather],
     members: NDArray[np.int64],
     resolution: Resolution,
+    hooked: bool,
     exposure: float,
     motion: Roots,
     jobs: int,
@@ -104,7 +109,7 @@ def _group(
     some = [drawn[i] for i in members]
     as_drawn = grid == (some[0].rows, some[0].columns)
     feathers = some if as_drawn else feathers_of(placements, *grid)
-    model = _model(placements, feathers, resolution)
+    model = _model(placements, feathers, resolution, hooked)
     positions, rotations = motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
@@ -136,9 +141,15 @@ def _group(
 
 
 def _model(
-    placements: Sequence[Placement], feathers: Sequence[Feather], resolution: Resolution
+    placements: Sequence[Placement],
+    feathers: Sequence[Feather],
+    resolution: Resolution,
+    hooked: bool,
 ) -> Model:
-    """Constant arrays of a batch: made once for feathers of one shape and size."""
+    """Constant arrays of a batch: made once for feathers of one shape and size.
+
+    hooked: whether gaps of any of them may slip, or of others that it touches.
+    """
     first: dict[tuple[int, FeatherKind, float, bool], int] = {}
     shapes = [(id(p.prototype or p.kind), p.kind, p.size, p.mirrored) for p in placements]
     for k, shape in enumerate(shapes):
@@ -150,14 +161,11 @@ def _model(
 
     def compute() -> dict[str, Any]:
         some = [feathers[k] for k in first.values()]
-        model = make_model(some, kinds, resolution.coefficients)
-        return with_damping(model, kinds)._asdict()
+        model = make_model(some, kinds, resolution.coefficients, hooked)
+        return with_damping(model, kinds).arrays()
 
     sizes = [(each.kind, each.prototype, each.size, each.mirrored) for each in own]
-    made = Model(**kept("models", [sizes, resolution], compute))
-    return made._replace(
-        **{name: part[chosen] for name, part in made._asdict().items() if name != "shapes"}
-    )
+    return Model.of(kept("models", [sizes, resolution, hooked], compute)).some(chosen)
 
 
 def loads_within(

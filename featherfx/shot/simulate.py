@@ -86,7 +86,9 @@ class Simulation:
         if shot.cycle:
             for group in self._groups:
                 period, count = shot.cycle * subframes, len(group.members)
-                group.cycle = Cycle(period, shot.quality.tolerance, count)
+                # what slips does not repeat
+                if not group.solver.model.hooked:
+                    group.cycle = Cycle(period, shot.quality.tolerance, count)
         self._levels = LevelRun(
             shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
@@ -192,7 +194,7 @@ class Simulation:
         """Bytes of the constant data, and of one state, of all feathers that are simulated."""
         groups = self._groups
         return (
-            sum(array.nbytes for group in groups for array in group.solver.model),
+            sum(array.nbytes for group in groups for array in group.solver.model.arrays().values()),
             sum(array.nbytes for group in groups for array in group.state.arrays().values()),
         )
 

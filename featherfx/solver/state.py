@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Model
+from featherfx.mechanics.vane_hook_kernels import Gaps
 from featherfx.solver.step.pose_kernels import rest_pose
 from featherfx.solver.step.strain_kernels import Strains
-from featherfx.solver.work import make_pose, no_points, no_strains
+from featherfx.solver.work import make_pose, no_points, no_strains, whole_gaps
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,8 @@ class State(NamedTuple):
     integrator's averaged acceleration. spin: (F, n, 3) rad/s and coefficient_rate:
     (F, 2, n, 2 C) rad/s of the last step, for the next predictor. strains: (F, 2, ...) after the
     last step and the one before. step: (F,) s, its length, 0 before the first. proposal: (F,) s,
-    length that the error control wants next. time: (F,) s.
+    length that the error control wants next. time: (F,) s. gaps: (F, ...), or () where no hook
+    slips.
     """
 
     rotation: Array
@@ -43,6 +45,7 @@ class State(NamedTuple):
     step: Array
     proposal: Array
     time: Array
+    gaps: Gaps | tuple[()] = ()
 
     def copy(self) -> State:
         return State.of({name: array.copy() for name, array in self.arrays().items()})
@@ -58,14 +61,19 @@ class State(NamedTuple):
         for name, array in self.arrays().items():
             array[f] = given[name][f]
 
+    def gaps_of(self, f: int) -> Gaps | tuple[()]:
+        """Gaps of one feather, the same memory."""
+        return Gaps(*(array[f] for array in self.gaps)) if self.gaps else ()
+
     @staticmethod
     def names() -> list[str]:
-        """Names of all arrays, those of structures as structure.array."""
+        """Names of all arrays but gaps, those of structures as structure.array."""
         return [".".join(path) for path in _PATHS]
 
     def arrays(self) -> dict[str, Array]:
         """All arrays by name."""
-        return {name: attrgetter(name)(self) for name in State.names()}
+        gaps = zip(_GAPS, self.gaps, strict=False)
+        return {name: attrgetter(name)(self) for name in State.names()} | dict(gaps)
 
     @staticmethod
     def of(arrays: Mapping[str, Array]) -> State:
@@ -76,7 +84,9 @@ class State(NamedTuple):
                 fields.setdefault(name, {})[within[0]] = arrays[f"{name}.{within[0]}"]
             else:
                 fields[name] = arrays[name]
-        return State(**fields | {k: kind(**fields[k]) for k, kind in _STRUCTURES.items()})
+        fields |= {k: kind(**fields[k]) for k, kind in _STRUCTURES.items()}
+        gaps = [arrays[name] for name in _GAPS if name in arrays]
+        return State(**fields, gaps=Gaps(*gaps) if gaps else ())
 
 
 # fields of a state that hold several arrays, and the ways to all arrays
@@ -87,9 +97,11 @@ _STRUCTURES: dict[str, type[RowPoints] | type[Strains]] = {
     "smoothed": RowPoints,
     "strains": Strains,
 }
+_GAPS = [f"gaps.{name}" for name in Gaps._fields]
 _PATHS = [
     (name, *within)
     for name in State._fields
+    if name != "gaps"
     for within in ([(each,) for each in _STRUCTURES[name]._fields] if name in _STRUCTURES else [()])
 ]
 
@@ -139,6 +151,7 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
         step=np.zeros(count),
         proposal=np.zeros(count),
         time=np.zeros(count),
+        gaps=whole_gaps(model, count),
     )
     roots = np.ascontiguousarray(positions, dtype=float)
     quats = frames_to_quats(np.asarray(rotations, dtype=float))

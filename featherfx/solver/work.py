@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Model
+from featherfx.mechanics.vane_hook_kernels import Gaps
 from featherfx.solver.step.banded_kernels import panel_shape
 from featherfx.solver.step.secant_kernels import PAIRS
 from featherfx.solver.step.strain_kernels import Strains
@@ -42,13 +43,15 @@ class Pose(NamedTuple):
 class Surroundings(NamedTuple):
     """What a step's energy is measured against.
 
-    target, past: of the integrator. reference: strains that damping pulls towards. Of the nodes
-    (node_kernels): wind (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2, speed (n, 1 + 2 m) m/s.
+    target, past: of the integrator. reference: strains that damping pulls towards. gaps: at the
+    step's start. Of the nodes (node_kernels): wind (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2,
+    speed (n, 1 + 2 m) m/s.
     """
 
     target: RowPoints
     past: RowPoints
     reference: Strains
+    gaps: Gaps | tuple[()]
     wind: Array
     area: Array
     speed: Array
@@ -75,13 +78,15 @@ class Cells(NamedTuple):
     """What a barb's cells or hinges give, between two of its nodes each; up to four strains.
 
     Lines of S numbers (vane/line_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
-    stiffness and half of it. gradient: (4, 4, 3, S), strain, node, axis. geometric: (6, S), N/m.
-    single: (3, 4, 3), of one cell.
+    stiffness and half of it. coupling: (S,), of shear in the strain across that the stiffness
+    belongs to, where gaps slip, else (). gradient: (4, 4, 3, S), strain, node, axis. geometric:
+    (6, S), N/m. single: (3, 4, 3), of one cell.
     """
 
     rest: Array
     stress: Array
     weight: Array
+    coupling: Array | tuple[()]
     gradient: Array
     geometric: Array
     single: Array
@@ -117,7 +122,8 @@ class Work(NamedTuple):
     """now, trial: poses. around: Surroundings. system, vane: sums. secants
     (PAIRS, 3, N): steps since the matrix was made (secant_kernels). force (n, 1 + 2 m, 3), stiff
     (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints. jacobian
-    (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element.
+    (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element. gaps: at the
+    step's end.
     """
 
     now: Pose
@@ -131,6 +137,7 @@ class Work(NamedTuple):
     axes: Array
     jacobian: Array
     beam: Beam
+    gaps: Gaps | tuple[()]
 
 
 def no_strains(model: Model, *lead: int) -> Strains:
@@ -142,6 +149,19 @@ def no_strains(model: Model, *lead: int) -> Strains:
         cell=np.zeros((*lead, 2, n - 1, m, 2, 2)),
         hinge=np.zeros((*lead, 2, n, m)),
         openness=np.zeros((*lead, 2, n, m)),
+    )
+
+
+def whole_gaps(model: Model, *lead: int) -> Gaps | tuple[()]:
+    """Gaps that have not slipped yet, with leading axes; () where none slips."""
+    if not model.hooked:
+        return ()
+    shape = (*lead, 2, model.rows - 1, model.columns, 2)
+    return Gaps(
+        slip=np.zeros((*shape, 2)),
+        level=np.ones(shape),
+        hooked=np.ones(shape),
+        spent=np.zeros((*lead, 3)),
     )
 
 
@@ -177,6 +197,7 @@ def make_work(model: Model) -> Work:
             target=no_points(n, m),
             past=no_points(n, m),
             reference=no_strains(model),
+            gaps=whole_gaps(model),
             wind=np.zeros((n, size, 3)),
             area=np.zeros((n, size, 3)),
             speed=np.zeros((n, size)),
@@ -194,6 +215,7 @@ def make_work(model: Model) -> Work:
                 rest=np.zeros((3, padded)),
                 stress=np.zeros((2, padded)),
                 weight=np.zeros((4, 2, padded)),
+                coupling=np.zeros(padded) if model.hooked else (),
                 gradient=np.zeros((4, 4, 3, padded)),
                 geometric=np.zeros((6, padded)),
                 single=np.zeros((3, 4, 3)),
@@ -204,4 +226,5 @@ def make_work(model: Model) -> Work:
         axes=np.zeros((2, n, m, 6)),
         jacobian=np.zeros((n, 2, wide, 3 * padded)),
         beam=Beam(gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))),
+        gaps=whole_gaps(model),
     )

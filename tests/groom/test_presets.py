@@ -189,6 +189,10 @@ VANE_FAULTS = [
         "the barbs of guides 0 and 1 cross within the vane",
     ),
     ("leading.outline = []\ntrailing.outline = []", "both vanes are empty"),
+    (
+        "vane_material.hook_yield_across = 2e4",
+        "vane_material.hook_strength: 19200 is out of range, allowed: at least the yield stress",
+    ),
     ("rachis.diameter_tip = 0.02", "allowed up to diameter_base = 0.007 m"),
 ]
 

@@ -100,13 +100,13 @@ def test_velocities_are_cut_to_the_energy_there_was_or_the_step_fails():
     model, work = rod(4), make_work(rod(4))
     state, loads = at_origin(model), wind_of_each(no_loads(1), 1)
     work.now.points.assign(state.points.at(0))
-    past = both(np.copy, state.points.at(0))
-    past.nodes[1:, 0, 2] -= 0.1
+    work.around.past.assign(state.points.at(0))
+    work.around.past.nodes[1:, 0, 2] -= 0.1
     kinetic = 0.5 * 100.0 * 0.01 * model.mass[0, 1:, 0].sum()
 
     def kept(energy):
         promise = Promise(True, STILL, 0.0, energy)
-        return solved_energy(model, loads, 0, promise, 0.0, 10.0, work.now, past)
+        return solved_energy(model, loads, 0, promise, 0.0, 10.0, work)
 
     assert kept(kinetic) == pytest.approx((1.0, kinetic))
     assert kept(0.25 * kinetic) == pytest.approx((0.5, 0.25 * kinetic), rel=1e-6)

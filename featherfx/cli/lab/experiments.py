@@ -32,6 +32,7 @@ from featherfx.lab.vane import pictures
 from featherfx.lab.vane.angles import AnglesTest, angle_slopes, shear_bands
 from featherfx.lab.vane.calibrate import CalibrateTest, calibrate, check_name, save_preset
 from featherfx.lab.vane.curves import read_curves
+from featherfx.lab.vane.hooked import CycleTest, TearTest, cycle, tear
 from featherfx.lab.vane.locking import LockingTest, run_locking
 from featherfx.lab.vane.mesoscale import BandTest, run_bands, run_size_effect
 from featherfx.lab.vane.traction import Traction, run_traction
@@ -240,6 +241,17 @@ EXPERIMENTS = {
         "--angle 45 --strain 0.1 --json",
         "--size-effect -o size.png",
         more=(SIZE_EFFECT, PICTURE),
+    ),
+    "tear": Experiment(
+        TearTest,
+        lambda test: [tear(test)],
+        "--direction across",
+        "--direction tilted --rows 41 --json",
+    ),
+    "cycle": Experiment(
+        CycleTest,
+        lambda test: [cycle(test)],
+        "--direction across --strains 0.1,0.2,0.3 --json",
     ),
     "rupture": Experiment(
         RuptureTest,

@@ -18,6 +18,8 @@ EXPERIMENTS = {
     "traction": "Pull a rectangular sample of a vane.",
     "locking": "Error of a tilted test against elements, for ratios of the moduli.",
     "mesoscale": "Barbs as stiff bands, barbules as soft ones.",
+    "tear": "Pull a hooked vane apart.",
+    "cycle": "Load and unload a hooked vane in turns.",
     "rupture": "Pull a membrane of fibres, such as skin, until it tears.",
     "calibrate": "Moduli of a vane from stress-strain curves.",
     "report": "Run all studies; one page with our numbers beside the published ones.",

@@ -64,9 +64,23 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
         source = _source(tree, "rachis", "diameter_tip")
         at = Place(source, place.child("rachis.diameter_tip").key, place.problems)
         at.fail(f"{tip:g} is out of range, allowed up to diameter_base = {base:g} m")
+    _check_hooks(kind.vane_material, tree, place)
     if len(place.problems) > count:
         return None
     return dialled(kind, values["stiffness"], values["weight"])
+
+
+def _check_hooks(vane: VaneMaterial, tree: Tree, place: Place) -> None:
+    strength, limit = vane.hook_strength, vane.hook_yield_across
+    if strength >= limit:
+        return
+    files = [_source(tree, "vane_material", f"hook_{k}") for k in ("strength", "yield_across")]
+    # whoever overrode one of the two made them disagree
+    source = place.source if place.source in files else files[files[0] == "default"]
+    message = f"{strength:g} is out of range, allowed: at least the yield stress, "
+    message += f"hook_yield_across = {limit:g} Pa"
+    key = place.child("vane_material.hook_strength").key
+    Place(source, key, place.problems).fail(message)
 
 
 def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:

@@ -5,10 +5,11 @@ and what its materials are given by per area or per metre of vane follows, with 
 large:
 
     quantity                                       factor
-    length, diameters, thickness, barb spacing     s
+    length, diameters, thickness, barb spacing,
+      slip and release of hooks                    s
     densities of cortex and core                   1
     mass of the vane per area                      s
-    moduli (Pa)                                    m
+    moduli, stresses at which hooks give way (Pa)  m
     bending of barbs, bending across (N m)         m s^3
     compliance of the barbs' roots (rad/N)         1 / (m s^2)
 
@@ -78,6 +79,9 @@ def _stiffer(vane: VaneMaterial, factor: float) -> VaneMaterial:
         barb_bending_in_plane=vane.barb_bending_in_plane * factor,
         bending_across=vane.bending_across * factor,
         compression_guard=vane.compression_guard * factor,
+        hook_yield_across=vane.hook_yield_across * factor,
+        hook_yield_shear=vane.hook_yield_shear * factor,
+        hook_strength=vane.hook_strength * factor,
         barb_clamp_normal=vane.barb_clamp_normal / factor,
         barb_clamp_in_plane=vane.barb_clamp_in_plane / factor,
     )
@@ -88,6 +92,8 @@ def _thicker(vane: VaneMaterial, size: float) -> VaneMaterial:
     return replace(
         vane,
         thickness=vane.thickness * size,
+        hook_slip=vane.hook_slip * size,
+        hook_release=vane.hook_release * size,
         surface_density=vane.surface_density * size,
         barb_bending_normal=vane.barb_bending_normal * size**3,
         barb_bending_in_plane=vane.barb_bending_in_plane * size**3,

@@ -121,12 +121,7 @@ def _model(kind: FeatherKind, rows: int, columns: int, coefficients: int) -> Mod
 
 def _repeated(model: Model, count: int) -> Model:
     """The model of one feather for count equal ones."""
-    many = {
-        name: np.repeat(array, count, axis=0)
-        for name, array in model._asdict().items()
-        if name != "shapes"
-    }
-    return model._replace(**many)
+    return model.some([0] * count)
 
 
 def barb_curvature(kind: FeatherKind, shake: Shake) -> ShakeRun:

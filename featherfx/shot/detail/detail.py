@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
+from featherfx.mechanics.batch import may_slip
 from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rachis_deflection, rows_for
 from featherfx.shot.detail.guides import GuideRule, skin_corners
 from featherfx.shot.loads.wind import exposures
@@ -71,7 +72,8 @@ class Detailer:
 
     feathers: as the meshes have them. levels: of every feather by [[detail]] and length, where
     nothing is seen; rules: how its guides would be chosen; pinned: (F,) whether no camera changes
-    its level. Raises InputError for feathers that are not simulated, but pulled.
+    its level, as of vanes whose slip a new one would lose. Raises InputError for feathers that are
+    not simulated, but pulled.
     """
 
     def __init__(self, shot: Shot, feathers: Sequence[Feather], motion: Roots) -> None:
@@ -84,7 +86,10 @@ class Detailer:
         given = [_level(shot, placement, relative) for placement in placements]
         self.levels, self.rules = [each.level for each in given], [each.rule for each in given]
         self.pinned = np.array(
-            [each.named or p.id in pulled for each, p in zip(given, placements, strict=True)],
+            [
+                each.named or p.id in pulled or may_slip(p.kind)
+                for each, p in zip(given, placements, strict=True)
+            ],
             dtype=np.bool_,
         )
         problems = [

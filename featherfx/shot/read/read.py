@@ -19,7 +19,7 @@ from featherfx.groom.read.file_kind import file_kind
 from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
 from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
-from featherfx.groom.types import Groom
+from featherfx.groom.types import FeatherKind, Groom
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.scenes import read_colliders, read_level_of_detail, read_skin, read_wind
 from featherfx.shot.read.sources import SceneReaders
@@ -216,7 +216,17 @@ def _groom(
         groom = groom and replace(groom, source=path.parent / usd)
     if groom is None or len(library.problems) > count:
         return None  # half a groom would mislead later checks
+    for name in sorted({p.kind.name for p in groom.feathers if _opens(p.kind)}):
+        place.child("groom").fail(
+            f"feathers of the kind '{name}' have hooks = \"open\"; opened gaps are simulated in "
+            "featherfx lab tear, meshes that part are not written yet; allowed in bakes: closed, "
+            "slip"
+        )
     return groom
+
+
+def _opens(kind: FeatherKind) -> bool:
+    return kind.vane_material.hooks == "open"
 
 
 def _preset(

@@ -29,8 +29,10 @@ from numpy.typing import NDArray
 from featherfx.feather.types import both
 from featherfx.mechanics.model import Loads, Model
 from featherfx.mechanics.node_kernels import blow
+from featherfx.mechanics.vane_hook_kernels import copy_gaps
 from featherfx.solver.state import State
 from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED
+from featherfx.solver.step.gap_kernels import give_way, slip_of_step
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import minimise
 from featherfx.solver.step.pose_kernels import load_pose
@@ -85,6 +87,7 @@ class Rest:
         _stop(f, state)
         self.load()
         work.around.reference.assign(no_strains(model))
+        copy_gaps(state.gaps_of(f), work.around.gaps)
 
     def load(self) -> None:
         """Take the pose that was kept last."""
@@ -99,6 +102,15 @@ class Rest:
         state.points.at(f).assign(now.points)
         for step in range(2):
             state.strains.at(f, step).assign(now.strains)
+        self._let_slip()
+
+    def _let_slip(self) -> None:
+        """Gaps slip and open as they do after a step."""
+        before, after = self.work.around.gaps, self.work.gaps
+        slip_of_step(self.model, self.f, self.work.now.strains.cell, before, after)
+        give_way(self.model, self.f, self.work.now.strains.cell, before, after)
+        copy_gaps(after, before)
+        copy_gaps(after, self.state.gaps_of(self.f))
 
     def feel_wind(self) -> None:
         """Wind, areas and speeds at the pose now."""

@@ -112,7 +112,7 @@ def _add_vane(model, f, damping, wanted, work):
     """Forces of barbs and vane, and their stiffness where it is wanted."""
     pose, reference, system = work.now, work.around.reference, work.system
     joint_axes(model.shapes, pose, work.axes)
-    add_vane_forces(model, f, damping, wanted, pose, reference, work.vane, work.force)
+    add_vane_forces(model, f, damping, wanted, pose, work.around, work.vane, work.force)
     subtract_barb_forces(model, f, damping, pose, reference, work.force, work.axes, system.right)
     if wanted == FORCES_ONLY:
         return

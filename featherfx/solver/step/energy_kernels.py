@@ -14,6 +14,7 @@ from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.vane_guard_kernels import guard_total
+from featherfx.mechanics.vane_hook_kernels import hooks_energy
 
 
 @kernel
@@ -40,17 +41,26 @@ def _hinge_energy(strains, reference, stiffness, damping):
 
 
 @kernel
-def elastic_energy(model, f, strains, reference, strain_rate):
-    """Elastic energy, with the dissipation of the step, of Strains (J).
+def _cell_energy(model, f, cell, before, gaps, damping):
+    """As _quadratic, of the membrane, whose gaps may slip. cell, before: (2, n-1, m, 2, 2)."""
+    if len(gaps) == 0:
+        return _quadratic(cell, before, model.cell_stiffness[f], damping)
+    return hooks_energy(model, f, cell, before, gaps, damping)
 
-    reference: Strains. strain_rate: 1/s, of the integrator; 0 for the elastic energy alone.
+
+@kernel
+def elastic_energy(model, f, strains, reference, gaps, strain_rate):
+    """Elastic energy, with the dissipation of the step and what slips in it, of Strains (J).
+
+    reference: Strains. gaps: at the step's start, or (). strain_rate: 1/s, of the integrator; 0 for
+    the elastic energy alone.
     """
     shaft = model.retardation[f, 0] * strain_rate
     vane = model.retardation[f, 1] * strain_rate
     return (
         _quadratic(strains.rachis, reference.rachis, model.rachis_stiffness[f], shaft)
         + _quadratic(strains.barb, reference.barb, model.barb_stiffness[f], vane)
-        + _quadratic(strains.cell, reference.cell, model.cell_stiffness[f], vane)
+        + _cell_energy(model, f, strains.cell, reference.cell, gaps, vane)
         + guard_total(model.cell_guard[f], strains.cell)
         + _hinge_energy(strains, reference, model.hinge_stiffness[f], vane)
     )
@@ -64,7 +74,7 @@ def step_energy(model, loads, f, fraction, factors, pose, around):
     """
     nodes, directors = pose.points.nodes, pose.points.directors
     return (
-        elastic_energy(model, f, pose.strains, around.reference, factors.strain_rate)
+        elastic_energy(model, f, pose.strains, around.reference, around.gaps, factors.strain_rate)
         + grip_energy(loads, f, fraction, nodes)
         + dead_energy(loads, f, fraction, nodes)
         + contact_energy(loads.contacts, f, fraction, nodes)

@@ -25,6 +25,7 @@ from typing import NamedTuple
 from featherfx.algebra.vec3_kernels import dot, scale, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy
+from featherfx.mechanics.vane_hook_kernels import gaps_of
 from featherfx.solver.step.energy_kernels import elastic_energy
 from featherfx.solver.step.integrator_kernels import DIRECTORS, NODES, motion_of
 from featherfx.solver.step.strain_kernels import strains_of
@@ -99,9 +100,9 @@ def left_alone(model, loads, f, path, duration):
 
 
 @kernel
-def _potential(model, loads, f, points, strains):
+def _potential(model, loads, f, points, strains, gaps):
     """(U, scale of its rounding) of feather f, J, with its root at points[0, 0]."""
-    elastic = elastic_energy(model, f, strains, strains, 0.0)
+    elastic = elastic_energy(model, f, strains, strains, gaps, 0.0)
     fall, size = 0.0, 0.0
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
@@ -145,7 +146,8 @@ def _kinetic(mass, velocity, drift):
 def _state_energy(model, loads, f, drift, state):
     """T + U of feather f of a state, J. drift: (x, y, z) m/s, d."""
     velocity, nodes = state.velocity, state.points.nodes[f]
-    potential, _ = _potential(model, loads, f, nodes, strains_of(state.strains, f, 0))
+    strains, gaps = strains_of(state.strains, f, 0), gaps_of(state.gaps, f)
+    potential, _ = _potential(model, loads, f, nodes, strains, gaps)
     turning = _kinetic(model.rotary_inertia[f], velocity.directors[f], NO_DRIFT)
     return potential + _kinetic(model.mass[f], velocity.nodes[f], drift) + turning
 
@@ -198,14 +200,14 @@ def _solved_kinetic(mass, rate, points, past, drift):
 
 
 @kernel
-def solved_energy(model, loads, f, promise, growth, rate, pose, past):
+def solved_energy(model, loads, f, promise, growth, rate, work):
     """(part of the velocities v - d that a solved step may keep, T + U with them in J).
 
-    growth: J, what the integrator may give back. rate, past: of the integrator,
-    v = rate (x - past). The part is -1 where U alone is more than there was.
+    growth: J, what the integrator may give back. rate: of the integrator, v = rate (x - past). The
+    solved step is in work, with its gaps. The part is -1 where U alone is more than there was.
     """
-    points, rotary = pose.points, model.rotary_inertia[f]
-    potential, size = _potential(model, loads, f, points.nodes, pose.strains)
+    points, past, rotary = work.now.points, work.around.past, model.rotary_inertia[f]
+    potential, size = _potential(model, loads, f, points.nodes, work.now.strains, work.gaps)
     kinetic = _solved_kinetic(model.mass[f], rate, points.nodes, past.nodes, promise.drift)
     kinetic += _solved_kinetic(rotary, rate, points.directors, past.directors, NO_DRIFT)
     growth += promise.rounding + ROUNDING * (size + kinetic)

@@ -12,6 +12,7 @@ from featherfx.algebra.vec3_kernels import over, store
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.row_kernels import points_of
+from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
 from featherfx.solver.status import CONVERGED, GREW, TOO_MUCH_WORK
 from featherfx.solver.step.energy_promise_kernels import (
     held_energy,
@@ -20,6 +21,7 @@ from featherfx.solver.step.energy_promise_kernels import (
     solved_energy,
     with_energy,
 )
+from featherfx.solver.step.gap_kernels import LARGEST_SLIP, give_way, slip_of_step
 from featherfx.solver.step.integrator_kernels import (
     EULER,
     NODES,
@@ -134,6 +136,7 @@ def _predict(model, loads, f, path, attempt, state, work):
     weights = difference_weights(h, 0.0 if radius == EULER else state.step[f])
     last, before = strains_of(state.strains, f, 0), strains_of(state.strains, f, 1)
     set_reference_strains(weights, last, before, around.reference)
+    copy_gaps(gaps_of(state.gaps, f), around.gaps)
     _place(model, f, path, attempt, state, now, work.trial.rotation[0])
     if loads.air[0] > 0.0:
         place_points(model, f, now)
@@ -152,28 +155,34 @@ def _try(model, loads, f, path, attempt, state, settings, work):
         model, loads, f, attempt.fraction, factors, settings.newton, attempt.limit, work
     )
     error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
+    slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps)
+    error = max(error, settings.tolerance * slipped / LARGEST_SLIP)
     status, keeps, energy = nearly_solved(solved, attempt.limit, error), 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0
         if radius != EULER and error <= min(settings.tolerance, settings.coarse):
             growth = held_energy(model, f, h, attempt.promise.drift, state)
-        keeps, energy = solved_energy(
-            model, loads, f, attempt.promise, growth, factors.rate, now, around.past
-        )
+        keeps, energy = solved_energy(model, loads, f, attempt.promise, growth, factors.rate, work)
         status = GREW if keeps < 0.0 else status
     return Outcome(status, solved.iterations, solved.matrices, solved.move, error, keeps, energy)
 
 
 @kernel
-def _accept(f, attempt, state, now, around):
-    """The solved step becomes the state."""
-    h = attempt.h
+def _accept(model, f, attempt, state, work):
+    """The solved step becomes the state; gaps that it brought to their strength give way.
+
+    Returns what these release, J.
+    """
+    now, around, h = work.now, work.around, attempt.h
+    released = give_way(model, f, now.strains.cell, around.gaps, work.gaps)
+    copy_gaps(work.gaps, gaps_of(state.gaps, f))
     end_points(attempt.spectral_radius, h, state, f, now.points, around)
     _keep_rates(f, h, now, state)
     copy_strains(strains_of(state.strains, f, 0), strains_of(state.strains, f, 1))
     keep_pose(f, now, state)
     state.step[f] = h
     state.time[f] += h
+    return released
 
 
 @shared_kernel
@@ -201,9 +210,9 @@ def advance(model, loads, f, path, state, settings, work, report):
         count_try(report, f, verdict, attempt, outcome, settings)
         left -= outcome.iterations
         if verdict == TAKEN:
-            _accept(f, attempt, state, work.now, work.around)
+            released = _accept(model, f, attempt, state, work)
             slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))
-            promise, done = with_energy(promise, outcome.energy), done + step
+            promise, done = with_energy(promise, outcome.energy - released), done + step
             h, way = after_step(GO_ON, attempt, outcome, settings)
         elif h == 0.0:
             return stop(report, f, outcome.status)

@@ -5,6 +5,7 @@ from featherfx.algebra.vec3_kernels import add, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
+from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate, minimise
 from featherfx.solver.step.pose_kernels import load_pose
@@ -38,6 +39,7 @@ def start_acceleration(model, loads, f, duration, state, work, path):
     copy_points(points, around.target)
     copy_points(points, around.past)
     copy_strains(before, around.reference)
+    copy_gaps(gaps_of(state.gaps, f), around.gaps)
     load_pose(model, f, state, now)
     evaluate(model, loads, f, 0.0, factors, now, around)
     copy_strains(now.strains, before)

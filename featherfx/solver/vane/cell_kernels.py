@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
+from featherfx.mechanics.vane_hook_kernels import GapRow, gap_of, gap_response
 from featherfx.mechanics.vane_membrane_kernels import (
     membrane_geometric_stiffness,
     membrane_normal_stiffness,
@@ -41,7 +42,7 @@ class Strip(NamedTuple):
     """The triangles between two rows of one side.
 
     rest: (m, 2, 3). stiffness, strains, reference: (m, 2, 2). guard: (2, n-1, m, 2) of all rows, or
-    of size 0.
+    of size 0. gaps: of the triangles at the step's start, or ().
     """
 
     rest: Array
@@ -49,8 +50,11 @@ class Strip(NamedTuple):
     guard: Array
     strains: Array
     reference: Array
+    gaps: GapRow | tuple[()]
 
 
+# part of the elastic stiffness that counts as none
+NOTHING = 1e-12
 # strains of a triangle: e_ww, 2 e_vw, the guard's J and the one along the normal
 GUARD, NORMAL = 2, 3
 
@@ -73,6 +77,44 @@ def _load_cells(half, strip, damping, cells):
             cells.stress[k, j] = damped_stress(
                 value, strains[j, half, k], reference[j, half, k], damping
             )
+
+
+@kernel
+def _let_slip(half, gaps, strip, damping, cells):
+    """Stresses and stiffnesses of triangles A or B (half) whose gaps slip or are open.
+
+    The tangent C is that of the strains e_ww + (C_wv / C_ww) 2 e_vw, with C_ww, and 2 e_vw, with
+    C_vv - C_wv^2 / C_ww: the first one's coupling is kept for _mix_strains.
+    """
+    if len(gaps) == 0:
+        return
+    for j in range(strip.stiffness.shape[0]):
+        cells.coupling[j] = 0.0
+        k = strip.stiffness[j, half, 0], strip.stiffness[j, half, 1]
+        if k[0] == 0.0:
+            continue
+        strain, gap = (strip.strains[j, half, 0], strip.strains[j, half, 1]), gap_of(gaps, j, half)
+        stress, (ww, wv, vv) = gap_response(k, strain, gap)
+        across, shear = damping * gap.hooked * k[0], damping * gap.hooked * k[1]
+        cells.stress[0, j] = stress[0] + across * (strain[0] - strip.reference[j, half, 0])
+        cells.stress[1, j] = stress[1] + shear * (strain[1] - strip.reference[j, half, 1])
+        ww, vv = ww + across, vv + shear
+        if ww > NOTHING * k[0]:
+            cells.coupling[j] = wv / ww
+            vv -= wv * wv / ww
+        cells.weight[0, 0, j], cells.weight[0, 1, j] = ww, 0.5 * ww
+        cells.weight[1, 0, j], cells.weight[1, 1, j] = vv, 0.5 * vv
+
+
+@kernel
+def _mix_strains(columns, coupling, gradient):
+    """The gradient of the strain that C_ww belongs to, in place of that of e_ww."""
+    if len(coupling) == 0:
+        return
+    for j in range(columns):
+        for node in range(3):
+            for k in range(3):
+                gradient[0, node, k, j] += coupling[j] * gradient[1, node, k, j]
 
 
 @kernel
@@ -175,6 +217,7 @@ def add_strip(i, side, half, strip, damping, wanted, vane):
     own, other = vane.nodes[i + half, side], vane.nodes[i + 1 - half, side]
     on_own, on_other = vane.pull[i + half, side], vane.pull[i + 1 - half, side]
     _load_cells(half, strip, damping, cells)
+    _let_slip(half, strip.gaps, strip, damping, cells)
     membrane_gradients(count, own, other, half, cells.rest, gradient)
     if guard.shape[0] > 0:
         _add_guard(half, guard[side, i], strip.strains, cells)
@@ -186,6 +229,7 @@ def add_strip(i, side, half, strip, damping, wanted, vane):
         return
     if wanted == STABILISING:
         _find_normal_stiffness(columns, own, other, half, cells)
+    _mix_strains(columns, cells.coupling, gradient)
     low, high = vane.blocks[i, side], vane.blocks[i + 1, side]
     for strain in range(4):
         if (strain == GUARD and guard.shape[0] == 0) or (strain == NORMAL and wanted == WHOLE):

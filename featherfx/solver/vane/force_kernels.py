@@ -6,6 +6,7 @@ few kinds of pairs in pairs_kernels are all that triangles and hinges couple.
 """
 
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.vane_hook_kernels import row_of_gaps
 from featherfx.solver.vane.cell_kernels import Strip, add_strip
 from featherfx.solver.vane.hinge_kernels import Hinges, add_hinges
 from featherfx.solver.vane.line_kernels import add_lines_to_nodes, nodes_to_lines
@@ -13,15 +14,15 @@ from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
 
 
 @kernel
-def add_vane_forces(model, f, damping, wanted, pose, reference, vane, force):
+def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
     """Membrane and hinges of feather f: forces added to force (n, 1 + 2 m, 3), stiffness to
     vane.blocks.
 
-    wanted: FORCES_ONLY leaves the blocks as they are, STABILISING leaves out what of the geometric
-    stiffness may be indefinite.
+    around: Surroundings. wanted: FORCES_ONLY leaves the blocks as they are, STABILISING leaves out
+    what of the geometric stiffness may be indefinite.
     """
     rows = pose.rotation.shape[0]
-    strains = pose.strains
+    strains, reference = pose.strains, around.reference
     nodes_to_lines(pose.points.nodes, vane.nodes)
     vane.pull[:] = 0.0
     if wanted != FORCES_ONLY:
@@ -35,6 +36,7 @@ def add_vane_forces(model, f, damping, wanted, pose, reference, vane, force):
                 guard=model.cell_guard[f],
                 strains=strains.cell[side, i],
                 reference=reference.cell[side, i],
+                gaps=row_of_gaps(model.hooks, f, side, i, around.gaps),
             )
             for half in range(2):
                 add_strip(i, side, half, strip, damping, wanted, vane)

@@ -1,0 +1,292 @@
+"""A vane that unhooks: slip and release of the gaps between barbs, triangle by triangle.
+
+    W = 1/2 sum k (x - p)^2 + D(p - p_0),     x = (e_ww, 2 e_vw),   k = b A (E_ww, E_vw)
+    f = sqrt((<s_w> / y_w)^2 + (s_v / y_v)^2) <= level,     s = k (x - p)
+    dp = mu (<s_w> / y_w^2, s_v / y_v^2),   D = level l + 1/2 c l^2,   l = mu f
+
+x the strains of featherfx/mechanics/vane_membrane_kernels.py, p the slip of hooklets along their
+barbules, p_0 that of the step's start, s stress, y yield stress times b A, <s> the positive part:
+barbs that are pressed together touch and do not slip. l is the work of slip at level 1; the level
+grows with it by c until the strength, while all gaps of a triangle share the slip. W is the least
+over p, convex and with a continuous slope, so that slip is one more energy to Newton; its curvature
+is the consistent tangent. Source of the form: Ortiz and Stainier 1999 (incremental potential) for
+the associated flow that the issue of hysteresis in Jouve 2024, section 3.2 and figure 3.9, asks
+for: after a cycle the force at no displacement is negative.
+
+At the strength one gap of the triangle gives way. Over its opening d the level falls in
+proportion, to nothing at the release opening R; what is spent per length of barb, 1/2 b S R (S the
+strength), therefore does not depend on the height h of the triangle, for how many gaps ever it
+stands. A triangle with h > E_ww R / S holds more than that: it opens at once, and the rest is
+released to motion. An open triangle resists only that its barbs come nearer than at rest, however
+far they have slid,
+
+    W = 1/2 k_w (1 - J)^2     for J < 1, else 0
+
+J the ratio of areas of featherfx/mechanics/vane_guard_kernels.py: barbs keep their length, so J is
+that of their distance.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.copy_kernels import copy_values
+from featherfx.jit.compiled import kernel
+from featherfx.mechanics.vane_guard_kernels import area_ratio, ratio_slopes
+
+Array = NDArray[np.float64]
+
+# Newton iterations of the return mapping; it converges from one side
+ITERATIONS = 12
+ENOUGH = 1e-12
+
+
+@kernel
+def _yield_measure(stress, limit):
+    """f of stresses (s_w, s_v); limit: (y_w, y_v)."""
+    across = max(stress[0], 0.0) / limit[0]
+    shear = stress[1] / limit[1]
+    return sqrt(across * across + shear * shear)
+
+
+@kernel
+def _relaxed(trial, rates, mu):
+    """Stresses after a flow mu; trial: before, rates: k / y^2 of those that yield, else 0."""
+    return trial[0] / (1.0 + mu * rates[0]), trial[1] / (1.0 + mu * rates[1])
+
+
+@kernel
+def _flow(trial, limit, rates, level, growth):
+    """(mu, slope): flow that brings the trial stresses onto the yield surface, and the slope there
+    of f (1 - growth mu) by mu. growth: c."""
+    mu, slope = 0.0, -1.0
+    for _ in range(ITERATIONS):
+        stress = _relaxed(trial, rates, mu)
+        across, shear = max(stress[0], 0.0) / limit[0], stress[1] / limit[1]
+        f = sqrt(across * across + shear * shear)
+        fall = across * across * rates[0] / (1.0 + mu * rates[0])
+        fall += shear * shear * rates[1] / (1.0 + mu * rates[1])
+        slope = -fall / f * (1.0 - growth * mu) - growth * f
+        excess = f * (1.0 - growth * mu) - level
+        if excess <= ENOUGH * level:
+            break
+        mu -= excess / slope
+    return mu, slope
+
+
+@kernel
+def _trial(stiffness, strains, slip, limit):
+    """Stresses (s_w, s_v) without flow, and k / y^2 of those that may yield."""
+    trial = stiffness[0] * (strains[0] - slip[0]), stiffness[1] * (strains[1] - slip[1])
+    across = stiffness[0] / (limit[0] * limit[0]) if trial[0] > 0.0 else 0.0
+    return trial, (across, stiffness[1] / (limit[1] * limit[1]))
+
+
+@kernel
+def hooked_energy(stiffness, strains, slip, limit, level, growth):
+    """W of one hooked triangle (J), with what its slip of this step costs.
+
+    stiffness: (k_w, k_v) J. strains: (e_ww, 2 e_vw). slip: p_0. limit: (y_w, y_v) J. level: at the
+    step's start, > 0. growth: c, 1/J.
+    """
+    trial, rates = _trial(stiffness, strains, slip, limit)
+    if _yield_measure(trial, limit) <= level:
+        return 0.5 * (trial[0] ** 2 / stiffness[0] + trial[1] ** 2 / stiffness[1])
+    mu, _ = _flow(trial, limit, rates, level, growth)
+    stress = _relaxed(trial, rates, mu)
+    work = mu * _yield_measure(stress, limit)
+    stored = 0.5 * (stress[0] ** 2 / stiffness[0] + stress[1] ** 2 / stiffness[1])
+    return stored + level * work + 0.5 * growth * work * work
+
+
+@kernel
+def hooked_response(stiffness, strains, slip, limit, level, growth):
+    """((s_w, s_v), (C_ww, C_wv, C_vv)): stresses and consistent tangent (J); as hooked_energy."""
+    trial, rates = _trial(stiffness, strains, slip, limit)
+    if _yield_measure(trial, limit) <= level:
+        return trial, (stiffness[0], 0.0, stiffness[1])
+    mu, slope = _flow(trial, limit, rates, level, growth)
+    stress = _relaxed(trial, rates, mu)
+    f = _yield_measure(stress, limit)
+    across = stress[0] * rates[0] / (1.0 + mu * rates[0])
+    shear = stress[1] * rates[1] / (1.0 + mu * rates[1])
+    fall = (1.0 - growth * mu) / (f * slope)
+    tangent = (
+        stiffness[0] / (1.0 + mu * rates[0]) + fall * across * across,
+        fall * across * shear,
+        stiffness[1] / (1.0 + mu * rates[1]) + fall * shear * shear,
+    )
+    return stress, tangent
+
+
+@kernel
+def slip_after(stiffness, strains, slip, limit, level, growth):
+    """((p_w, p_v), l): slip and its work at level 1 (J) where a step ends; as hooked_energy."""
+    trial, rates = _trial(stiffness, strains, slip, limit)
+    if _yield_measure(trial, limit) <= level:
+        return slip, 0.0
+    mu, _ = _flow(trial, limit, rates, level, growth)
+    stress = _relaxed(trial, rates, mu)
+    moved = (
+        slip[0] + mu * max(stress[0], 0.0) / (limit[0] * limit[0]),
+        slip[1] + mu * stress[1] / (limit[1] * limit[1]),
+    )
+    return moved, mu * _yield_measure(stress, limit)
+
+
+@kernel
+def open_energy(stiffness, strains):
+    """W of an open triangle (J): its barbs may touch. Arguments as in hooked_energy."""
+    closed = max(1.0 - area_ratio(strains[0], strains[1]), 0.0)
+    return 0.5 * stiffness[0] * closed * closed
+
+
+@kernel
+def open_response(stiffness, strains):
+    """((s_w, s_v), (C_ww, C_wv, C_vv)) of the same."""
+    ratio = area_ratio(strains[0], strains[1])
+    if ratio >= 1.0:
+        return (0.0, 0.0), (0.0, 0.0, 0.0)
+    # of J = sqrt(2 e_ww - (2 e_vw)^2 + ...): dJ = (de - s ds) / J, d2J = -(de - s ds)^2 / J^3
+    # - ds^2 / J
+    by_across, by_shear = ratio_slopes(strains[0], strains[1])
+    k, closed = stiffness[0], 1.0 - ratio
+    along, twice = k * (1.0 + closed / ratio), k * closed * by_across
+    return (-k * closed * by_across, -k * closed * by_shear), (
+        along * by_across * by_across,
+        along * by_across * by_shear,
+        along * by_shear * by_shear + twice,
+    )
+
+
+class Gaps(NamedTuple):
+    """What the gaps of a feather have been through; those of a state have a leading axis.
+
+    slip: (2, n-1, m, 2, 2), p_w and p_v of triangles A and B. level: (2, n-1, m, 2) of yield.
+    hooked: (2, n-1, m, 2), the part of the strength that is left. spent: (3,) J, what slip and
+    opening have cost so far, and what opened gaps have released besides.
+
+    Where no hook slips () stands for it, and kernels that are compiled for that have none of this.
+    """
+
+    slip: Array
+    level: Array
+    hooked: Array
+    spent: Array
+
+
+@kernel
+def gaps_of(gaps, f):
+    """Those of one of many feathers, the same memory."""
+    if len(gaps) == 0:
+        return ()
+    return Gaps(gaps.slip[f], gaps.level[f], gaps.hooked[f], gaps.spent[f])
+
+
+@kernel
+def copy_gaps(source, target):
+    """All of one feather to another's."""
+    if len(source) > 0:
+        copy_values(source.slip, target.slip)
+        copy_values(source.level, target.level)
+        copy_values(source.hooked, target.hooked)
+        copy_values(source.spent, target.spent)
+
+
+class GapRow(NamedTuple):
+    """The gaps of the triangles between two rows of one side.
+
+    limit: (m, 2, 2), growth: (m, 2), of the model's Hooks. slip: (m, 2, 2), level, hooked: (m, 2),
+    at the step's start.
+    """
+
+    limit: Array
+    growth: Array
+    slip: Array
+    level: Array
+    hooked: Array
+
+
+@kernel
+def row_of_gaps(hooks, f, side, i, gaps):
+    """The GapRow between rows i and i + 1 of feather f; gaps: at the step's start."""
+    if len(gaps) == 0:
+        return ()
+    return GapRow(
+        hooks.limit[f, side, i],
+        hooks.growth[f, side, i],
+        gaps.slip[side, i],
+        gaps.level[side, i],
+        gaps.hooked[side, i],
+    )
+
+
+class Gap(NamedTuple):
+    """One of them: slip (p_w, p_v), limit (y_w, y_v) J, level now, growth 1/J, hooked."""
+
+    slip: tuple[float, float]
+    limit: tuple[float, float]
+    level: float
+    growth: float
+    hooked: float
+
+
+@kernel
+def gap_of(gaps, j, half):
+    """The gap of triangle A or B (half) of cell j of a GapRow; what gives way does not harden."""
+    hooked = gaps.hooked[j, half]
+    return Gap(
+        (gaps.slip[j, half, 0], gaps.slip[j, half, 1]),
+        (gaps.limit[j, half, 0], gaps.limit[j, half, 1]),
+        gaps.level[j, half] * hooked,
+        gaps.growth[j, half] if hooked == 1.0 else 0.0,
+        hooked,
+    )
+
+
+@kernel
+def gap_response(stiffness, strains, gap):
+    """As hooked_response, open gaps included."""
+    if gap.level <= 0.0:
+        return open_response(stiffness, strains)
+    return hooked_response(stiffness, strains, gap.slip, gap.limit, gap.level, gap.growth)
+
+
+@kernel
+def gap_energy(stiffness, strains, gap):
+    """W of the same (J)."""
+    if gap.level <= 0.0:
+        return open_energy(stiffness, strains)
+    return hooked_energy(stiffness, strains, gap.slip, gap.limit, gap.level, gap.growth)
+
+
+@kernel
+def _row_energy(gaps, stiffness, cell, before, damping):
+    """Energy (J) of the triangles between two rows; stiffness, cell, before: (m, 2, 2)."""
+    total = 0.0
+    for j in range(stiffness.shape[0]):
+        for half in range(2):
+            k = stiffness[j, half, 0], stiffness[j, half, 1]
+            if k[0] == 0.0:
+                continue
+            x, gap = (cell[j, half, 0], cell[j, half, 1]), gap_of(gaps, j, half)
+            across, shear = x[0] - before[j, half, 0], x[1] - before[j, half, 1]
+            rate = k[0] * across * across + k[1] * shear * shear
+            total += gap_energy(k, x, gap) + 0.5 * damping * gap.hooked * rate
+    return total
+
+
+@kernel
+def hooks_energy(model, f, cell, before, gaps, damping):
+    """Energy of all triangles of a feather, damping included (J).
+
+    cell, before: (2, n-1, m, 2, 2) strains now, and those that damping pulls towards.
+    """
+    total, stiffness = 0.0, model.cell_stiffness[f]
+    for side in range(2):
+        for i in range(stiffness.shape[1]):
+            row = row_of_gaps(model.hooks, f, side, i, gaps)
+            total += _row_energy(row, stiffness[side, i], cell[side, i], before[side, i], damping)
+    return total

@@ -1,0 +1,178 @@
+"""What a step does to the gaps between barbs: they slip, grow weaker, and open.
+
+Within a step hooks only slip, so that its energy is convex. Afterwards gaps that have reached the
+strength give way: in proportion to their slip where their triangle holds less than the opening
+costs, else at once (vane_hook_kernels). At once only one gap of each vane opens in a step, the one
+that slipped most at its strength: what was stressed as much as it may be relieved then, and splits
+run along barbs because the stress beside an opened triangle is higher in the same gap.
+"""
+
+from math import inf, sqrt
+
+from featherfx.jit.compiled import kernel
+from featherfx.mechanics.vane_hook_kernels import (
+    copy_gaps,
+    gap_of,
+    open_energy,
+    row_of_gaps,
+    slip_after,
+)
+
+# slip in one step, as a strain, above which the step is repeated shorter where it can be
+LARGEST_SLIP = 0.02
+# part of the strength that counts as none
+LOOSE = 1e-3
+# of Gaps.spent
+SLIP, OPENING, RELEASED = 0, 1, 2
+
+
+@kernel
+def slip_of_step(model, f, cell, before, after):
+    """Gaps after the slip of a step, and the level that it brings; returns the largest slip of the
+    step, a strain.
+
+    cell: (2, n-1, m, 2, 2) strains at the step's end. before, after: Gaps at its start and end.
+    """
+    if len(before) == 0:
+        return 0.0
+    copy_gaps(before, after)
+    largest, stiffness = 0.0, model.cell_stiffness[f]
+    for side in range(2):
+        for i in range(cell.shape[1]):
+            row = row_of_gaps(model.hooks, f, side, i, before)
+            for j in range(cell.shape[2]):
+                for half in range(2):
+                    k, gap = stiffness[side, i, j, half], gap_of(row, j, half)
+                    if k[0] == 0.0 or gap.level <= 0.0:
+                        continue
+                    x = cell[side, i, j, half]
+                    slip, work = slip_after(
+                        (k[0], k[1]), (x[0], x[1]), gap.slip, gap.limit, gap.level, gap.growth
+                    )
+                    across, shear = slip[0] - gap.slip[0], slip[1] - gap.slip[1]
+                    after.level[side, i, j, half] += gap.growth * work
+                    after.slip[side, i, j, half, 0] = slip[0]
+                    after.slip[side, i, j, half, 1] = slip[1]
+                    largest = max(largest, sqrt(across * across + shear * shear))
+    return largest
+
+
+@kernel
+def _slip_work(slip, gap):
+    """l, the work at level 1 (J) of the way from a gap's slip to a new one, (2,)."""
+    across = gap.limit[0] * (slip[0] - gap.slip[0])
+    shear = gap.limit[1] * (slip[1] - gap.slip[1])
+    return sqrt(across * across + shear * shear)
+
+
+@kernel
+def _stored(stiffness, strain, slip):
+    """Elastic energy (J) that a triangle loses when it opens; all (2,)."""
+    across, shear = strain[0] - slip[0], strain[1] - slip[1]
+    held = 0.5 * (stiffness[0] * across * across + stiffness[1] * shear * shear)
+    return held - open_energy((stiffness[0], stiffness[1]), (strain[0], strain[1]))
+
+
+@kernel
+def _is_brittle(hooks, f, place, stiffness):
+    """Whether a triangle at its strength holds more energy than its opening costs.
+
+    place: (side, i, j, half). stiffness: (2,) J.
+    """
+    side, i, j, half = place
+    limit, release = hooks.limit[f, side, i, j, half, 0], hooks.release[f, side, i, j, half]
+    return limit * limit * hooks.strength[f] >= stiffness[0] * release
+
+
+@kernel
+def _harden(hooks, f, place, work, gap, after):
+    """Level of a hooked triangle after slip of work (J at level 1), in place; returns the work that
+    was done at its strength."""
+    side, i, j, half = place
+    strength, level = hooks.strength[f], gap.level + gap.growth * work
+    after.level[side, i, j, half] = min(level, strength)
+    if level < strength:
+        return 0.0
+    return (level - strength) / gap.growth if gap.growth > 0.0 else work
+
+
+@kernel
+def _weaken(hooks, f, place, beyond, after):
+    """Hooks that are left of a triangle after slip at its strength (beyond, J at level 1)."""
+    side, i, j, half = place
+    hooked = after.hooked[side, i, j, half]
+    left = hooked - beyond / hooks.release[f, side, i, j, half]
+    after.hooked[side, i, j, half] = left if left > LOOSE else 0.0
+
+
+@kernel
+def _open(hooks, f, place, stiffness, strain, after):
+    """Open a triangle, in place; what it held beyond the cost is released."""
+    side, i, j, half = place
+    cost = 0.5 * hooks.strength[f] * hooks.release[f, side, i, j, half]
+    held = _stored(stiffness, strain, after.slip[side, i, j, half])
+    after.hooked[side, i, j, half] = 0.0
+    after.spent[OPENING] += cost
+    after.spent[RELEASED] += held - cost
+
+
+@kernel
+def _slip_row(model, f, side, i, before, after):
+    """Account for the slip of the triangles between two rows, whose gaps weaken, in place.
+
+    Returns the largest slip of a brittle triangle at its strength, a strain.
+    """
+    hooks, farthest = model.hooks, 0.0
+    row = row_of_gaps(hooks, f, side, i, before)
+    for j in range(after.slip.shape[2]):
+        for half in range(2):
+            place, gap = (side, i, j, half), gap_of(row, j, half)
+            work = _slip_work(after.slip[side, i, j, half], gap)
+            if work == 0.0:
+                continue
+            cost, beyond = work * (gap.level + 0.5 * gap.growth * work), work
+            if gap.hooked == 1.0:
+                beyond = _harden(hooks, f, place, work, gap, after)
+            if beyond == 0.0 or hooks.release[f, side, i, j, half] == inf:
+                after.spent[SLIP] += cost
+            elif _is_brittle(hooks, f, place, model.cell_stiffness[f, side, i, j, half]):
+                after.spent[SLIP] += cost
+                farthest = max(farthest, beyond / gap.limit[0])
+            else:
+                after.spent[OPENING] += cost
+                _weaken(hooks, f, place, beyond, after)
+    return farthest
+
+
+@kernel
+def _open_row(model, f, side, i, cell, before, after):
+    """Open the brittle triangles of a gap that have slipped at their strength."""
+    hooks, row = model.hooks, row_of_gaps(model.hooks, f, side, i, before)
+    for j in range(after.slip.shape[2]):
+        for half in range(2):
+            place, gap = (side, i, j, half), gap_of(row, j, half)
+            stiffness = model.cell_stiffness[f, side, i, j, half]
+            work = _slip_work(after.slip[side, i, j, half], gap)
+            strong = after.level[side, i, j, half] < hooks.strength[f]
+            if work > 0.0 and not strong and _is_brittle(hooks, f, place, stiffness):
+                _open(hooks, f, place, stiffness, cell[side, i, j, half], after)
+
+
+@kernel
+def give_way(model, f, cell, before, after):
+    """Weaken and open the gaps of feather f where a step ends; returns what they release, J.
+
+    cell: (2, n-1, m, 2, 2) strains at the step's end. before: Gaps at its start. after: those of
+    slip_of_step, changed in place.
+    """
+    if len(before) == 0:
+        return 0.0
+    for side in range(after.slip.shape[0]):
+        first, farthest = -1, 0.0
+        for i in range(after.slip.shape[1]):
+            slipped = _slip_row(model, f, side, i, before, after)
+            if slipped > farthest:
+                first, farthest = i, slipped
+        if first >= 0:
+            _open_row(model, f, side, first, cell, before, after)
+    return after.spent[RELEASED] - before.spent[RELEASED]
