@@ -1,9 +1,9 @@
 """featherfx: from feather grooms to simulated, time-sampled USD geometry.
 
-`featherfx.bake`, `check`, `export`, `export_groom`, `join` and `plan` do what the commands of the
-same kind do; `read_groom`, `read_shot`, `build` and `simulate` are the steps between. All are
-loaded when first asked for, so that `import featherfx` stays light. docs/usd_in.md and docs/dcc.md
-show them at work.
+`featherfx.bake`, `bake_many`, `check`, `export`, `export_groom`, `join` and `plan` do what the
+commands of the same kind do; `read_groom`, `read_shot`, `build` and `simulate` are the steps
+between. All are loaded when first asked for, so that `import featherfx` stays light.
+docs/usd_in.md, docs/dcc.md and docs/farm.md show them at work.
 """
 
 from __future__ import annotations
@@ -16,15 +16,18 @@ from featherfx._version import __version__
 if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
     from featherfx.baking.pipeline import bake, check, export, export_groom, join, plan
+    from featherfx.farm.bake_many import bake_many
 
 _HOMES = dict.fromkeys(
     ("build", "read_groom", "read_quality", "read_shot", "simulate"), "featherfx.api"
 ) | dict.fromkeys(
     ("bake", "check", "export", "export_groom", "join", "plan"), "featherfx.baking.pipeline"
 )
+_HOMES["bake_many"] = "featherfx.farm.bake_many"
 __all__ = [
     "__version__",
     "bake",
+    "bake_many",
     "build",
     "check",
     "export",

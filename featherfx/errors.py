@@ -36,6 +36,10 @@ class InputError(Exception):
         self.problems: tuple[Problem, ...] = problems
         super().__init__("\n".join(str(problem) for problem in problems))
 
+    def __reduce__(self) -> Any:
+        # errors of workers go from process to process
+        return type(self), self.problems
+
 
 def all_of(*tasks: Callable[[], Any]) -> list[Any]:
     """Results of all tasks; raises one InputError with the problems of all of them."""
@@ -67,6 +71,9 @@ class SimulationError(Exception):
         else:
             place = f"at frame {frame:g} (t = {time:.6g} s)"
         super().__init__(f"feather {feather} {place}: {reason}")
+
+    def __reduce__(self) -> Any:
+        return type(self), (self.feather, self.time, self.reason, self.frame)
 
 
 class InputWarning(UserWarning):

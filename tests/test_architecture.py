@@ -27,6 +27,7 @@ ORDER = (
     "render",
     "api",
     "baking",
+    "farm",
     "__init__",
     "lab",
     "cli",
@@ -41,8 +42,9 @@ HOME_OF = {
     "PIL": {"render", "usd"},
     "click": {"cli"},
     "alembic3d": {"usd"},
+    "distributed": {"farm"},
 }
-HEAVY = ("numba", "numpy", "pxr", "scipy", "trimesh", "embreex", "PIL")
+HEAVY = ("numba", "numpy", "pxr", "scipy", "trimesh", "embreex", "PIL", "distributed")
 
 
 def imports_of(file):

@@ -81,9 +81,8 @@ def _bake(
     before = standing(report) if report else None
     complete = False
     try:
-        done, figures = _worked(task, notify)
+        result = carry_out(task, notify)
         complete = True
-        result = {**_summary(task, done), **figures}
         with phase("finishing", silent=True):
             _report(result, timed, report, before)
     except KeyboardInterrupt as error:
@@ -95,17 +94,18 @@ def _bake(
     return result
 
 
-def _worked(task: Task, notify: Callable[[int, int], None]) -> tuple[int, dict[str, Any]]:
-    """Do a task; returns the samples taken over and the figures."""
+def carry_out(task: Task, notify: Callable[[int, int], None]) -> dict[str, Any]:
+    """Do a task; returns its report without times. notify: as on_frame of bake."""
     if not task.finished:
         # the solver takes its time to load, which a finished cache does without
         from featherfx.baking.loop import simulate_and_write
 
-        return simulate_and_write(task, notify)
+        taken_over, figures = simulate_and_write(task, notify)
+        return {**_summary(task, taken_over), **figures}
     tidy(task.path, task.settings)
     notify(task.samples, task.samples)
     nothing: dict[str, Any] = {"newton_iterations": NOTHING_DONE, "substeps": NOTHING_DONE}
-    return task.samples, nothing | {"worst_residual": 0.0, "skipped": {}}
+    return {**_summary(task, task.samples), **nothing, "worst_residual": 0.0, "skipped": {}}
 
 
 def _summary(task: Task, taken_over: int) -> dict[str, Any]:
@@ -125,12 +125,16 @@ def _summary(task: Task, taken_over: int) -> dict[str, Any]:
 
 def _report(result: dict[str, Any], timed: Account, report: Path | None, before: Standing) -> None:
     """Add where the time has gone to a result, and write it."""
-    if report is not None:
-        remove_leftovers(report)
     result |= _seconds(timed)
     if report is not None:
-        text = json.dumps(result, indent=2) + "\n"
-        write_all([(report, into(lambda file: file.write(text.encode())))], {report: before})
+        store_report(result, report, before)
+
+
+def store_report(result: Mapping[str, Any], report: Path, before: Standing) -> None:
+    """Write a report. before: what stood at its place when the work began."""
+    remove_leftovers(report)
+    text = json.dumps(result, indent=2) + "\n"
+    write_all([(report, into(lambda file: file.write(text.encode())))], {report: before})
 
 
 def _seconds(timed: Account) -> dict[str, Any]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
+from featherfx.baking.sink import compared, new_writer
 from featherfx.baking.task import Task
 from featherfx.errors import Problem
 from featherfx.files.background import Background
@@ -29,7 +28,7 @@ def simulate_and_write(
     TELLER.works = ("bake",) if task.shot.contact is None else ("bake", "contact")
     try:
         with phase("building", silent=True):
-            writer = _writer(task)
+            writer = new_writer(task)
     except KeyboardInterrupt as error:
         message = "interrupted before the first frame: nothing new was written"
         raise KeyboardInterrupt(message) from error
@@ -53,36 +52,10 @@ def simulate_and_write(
                         notify(done, samples)
                 with phase("writing"):
                     sink.close()
-            writer.tell(_compared(task))
+            writer.tell(compared(task, task.dependences()))
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(_state_of(writer, task)) from error
     return taken_over, simulation.report | {"writing_beside": sink.seconds} | _told(task, wanted)
-
-
-def _writer(task: Task) -> CacheWriter:
-    """The sink of a bake."""
-    shot, quality = task.shot, task.shot.quality
-    return CacheWriter(
-        task.path,
-        drawn_entries(shot.groom, quality, task.options, task.names, shot.skin),
-        task.frames,
-        shot.frames_per_second,
-        task.options,
-        metadata=metadata_of(shot.groom, quality)
-        | scenery_of(shot, task.path)
-        | {"shot": shot.name, "settings": task.settings},
-        settings=task.settings,
-        inputs=task.shot.inputs,
-        root=task.root,
-        origin=task.origin,
-    )
-
-
-def _compared(task: Task) -> dict[str, str]:
-    """What a later bake compares itself with (again.py)."""
-    depend = dict(zip(task.names, task.dependences(), strict=True))
-    texts = {"inputs": task.shot.inputs, "dependences": depend}
-    return {name: json.dumps(dict(value), separators=(",", ":")) for name, value in texts.items()}
 
 
 def _simulated(task: Task, writer: CacheWriter, start: Checkpoint | None) -> Sequence[int]:

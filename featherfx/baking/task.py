@@ -87,14 +87,14 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         lambda: wanted_shot(shot_path, options, read.append),
         lambda: read_quality(options.quality, options.preset_folders) if options.quality else None,
         lambda: checked(output) if output is not None else None,
-        lambda: _check_report(options.report, True),
+        lambda: check_report(options.report, True),
         lambda: check_ranges(options, "bake"),
     )
     target = Path(output) if output is not None else default_output(shot)
     path = path or checked(target)
     _refuse_inputs(path, options.report, [*read, shot.source, shot.groom.source])
     # a bake that goes on may replace the report of the one before
-    _check_report(options.report, options.overwrite or (options.resume and _is_report(options)))
+    check_report(options.report, options.overwrite or (options.resume and _is_report(options)))
     shot = replace(shot, quality=chosen) if chosen else shot
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
@@ -172,7 +172,7 @@ def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:
 
 def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict[str, str]:
     """All that the frames depend on, as texts."""
-    written = {each.name for each in fields(WriteOptions)} - {"overwrite", "resume"}
+    written = {each.name for each in fields(WriteOptions)} - {"overwrite", "resume", "any_size"}
     return {
         "version": __version__,
         "program": program_digest(),
@@ -220,7 +220,8 @@ def _refuse_inputs(path: Path, report: str | Path | None, inputs: Sequence[Path]
     refuse_inputs([*sorted(outputs), *([Path(report)] if report is not None else [])], inputs)
 
 
-def _check_report(report: str | Path | None, overwrite: bool) -> None:
+def check_report(report: str | Path | None, overwrite: bool) -> None:
+    """Raise InputError where a report cannot be written there."""
     if report is not None and (problems := file_problems([Path(report)], overwrite)):
         raise InputError(*problems)
 

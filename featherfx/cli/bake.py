@@ -12,6 +12,7 @@ from click.core import ParameterSource
 
 from featherfx.baking import pipeline
 from featherfx.baking.options import BakeOptions, DrawnOptions, GroomOptions
+from featherfx.cli.farm import bake_many
 from featherfx.cli.options import (
     default_jobs,
     options_of,
@@ -32,6 +33,7 @@ MOST_CHANGES = 12  # told of a bake that took over what they do not touch
 PER_WORKER = (
     "--output", "--plan", "--feathers", "--resume", "--progress", "--report", "--presets",
 )  # fmt: skip
+OF_DASK = ("scheduler", "workers", "shares")
 
 
 @click.command(
@@ -42,14 +44,16 @@ PER_WORKER = (
     featherfx bake shot.toml --frames 1-12 --quality draft --overwrite
     featherfx bake shot.toml -o wing.usdc --render-rows 120 --render-columns 16 --barbs 400
     featherfx bake shot.toml -o wing.usda --meters-per-unit 0.01 --up-axis Y --report wing.json
+    featherfx bake a.toml b.toml --engine dask --workers 2 -o caches
     """,
 )
-@click.argument("shot", type=readable_path())
+@click.argument("shots", metavar="SHOT...", type=readable_path(), nargs=-1, required=True)
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="USD file to write (.usd, .usdc, .usda).  [default: the shot's name with .usdc]",
+    help="USD file to write (.usd, .usdc, .usda); for several shots a folder."
+    "  [default: the shot's name with .usdc]",
 )
 @options_of(BakeOptions, "frames")
 @click.option(
@@ -64,19 +68,37 @@ PER_WORKER = (
 @progress_option
 @click.option(
     "--plan",
-    "shares",
     type=click.IntRange(1, MOST_SHARES),
     metavar="N",
     help="Do not bake: write N work items with their commands, and a job template.",
+)
+@click.option(
+    "--engine",
+    type=click.Choice(["local", "dask"]),
+    default="local",
+    show_default=True,
+    help="dask: all shots, cut in shares, as one job of a Dask cluster.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Of a cluster.  [default: one is started]")
+@click.option(
+    "--workers",
+    type=click.IntRange(1, MOST_JOBS),
+    help="Processes of a cluster that is started; of another, how many to wait for."
+    "  [default: all cores; 1]",
+)
+@click.option(
+    "--shares",
+    type=click.IntRange(1, MOST_SHARES),
+    help="Into how many each shot is cut.  [default: about two for each worker]",
 )
 @options_of(BakeOptions, *STAGE)
 @click.pass_context
 def bake(
     ctx: click.Context,
-    shot: Path,
-    jobs: int | None,
+    shots: tuple[Path, ...],
     style: str,
-    shares: int | None,
+    plan: int | None,
+    engine: str,
     **options: Any,
 ) -> None:
     """Simulate the feathers of SHOT (a TOML file) and write them to USD.
@@ -84,22 +106,36 @@ def bake(
     The output appears under its name when it is complete, never before. What a bake that was
     stopped has finished stays beside it for --resume.
     """
-    if shares:
-        given = _given(ctx, PER_WORKER)
-        with Progress("shares", style):
-            written = pipeline.plan(
-                shot,
-                options["output"],
-                shares,
-                given,
-                options["preset_folders"],
-                options["overwrite"],
-            )
-        for path in written:
-            click.echo(str(path), err=True)
+    farm = {name: options.pop(name) for name in OF_DASK}
+    if engine == "dask":
+        if plan:
+            raise click.UsageError("--plan is for farms of other kinds; leave out --engine dask")
+        bake_many(shots, style, options, farm)
         return
+    if len(shots) > 1 or any(farm.values()):
+        raise click.UsageError(
+            "several shots, --scheduler, --workers and --shares are for --engine dask"
+        )
+    if plan:
+        _plan(ctx, shots[0], style, plan, options)
+    else:
+        _bake(shots[0], style, options)
+
+
+def _plan(ctx: click.Context, shot: Path, style: str, shares: int, options: dict[str, Any]) -> None:
+    given, folders = _given(ctx, PER_WORKER), options["preset_folders"]
+    with Progress("shares", style):
+        written = pipeline.plan(
+            shot, options["output"], shares, given, folders, options["overwrite"]
+        )
+    for path in written:
+        click.echo(str(path), err=True)
+
+
+def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
+    options["jobs"] = options["jobs"] or default_jobs()
     with Progress("frames", style) as progress:
-        result = pipeline.bake(shot, jobs=jobs or default_jobs(), on_frame=progress, **options)
+        result = pipeline.bake(shot, on_frame=progress, **options)
     click.echo(
         f"{result['feathers']} feathers, {result['frames']} frames"
         f" in {result['wall_seconds']:.1f} s",

@@ -46,7 +46,7 @@ class Progress:
         self.lock = threading.RLock()
         self.bar: Any = None
         self.shown, self.bar_done = "", 0
-        self.marks: list[tuple[int, float]] = []
+        self.marks: list[tuple[float, float]] = []
         self.last_line, self.last_json = float("-inf"), ("", 0.0, 0.0)
         self.announced: set[str] = set()
 
@@ -65,7 +65,7 @@ class Progress:
         if isinstance(error, KeyboardInterrupt) and not str(error) and self.account.failed:
             raise KeyboardInterrupt(f"interrupted during {self.account.failed}") from error
 
-    def __call__(self, done: int, total: int) -> None:
+    def __call__(self, done: float, total: float) -> None:
         raise_interrupt()
         spent = self.account.spent(*self.working) or self.account.elapsed
         # the first unit may cost nothing, as the frame that all feathers are settled at; the second
@@ -84,6 +84,12 @@ class Progress:
                 if done == total or now - self.last_line >= _SECONDS_BETWEEN_LINES:
                     self.last_line = now
                     self._line(self.label, done, total, left)
+
+    def say(self, line: str) -> None:
+        """A line of its own, beside the bar."""
+        with self.lock:
+            self._close_bar()
+            click.echo(json.dumps({"message": line}) if self.json else line, err=True)
 
     def _hear(self, told: Told) -> None:
         if threading.current_thread() is threading.main_thread():

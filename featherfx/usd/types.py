@@ -25,6 +25,10 @@ class OutputError(InputError):
     """An output cannot be written: where, and why. Nothing was left under the final name."""
 
 
+class BusyError(OutputError):
+    """Another process is writing this output."""
+
+
 @dataclass(frozen=True)
 class FeatherEntry:
     """One feather of a cache.

@@ -91,8 +91,7 @@ class ChunkWriter:
             ]
         self._spare: list[list[WrittenPose]] = [[] for _ in static]
         self._place = {index: index for index in range(len(static))}
-        self._taken: dict[int, None] = {}
-        self._earlier: Samples | None = None
+        self._taken: dict[int, Samples] = {}
         self._run = self._new_run()
 
     @property
@@ -102,7 +101,7 @@ class ChunkWriter:
 
     def take_over(self, earlier: Samples, feathers: Sequence[int]) -> None:
         """Have the poses of some feathers read instead of evaluated; frames come without these."""
-        self._earlier, self._taken = earlier, dict.fromkeys(feathers)
+        self._taken |= dict.fromkeys(feathers, earlier)
         left = [index for index in range(len(self._spare)) if index not in self._taken]
         self._place = {index: place for place, index in enumerate(left)}
 
@@ -114,8 +113,8 @@ class ChunkWriter:
         run, poses = self._run, {}
         for index in self._sampled:
             pose = poses[index] = self._room(index)
-            if self._earlier is not None and index in self._taken:
-                self._earlier.fill(self._prims.paths[index], code, pose)
+            if (earlier := self._taken.get(index)) is not None:
+                earlier.fill(self._prims.paths[index], code, pose)
                 continue
             self._prims.feathers[index].evaluate(pose, frame.poses[self._place[index]])
         bad = [index for index, pose in poses.items() if not pose.finite]
@@ -159,7 +158,7 @@ class ChunkWriter:
             run.first[index] = first = pose
             run.kept[index].append(pose)
         if not run.moving[index]:
-            if not self._changed(index, pose, first):
+            if not prims.feathers[index].changed(pose, first, self._seconds):
                 if pose is not first:
                     self._spare[index].append(pose)
                 return
@@ -168,12 +167,6 @@ class ChunkWriter:
         if pose is not first:
             run.kept[index].append(pose)
         prims.author_sample(self._layer, index, (code,), pose)
-
-    def _changed(self, index: int, pose: WrittenPose, first: WrittenPose) -> bool:
-        # a chunk's first pose stands at all codes where the feather kept it, with its velocity
-        if index in self._taken and pose.equals(first):
-            return False
-        return self._prims.feathers[index].changed(pose, first, self._seconds)
 
     def _room(self, index: int) -> WrittenPose:
         spare = self._spare[index]

@@ -30,7 +30,7 @@ from featherfx.errors import Problem
 from featherfx.files.lock import Lock
 from featherfx.files.whole import remove_leftovers, temporary_of, write_text
 from featherfx.shot.fingerprint import settings_digest
-from featherfx.usd.types import OutputError
+from featherfx.usd.types import BusyError, OutputError
 from featherfx.usd.write.output import output_files, parts_folder
 
 MANIFEST = "manifest.usdc"
@@ -114,7 +114,7 @@ class Parts:
             self._locks.append(Lock(file))
         except TimeoutError as error:
             message = "another bake is writing this cache; wait for it or choose another name"
-            raise OutputError(Problem(str(output), "", message)) from error
+            raise BusyError(Problem(str(output), "", message)) from error
 
     def _start(self, keep: bool) -> None:
         if keep:
@@ -142,14 +142,22 @@ class Parts:
             if save is not None:
                 save(self.state(index))
                 record = replace(record, state=checksum(self.state(index)))
-            content = asdict(record)
-            write_text(self._record(index), _json(content | {"check": _check(content)}))
+            self._write_record(index, record)
         if index:
             self.state(index - 1).unlink(missing_ok=True)
         self.records.append(record)
 
+    def _write_record(self, index: int, record: ChunkRecord) -> None:
+        content = asdict(record)
+        write_text(self._record(index), _json(content | {"check": _check(content)}))
+
     def finish(self, keep_chunks: bool) -> None:
-        """The cache is published: remove what bakes left here that is no part of it."""
+        """The cache is published: remove what bakes left here that is no part of it, also from the
+        records, which then tell of the cache alone, not of how it was made."""
+        if keep_chunks:
+            with _told(self.folder):
+                for index, record in enumerate(self.records):
+                    self._write_record(index, replace(record, state=None))
         for bake in _bakes(self.folder.parent):
             kept = bake.iterdir() if keep_chunks and bake == self.folder else ()
             _remove_bake(bake, {file for file in kept if _PUBLISHED.fullmatch(file.name)})
@@ -265,6 +273,19 @@ def _remove_bake(bake: Path, wanted: Collection[Path] = ()) -> None:
                 file.unlink()
         if not wanted:
             bake.rmdir()
+
+
+def remove_cache(path: Path) -> None:
+    """Remove a cache in the clips layout, finished or begun, that nobody is writing."""
+    folder = parts_folder(path, "clips")
+    for bake in _bakes(folder):
+        _remove_bake(bake)
+    with contextlib.suppress(OSError):
+        for file in (*output_files(path, "clips"), lock_file(path), folder / _LOCK):
+            remove_leftovers(file)
+            if file.is_file() and not file.is_symlink():
+                file.unlink()
+        folder.rmdir()
 
 
 def unfinished_bakes(folder: Path) -> list[tuple[dict[str, str], dict[str, str]]]:

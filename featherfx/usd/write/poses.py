@@ -50,11 +50,6 @@ class WrittenPose:
         parts = (self.values.get((part, "extent")) for part in (MESH, BARB))
         return [part.numbers for part in parts if part is not None]
 
-    def equals(self, other: WrittenPose) -> bool:
-        """Whether all values are the same, rates included."""
-        pairs = ((value, other.values[key]) for key, value in self.values.items())
-        return all(np.array_equal(one.numbers, two.numbers) for one, two in pairs)
-
 
 class PosedFeather:
     """The constant arrays of one feather of a cache, and its evaluation.

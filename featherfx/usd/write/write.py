@@ -31,7 +31,7 @@ from featherfx.usd.write.output import (
     prim_name,
 )
 from featherfx.usd.write.parts import Parts, Save, unfinished_bakes
-from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.poses import PosedFeather, posed_feathers
 from featherfx.usd.write.stage import StageInfo
 
 # A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
@@ -42,6 +42,14 @@ CHUNK_BYTES, BYTES_EACH, MOST_BYTES = 32_000_000, 40_000, 128_000_000
 def chunk_bytes(feathers: int) -> int:
     """Bytes of values that a chunk of so many feathers may hold."""
     return min(CHUNK_BYTES + BYTES_EACH * feathers, MOST_BYTES)
+
+
+def chunk_frames(options: WriteOptions, posed: Sequence[PosedFeather]) -> int:
+    """Frames of a chunk of these feathers: as asked for, or fewer where they would be too large."""
+    if options.any_size:
+        return options.chunk
+    frame = options.subframes * sum(each.bytes_per_sample for each in posed)
+    return max(1, min(options.chunk, chunk_bytes(len(posed)) // frame))
 
 
 class CacheWriter:
@@ -93,8 +101,7 @@ class CacheWriter:
         self._static = [entry.static for entry in self._feathers]
         bytes_per_sample = sum(each.bytes_per_sample for each in posed)
         self._samples = (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
-        most = chunk_bytes(len(self._feathers)) // (self._subframes * bytes_per_sample)
-        self.chunk = max(1, min(options.chunk, most)) * self._subframes
+        self.chunk = chunk_frames(options, posed) * self._subframes
         self._layout = chosen_layout(options.layout, bytes_per_sample * self._samples)
         self._info = StageInfo(
             prim_name(root or self._path.stem),
@@ -111,7 +118,7 @@ class CacheWriter:
         self._prims = animated_prims(self._info, self._feathers, posed)
         self._resumable = settings is not None
         self._parts: Parts | None = None
-        self._earlier: EarlierCache | None = None
+        self._earlier: list[EarlierCache] = []
         if frames is not None:
             self._parts = Parts(self._path, self._layout, own, options.resume, inputs=inputs)
             self._check_unchanged()
@@ -150,8 +157,10 @@ class CacheWriter:
 
     def take_over(self, earlier: EarlierCache, feathers: Sequence[int]) -> None:
         """Have the samples of some feathers, by their numbers, read from an earlier cache whose
-        chunks have as many samples (`chunk`); frames then come without these feathers."""
-        self._earlier, self._given = earlier, len(self._feathers) - len(feathers)
+        chunks have as many samples (`chunk`); frames then come without these feathers. May be
+        called for several caches."""
+        self._earlier.append(earlier)
+        self._given -= len(feathers)
         self._chunk.take_over(earlier, feathers)
 
     def tell(self, metadata: Mapping[str, Any]) -> None:
@@ -249,8 +258,8 @@ class CacheWriter:
         if self._parts:
             # Samples are on disk; their memory is wanted for what is constant.
             del self._chunk
-        if self._earlier is not None:
-            self._earlier.close()
+        for earlier in self._earlier:
+            earlier.close()
         with phase("finishing", 2.0) as done:
             layers = new_layers(self._info, self._layout)
             define_prims(layers.topology, self._info, self._feathers, self._prims)

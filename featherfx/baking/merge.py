@@ -1,0 +1,64 @@
+"""One cache from shares of its feathers, with the bytes of a bake of all of them at once.
+
+Samples are read from the shares, which are caches themselves, and written as a bake writes them;
+nothing is simulated. (`join`, of baking/convert.py, leaves the samples in the shares instead.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from featherfx.baking.sink import compared, new_writer
+from featherfx.baking.task import Task
+from featherfx.errors import Problem
+from featherfx.phases import phase
+from featherfx.shot.types import Frame, sample_number
+from featherfx.usd.read.earlier import EarlierCache
+from featherfx.usd.types import OutputError
+from featherfx.usd.write.write import CacheWriter
+
+# settings in which a share may differ from the whole
+_OWN = ("feathers", "layout", "chunk")
+
+
+def merge(task: Task, shares: Sequence[Path], notify: Callable[[int, int], None]) -> None:
+    """Write the cache of a task from shares of its feathers, each in one of them.
+
+    shares: caches with chunks of as many samples as the whole's. notify: called with the samples
+    done and their number. Raises OutputError where a share was baked with other settings, or
+    feathers are missing.
+    """
+    caches = [EarlierCache(path) for path in shares]
+    with phase("building", silent=True):
+        writer = new_writer(task)
+    with writer:
+        depend = {name: text for each in caches for name, text in each.dependences.items()}
+        problems = list(_problems(task, writer, shares, caches))
+        if problems or depend.keys() != set(task.names):
+            missing = Problem(str(task.path), "", "its shares do not hold all of its feathers")
+            raise OutputError(*(problems or [missing]))
+        number = {name: k for k, name in enumerate(task.names)}
+        for cache in caches:
+            writer.take_over(cache, [number[name] for name in cache.dependences])
+        with phase("writing", silent=True):
+            for sample in range(task.samples):
+                notify(sample, task.samples)
+                code = sample_number(task.frames[0], sample, task.options.subframes)
+                writer.write(Frame(code, 0.0, ()))
+        writer.tell(compared(task, [depend[name] for name in task.names]))
+    notify(task.samples, task.samples)
+
+
+def _problems(
+    task: Task, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[EarlierCache]
+) -> Iterator[Problem]:
+    """What keeps shares from being parts of the task's cache."""
+    for path, cache in zip(shares, caches, strict=True):
+        for key, text in task.settings.items():
+            found = cache.settings.get(key)
+            if key not in _OWN and found != text:
+                yield Problem(str(path), key, f"was {found}, but {text} in the whole")
+        if cache.chunk != writer.chunk:
+            message = f"has chunks of {cache.chunk} samples, not {writer.chunk}"
+            yield Problem(str(path), "", message)

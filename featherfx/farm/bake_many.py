@@ -1,0 +1,73 @@
+"""Several shots as one job, or one shot by several workers."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from featherfx._version import __version__
+from featherfx.baking.bake import store_report
+from featherfx.baking.options import BakeOptions, takes
+from featherfx.baking.task import check_report
+from featherfx.errors import InputError, Problem
+from featherfx.farm.cluster import opened
+from featherfx.farm.job import Job
+from featherfx.farm.places import outputs_of
+from featherfx.files.whole import standing
+from featherfx.groom.presets.folders import SHIPPED, own_folders
+
+
+@takes(BakeOptions)
+def bake_many(
+    shots: Sequence[str | Path],
+    output: str | Path = ".",
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    shares: int | None = None,
+    on_frame: Callable[[float, float], None] | None = None,
+    **options: Any,
+) -> dict[str, Any]:
+    """Bake shots by workers of a Dask cluster, each with the bytes of a bake by itself, and return
+    the report of the job.
+
+    output: a folder, which takes a .usdc named after each shot's file; for one shot also a USD
+    file. scheduler: address of one that is there; None: a cluster of processes of this machine is
+    started, and ends with the job. workers: its processes, by default one for each core; of a
+    scheduler, how many to wait for (default 1). shares: into how many each shot is cut, by default
+    about two for each worker. on_frame: called with the frames done of all shots and their number.
+    options: fields of featherfx.baking.options.BakeOptions; jobs are the threads of each worker.
+    Workers need the same paths for shots, what these name, and the output (docs/farm.md). What
+    goes on is told to the logger "featherfx.farm".
+
+    Raises InputError with all that is wrong with any shot before any work; afterwards, with the
+    shots that could not be baked, when all others are done. Needs the extra "dask".
+    """
+    begin = time.perf_counter()
+    chosen = BakeOptions(**options)
+    if not shots or chosen.feathers is not None:
+        what = "no shot is given" if not shots else "shares are cut by the job; leave feathers out"
+        raise InputError(Problem("bake_many", "", what))
+    report = None if chosen.report is None else Path(chosen.report)
+    check_report(report, chosen.overwrite or chosen.resume)
+    before = standing(report) if report else None
+    paths = [Path(os.path.abspath(each)) for each in shots]
+    outputs = outputs_of(paths, Path(os.path.abspath(output)))
+    folders = [*(str(each) for each in own_folders(chosen.preset_folders)), SHIPPED]
+    given = asdict(replace(chosen, preset_folders=folders, report=None))
+    with opened(scheduler, workers) as engine:
+        told = Job(paths, outputs, given, engine, shares, on_frame or _unheard).run()
+        count = engine.workers
+    seconds = time.perf_counter() - begin
+    result = {"version": __version__, "workers": count, "wall_seconds": seconds, "shots": told}
+    if report is not None:
+        store_report(result, report, before)
+    return result
+
+
+def _unheard(done: float, total: float) -> None:
+    pass

@@ -1,0 +1,191 @@
+"""Orders to the workers of a Dask cluster: one that is there, or processes of this machine.
+
+Workers take one order at a time, whatever their threads: a bake has threads of its own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import queue
+import tempfile
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from featherfx.errors import InputError, Problem, SimulationError
+from featherfx.farm.engine import BEGUN, DONE, FAILED, LOST, PROGRESS, QUIET, News
+from featherfx.farm.work import Order, work
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+# s to wait for a scheduler, and for its workers; between two pieces of news before it is QUIET;
+# between two of one order's progress
+_CALL, _MEET, _QUIET, _OFTEN = 10.0, 60.0, 30.0, 0.2
+
+_ONE_AT_A_TIME = threading.Lock()
+LOG = logging.getLogger("featherfx.farm")
+# below "distributed.worker", so that a worker's own log holds these lines
+_WORKER_LOG = logging.getLogger("distributed.worker.featherfx")
+
+
+class Withdrawn(Exception):
+    """The order was taken back."""
+
+
+class DaskEngine:
+    """An Engine of the workers that a client knows."""
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._topic = client, f"featherfx-{uuid.uuid4().hex}"
+        self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
+        self._futures: dict[int, Future] = {}
+        self.workers = len(self._addresses())
+        client.subscribe_topic(self._topic, self._heard)
+
+    def _heard(self, event: tuple[float, dict[str, Any]]) -> None:
+        told = {each: event[1][each] for each in News.__dataclass_fields__}
+        self._news.put(News(**told))
+
+    def _addresses(self) -> list[str]:
+        return list(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    def submit(self, number: int, order: Order, avoid: str = "") -> None:
+        others = [each for each in self._addresses() if not avoid.startswith(f"{each} ")]
+        elsewhere = {"workers": others, "allow_other_workers": True} if avoid and others else {}
+        future = self._client.submit(
+            on_worker,
+            number,
+            order,
+            self._topic,
+            key=f"{self._topic}-{number}-{uuid.uuid4().hex}",
+            **elsewhere,
+        )
+        self._futures[number] = future
+        future.add_done_callback(lambda done: self._news.put(self._outcome(number, done)))
+
+    def _outcome(self, number: int, future: Future) -> News:
+        if future.status == "finished":
+            return News(**future.result())
+        if future.status == "error":
+            from distributed import KilledWorker
+
+            error = future.exception()
+            return News(LOST if isinstance(error, KilledWorker) else FAILED, number, "", error)
+        message = "the connection to the scheduler was lost; --resume goes on"
+        return News(FAILED, number, "", InputError(Problem("scheduler", "", message)))
+
+    def cancel(self, number: int) -> None:
+        with contextlib.suppress(Exception):
+            self._futures.pop(number).cancel()
+
+    def hear(self) -> News:
+        try:
+            return self._news.get(timeout=_QUIET)
+        except queue.Empty:
+            return News(QUIET, value=len(self._addresses()))
+
+
+def on_worker(number: int, order: Order, topic: str) -> dict[str, Any]:
+    """Carry out an order within a worker; returns the fields of its News."""
+    from distributed import get_worker
+
+    worker: Any = get_worker()
+    key, own = worker.get_current_task(), f"{worker.address} (process {os.getpid()})"
+    last = [0.0]
+
+    def notify(done: int, total: int) -> None:
+        task = worker.state.tasks.get(key)
+        if task is None or task.state == "cancelled":
+            raise Withdrawn
+        now = time.monotonic()
+        if now - last[0] > _OFTEN or done == total:
+            last[0] = now
+            tell(PROGRESS, (done, total))
+
+    def tell(what: str, value: Any = None) -> None:
+        # Dask adds a key "worker"
+        worker.log_event(topic, {"what": what, "number": number, "place": own, "value": value})
+
+    place = f"{order.shot} {order.share}/{order.shares} to {order.output}"
+    with _ONE_AT_A_TIME:
+        _WORKER_LOG.info("%s %s", order.what, place)
+        tell(BEGUN)
+        what, value = _carried_out(order, notify)
+        _WORKER_LOG.info("%s %s: %s", order.what, place, value if what == FAILED else what)
+    return {"what": what, "number": number, "place": own, "value": value}
+
+
+def _carried_out(order: Order, notify: Callable[[int, int], None]) -> tuple[str, Any]:
+    try:
+        return DONE, work(order, notify)
+    except (InputError, SimulationError) as error:
+        return FAILED, error
+    except Withdrawn:
+        return FAILED, None  # nobody listens
+
+
+@contextlib.contextmanager
+def opened(scheduler: str | None, workers: int | None) -> Iterator[DaskEngine]:
+    """An engine of a scheduler's workers, or of processes of this machine.
+
+    scheduler: address; None: none. workers: processes, by default one for each core; of a
+    scheduler, how many to wait for. Raises InputError where Dask is not installed, no scheduler
+    answers or no worker comes.
+    """
+    try:
+        import distributed
+    except ImportError:
+        message = 'needs pip install "featherfx[dask]"'
+        raise InputError(Problem("engine dask", "", message)) from None
+    with contextlib.ExitStack() as stack:
+        if scheduler is None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="featherfx-dask-"))
+            count = workers or os.cpu_count() or 1
+            client = stack.enter_context(_local(distributed, count, folder))
+        else:
+            client = stack.enter_context(_client(distributed, scheduler, workers or 1))
+        yield DaskEngine(client)
+
+
+@contextlib.contextmanager
+def _local(distributed: Any, workers: int, folder: str) -> Iterator[Client]:
+    """Processes of this machine that nobody else can give work to (TLS, keys in memory)."""
+    with (
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            memory_limit=None,
+            dashboard_address=None,
+            local_directory=folder,
+            security=distributed.Security.temporary(),
+            silence_logs=logging.CRITICAL,
+            env={"MALLOC_TRIM_THRESHOLD_": str(1 << 30)},
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+@contextlib.contextmanager
+def _client(distributed: Any, address: str, workers: int) -> Iterator[Client]:
+    try:
+        client = distributed.Client(address, timeout=_CALL)
+    except (OSError, ValueError, TimeoutError) as error:
+        message = f"no scheduler answers there within {_CALL:g} s ({error})"
+        raise InputError(Problem("scheduler", "", f"'{address}': {message}")) from error
+    with client:
+        try:
+            client.wait_for_workers(workers, timeout=_MEET)
+        except TimeoutError:
+            found = len(client.scheduler_info(n_workers=-1)["workers"])
+            message = f"'{address}' has {found} workers after {_MEET:g} s, not {workers}"
+            raise InputError(Problem("scheduler", "", message)) from None
+        known = client.scheduler_info(n_workers=-1)["workers"].values()
+        if any(each["nthreads"] > 1 for each in known):
+            LOG.warning("workers bake one share at a time; --nthreads 1 lets Dask know")
+        yield client

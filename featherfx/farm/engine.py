@@ -1,0 +1,42 @@
+"""What carries orders to workers and news back; Dask (cluster.py) is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from featherfx.farm.work import Order
+
+BEGUN, PROGRESS, DONE, FAILED, LOST, QUIET = "begun", "progress", "done", "failed", "lost", "quiet"
+
+
+@dataclass(frozen=True)
+class News:
+    """What is heard of an order.
+
+    what: BEGUN; PROGRESS, with value the samples done and their number; DONE, with a Done; FAILED,
+    with an exception; LOST: every worker that took it was lost; QUIET: nothing was heard for a
+    while, with the number of workers. number: of the order. place: address of the worker, with the
+    number of its process.
+    """
+
+    what: str
+    number: int = -1
+    place: str = ""
+    value: Any = None
+
+
+class Engine(Protocol):
+    """workers: their number when it was opened."""
+
+    workers: int
+
+    def submit(self, number: int, order: Order, avoid: str = "") -> None:
+        """Give an order to a worker, not to the one to avoid if there are others. One that is lost
+        is replaced."""
+
+    def cancel(self, number: int) -> None:
+        """Take an order back, or end its work at the next sample."""
+
+    def hear(self) -> News:
+        """The next news; waits for it, some seconds at most."""

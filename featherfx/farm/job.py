@@ -1,0 +1,286 @@
+"""One job of many shots: what is done after what, what is tried again, and what is told of it.
+
+Every shot is looked at first, and nothing is baked unless all are sound. Then its shares are baked
+in any order, each by whatever worker is free, and merged when the last is there. Where a worker is
+lost the engine gives its order to another, which goes on after the last chunk on disk. An order
+that cannot write is tried by other workers, whose disks may have room; what fails otherwise would
+fail again, and ends its shot. Other shots go on.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from featherfx.errors import InputError, Problem, SimulationError
+from featherfx.farm.engine import DONE, FAILED, LOST, PROGRESS, QUIET, Engine, News
+from featherfx.farm.places import Shares
+from featherfx.farm.work import BAKE, MERGE, PLAN, Done, Order
+from featherfx.files.content import program_digest
+from featherfx.files.lock import Lock
+from featherfx.usd.types import OutputError
+from featherfx.usd.write.parts import lock_file
+
+# how often an order is given to a worker when what it writes is refused
+TRIES = 3
+# shares for each worker, so that those that are done early take over from others
+SHARES_EACH = 2
+
+LOG = logging.getLogger("featherfx.farm")
+
+
+@dataclass
+class _ShotState:
+    """A shot of the job: its plan once it is looked at, what became of its orders.
+
+    left: shares that are not baked yet. told: of each share, done. problems: that ended it.
+    """
+
+    shot: Path
+    output: Path
+    shares: Shares
+    plan: dict[str, Any] = field(default_factory=dict)
+    left: int = 0
+    baked: list[dict[str, Any]] = field(default_factory=list)
+    merged: dict[str, Any] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+    lock: Lock | None = None
+
+    @property
+    def name(self) -> str:
+        return self.output.stem
+
+    def release(self) -> None:
+        if self.lock is not None:
+            self.lock.release()
+            self.lock = None
+
+
+@dataclass
+class _Given:
+    """An order that is out. worker: that has it. lost: that had it. done: part of it. tries: how
+    often it was given."""
+
+    shot: _ShotState
+    order: Order
+    worker: str = ""
+    lost: list[str] = field(default_factory=list)
+    done: float = 0.0
+    tries: int = 1
+
+    @property
+    def name(self) -> str:
+        order = self.order
+        if order.what == BAKE and order.shares > 1:
+            return f"{self.shot.name} {order.share}/{order.shares}"
+        return f"{self.shot.name} merging" if order.what == MERGE else self.shot.name
+
+
+class Job:
+    """Shots to outputs by the workers of an engine.
+
+    options: fields of BakeOptions for all shots. shares: for each shot, None: by the workers.
+    notify: called with the frames done of all shots and their number.
+    """
+
+    def __init__(
+        self,
+        shots: Sequence[Path],
+        outputs: Sequence[Path],
+        options: dict[str, Any],
+        engine: Engine,
+        shares: int | None,
+        notify: Callable[[float, float], None],
+    ) -> None:
+        self._options, self._engine, self._notify = options, engine, notify
+        self._shots = [
+            _ShotState(shot.absolute(), output.absolute(), Shares(output.absolute()))
+            for shot, output in zip(shots, outputs, strict=True)
+        ]
+        one_each = engine.workers == 1 or len(shots) >= SHARES_EACH * engine.workers
+        by_workers = 1 if one_each else -(-SHARES_EACH * engine.workers // len(shots))
+        self._wanted = shares or by_workers
+        self._out: dict[int, _Given] = {}
+        self._finished: list[_Given] = []
+        self._number, self._told = 0, 0.0
+
+    def run(self) -> list[dict[str, Any]]:
+        """A report of each shot. Raises InputError with all that is wrong with any shot."""
+        try:
+            self._look_at_all()
+            for each in self._shots:
+                self._begin(each)
+            self._until_all_are_heard()
+        finally:
+            for number in self._out:
+                self._engine.cancel(number)
+            for each in self._shots:
+                each.release()
+        self._raise_problems()
+        return [self._report(each) for each in self._shots]
+
+    def _look_at_all(self) -> None:
+        for each in self._shots:
+            self._refuse_begun(each)
+        self._raise_problems()
+        for each in self._shots:
+            self._give(each, self._order(each, PLAN, each.shares.begun() or self._wanted))
+        self._until_all_are_heard()
+        self._raise_problems()
+
+    def _refuse_begun(self, each: _ShotState) -> None:
+        """Shares of an earlier job are gone on with, or removed, only where that is asked for."""
+        if not each.shares.begun() or self._options["resume"]:
+            return
+        if self._options["overwrite"]:
+            each.shares.remove()
+            return
+        message = "a job has begun it; --resume goes on, --overwrite bakes anew"
+        each.problems.append(Problem(str(each.output), "", message))
+
+    def _order(self, each: _ShotState, what: str, shares: int, **more: Any) -> Order:
+        shot, output = str(each.shot), str(each.output)
+        return Order(what, shot, output, self._options, shares, program_digest(), **more)
+
+    def _begin(self, each: _ShotState) -> None:
+        count, chunk = each.plan["shares"], each.plan["chunk"]
+        try:
+            each.lock = Lock(lock_file(each.output))
+            if count > 1:
+                each.shares.begin(count)
+        except TimeoutError:
+            message = "another bake is writing this cache; wait for it or choose another name"
+            each.problems.append(Problem(str(each.output), "", message))
+            return
+        except OSError as error:
+            each.problems.append(Problem(str(error.filename), "", str(error.strerror)))
+            return
+        if count == 1:
+            each.release()  # its bake takes it itself
+        each.left = count
+        for share in range(1, count + 1):
+            self._give(each, self._order(each, BAKE, count, share=share, chunk=chunk))
+
+    def _give(self, each: _ShotState, order: Order) -> None:
+        self._out[self._number] = _Given(each, order)
+        self._engine.submit(self._number, order)
+        self._number += 1
+
+    def _until_all_are_heard(self) -> None:
+        while self._out:
+            news = self._engine.hear()
+            if news.what == QUIET:
+                if news.value == 0:
+                    LOG.warning("no worker is there; waiting for one")
+            elif (given := self._out.get(news.number)) is not None:
+                self._heard(given, news)
+
+    def _heard(self, given: _Given, news: News) -> None:
+        if news.place and given.worker != news.place:
+            self._taken_up(given, news.place)
+        if news.what == PROGRESS:
+            given.done = news.value[0] / max(news.value[1], 1)
+        elif news.what == DONE:
+            del self._out[news.number]
+            given.done = 1.0
+            self._finished.append(given)
+            self._complete(given, news.value)
+        elif news.what == LOST:
+            del self._out[news.number]
+            lost = ", ".join([*given.lost, given.worker])
+            message = f"every worker that took it was lost ({lost}); its log may tell why"
+            self._fail(given, [Problem(str(given.shot.shot), given.name, message)])
+        elif news.what == FAILED:
+            self._failed(given, news)
+        self._tell()
+
+    def _taken_up(self, given: _Given, worker: str) -> None:
+        if given.order.what == PLAN:
+            given.worker = worker
+            return
+        if given.worker:
+            LOG.warning("%s: worker %s was lost", given.name, given.worker)
+            given.lost.append(given.worker)
+        given.worker = worker
+        LOG.info("%s: on %s", given.name, worker)
+
+    def _complete(self, given: _Given, done: Done) -> None:
+        each, order = given.shot, given.order
+        for text in done.warnings:
+            LOG.warning("%s: %s", given.name, text)
+        if order.what == PLAN:
+            each.plan = done.report
+            return
+        LOG.info("%s: done on %s in %.1f s", given.name, given.worker, done.seconds)
+        told = {"worker": given.worker, "workers_lost": given.lost}
+        times = {"wall_seconds": done.seconds}
+        if order.what == MERGE:
+            each.merged = told | times
+            each.shares.remove()
+            return
+        each.baked.append({"share": order.share, **told, **done.report, **times})
+        each.left -= 1
+        if each.left == 0 and each.plan["shares"] > 1 and not each.problems:
+            each.release()  # for the one that merges
+            self._give(each, self._order(each, MERGE, order.shares))
+        elif each.left == 0 and not each.problems:
+            each.shares.remove()
+
+    def _failed(self, given: _Given, news: News) -> None:
+        """An order that was not carried out: given again where another worker may do better."""
+        error = news.value
+        if isinstance(error, OutputError) and given.order.what != PLAN and given.tries < TRIES:
+            LOG.warning("%s: failed on %s: %s", given.name, news.place, error)
+            given.tries, given.worker = given.tries + 1, ""
+            self._engine.submit(news.number, given.order, avoid=news.place)
+            return
+        del self._out[news.number]
+        if isinstance(error, InputError):
+            self._fail(given, list(error.problems))
+        elif isinstance(error, SimulationError):
+            self._fail(given, [Problem(str(given.shot.shot), given.name, str(error))])
+        else:
+            error.add_note(f"while {given.name} was worked on by {news.place}")
+            raise error
+
+    def _fail(self, given: _Given, problems: Sequence[Problem]) -> None:
+        """Note why a shot will not be there, and take its other orders back."""
+        if given.order.what != PLAN:
+            problems = [
+                replace(each, message=f"{each.message} ({given.name} on {given.worker})")
+                for each in problems
+            ]
+        given.shot.problems += problems
+        others = [number for number, each in self._out.items() if each.shot is given.shot]
+        for number in others:
+            self._engine.cancel(number)
+            del self._out[number]
+
+    def _raise_problems(self) -> None:
+        problems = [problem for each in self._shots for problem in each.problems]
+        if problems:
+            raise InputError(*dict.fromkeys(problems))
+
+    def _tell(self) -> None:
+        """Frames that are done of all shots, of which a share counts as its part; those of a share
+        that was lost are counted again only where they are new."""
+        total = sum(each.plan.get("samples", 0) for each in self._shots)
+        if not all(each.plan for each in self._shots):
+            return
+        done = sum(
+            given.done * given.shot.plan["samples"] / given.order.shares
+            for given in (*self._out.values(), *self._finished)
+            if given.order.what == BAKE
+        )
+        done = min(done, total)
+        if done > self._told:
+            self._told = done
+            self._notify(done, total)
+
+    def _report(self, each: _ShotState) -> dict[str, Any]:
+        shares = sorted(each.baked, key=lambda share: int(share["share"]))
+        plan = {key: each.plan[key] for key in ("shot", "feathers", "frames", "samples")}
+        return {**plan, "output": str(each.output), "shares": shares, "merging": each.merged}

@@ -1,0 +1,146 @@
+"""What a worker does for a job: look at a shot, bake a share of it, merge its shares.
+
+A worker holds nothing between two orders: all that one leaves is on disk, so that another worker
+goes on after its last finished chunk.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from featherfx.baking.bake import carry_out
+from featherfx.baking.entries import drawn_entries
+from featherfx.baking.merge import merge
+from featherfx.baking.options import BakeOptions
+from featherfx.baking.task import Task, prepare
+from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.farm.places import Shares, mapped
+from featherfx.files.content import program_digest
+from featherfx.phases import Account
+from featherfx.usd.space import StageSpace
+from featherfx.usd.types import ACCELERATIONS, BusyError
+from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.write import chunk_frames
+
+PLAN, BAKE, MERGE = "look at", "bake", "merge"
+# s for which a share may still be written by a worker that is thought to be lost, and between looks
+PATIENCE, PAUSE = 60.0, 1.0
+
+
+@dataclass(frozen=True)
+class Order:
+    """Work for one worker.
+
+    what: PLAN, BAKE or MERGE. shot, output: paths on the machine that gives the work. options:
+    fields of BakeOptions. shares: into how many the shot is cut, at most while it is looked at.
+    share: from 1, 0 where it is about all of them. chunk: frames of a chunk of the whole. program:
+    digest of the program that gives the work.
+    """
+
+    what: str
+    shot: str
+    output: str
+    options: Mapping[str, Any]
+    shares: int
+    program: str
+    share: int = 0
+    chunk: int = 0
+
+
+@dataclass(frozen=True)
+class Done:
+    """What came of an order. report: of a bake, or of a look: feathers, samples, shares, chunk and
+    finished. seconds: that it took. process: of the worker. warnings: that it gave."""
+
+    report: dict[str, Any]
+    seconds: float
+    process: int
+    warnings: tuple[str, ...]
+
+
+def work(order: Order, notify: Callable[[int, int], None]) -> Done:
+    """Carry out an order; raises what a bake raises.
+
+    notify: called with the samples done and their number; ends the work by raising.
+    """
+    if order.program != program_digest():
+        message = "has another version of featherfx, or of numpy, than gives the work"
+        raise InputError(Problem(os.uname().nodename, "", message))
+    begin = time.perf_counter()
+    order = replace(order, shot=mapped(order.shot), output=mapped(order.output))
+    with warnings.catch_warnings(record=True) as said, Account():
+        warnings.simplefilter("always", InputWarning)
+        report = {PLAN: _look, BAKE: _bake, MERGE: _merge}[order.what](order, notify)
+    told = tuple(str(each.message) for each in said if issubclass(each.category, InputWarning))
+    return Done(report, time.perf_counter() - begin, os.getpid(), tuple(dict.fromkeys(told)))
+
+
+def _prepared(order: Order, output: Path, **changed: Any) -> Task:
+    folders = [mapped(str(each)) for each in order.options["preset_folders"]]
+    options = {**order.options, "preset_folders": folders, **changed}
+    return prepare(order.shot, output, BakeOptions(**options))
+
+
+def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
+    """What there is to do for a shot, after all that can be known to be wrong with it."""
+    task = _prepared(order, Path(order.output))
+    shares = min(order.shares, len(task.names), most_shares(task))
+    # most of the feathers are taken over from the cache that is there
+    if task.finished or task.taken is not None:
+        shares = 1
+    return {
+        "shot": task.shot.name,
+        "feathers": len(task.names),
+        "frames": task.frames[1] - task.frames[0] + 1,
+        "samples": task.samples,
+        "shares": shares,
+        "chunk": _chunk(task) if shares > 1 else 0,
+        "finished": task.finished,
+    }
+
+
+def most_shares(task: Task) -> int:
+    """Into how many shares a shot can be cut."""
+    return 1 if task.shot.contact is not None else len(task.names)
+
+
+def _chunk(task: Task) -> int:
+    """Frames of a chunk of the whole."""
+    shot, options = task.shot, task.options
+    entries = drawn_entries(shot.groom, shot.quality, options, task.names, shot.skin)
+    extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
+    return chunk_frames(options, posed_feathers(entries, StageSpace(), extras))
+
+
+def _bake(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
+    """A share, or the whole where there is only one, from where an earlier worker has left it."""
+    output, changed = Path(order.output), dict[str, Any](resume=True)
+    if order.shares > 1:
+        output = Shares(output).target
+        changed |= {"layout": "clips", "feathers": (order.share, order.shares)}
+        changed |= {"chunk": order.chunk, "any_size": True}
+    until = time.monotonic() + PATIENCE
+    while True:
+        task = _prepared(order, output, **changed)
+        if order.options["overwrite"] and order.shares == 1:
+            task = replace(task, finished=False, taken=None)
+        try:
+            return carry_out(task, notify)
+        except BusyError:
+            if time.monotonic() > until:
+                raise
+        time.sleep(PAUSE)
+
+
+def _merge(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
+    overwrite = order.options["overwrite"]
+    task = _prepared(order, Path(order.output), resume=not overwrite)
+    if not task.finished:
+        merge(task, Shares(Path(order.output)).files(order.shares), notify)
+    return {}

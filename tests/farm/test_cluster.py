@@ -1,0 +1,148 @@
+"""Jobs on a Dask cluster, within this process and, marked slow, on processes that are killed."""
+
+from __future__ import annotations
+
+import logging
+import os
+import resource
+import signal
+import threading
+from pathlib import Path
+
+import pytest
+from farm.farm_cases import shot_file
+
+import featherfx
+from featherfx.errors import InputError
+from featherfx.farm import cluster as room
+
+distributed = pytest.importorskip("distributed")
+OPTIONS = {"frames": (1, 3), "chunk": 2}
+
+
+def test_two_shots_on_a_cluster_have_the_bytes_of_single_bakes(tmp_path, caplog):
+    shots = [shot_file(tmp_path, "a", "feather_pull"), shot_file(tmp_path, "b", "swan_wing")]
+    for shot in shots:
+        featherfx.bake(shot, tmp_path / f"{shot.stem}.usdc", **OPTIONS)
+    out = tmp_path / "out"
+    out.mkdir()
+    there = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+    )
+    told: list[tuple[float, float]] = []
+    with there, caplog.at_level(logging.INFO, "featherfx.farm"):
+        result = featherfx.bake_many(
+            shots,
+            out,
+            scheduler=there.scheduler_address,
+            workers=2,
+            report=out / "report.json",
+            on_frame=lambda *done: told.append(done),
+            **OPTIONS,
+        )
+    for shot in shots:
+        name = f"{shot.stem}.usdc"
+        assert (out / name).read_bytes() == (tmp_path / name).read_bytes()
+    assert sorted(each.name for each in out.iterdir()) == ["a.usdc", "b.usdc", "report.json"]
+    assert [len(each["shares"]) for each in result["shots"]] == [1, 2]
+    assert told[-1] == (6, 6)
+    assert any("b 2/2: on inproc://" in line for line in caplog.messages)
+
+
+def test_a_scheduler_that_is_not_there_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(room, "_CALL", 0.3)
+    shot = shot_file(tmp_path, "a", "feather_pull")
+    for address in ("tcp://127.0.0.1:9", "nowhere:1:2", "carrier-pigeon://home"):
+        with pytest.raises(InputError, match=f"scheduler: '{address}': no scheduler answers"):
+            featherfx.bake_many([shot], tmp_path, scheduler=address)
+
+
+@pytest.fixture(scope="module")
+def wing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes]:
+    """A shot and the bytes of its single bake."""
+    folder = tmp_path_factory.mktemp("wing")
+    shot = shot_file(folder, "wing", "swan_wing")
+    featherfx.bake(shot, folder / "wing.usdc", chunk=2)
+    return shot, (folder / "wing.usdc").read_bytes()
+
+
+class Killer(logging.Handler):
+    """Kills the worker that has the first share, so many times, once a chunk of it is there."""
+
+    def __init__(self, folder: Path, kills: int) -> None:
+        super().__init__()
+        self.folder, self.left, self.seen = folder, kills, 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage()
+        if "1/2: on " in text and self.left:
+            self.left -= 1
+            process = int(text.rpartition("process ")[2].rstrip(")"))
+            threading.Thread(target=self.kill, args=(process,)).start()
+
+    def kill(self, process: int) -> None:
+        def records() -> int:
+            return len(list(self.folder.glob(".wing.usdc.shares/*.1of2.clips/*/0*.json")))
+
+        while records() <= self.seen:
+            pass
+        self.seen = records()
+        os.kill(process, signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_twice_costs_its_unfinished_chunks(tmp_path, wing):
+    shot, expected = wing
+    log, killer = logging.getLogger("featherfx.farm"), Killer(tmp_path, 2)
+    log.setLevel(logging.INFO)
+    log.addHandler(killer)
+    try:
+        result = featherfx.bake_many([shot], tmp_path, workers=2, shares=2, chunk=2)
+    finally:
+        log.removeHandler(killer)
+    assert (tmp_path / "wing.usdc").read_bytes() == expected
+    assert [each.name for each in tmp_path.iterdir()] == ["wing.usdc"]
+    first = result["shots"][0]["shares"][0]
+    assert len(first["workers_lost"]) == 2
+    assert first["samples_taken_over"] >= 4
+
+
+def _small_files() -> None:
+    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, most))
+
+
+@pytest.mark.slow
+def test_a_disk_that_is_full_on_one_worker_is_left_to_the_other(tmp_path, wing, caplog):
+    shot, expected = wing
+    there = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with there, distributed.Client(there) as client:
+        full = next(iter(client.scheduler_info()["workers"]))
+        client.run(_small_files, workers=[full])
+        featherfx.bake_many([shot], tmp_path, scheduler=there.scheduler_address, workers=2, chunk=2)
+    assert (tmp_path / "wing.usdc").read_bytes() == expected
+    assert f"failed on {full}" in caplog.text
+
+
+@pytest.mark.slow
+def test_two_jobs_to_one_output_do_not_meet(tmp_path, wing):
+    shot, expected = wing
+    refused: list[BaseException] = []
+
+    def second() -> None:
+        try:
+            featherfx.bake_many([shot], tmp_path, workers=1, shares=2, chunk=2)
+        except InputError as error:
+            refused.append(error)
+
+    begun: list[threading.Thread] = []
+
+    def begin(done: float, total: float) -> None:
+        if not begun:
+            begun.append(threading.Thread(target=second))
+            begun[0].start()
+
+    featherfx.bake_many([shot], tmp_path, workers=2, shares=2, chunk=2, on_frame=begin)
+    begun[0].join()
+    assert (tmp_path / "wing.usdc").read_bytes() == expected
+    assert len(refused) == 1

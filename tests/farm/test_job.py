@@ -1,0 +1,164 @@
+"""What a job does after what, what it tries again, and the bytes of its caches."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+from farm.farm_cases import SerialEngine, options_of, shot_file
+
+import featherfx
+from featherfx.errors import InputError, Problem, SimulationError
+from featherfx.farm.job import Job
+from featherfx.farm.places import PATHS_VARIABLE, mapped, outputs_of
+from featherfx.farm.work import BAKE, MERGE, PLAN
+from featherfx.files.lock import Lock
+from featherfx.usd.types import OutputError
+from featherfx.usd.write.parts import lock_file
+
+OPTIONS = {"frames": (1, 3), "chunk": 2, "layout": "flat"}
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Bytes of single bakes, by layout."""
+    found = {}
+    for layout in ("flat", "clips"):
+        folder = tmp_path_factory.mktemp(layout)
+        featherfx.bake(
+            shot_file(folder, "wing", "swan_wing"),
+            folder / "wing.usdc",
+            **{**OPTIONS, "layout": layout},
+        )
+        found[layout] = tree(folder)
+    return found
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    files = sorted(each for each in folder.rglob("*") if each.is_file() and each.suffix != ".toml")
+    return {str(each.relative_to(folder)): each.read_bytes() for each in files}
+
+
+def job(folder: Path, engine: SerialEngine, shares: int | None = 3, **options: object) -> Job:
+    shot = shot_file(folder, "wing", "swan_wing")
+    out = folder / "out"
+    out.mkdir(exist_ok=True)
+    chosen = options_of(**{**OPTIONS, **options})
+    return Job([shot], [out / "wing.usdc"], chosen, engine, shares, lambda done, total: None)
+
+
+@pytest.mark.parametrize("layout", ["flat", "clips"])
+def test_merged_shares_have_the_bytes_of_a_single_bake(tmp_path, single, layout):
+    engine = SerialEngine()
+    (told,) = job(tmp_path, engine, layout=layout).run()
+    assert tree(tmp_path / "out") == single[layout]
+    assert [order.what for order, _ in engine.given] == [PLAN, BAKE, BAKE, BAKE, MERGE]
+    assert [share["feathers"] for share in told["shares"]] == [7, 7, 6]
+
+
+def test_what_cannot_be_written_is_tried_by_another_worker_and_then_given_up(tmp_path, single):
+    full = OutputError(Problem("wing", "", "no space left on device"))
+
+    def once(order, times):
+        return full if (order.what, order.share, times) == (BAKE, 2, 1) else None
+
+    engine = SerialEngine(fail=once)
+    job(tmp_path, engine).run()
+    assert tree(tmp_path / "out") == single["flat"]
+    second = [place for order, place in engine.given if order.share == 2]
+    assert second == ["a", "b"]
+
+    always = SerialEngine(fail=lambda order, times: full if order.share == 2 else None)
+    with pytest.raises(InputError, match=r"no space left on device \(wing 2/3 on"):
+        job(tmp_path, always, overwrite=True).run()
+    # what was there stays, and the shares that were baked wait for --resume
+    assert set(tree(tmp_path / "out")) > {"wing.usdc", ".wing.usdc.shares/shares.json"}
+    with pytest.raises(InputError, match="a job has begun it"):
+        job(tmp_path, SerialEngine()).run()
+
+
+def test_a_job_goes_on_with_what_another_has_begun(tmp_path, single):
+    def no_third(order, times):
+        return SimulationError("left", 0.0, "it broke", 2) if order.share == 3 else None
+
+    with pytest.raises(InputError, match="it broke"):
+        job(tmp_path, SerialEngine(fail=no_third)).run()
+    with pytest.raises(InputError, match="--resume goes on, --overwrite bakes anew"):
+        job(tmp_path, SerialEngine()).run()
+    # the number of shares stays that of the job that began, whatever is asked for
+    (told,) = job(tmp_path, SerialEngine(), shares=5, resume=True).run()
+    assert [share["samples_taken_over"] for share in told["shares"]] == [3, 3, 0]
+    assert tree(tmp_path / "out") == single["flat"]
+
+
+def test_other_shots_go_on_and_nothing_begins_while_one_is_wrong(tmp_path):
+    good, other = shot_file(tmp_path, "a", "feather_pull"), shot_file(tmp_path, "b", "swan_wing")
+    outputs = outputs_of([good, other], tmp_path)
+    assert [each.name for each in outputs] == ["a.usdc", "b.usdc"]
+
+    def broken(what):
+        def fail(order, times):
+            wrong = (Path(order.shot).stem, order.what) == ("b", what)
+            return SimulationError("left", 0.0, "it broke", 2) if wrong else None
+
+        return fail
+
+    for what, there in ((PLAN, []), (BAKE, ["a.usdc"])):
+        engine = SerialEngine(fail=broken(what))
+        chosen = options_of(**OPTIONS)
+        with pytest.raises(InputError, match="it broke"):
+            Job([good, other], outputs, chosen, engine, 1, lambda done, total: None).run()
+        assert sorted(each.name for each in tmp_path.glob("*.usdc")) == there
+
+
+def test_an_output_that_another_bake_writes_is_refused(tmp_path):
+    work, engine = job(tmp_path, SerialEngine()), SerialEngine()
+    held = Lock(lock_file(tmp_path / "out" / "wing.usdc"))
+    with pytest.raises(InputError, match="another bake is writing this cache"):
+        work.run()
+    held.release()
+    job(tmp_path, engine).run()
+    assert sorted(each.name for each in (tmp_path / "out").iterdir()) == ["wing.usdc"]
+
+
+def test_frames_of_all_shots_are_counted_once(tmp_path):
+    told: list[tuple[float, float]] = []
+    work = job(tmp_path, SerialEngine())
+    work._notify = lambda done, total: told.append((done, total))
+    work.run()
+    assert told == sorted(told)
+    assert told[-1] == (3, 3)
+
+
+def test_outputs_of_shots_of_one_file_name_take_the_shots_names(tmp_path):
+    first, second = tmp_path / "1" / "shot.toml", tmp_path / "2" / "shot.toml"
+    for k, path in enumerate((first, second)):
+        path.parent.mkdir()
+        path.write_text(f'name = "wing {k}"')
+    found = outputs_of([first, second], tmp_path)
+    assert [each.name for each in found] == ["wing_0.usdc", "wing_1.usdc"]
+    with pytest.raises(InputError, match=r"would be wing_0\.usdc, as .*1/shot\.toml is"):
+        outputs_of([first, first], tmp_path)
+    with pytest.raises(InputError, match="2 shots go to a folder"):
+        outputs_of([first, second], tmp_path / "x.usdc")
+
+
+def test_paths_are_those_of_the_worker(monkeypatch):
+    monkeypatch.setenv(PATHS_VARIABLE, "/show=/mnt/show:/tmp=/scratch")
+    assert mapped("/show/a.toml") == "/mnt/show/a.toml"
+    assert mapped("/shows/a.toml") == "/shows/a.toml"
+    assert mapped("/tmp") == "/scratch"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OutputError(Problem("a", "b", "c"), Problem("d", "", "e")),
+        SimulationError("left", 0.25, "it broke", 7.0),
+    ],
+)
+def test_errors_go_from_process_to_process(error):
+    found = pickle.loads(pickle.dumps(error))
+    assert type(found) is type(error)
+    assert (str(found), vars(found)) == (str(error), vars(error))
