@@ -36,13 +36,15 @@ LOG = logging.getLogger("featherfx.farm")
 class _ShotState:
     """A shot of the job: its plan once it is looked at, what became of its orders.
 
-    left: shares that are not baked yet. told: of each share, done. problems: that ended it.
+    looked: times of looking at it. left: shares that are not baked yet. baked: reports of the
+    others. problems: that ended it.
     """
 
     shot: Path
     output: Path
     shares: Shares
     plan: dict[str, Any] = field(default_factory=dict)
+    looked: dict[str, float] = field(default_factory=dict)
     left: int = 0
     baked: list[dict[str, Any]] = field(default_factory=list)
     merged: dict[str, Any] = field(default_factory=dict)
@@ -212,16 +214,16 @@ class Job:
         for text in done.warnings:
             LOG.warning("%s: %s", given.name, text)
         if order.what == PLAN:
-            each.plan = done.report
+            each.plan, each.looked = done.report, done.times
             return
-        LOG.info("%s: done on %s in %.1f s", given.name, given.worker, done.seconds)
+        seconds = done.times["wall_seconds"]
+        LOG.info("%s: done on %s in %.1f s", given.name, given.worker, seconds)
         told = {"worker": given.worker, "workers_lost": given.lost}
-        times = {"wall_seconds": done.seconds}
         if order.what == MERGE:
-            each.merged = told | times
+            each.merged = told | done.times
             each.shares.remove()
             return
-        each.baked.append({"share": order.share, **told, **done.report, **times})
+        each.baked.append({"share": order.share, **told, **done.report, **done.times})
         each.left -= 1
         if each.left == 0 and each.plan["shares"] > 1 and not each.problems:
             each.release()  # for the one that merges
@@ -283,4 +285,5 @@ class Job:
     def _report(self, each: _ShotState) -> dict[str, Any]:
         shares = sorted(each.baked, key=lambda share: int(share["share"]))
         plan = {key: each.plan[key] for key in ("shot", "feathers", "frames", "samples")}
-        return {**plan, "output": str(each.output), "shares": shares, "merging": each.merged}
+        parts = {"looking": each.looked, "shares": shares, "merging": each.merged}
+        return {**plan, "output": str(each.output), **parts}

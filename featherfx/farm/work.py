@@ -56,11 +56,10 @@ class Order:
 @dataclass(frozen=True)
 class Done:
     """What came of an order. report: of a bake, or of a look: feathers, samples, shares, chunk and
-    finished. seconds: that it took. process: of the worker. warnings: that it gave."""
+    finished. times: s that it took by the clock and of the processor. warnings: that it gave."""
 
     report: dict[str, Any]
-    seconds: float
-    process: int
+    times: dict[str, float]
     warnings: tuple[str, ...]
 
 
@@ -72,13 +71,17 @@ def work(order: Order, notify: Callable[[int, int], None]) -> Done:
     if order.program != program_digest():
         message = "has another version of featherfx, or of numpy, than gives the work"
         raise InputError(Problem(os.uname().nodename, "", message))
-    begin = time.perf_counter()
+    begin, spent = time.perf_counter(), time.process_time()
     order = replace(order, shot=mapped(order.shot), output=mapped(order.output))
     with warnings.catch_warnings(record=True) as said, Account():
         warnings.simplefilter("always", InputWarning)
         report = {PLAN: _look, BAKE: _bake, MERGE: _merge}[order.what](order, notify)
     told = tuple(str(each.message) for each in said if issubclass(each.category, InputWarning))
-    return Done(report, time.perf_counter() - begin, os.getpid(), tuple(dict.fromkeys(told)))
+    times = {
+        "wall_seconds": time.perf_counter() - begin,
+        "processor_seconds": time.process_time() - spent,
+    }
+    return Done(report, times, tuple(dict.fromkeys(told)))
 
 
 def _prepared(order: Order, output: Path, **changed: Any) -> Task:

@@ -27,7 +27,7 @@ def test_two_shots_on_a_cluster_have_the_bytes_of_single_bakes(tmp_path, caplog)
     out = tmp_path / "out"
     out.mkdir()
     there = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0"
     )
     told: list[tuple[float, float]] = []
     with there, caplog.at_level(logging.INFO, "featherfx.farm"):
@@ -115,7 +115,9 @@ def _small_files() -> None:
 @pytest.mark.slow
 def test_a_disk_that_is_full_on_one_worker_is_left_to_the_other(tmp_path, wing, caplog):
     shot, expected = wing
-    there = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    there = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    )
     with there, distributed.Client(there) as client:
         full = next(iter(client.scheduler_info()["workers"]))
         client.run(_small_files, workers=[full])
