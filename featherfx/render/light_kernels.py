@@ -42,7 +42,7 @@ Integers = NDArray[np.int32]
 # what a triangle is of; rows of MATERIALS
 VANE, SHAFT, SKIN = 0, 1, 2
 # share of light that goes through, gloss k, its sharpness p, light that a shadow lets through
-EXPOSURE = 0.50
+EXPOSURE = 0.36
 FURROW = 0.8  # darkness of furrows between barbs of full roundness
 MATERIALS = np.array([[0.34, 0.10, 18.0, 0.30], [0.0, 0.22, 40.0, 0.0], [0.0, 0.03, 12.0, 0.0]])
 

@@ -34,14 +34,14 @@ _OFFSET = 2e-5  # of the size of all that is drawn: how far rays start off a sur
 _TOP, _BOTTOM = np.array([0.64, 0.68, 0.73]), np.array([0.40, 0.43, 0.47])
 # light of the sun and of the sky at zenith, horizon and ground; tangent of the sun's half angle
 _SUN, _SUN_RADIUS = (2.15, 1.95, 1.65), 0.10
-_SKY = (0.42, 0.52, 0.68), (0.66, 0.69, 0.73), (0.28, 0.24, 0.20)
+_SKY = (0.50, 0.62, 0.80), (0.78, 0.81, 0.85), (0.36, 0.31, 0.26)
 
 
 def lights_of(eye: Eye) -> Lights:
     """A sun over the left shoulder of who looks, under a bright sky above warm ground."""
     up = np.array([0.0, 0.0, 1.0])
     zenith, horizon, ground = (np.array(colour) for colour in _SKY)
-    sun = 0.30 * eye.back + 0.60 * up + 0.35 * eye.up - 0.70 * eye.right
+    sun = 0.38 * eye.back + 0.60 * up + 0.35 * eye.up - 0.55 * eye.right
     return Lights(
         sun=sun / np.linalg.norm(sun),
         sun_light=np.array(_SUN),

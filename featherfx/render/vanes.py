@@ -36,7 +36,7 @@ _REAL_SPACING = 5e-4  # m, chosen by eye between those of contour and of flight 
 _STATION = 6.0  # pixels between two points of a barb
 _MOST_BARBS = 1200.0
 _STEP = 1.3  # between numbers of barbs, so that feathers of about one size share their weights
-_ROUND, _ROUND_FAR = 0.90, 0.40  # how round barbs are shaded where each is drawn, and where not
+_ROUND, _ROUND_FAR = 0.90, 0.50  # how round barbs are shaded where each is drawn, and where not
 
 
 @dataclass(frozen=True)
@@ -72,19 +72,20 @@ def topology_of(feather: CachedFeather) -> Topology | None:
 
 def _vane_grid(st: Floats, triangles: Indices) -> tuple[Indices, Array, Array] | None:
     rows = _rows(st, np.unique(triangles))
-    count = len(rows[0])
+    count = max(len(row) for row in rows)
     if count < 2 or len(rows) < 2:
         return None
     ordered = []
     for row in rows:
         if len(row) == 1:
-            # the tip, where the last barbs have no length
+            # base or tip, where barbs have no length
             row = np.repeat(row, count)
         if len(row) != count:
             return None
         ordered.append(row[np.argsort(np.abs(st[row, 0] - 0.5), kind="stable")])
     grid = np.array(ordered)
-    places = np.abs(st[grid[0], 0] - 0.5).astype(float)
+    widest = int(np.argmax([len(row) for row in rows]))
+    places = np.abs(st[grid[widest], 0] - 0.5).astype(float)
     places = (places - places[0]) / max(places[-1] - places[0], 1e-12)
     heights = st[grid[:, 0], 1].astype(float)
     return (grid, heights, places) if (np.diff(places) > 0).all() else None

@@ -7,13 +7,16 @@ import pytest
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom
 
+from featherfx import export_groom
 from featherfx.errors import InputError, InputWarning
+from featherfx.groom.presets.folders import shipped_folder
 from featherfx.phases import Account
 from featherfx.render.camera import axes_of, framing, turntable
 from featherfx.render.light_kernels import SHAFT, VANE
 from featherfx.render.picture import PictureOptions, render
 from featherfx.render.scene import load_points
 from featherfx.render.subject import open_subject
+from featherfx.render.vanes import topology_of
 from featherfx.usd.read.cameras import camera_of
 from featherfx.usd.read.read import Cache
 
@@ -54,6 +57,26 @@ def test_every_barb_is_a_strip_within_the_vane(cache):
     low, high = mesh.min(axis=0), mesh.max(axis=0)
     assert (geometry.points > low - 1e-4).all()
     assert (geometry.points < high + 1e-4).all()
+
+
+def test_barbs_of_every_shipped_kind_are_drawn(tmp_path):
+    """Also where vanes begin and end in a point, in a row without barbs."""
+    kinds = sorted(path.stem for path in (shipped_folder() / "feather").glob("*.toml"))
+    assert len(kinds) > 4
+    feathers = "".join(
+        f'[[feather]]\nid = "{kind}"\nkind = "{kind}"\nposition = [0, {k}, 0]\n'
+        "direction = [-1, 0, 0]\nup = [0, 0, 1]\n"
+        for k, kind in enumerate(kinds)
+    )
+    (tmp_path / "groom.toml").write_text(f'name = "kinds"\n{feathers}')
+    export_groom(tmp_path / "groom.toml", tmp_path / "kinds.usdc", quality="draft")
+    for feather in Cache(tmp_path / "kinds.usdc").feathers:
+        topology = topology_of(feather)
+        assert topology is not None, feather.id
+        for grid, heights, places in topology.vanes:
+            assert grid.shape == (len(heights), len(places))
+            assert places[0] == 0.0
+            assert places[-1] == 1.0
 
 
 def test_strips_cover_the_area_of_the_vane(cache):
