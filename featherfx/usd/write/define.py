@@ -16,8 +16,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
+from featherfx.usd import arrays
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.poses import BARB, MESH, RACHIS, PosedFeather
@@ -27,6 +28,9 @@ from featherfx.usd.write.prims import (
     define_materials,
     define_mesh,
     define_rachis,
+    labels,
+    replace_primvars,
+    seat,
 )
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import BARBS, FEATHERS, MATERIALS, RACHISES, StageInfo, define_root
@@ -103,16 +107,58 @@ def define_prims(
     define_scopes(stage, info, has_barbs)
     define_representations(stage, info, has_barbs)
     materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
-    shapes: dict[int, MeshValues] = {}
-    for index, entry in enumerate(entries):
-        posed, surface = prims.feathers[index], entry.feather.surface
-        if id(surface) not in shapes:
-            shapes[id(surface)] = MeshValues(surface)
-        pose = posed.rest()
-        rest = {part: pose.values[part, "points"].value for part in posed.parts}
-        at = {part: prims.paths[index][part, "points"].GetPrimPath() for part in posed.parts}
-        define_mesh(stage, at[MESH], entry, shapes[id(surface)], rest[MESH], materials)
-        up = info.space.directions(entry.rest_points.directors[0, 1])
-        define_rachis(stage, at[RACHIS], entry, rest[RACHIS], posed.widths, up, materials)
+    paths = [
+        {part: own[part, "points"].GetPrimPath() for part in posed.parts}
+        for own, posed in zip(prims.paths, prims.feathers, strict=True)
+    ]
+    with Sdf.ChangeBlock():
+        # prims stand in the order of the feathers, whichever of them is defined first
+        for path in (path for own in paths for path in own.values()):
+            Sdf.CreatePrimInLayer(layer, path)
+    first: dict[Any, int] = {}  # feather of each sort that the others are copies of
+    for index, (entry, posed, at) in enumerate(zip(entries, prims.feathers, paths, strict=True)):
+        is_first = first.setdefault(_sort(entry), index) == index
+        rest = _rest(posed) if is_first or posed.has_barbs else {}
+        if is_first:
+            values = MeshValues(entry.feather.surface)
+            define_mesh(stage, at[MESH], entry, values, rest[MESH], materials)
+            up = _up(info, entry)
+            define_rachis(stage, at[RACHIS], entry, rest[RACHIS], posed.widths, up, materials)
         if posed.has_barbs:
             define_barbs(stage, at[BARB], entry, rest[BARB], posed.barb_widths, materials)
+    del stage  # layers alone take copies much faster
+    with Sdf.ChangeBlock():
+        for index, (entry, posed) in enumerate(zip(entries, prims.feathers, strict=True)):
+            if (like := first[_sort(entry)]) != index:
+                _copy(layer, info, paths[like], paths[index], entry, posed)
+
+
+def _sort(entry: FeatherEntry) -> Any:
+    """Equal for feathers whose meshes and shafts differ in nothing but what _copy replaces."""
+    surface = entry.feather.surface
+    shared = surface.triangles, surface.part, surface.st
+    return *map(id, shared), entry.feather.rows, entry.root is None
+
+
+def _copy(
+    layer: Any, info: StageInfo, source: Any, target: Any, entry: FeatherEntry, posed: PosedFeather
+) -> None:
+    """Mesh and shaft of a feather as those of another of its surface, but for what is its own."""
+    rest, own = _rest(posed), labels(entry.id, entry.kind, entry.region)
+    for part in (MESH, RACHIS):
+        Sdf.CopySpec(layer, source[part], layer, target[part])
+        replace_primvars(layer, target[part], **own, Pref=rest[part], rest=rest[part])
+    if entry.root is not None:
+        replace_primvars(layer, target[MESH], **seat(entry.root))
+    replace_primvars(layer, target[RACHIS], up=arrays.vec3f([_up(info, entry)]))
+    widths = target[RACHIS].AppendProperty(UsdGeom.Tokens.widths)
+    layer.GetAttributeAtPath(widths).default = arrays.floats(posed.widths)
+
+
+def _rest(posed: PosedFeather) -> dict[str, Any]:
+    pose = posed.rest()
+    return {part: pose.values[part, "points"].value for part in posed.parts}
+
+
+def _up(info: StageInfo, entry: FeatherEntry) -> Any:
+    return info.space.directions(entry.rest_points.directors[0, 1])

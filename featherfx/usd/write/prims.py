@@ -13,6 +13,7 @@ import numpy as np
 from pxr import Gf, Sdf, UsdGeom, UsdShade
 
 from featherfx.feather.types import LEADING, RACHIS, TRAILING, Surface
+from featherfx.shot.motion.skin import SkinRoot
 from featherfx.usd import arrays
 from featherfx.usd.types import FeatherEntry
 
@@ -52,6 +53,23 @@ def author_primvars(prim: Any, **values: Any) -> None:
         primvar.Set(value)
         if element > 1:
             primvar.SetElementSize(element)
+
+
+def replace_primvars(layer: Any, path: Any, **values: Any) -> None:
+    """Other values of primvars that a prim of a layer has already."""
+    for name, value in values.items():
+        attribute = layer.GetAttributeAtPath(path.AppendProperty(f"primvars:{name}"))
+        attribute.default = value
+
+
+def seat(root: SkinRoot) -> dict[str, Any]:
+    """The primvars that tell where a feather sits on a skin."""
+    return {
+        "skinPrim": arrays.strings(root.path),
+        "skinFace": arrays.ints([root.face]),
+        "skinPoints": arrays.ints(root.points),
+        "skinBarycentric": arrays.floats(root.barycentric),
+    }
 
 
 def labels(id: str, kind: str, region: str) -> dict[str, Any]:
@@ -111,13 +129,7 @@ def define_mesh(
     prim = mesh.GetPrim()
     author_primvars(prim, **labels(entry.id, entry.kind, entry.region))
     if entry.root is not None:
-        author_primvars(
-            prim,
-            skinPrim=arrays.strings(entry.root.path),
-            skinFace=arrays.ints([entry.root.face]),
-            skinPoints=arrays.ints(entry.root.points),
-            skinBarycentric=arrays.floats(entry.root.barycentric),
-        )
+        author_primvars(prim, **seat(entry.root))
     author_primvars(prim, Pref=rest, rest=rest, st=values.st, side=values.side)
     _look(prim, "vane", materials)
     # vanes and shaft as one family that covers every face once; an absent vane has no subset
