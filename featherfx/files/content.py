@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 DIGITS = 16
-_PLAIN = (bool, int, float, str, type(None))
+_SHORT = 128  # bytes of an array that stand for themselves
+_PLAIN = frozenset((bool, int, float, str, type(None)))
 # folders of the program whose code decides what it computes
 _CODE = ("algebra", "groom", "feather", "mechanics", "solver", "shot", "usd")
 
@@ -75,10 +76,12 @@ class _Walk:
         if isinstance(value, np.ndarray):
             self._changing += 1
             head = f"array {value.shape} {value.dtype.str} ".encode()
-            return head + _hashed(np.ascontiguousarray(value).tobytes())
+            # in C order; the head tells how many bytes follow
+            content = value.tobytes()
+            return head + (content if len(content) <= _SHORT else _hashed(content))
         if isinstance(value, (tuple, list)):
             self._changing += isinstance(value, list)
-            if all(type(part) in _PLAIN for part in value):
+            if _PLAIN.issuperset(map(type, value)):
                 return f"plain {tuple(value)!r};".encode()
             return f"list {len(value)} ".encode() + b"".join(map(self.of, value))
         if isinstance(value, Mapping):
@@ -90,19 +93,27 @@ class _Walk:
             return _file(value) if value.is_file() else self.of(str(value))
         return self._record(value)
 
+    def _fields(self, record: Any) -> bytes:
+        """Bytes of a record's members, by their names."""
+        found = members(record)
+        plain = [pair for pair in found if type(pair[1]) in _PLAIN]
+        others = [pair for pair in found if type(pair[1]) not in _PLAIN]
+        parts = (name.encode() + b" " + self.of(value) for name, value in others)
+        return f"record {len(found)} {plain!r} ".encode() + b"".join(parts)
+
     def _record(self, value: Any) -> bytes:
         if (known := _CONSTANT.get(id(value))) is not None and known[0]() is value:
             return b"record " + known[1]
         if id(value) not in self._known:
             before = self._changing
             if is_dataclass(value):
-                parts: Any = tuple(members(value))
+                found = self._fields(value)
             elif hasattr(value, "origin"):
-                parts = (*value.origin, getattr(value, "knots", None))
+                found = self.of((*value.origin, getattr(value, "knots", None)))
                 self._changing += 1
             else:
                 raise TypeError(f"a {type(value).__name__} has no digest")
-            self._known[id(value)] = value, _hashed(self.of(parts))
+            self._known[id(value)] = value, _hashed(found)
             if self._changing == before and value.__dataclass_params__.frozen:
                 _remember(value, self._known[id(value)][1])
         return b"record " + self._known[id(value)][1]

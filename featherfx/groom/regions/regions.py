@@ -12,19 +12,21 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from
 from featherfx.errors import InputWarning
+from featherfx.files.store import kept
 from featherfx.groom.keys.values import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.read.drafts import CurveReader, Draft
 from featherfx.groom.read.drawn import SceneReader
 from featherfx.groom.read.space import SkinsReader, Space
 from featherfx.groom.regions.kinds import STREAMS, RegionKinds, normal_draws, region_kinds, shapes
-from featherfx.groom.regions.rules import GroomSkin, Rule, along_skin, flow, presence
+from featherfx.groom.regions.rules import GroomSkin, Presence, Rule, along_skin, flow, presence
 from featherfx.groom.regions.scatter import Scattered, expected_count, scatter
 from featherfx.groom.skin.points import Array, Indices, SkinSurface, SurfacePoints
 from featherfx.groom.skin.search import search_tree
 from featherfx.groom.types import Layout
 
 _MOST_NAMED = 5
+_PLACES = "triangle", "barycentric", "position", "normal"
 _LEAST_FIT = 0.25  # of a feather's length, left where there is no room
 
 
@@ -36,7 +38,7 @@ class _Region:
     place: Place
     surface: SkinSurface
     kinds: RegionKinds
-    presence: Rule
+    presence: Presence
     flow: Rule
     space: Space
 
@@ -181,7 +183,7 @@ def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, a
 
 def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -> list[Draft]:
     entry = region.entry
-    found = scatter(region.surface, region.presence, count, entry["seed"])
+    found = _scattered(region, count)
     points = found.points
     if len(points) < count:
         warnings.warn(
@@ -229,6 +231,21 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
         )
         for k in range(len(points))
     ]
+
+
+def _scattered(region: _Region, count: int) -> Scattered:
+    """Places of so many feathers, fewer where there is hardly any room; kept between runs."""
+    surface, seed = region.surface, region.entry["seed"]
+    inputs = [surface.source.points, surface.source.triangles, region.presence.inputs, count, seed]
+
+    def compute() -> dict[str, Any]:
+        found = scatter(surface, region.presence, count, seed)
+        places = {name: getattr(found.points, name) for name in _PLACES}
+        return {"number": found.number, **places}
+
+    arrays = kept("scatter", inputs, compute)
+    number = arrays.pop("number")
+    return Scattered(SurfacePoints(surface, **arrays), number)
 
 
 def _tilted(direction: Array, normal: Array, tilt: Array) -> Array:

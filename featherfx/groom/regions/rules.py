@@ -18,6 +18,23 @@ Rule = Callable[[SurfacePoints], Array]
 
 
 @dataclass(frozen=True)
+class Presence:
+    """How much of a region there is at points, within 0 and 1: the product of rules.
+
+    inputs: all that these depend on, besides the points and their surface.
+    """
+
+    rules: tuple[Rule, ...]
+    inputs: tuple[Any, ...]
+
+    def __call__(self, points: SurfacePoints) -> Array:
+        result = np.ones(len(points))
+        for rule in self.rules:
+            result = result * rule(points)
+        return result
+
+
+@dataclass(frozen=True)
 class GroomSkin:
     """A skin that regions grow on. space: that their ranges and boxes are in. folder: of the
     groom, where pictures are."""
@@ -34,38 +51,36 @@ _GUIDES = 8  # guide points that a direction is interpolated from
 _LEAST_ALONG = 1e-3
 
 
-def presence(rules: tuple[dict[str, Any], ...], skin: GroomSkin, place: Place) -> Rule | None:
-    """Product of all rules, within 0 and 1. rules: checked tables. None after adding problems."""
+def presence(rules: tuple[dict[str, Any], ...], skin: GroomSkin, place: Place) -> Presence | None:
+    """The product of all rules. rules: checked tables. None after adding problems."""
     built = [_presence(rule, skin, place.item(number)) for number, rule in enumerate(rules)]
     sound = [rule for rule in built if rule is not None]
     if len(sound) < len(built):
         return None
-
-    def product(points: SurfacePoints) -> Array:
-        result = np.ones(len(points))
-        for rule in sound:
-            result = result * rule(points)
-        return result
-
-    return product
+    inputs = tuple(each for _, each in sound)
+    return Presence(tuple(rule for rule, _ in sound), (skin.space, rules, *inputs))
 
 
-def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> Rule | None:
+def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule, Any] | None:
+    """A rule, and the values of the skin that it was made of; None after adding problems."""
     given = [name for name in _PLACES if rule[name] is not None]
     if len(given) != 1:
         found = " and ".join(given) or "none"
         return place.fail(f"holds {found}, expects one of {', '.join(_PLACES)}") and None
     name = given[0]
     if name in ("primvar", "subset", "image"):
-        plain = _mapped(name, rule[name], skin, place)
+        found = _mapped(name, rule[name], skin, place)
+    elif (analytic := _analytic(name, rule, skin.space, place)) is not None:
+        found = analytic, None
     else:
-        plain = _analytic(name, rule, skin.space, place)
-    if plain is None or not rule["invert"]:
-        return plain
-    return lambda points: 1.0 - plain(points)
+        return None
+    if found is None or not rule["invert"]:
+        return found
+    plain, inputs = found
+    return (lambda points: 1.0 - plain(points)), inputs
 
 
-def _mapped(name: str, value: str, skin: GroomSkin, place: Place) -> Rule | None:
+def _mapped(name: str, value: str, skin: GroomSkin, place: Place) -> tuple[Rule, Any] | None:
     surface, at = skin.surface, place.child(name)
     if name == "image":
         return _image(skin.folder / value, surface, at)
@@ -73,14 +88,14 @@ def _mapped(name: str, value: str, skin: GroomSkin, place: Place) -> Rule | None
         members = surface.source.subset(value, at)
         if members is None:
             return None
-        return lambda points: members[points.triangle].astype(np.float64)
+        return (lambda points: members[points.triangle].astype(np.float64)), members
     corners = surface.source.weights(value, at)
     if corners is None:
         return None
-    return lambda points: np.clip(points.interpolated(corners), 0.0, 1.0)
+    return (lambda points: np.clip(points.interpolated(corners), 0.0, 1.0)), corners
 
 
-def _image(path: Path, surface: SkinSurface, at: Place) -> Rule | None:
+def _image(path: Path, surface: SkinSurface, at: Place) -> tuple[Rule, Any] | None:
     st = surface.source.st
     if st is None:
         at.fail(f"{surface.source.path} has no primvars:st")
@@ -90,7 +105,7 @@ def _image(path: Path, surface: SkinSurface, at: Place) -> Rule | None:
         return None
     corners: Array = st
     picture: Array = grey
-    return lambda points: _bilinear(picture, points.interpolated(corners))
+    return (lambda points: _bilinear(picture, points.interpolated(corners))), (corners, picture)
 
 
 def _bilinear(grey: Array, st: Array) -> Array:
