@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from featherfx.errors import InputError
 from featherfx.files import store
 from featherfx.files.content import digest
 from featherfx.files.store import kept
@@ -126,6 +127,13 @@ def test_a_size_of_zero_keeps_nothing(folder, monkeypatch):
     found(calls)
     assert len(calls) == 2
     assert not folder.exists()
+
+
+@pytest.mark.parametrize("size", ["lots", "-1", "nan", "2 GB"])
+def test_a_size_that_is_none_is_an_error(folder, monkeypatch, size):
+    monkeypatch.setenv("FEATHERFX_CACHE_SIZE", size)
+    with pytest.raises(InputError, match=f"FEATHERFX_CACHE_SIZE: '{size}' is no number of GB"):
+        found([])
 
 
 def test_processes_wait_for_the_one_that_computes(folder, tmp_path):

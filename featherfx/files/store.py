@@ -24,6 +24,7 @@ import numpy as np
 from filelock import FileLock
 from numpy.typing import NDArray
 
+from featherfx.errors import InputError, Problem
 from featherfx.files.cache_folder import doubt, wanted_folder
 from featherfx.files.content import digest, program_digest
 from featherfx.limits import MOST_KEPT_BYTES
@@ -45,7 +46,7 @@ def kept(what: str, inputs: Sequence[Any], compute: Callable[[], Mapping[str, An
 
     what: names the computation, in small letters and hyphens. inputs: all that the result depends
     on, but the program: what featherfx.files.content.digest takes. Arrays hold no objects. Raises
-    what compute raises.
+    what compute raises, and InputError for a size of the store that is none.
     """
     file = _file_of(what, inputs)
     if file is None:
@@ -81,11 +82,18 @@ def _file_of(what: str, inputs: Sequence[Any]) -> Path | None:
 
 
 def _limit() -> float:
-    """Bytes that all entries together may take."""
-    try:
-        return 1e9 * float(os.environ.get(SIZE_VARIABLE, ""))
-    except ValueError:
+    """Bytes that all entries together may take. Raises InputError for what is no such number."""
+    given = os.environ.get(SIZE_VARIABLE, "")
+    if not given:
         return MOST_KEPT_BYTES
+    try:
+        limit = 1e9 * float(given)
+    except ValueError:
+        limit = -1.0
+    if not limit >= 0.0:
+        message = f"'{given}' is no number of GB, allowed 0 (keeps nothing) and more"
+        raise InputError(Problem(SIZE_VARIABLE, "", message))
+    return limit
 
 
 def _load(file: Path) -> Arrays | None:

@@ -268,6 +268,17 @@ def test_blend_shapes_that_do_not_fit(tmp_path):
     assert words in checked(tmp_path / "skin.usda")
 
 
+def test_blend_shapes_whose_targets_lead_nowhere(tmp_path):
+    stage = new_stage(tmp_path / "skin.usda")
+    add_skinned(stage)
+    targets = UsdSkel.BindingAPI(stage.GetPrimAtPath("/bird/skin")).GetBlendShapeTargetsRel()
+    targets.SetTargets([targets.GetPath()])  # names itself
+    stage.Save()
+    words = "/bird/skin: skel:blendShapeTargets names what is no BlendShape"
+    assert words in told(featherfx.read_shot, write_shot(tmp_path, SKIN))
+    assert words in checked(tmp_path / "skin.usda")
+
+
 def test_a_pose_that_is_not_finite_later_on(tmp_path):
     stage = new_stage(tmp_path / "skin.usda")
     add_skinned(stage)

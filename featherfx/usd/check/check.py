@@ -41,6 +41,7 @@ from featherfx.usd.read.values import (
     array_of,
     collecting,
     computed,
+    reading,
     reason_of,
     sized_array,
     targets_of,
@@ -87,7 +88,9 @@ def check_usd(path: str | Path) -> list[Problem]:
     if problems:
         return problems  # what is in them would be missed everywhere
     try:
-        problems += [Problem(str(path), key, message) for key, message in _stage_problems(stage)]
+        with reading(stage.GetPseudoRoot()):
+            found = list(_stage_problems(stage))
+        problems += [Problem(str(path), key, message) for key, message in found]
         prims = list(stage.Traverse())
         for prim in counted("checking", prims, len(prims)):
             for name, message in _prim_problems(prim):

@@ -29,6 +29,7 @@ from featherfx.usd.read.values import (
     fault,
     flattened,
     numbers_of,
+    reading,
     sized_array,
     text_of,
     times_of,
@@ -100,7 +101,8 @@ class Cache:
         self.frames_per_second = self._stage.GetTimeCodesPerSecond()
         self.meters_per_unit = UsdGeom.GetStageMetersPerUnit(self._stage)
         self.up_axis = str(UsdGeom.GetStageUpAxis(self._stage))
-        self.scenery = tuple(_scenery(self._stage))
+        with reading(self._stage.GetPseudoRoot()):
+            self.scenery = tuple(_scenery(self._stage))
         drawn = list(drawn_meshes(self._stage))
         if not drawn:
             raise InputError(Problem(str(path), "", "holds no visible mesh"))

@@ -216,6 +216,9 @@ def _blend_shapes(
         if not (prim and prim.IsActive() and prim.IsA(UsdSkel.BlendShape)):
             message = f"skel:blendShapeTargets names {target}, which is no active BlendShape"
             raise fault(mesh.GetPrim(), message)
+    # a target may also lead nowhere, such as to a relationship that names itself
+    if not all(query.GetBlendShape(shape) for shape in range(query.GetNumBlendShapes())):
+        raise fault(mesh.GetPrim(), "skel:blendShapeTargets names what is no BlendShape")
     count = len(sized_array(mesh.GetPointsAttr(), EARLIEST, VECTORS))
     places = [np.array(each, dtype=np.int64) for each in query.ComputeBlendShapePointIndices()]
     offsets = [

@@ -117,11 +117,29 @@ def broken_files(stage: Any) -> dict[str, str]:
     """Layers that a stage names and that cannot be opened, and why."""
     found: dict[str, str] = {}
     for layer in stage.GetUsedLayers():
+        if fault := _variant_fault(layer):
+            found[layer.realPath or layer.identifier] = fault
+            continue
         # an arc within the layer has no name
         for name in filter(None, layer.GetCompositionAssetDependencies()):
             path = Sdf.ComputeAssetPathRelativeToLayer(layer, name)
             found[path] = _why_not(path)
     return {path: reason for path, reason in found.items() if reason}
+
+
+def _variant_fault(layer: Any) -> str:
+    """What is wrong with the variants of a layer: USD ends the process where it meets one that it
+    lists and that is not there."""
+    prims = list(layer.rootPrims)
+    while prims:
+        prim = prims.pop()
+        prims += prim.nameChildren
+        for name in prim.variantSets.keys():
+            for variant in prim.variantSets[name].variants.keys():
+                at = prim.path.AppendVariantSelection(name, variant)
+                if not variant or not layer.GetObjectAtPath(at):
+                    return f"is damaged: {prim.path} has no variant '{variant}' of '{name}'"
+    return ""
 
 
 def broken_clips(stage: Any) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,9 +166,8 @@ class PosedFeather:
         """Strain and energy of the surface that was placed last."""
         surface, values = self._surface, pose.values
         across, shear = surface.strains
-        surface_kernels.face_strains(
-            surface.drawn.world, surface.corners, surface.strain_rest, across, shear
-        )
+        corners, rest = surface.unstrained
+        surface_kernels.face_strains(surface.drawn.world, corners, rest, across, shear)
         if (MESH, STRAIN_ACROSS) in values:
             values[MESH, STRAIN_ACROSS].numbers[:] = across
             values[MESH, STRAIN_SHEAR].numbers[:] = shear
@@ -193,21 +193,26 @@ class PosedFeather:
 class _Surface:
     """Arrays of a surface that all feathers of one shape share, as the kernels take them."""
 
-    def __init__(self, feather: Feather) -> None:
-        surface = feather.surface
-        rest = surface.points(feather.rest)
-        edges = barb_edges(surface, rest)
+    def __init__(self, feather: Feather, edges: NDArray[np.int32]) -> None:
+        """edges: as of barb_edges."""
+        self._feather, surface = feather, feather.surface
+        vertices = (len(surface.row), 3)
         self.drawn = DrawnSurface(
             row=_plain(surface.row),
             node=_plain(surface.node),
             offset=np.ascontiguousarray(surface.offset, dtype=np.float64),
             triangles=_plain(surface.triangles),
             edges=edges,
-            world=np.zeros(rest.shape),
-            sums=np.zeros(rest.shape),
+            world=np.zeros(vertices),
+            sums=np.zeros(vertices),
         )
-        self.corners, self.strain_rest = strain_rest(surface, edges, rest)
         self.strains = np.zeros((2, len(edges)))
+
+    @cached_property
+    def unstrained(self) -> tuple[Indices, Array]:
+        """As of strain_rest; only diagnostics ask for it."""
+        surface = self._feather.surface
+        return strain_rest(surface, self.drawn.edges, surface.points(self._feather.rest))
 
 
 def posed_feathers(
@@ -215,9 +220,15 @@ def posed_feathers(
 ) -> list[PosedFeather]:
     """All feathers of a cache; arrays of entries that share a Feather are made once."""
     shapes: dict[int, _Surface] = {}
-    for entry in entries:
-        if id(entry.feather) not in shapes:
-            shapes[id(entry.feather)] = _Surface(entry.feather)
+    # feathers that differ in size alone have one topology
+    edges: dict[tuple[int, int], NDArray[np.int32]] = {}
+    for feather in (entry.feather for entry in entries):
+        surface = feather.surface
+        topology = id(surface.triangles), id(surface.barb_direction)
+        if topology not in edges:
+            edges[topology] = barb_edges(surface, surface.points(feather.rest))
+        if id(feather) not in shapes:
+            shapes[id(feather)] = _Surface(feather, edges[topology])
     return [PosedFeather(entry, shapes[id(entry.feather)], space, extras) for entry in entries]
 
 
