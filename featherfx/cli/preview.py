@@ -73,8 +73,8 @@ from featherfx.render.picture import COLOURS, FRAMINGS, SAMPLES, VIEWS
 @click.option(
     "--framing",
     type=click.Choice([each for each in FRAMINGS if each]),
-    help="Keep in view what all frames of FILE show, or those drawn."
-    "  [default: all; drawn with --feather or --region]",
+    help="Keep in view what all frames of FILE show, or those drawn, or go along with it."
+    "  [default: all; drawn with --feather or --region; follow where it goes far]",
 )
 @click.option(
     "--camera",

@@ -145,6 +145,51 @@ def framing(right: Array, up: Array, points: Array, size: tuple[int, int]) -> Ey
     return Eye(View(eye, right, up, back, height * aspect, height, (0.0, 0.0), False), size)
 
 
+@dataclass(frozen=True)
+class Way:
+    """The smooth way of what is drawn: polynomials of time codes, (4, 3) m, the constants last.
+
+    first, span: codes from which and over which they count from -1 to 1.
+    """
+
+    coefficients: Array
+    first: float
+    span: float
+
+    def __call__(self, time: float | None) -> Array:
+        """(3,) m."""
+        share = 2.0 * ((time or 0.0) - self.first) / self.span - 1.0
+        return np.vander([share], len(self.coefficients))[0] @ self.coefficients
+
+
+def way_of(reach: Sequence[tuple[float, Array]]) -> Way:
+    """Of the middles of hulls at time codes, by least squares, so that it does not beat with a
+    wing."""
+    codes = np.array([code for code, _ in reach])
+    middles = np.array([0.5 * (hull.min(axis=0) + hull.max(axis=0)) for _, hull in reach])
+    first, span = float(codes.min()), max(float(np.ptp(codes)), 1e-9)
+    degree = min(3, len(np.unique(codes)) - 1)
+    shares = 2.0 * (codes - first) / span - 1.0
+    return Way(np.polyfit(shares, middles, degree).reshape(degree + 1, 3), first, span)
+
+
+def standing_still() -> Way:
+    """The way of a camera that stays where it is."""
+    return Way(np.zeros((1, 3)), 0.0, 1.0)
+
+
+def travels(way: Way, reach: Sequence[tuple[float, Array]]) -> bool:
+    """Whether what is drawn goes farther than it is large."""
+    places = np.array([way(code) for code, _ in reach])
+    sizes = [float(np.linalg.norm(np.ptp(hull, axis=0))) for _, hull in reach]
+    return float(np.linalg.norm(np.ptp(places, axis=0))) > max(sizes)
+
+
+def carried(eye: Eye, shift: Array) -> Eye:
+    """A camera moved by a shift (3,) m."""
+    return replace(eye, view=replace(eye.view, eye=eye.view.eye + shift))
+
+
 def whole(view: View, size: tuple[int, int]) -> Eye:
     """A camera with all of its picture in one of another shape."""
     aspect = size[0] / size[1]

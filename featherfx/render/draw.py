@@ -15,7 +15,17 @@ from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing
 from featherfx.phases import Done, phase
 from featherfx.render.annotate import add_key, beside, contact_sheet, label
-from featherfx.render.camera import Eye, axes_of, framing, turntable, whole
+from featherfx.render.camera import (
+    Eye,
+    axes_of,
+    carried,
+    framing,
+    standing_still,
+    travels,
+    turntable,
+    way_of,
+    whole,
+)
 from featherfx.render.colour import Bar, Legend
 from featherfx.render.files import save
 from featherfx.render.picture import SHEET_FRAMES, PictureOptions, check_pixels
@@ -135,21 +145,28 @@ def _shots(
         eyes = [whole(seen(time), options.pixels) for time in times]
         return [Shot(time, eye, *names) for (time, *names), eye in zip(named, eyes, strict=True)]
     kept = times if options.framed == "drawn" else None
-    reach = np.concatenate([subject.reach(kept) for subject in subjects])
+    reach = [each for subject in subjects for each in subject.reach(kept)]
+    way = way_of(reach)
+    if options.framing not in (None, "follow") or not (options.framing or travels(way, reach)):
+        way = standing_still()
+    points = np.concatenate([hull - way(code) for code, hull in reach])
     right, up = axes_of(options.view, *subjects[0].shape(kept))
-    middle = 0.5 * (reach.min(axis=0) + reach.max(axis=0))
     if options.turntable:
         count = options.turntable
         angles = [2 * math.pi * k / count for k in range(count)]
-        eyes = turntable(right, up, reach, options.pixels, angles)
+        eyes = turntable(right, up, points, options.pixels, angles)
         named = [named[k * len(named) // count] for k in range(count)]
         turns = [(f"{360 * k / count:g} degrees", f"{k + 1:04d}") for k in range(count)]
         named = [(time, *turn) for (time, _, _), turn in zip(named, turns, strict=True)]
     else:
-        eyes = [framing(right, up, reach, options.pixels)] * len(named)
+        eyes = [framing(right, up, points, options.pixels)] * len(named)
     if options.f_stop:
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         eyes = [eye.focused(options.f_stop, middle) for eye in eyes]
-    return [Shot(time, eye, *names) for (time, *names), eye in zip(named, eyes, strict=True)]
+    return [
+        Shot(time, carried(eye, way(time)), *names)
+        for (time, *names), eye in zip(named, eyes, strict=True)
+    ]
 
 
 def _files(output: Path, shots: Sequence[Shot], options: PictureOptions) -> list[Path]:

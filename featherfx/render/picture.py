@@ -14,7 +14,7 @@ from featherfx.limits import MOST_JOBS, MOST_PIXELS, MOST_SHEET, MOST_SIDE
 
 COLOURS = ("shaded", "barb", "region", "strain")
 VIEWS = ("auto", "top", "side", "front")
-FRAMINGS = (None, "all", "drawn")
+FRAMINGS = (None, "all", "drawn", "follow")
 SAMPLES = (1, 4, 16, 64)
 SUFFIXES = (".png", ".gif", ".mp4")
 SHEET_FRAMES = 9  # of a sheet, where nothing else is said
@@ -28,8 +28,9 @@ class PictureOptions:
     film all whole frames. size: (width, height) in pixels of one frame, 1280 x 720, or 480 x 320 on
     a sheet. colour: one of COLOURS: a look, barb angle, region, or strain across the barbs. sheet:
     all frames on one picture. view: one of VIEWS. framing: one of FRAMINGS: what the camera
-    keeps in view, the feathers as they are in all frames of the file, or in those drawn; None: all,
-    but those drawn of feathers and regions. camera: path of a camera prim of the file, or
+    keeps in view, the feathers as they are in all frames of the file, or in those drawn; or it goes
+    along with them. None: all, but those drawn of feathers and regions, and along with what goes
+    farther than it is large. camera: path of a camera prim of the file, or
     FILE:PATH of another one; then `view` does not count. feathers, regions: ids and regions, or
     patterns, of feathers to look at closely; the others are drawn only with surroundings. against:
     another cache, drawn beside this one. scenery: further USD files whose meshes are drawn. bare:

@@ -47,8 +47,9 @@ class Subject:
     plumage: Plumage | None = None
     values: dict[float | None, Array] = field(default_factory=dict)
 
-    def reach(self, times: Sequence[float | None] | None = None) -> Array:
-        """(N, 3) m, corners of the hull of what is looked at, at times or over the whole file."""
+    def reach(self, times: Sequence[float | None] | None = None) -> list[tuple[float, Array]]:
+        """Hulls (N, 3) m of what is looked at, with their time codes, at times or over the whole
+        file; at rest the time is 0."""
         if times is None and not self.cache.has_frames:
             times = [None]
         elif times is None:
@@ -56,11 +57,20 @@ class Subject:
             most = max(_POSES_FRAMED // len(self.close.chosen), 9)
             kept = np.unique(np.linspace(0, len(codes) - 1, min(len(codes), most)).astype(int))
             times = [codes[k] for k in kept]
-        found = [_hull(load_points(self.cache, self.close, time)) for time in times]
-        if len(self.close.chosen) == len(self.cache.feathers):
-            framed = [each for each in self.scenery if each.framed]
-            found += [_hull(each.points(time)) for each in framed for time in times]
-        return np.concatenate(found)
+        whole = len(self.close.chosen) == len(self.cache.feathers)
+        framed = [each for each in self.scenery if each.framed and whole]
+        return [
+            (
+                time or 0.0,
+                np.concatenate(
+                    [
+                        _hull(load_points(self.cache, self.close, time)),
+                        *(_hull(each.points(time)) for each in framed),
+                    ]
+                ),
+            )
+            for time in times
+        ]
 
     def shape(self, times: Sequence[float | None] | None = None) -> tuple[Array, Indices]:
         """Points (V, 3) m and triangles (T, 3) of what is looked at, first or at rest."""

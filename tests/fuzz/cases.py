@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-SECONDS = 60  # beyond which a case hangs
+SECONDS = 60  # of processor time, beyond which a case hangs
+PATIENCE = 10  # times as long on the clock, for a case that only waits
 MEMORY = 4 << 30  # bytes of a case
 FINE = ("done", "refused")
 
@@ -95,7 +96,8 @@ def _child(log: Path, work: Callable[[int], None]) -> int:
     code = 0
     target = os.open(log, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
     try:
-        signal.alarm(SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        signal.alarm(PATIENCE * SECONDS)
         resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         work(target)
@@ -157,6 +159,6 @@ def _outcomes(log: str, end: int) -> tuple[list[str], str]:
             told.append(part)
     if os.WIFSIGNALED(end):
         name = signal.Signals(os.WTERMSIG(end)).name
-        found.append("hang" if name == "SIGALRM" else "crash")
+        found.append("hang" if name in ("SIGALRM", "SIGPROF") else "crash")
         told.append(f"{command}: {name}")
     return found, "\n".join(told).strip()

@@ -36,11 +36,15 @@ def covered(pixels):
     return np.abs(pixels - pixels[:, :1]).sum(axis=2) > 12
 
 
+def whole_reach(subject):
+    return np.concatenate([hull for _, hull in subject.reach()])
+
+
 def looked_at(cache, size=(400, 300), **options):
     """A subject with its colours chosen for a camera that sees all of it, and its geometry."""
     subject = open_subject(cache, PictureOptions(**options))
     right, up = axes_of("top", *subject.shape())
-    eye = framing(right, up, subject.reach(), size)
+    eye = framing(right, up, whole_reach(subject), size)
     subject.colour(eye, [1.0], "shaded")
     return subject, eye, subject.geometry(1.0)
 
@@ -148,12 +152,38 @@ def test_a_lens_blurs_what_is_out_of_focus(two_squares, tmp_path):
 def test_the_camera_is_the_same_for_all_frames_and_calls(cache):
     whole = open_subject(cache, PictureOptions())
     right, up = axes_of("auto", *whole.shape())
-    eye = framing(right, up, whole.reach(), SIZE)
+    eye = framing(right, up, whole_reach(whole), SIZE)
     for time in (1.0, 2.5, 5.0):
         x, y = eye.places(load_points(whole.cache, whole.scene, time)).T
         assert x.min() > 0 < y.min()
         assert x.max() < SIZE[0]
         assert y.max() < SIZE[1]
+
+
+def test_the_camera_goes_along_with_what_flies_away(tmp_path):
+    """A beating square that flies far is as large in every frame as one that stays."""
+    shown = {}
+    for speed in (0.0, 2.0):
+        stage = Usd.Stage.CreateNew(str(tmp_path / f"{speed}.usda"))
+        UsdGeom.SetStageUpAxis(stage, "Z")
+        UsdGeom.SetStageMetersPerUnit(stage, 1)
+        stage.SetStartTimeCode(1)
+        stage.SetEndTimeCode(9)
+        points = define_square(stage, "body", 0.25, 0.0).GetPointsAttr()
+        square = np.array(points.Get())
+        for code in range(1, 10):
+            beat = 0.1 * np.sin(2.0 * code) * np.array([[0, 0, 1], [0, 0, 0], [0, 0, 1], [0, 0, 0]])
+            way = speed * np.array([code, 0.5 * code, 0.1 * code**2])
+            points.Set([tuple(map(float, each)) for each in square + beat + way], code)
+        stage.Save()
+        for frame in (1, 4, 9):
+            file = tmp_path / "a.png"
+            own = covered(picture(tmp_path / f"{speed}.usda", file, frames=[frame], view="top"))
+            shown[speed, frame] = own.mean()
+    still = [shown[0.0, frame] for frame in (1, 4, 9)]
+    moving = [shown[2.0, frame] for frame in (1, 4, 9)]
+    assert min(still) > 0.2
+    np.testing.assert_allclose(moving, still, rtol=0.3)
 
 
 def test_a_single_frame_is_the_tile_of_a_sheet(cache, tmp_path):
@@ -278,7 +308,7 @@ def test_skin_and_colliders_of_the_shot_are_drawn(skinned, tmp_path):
     assert covered(bare).mean() < 0.9
     subject = open_subject(skinned, PictureOptions())
     assert [each.framed for each in subject.scenery] == [True, False]
-    assert np.abs(subject.reach()[:, :2]).max() < 0.5
+    assert np.abs(whole_reach(subject)[:, :2]).max() < 0.5
 
 
 def test_scenery_that_is_gone_is_told(skinned, tmp_path):

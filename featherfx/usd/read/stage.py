@@ -134,8 +134,8 @@ def _variant_fault(layer: Any) -> str:
     while prims:
         prim = prims.pop()
         prims += prim.nameChildren
-        for name in prim.variantSets.keys():
-            for variant in prim.variantSets[name].variants.keys():
+        for name, variants in prim.variantSets.items():
+            for variant, _ in variants.variants.items():
                 at = prim.path.AppendVariantSelection(name, variant)
                 if not variant or not layer.GetObjectAtPath(at):
                     return f"is damaged: {prim.path} has no variant '{variant}' of '{name}'"
