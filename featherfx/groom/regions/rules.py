@@ -65,15 +65,15 @@ def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule
     """A rule, and the values of the skin that it was made of; None after adding problems."""
     given = [name for name in _PLACES if rule[name] is not None]
     if len(given) != 1:
-        found = " and ".join(given) or "none"
-        return place.fail(f"holds {found}, expects one of {', '.join(_PLACES)}") and None
+        named = " and ".join(given) or "none"
+        place.fail(f"holds {named}, expects one of {', '.join(_PLACES)}")
+        return None
     name = given[0]
     if name in ("primvar", "subset", "image"):
         found = _mapped(name, rule[name], skin, place)
-    elif (analytic := _analytic(name, rule, skin.space, place)) is not None:
-        found = analytic, None
     else:
-        return None
+        analytic = _analytic(name, rule, skin.space, place)
+        found = None if analytic is None else (analytic, None)
     if found is None or not rule["invert"]:
         return found
     plain, inputs = found
