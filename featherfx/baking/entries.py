@@ -11,13 +11,14 @@ from typing import Any
 
 from featherfx._version import __version__
 from featherfx.baking.options import DrawnOptions
-from featherfx.errors import all_of
+from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
 from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.limits import refuse_beyond_memory
+from featherfx.mechanics.batch import may_slip
 from featherfx.phases import phase
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.placement import place
@@ -44,6 +45,7 @@ def entries_of(
             static=static,
             root=None if skin is None else skin.roots[index],
             vane_stiffness=_vane_stiffness(placement.kind),
+            hooked=not static and may_slip(placement.kind),
         )
         for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
     ]
@@ -68,6 +70,31 @@ def refuse_too_large(
         needed += drawn.barbs * (_BUILDING_BARB_BYTES + _BARB_BYTES * len(first))
         what += f" with {drawn.barbs} barbs a vane"
     refuse_beyond_memory(needed, source, "", what)
+
+
+def refuse_splits_elsewhere(
+    groom: Groom, quality: Quality, drawn: DrawnOptions, source: str
+) -> None:
+    """Raise InputError where vanes that may split would be drawn otherwise than they are
+    simulated: between rows of another grid there is no split."""
+    names = {p.kind.name: p.kind.vane_material.hooks for p in groom.feathers}
+    other_grid = drawn.grid(quality) != (quality.rows, quality.columns)
+    problems = [
+        Problem(
+            source,
+            "groom",
+            f"hooks of the kind '{name}' may {'open' if hooks == 'open' else 'slip'}, and such a "
+            f"vane is drawn as it is simulated: leave out {options}",
+        )
+        for options, fails in (
+            ("--render-rows and --render-columns", ("slip", "open") if other_grid else ()),
+            ("--barbs", ("open",) if drawn.barbs else ()),
+        )
+        for name, hooks in names.items()
+        if hooks in fails
+    ]
+    if problems:
+        raise InputError(*problems)
 
 
 def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from typing import TypeVar
 from featherfx._version import __version__
 from featherfx.api import read_quality, read_shot
 from featherfx.baking.again import TakenOver, taken_over
-from featherfx.baking.entries import refuse_too_large
+from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large
 from featherfx.baking.options import BakeOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.files.content import program_digest
@@ -102,6 +102,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     settings = _settings(shot, frames, options)
     part, whole, numbers = _part(shot, feathers)
     refuse_too_large(part.groom, shot.quality, options, str(shot_path))
+    refuse_splits_elsewhere(part.groom, shot.quality, options, str(shot_path))
     names = [names[k] for k in numbers]
 
     @cache
@@ -146,11 +147,13 @@ def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Seq
     """The shot of a share, what is simulated for it, and the share's numbers in the shot."""
     if feathers is None:
         return shot, shot, range(len(shot.groom.feathers))
+    if shot.contact is not None:
+        message = "feathers that touch cannot be baked in shares; leave out [contact]"
+        raise InputError(Problem(str(shot.source), "contact", message))
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)
-    # followers need guides, and layers what is beneath, that may be of another share; islands are
-    # those of the whole
-    shared = uses_guides(shot) or shot.layers is not None or shot.contact is not None
+    # followers need guides, and layers what is beneath, that may be of another share
+    shared = uses_guides(shot) or shot.layers is not None
     return part, (shot if shared else part), numbers.tolist()
 
 

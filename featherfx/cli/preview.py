@@ -60,7 +60,7 @@ from featherfx.render.picture import COLOURS, FRAMINGS, SAMPLES, VIEWS
     type=click.Choice(COLOURS),
     default="shaded",
     show_default=True,
-    help="Shaded vanes, barb angle, region, or strain across the barbs.",
+    help="Shaded vanes, barb angle, region, strain across the barbs, or hooks that hold.",
 )
 @click.option("--size", type=Size(), help="Pixels of one picture.")
 @click.option(

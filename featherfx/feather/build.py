@@ -92,7 +92,8 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
         spans[side] = barb_span(rachis.station, vane.barb_length, rachis.first_vane_row)
         problems += [_problem(kind, f"{name}.guides", message) for message in vane.problems]
     _raise_if_any(problems)
-    surface = build_surface(nodes, rachis, barb_length, cell, tube_sides)
+    splits = kind.vane_material.hooks == "open"
+    surface = build_surface(nodes, rachis, barb_length, cell, tube_sides, splits)
     return Feather(
         rest=RowPoints(nodes, np.stack([rachis.frame[..., 1], rachis.frame[..., 2]], axis=1)),
         station=rachis.station,

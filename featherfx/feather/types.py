@@ -18,7 +18,7 @@ serves positions, velocities and accelerations.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,6 +95,9 @@ class Surface:
         (rachis triangles: along the shaft).
     st: (V, 2) u from trailing edge (0) over the rachis (0.5) to the leading edge (1), v from
         base (0) to tip (1).
+    lips: (L, 2) points that coincide while the vane is whole, of vanes that may split
+        (featherfx/feather/lips.py): the upper edge of a strip, and the barb above it, or -1 where
+        no strip begins with that barb.
     """
 
     row: Indices
@@ -104,6 +107,7 @@ class Surface:
     part: Indices
     barb_direction: Array
     st: Array
+    lips: Indices = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
 
     def points(self, values: RowPoints | Array) -> Array:
         """(..., V, 3) surface points, or their rates. values: also as an array (RowPoints.rows)."""

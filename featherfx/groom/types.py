@@ -165,6 +165,11 @@ class VaneMaterial:
         Number(1e-8, 0.01, "m"),
         "Opening over which a gap that gives way loses its strength.",
     ] = 5e-5
+    hook_heal: Annotated[
+        float,
+        Number(0, 1e3, "1/s"),
+        "Rate at which open gaps whose edges touch hook again by themselves.",
+    ] = 0.0
     hook_scatter: Annotated[
         float, Number(0, 0.5), "Deviation of the strength from gap to gap, a share of it."
     ] = 0.05

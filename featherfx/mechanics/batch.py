@@ -40,6 +40,7 @@ class _Constants(NamedTuple):
     hook_growth: Array
     hook_release: Array
     hook_strength: Array
+    hook_start: Array
 
 
 # G of the compression guard over b A k (vane_guard_kernels)
@@ -156,6 +157,7 @@ def _hooks(kind: FeatherKind, cell_rest: Array, cell_area: Array) -> dict[str, A
         "hook_growth": growth,
         "hook_release": release,
         "hook_strength": np.array(strength),
+        "hook_start": np.ones(cell_area.shape),
     }
 
 

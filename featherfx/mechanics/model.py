@@ -16,13 +16,33 @@ class Hooks(NamedTuple):
 
     limit: (F, 2, n-1, m, 2, 2) J, y_w and y_v. growth: (F, 2, n-1, m, 2) 1/J, c. release:
     (F, 2, n-1, m, 2) J, work of slip at level 1 from the strength to the open gap; infinite where
-    gaps do not open. strength: (F,) level.
+    gaps do not open. strength: (F,) level. start: (F, 2, n-1, m, 2) hooks that there are at first:
+    1, or 0 where the vane is split already.
     """
 
     limit: Array
     growth: Array
     release: Array
     strength: Array
+    start: Array
+
+
+class Gaps(NamedTuple):
+    """What the gaps of a feather have been through; those of a state have a leading axis.
+
+    slip: (2, n-1, m, 2, 2), p_w and p_v of triangles A and B. level: (2, n-1, m, 2) of yield.
+    hooked: (2, n-1, m, 2), the part of the strength that is left. spent: (4,) J, what slip and
+    opening have cost so far, what opened gaps have released besides, and what preening has put
+    in. length: (2,) m, of gaps that have opened so far, and that were closed again.
+
+    Where no hook slips () stands for it, and kernels that are compiled for that have none of this.
+    """
+
+    slip: Array
+    level: Array
+    hooked: Array
+    spent: Array
+    length: Array
 
 
 class Model(NamedTuple):

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.copy_kernels import copy_values
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.model import Gaps
 from featherfx.mechanics.vane_guard_kernels import area_ratio, ratio_slopes
 
 Array = NDArray[np.float64]
@@ -161,28 +162,12 @@ def open_response(stiffness, strains):
     )
 
 
-class Gaps(NamedTuple):
-    """What the gaps of a feather have been through; those of a state have a leading axis.
-
-    slip: (2, n-1, m, 2, 2), p_w and p_v of triangles A and B. level: (2, n-1, m, 2) of yield.
-    hooked: (2, n-1, m, 2), the part of the strength that is left. spent: (3,) J, what slip and
-    opening have cost so far, and what opened gaps have released besides.
-
-    Where no hook slips () stands for it, and kernels that are compiled for that have none of this.
-    """
-
-    slip: Array
-    level: Array
-    hooked: Array
-    spent: Array
-
-
 @kernel
 def gaps_of(gaps, f):
     """Those of one of many feathers, the same memory."""
     if len(gaps) == 0:
         return ()
-    return Gaps(gaps.slip[f], gaps.level[f], gaps.hooked[f], gaps.spent[f])
+    return Gaps(gaps.slip[f], gaps.level[f], gaps.hooked[f], gaps.spent[f], gaps.length[f])
 
 
 @kernel
@@ -193,6 +178,7 @@ def copy_gaps(source, target):
         copy_values(source.level, target.level)
         copy_values(source.hooked, target.hooked)
         copy_values(source.spent, target.spent)
+        copy_values(source.length, target.length)
 
 
 class GapRow(NamedTuple):

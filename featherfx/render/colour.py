@@ -23,6 +23,8 @@ _SEQUENTIAL = np.array(
 _DIVERGING = np.array(
     [[33, 102, 172], [146, 197, 222], [245, 245, 245], [244, 165, 130], [178, 24, 43]]
 ) / 255  # fmt: skip
+# open, weak, whole
+_HOOKS = np.array([[178, 24, 43], [244, 165, 130], [203, 194, 176]]) / 255
 _CATEGORIES = np.array(
     [[68, 119, 170], [238, 102, 119], [34, 136, 51], [204, 187, 68], [102, 204, 238],
      [170, 51, 119], [187, 187, 187], [238, 153, 51]]
@@ -60,7 +62,10 @@ def look_colours(scene: DrawnScene, mode: str) -> tuple[Array, Legend | None]:
 def value_colours(
     scene: DrawnScene, poses: Sequence[DrawnPose], mode: str
 ) -> tuple[list[Array], Bar]:
-    """Colours (T, 3) of each pose by values ("barb" or "strain"), 0 to 1, and the key to them."""
+    """Colours (T, 3) of each pose by values ("barb", "strain" or "hooked"), 0 to 1, and the key."""
+    if mode == "hooked":
+        shares = [pose.hooked for pose in poses]
+        return _coloured(scene, shares, Bar("hooks that hold", 0.0, 1.0, _HOOKS))
     if mode == "barb":
         values = [_barb_angle(scene, pose) for pose in poses]
         return _by_value(scene, values, "barb angle (deg)", _SEQUENTIAL, symmetric=False)
@@ -88,13 +93,22 @@ def ramp_colours(ramp: Array, fraction: Array) -> Array:
 def _by_value(
     scene: DrawnScene, values: list[Array], title: str, ramp: Array, symmetric: bool
 ) -> tuple[list[Array], Bar]:
-    shown = ~scene.rachis & scene.rest.barbs.any(axis=1)
+    shown = _shown(scene)
     low, high = _limits(np.concatenate([v[shown] for v in values]), symmetric)
-    colours = []
+    return _coloured(scene, values, Bar(title, low, high, ramp))
+
+
+def _coloured(scene: DrawnScene, values: list[Array], bar: Bar) -> tuple[list[Array], Bar]:
+    shown, colours = _shown(scene), []
     for value in values:
-        fraction = np.clip((value - low) / (high - low), 0, 1)
-        colours.append(np.where(shown[:, None], ramp_colours(ramp, fraction), _MUTED))
-    return colours, Bar(title, low, high, ramp)
+        fraction = np.clip((value - bar.low) / (bar.high - bar.low), 0, 1)
+        colours.append(np.where(shown[:, None], ramp_colours(bar.ramp, fraction), _MUTED))
+    return colours, bar
+
+
+def _shown(scene: DrawnScene) -> NDArray[np.bool_]:
+    """(T,) triangles that have values."""
+    return ~scene.rachis & np.asarray(scene.rest.barbs.any(axis=1))
 
 
 def _limits(values: Array, symmetric: bool) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from typing import Any
 from featherfx.errors import InputError, Problem
 from featherfx.limits import MOST_JOBS, MOST_PIXELS, MOST_SHEET, MOST_SIDE
 
-COLOURS = ("shaded", "barb", "region", "strain")
+COLOURS = ("shaded", "barb", "region", "strain", "hooked")
 VIEWS = ("auto", "top", "side", "front")
 FRAMINGS = (None, "all", "drawn", "follow")
 SAMPLES = (1, 4, 16, 64)
@@ -26,17 +26,17 @@ class PictureOptions:
 
     frames: time codes; None: the first frame, on a sheet up to nine spread over the range, of a
     film all whole frames. size: (width, height) in pixels of one frame, 1280 x 720, or 480 x 320 on
-    a sheet. colour: one of COLOURS: a look, barb angle, region, or strain across the barbs. sheet:
-    all frames on one picture. view: one of VIEWS. framing: one of FRAMINGS: what the camera
-    keeps in view, the feathers as they are in all frames of the file, or in those drawn; or it goes
-    along with them. None: all, but those drawn of feathers and regions, and along with what goes
-    farther than it is large. camera: path of a camera prim of the file, or
-    FILE:PATH of another one; then `view` does not count. feathers, regions: ids and regions, or
-    patterns, of feathers to look at closely; the others are drawn only with surroundings. against:
-    another cache, drawn beside this one. scenery: further USD files whose meshes are drawn. bare:
-    whether skin and colliders of the shot are left out. samples: rays a pixel, one of SAMPLES.
-    turntable: number of views around the upright axis, 0 for none. f_stop: of the lens, sharp at
-    the middle of what is framed; 0: all is sharp. overwrite: whether files that exist are replaced.
+    a sheet. colour: one of COLOURS: a look, barb angle, region, strain across the barbs, or hooks
+    that hold. sheet: all frames on one picture. view: one of VIEWS. framing: one of FRAMINGS: what
+    the camera keeps in view, the feathers as they are in all frames of the file, or in those drawn;
+    or it goes along with them. None: all, but those drawn of feathers and regions, and along with
+    what goes farther than it is large. camera: path of a camera prim of the file, or FILE:PATH of
+    another one; then `view` does not count. feathers, regions: ids and regions, or patterns, of
+    feathers to look at closely; the others are drawn only with surroundings. against: another
+    cache, drawn beside this one. scenery: further USD files whose meshes are drawn. bare: whether
+    skin and colliders of the shot are left out. samples: rays a pixel, one of SAMPLES. turntable:
+    number of views around the upright axis, 0 for none. f_stop: of the lens, sharp at the middle of
+    what is framed; 0: all is sharp. overwrite: whether files that exist are replaced.
     """
 
     frames: Sequence[float] | None = None

@@ -22,11 +22,12 @@ Indices = NDArray[np.int64]
 @dataclass(frozen=True)
 class DrawnPose:
     """One time; metres, z up. points, normals: (V, 3). barbs: (T, 3) barb directions, zero where
-    unknown."""
+    unknown. hooked: (T,) 1 where hooks hold to 0 where they are open."""
 
     points: Array
     normals: Array
     barbs: Array
+    hooked: Array
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
     rest = _pose(cache, chosen, triangles, to_world, None)
     if all(f.rest is not None for f in feathers):
         authored = np.concatenate([np.asarray(f.rest, dtype=float) for f in feathers])
-        rest = DrawnPose(authored @ to_world, rest.normals, rest.barbs)
+        rest = DrawnPose(authored @ to_world, rest.normals, rest.barbs, rest.hooked)
     return DrawnScene(
         chosen=chosen,
         feathers=feathers,
@@ -141,4 +142,9 @@ def _pose(
         normals = np.concatenate([np.asarray(p.normals, dtype=float) for p in poses]) @ turn
     else:
         normals = vertex_normals(points, triangles)
-    return DrawnPose(points, normals, np.concatenate(barbs).astype(float) @ turn)
+    hooked = [
+        np.ones(len(cache.feathers[k].triangles)) if p.hooked is None else p.hooked
+        for p, k in zip(poses, chosen, strict=True)
+    ]
+    along = np.concatenate(barbs).astype(float) @ turn
+    return DrawnPose(points, normals, along, np.concatenate(hooked).astype(float))

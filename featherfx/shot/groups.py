@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,14 +41,12 @@ CONTACT_NEWTON_FRACTION = 1e-3
 class Group:
     """Feathers that share a grid: their places in the groom, solver, state and loads.
 
-    level: of detail. exposure: to the air (loads/wind.py). island: of feathers that may touch
-    (islands.py). feathers: as simulated. maps: to the meshes' grid, where that is another one.
-    cycle: of a shot that repeats.
+    level: of detail. exposure: to the air (loads/wind.py). feathers: as simulated. maps: to the
+    meshes' grid, where that is another one. cycle: of a shot that repeats.
     """
 
     level: str
     exposure: float
-    island: int
     members: NDArray[np.int64]
     feathers: list[Feather]
     maps: list[RowMap | None]
@@ -62,34 +60,20 @@ class Group:
     cycle: Cycle | None = None
 
 
-class _Alike(NamedTuple):
-    """What feathers of one batch have in common. taper: of barbs. clamp: whether it is elastic."""
-
-    island: int
-    resolution: Resolution
-    taper: float
-    clamp: bool
-    hooked: bool
-    exposure: float
-
-
 def make_groups(
     shot: Shot,
     drawn: Sequence[Feather],
     resolutions: Sequence[Sequence[Resolution]],
     motion: Roots,
     jobs: int,
-    islands: NDArray[np.int64],
     time: float = 0.0,
 ) -> list[Group]:
-    """Batches of feathers of one island, grid, barb taper, clamp, hooks and exposure, at a time
-    in s.
+    """Batches of feathers of one grid, barb taper, clamp, hooks and exposure, at a time in s.
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
-    each feather ever has; it is in a batch for each at which something is solved. islands: (F,)
-    numbers.
+    each feather ever has; it is in a batch for each at which something is solved.
     """
-    alike: dict[_Alike, list[int]] = {}
+    alike: dict[tuple[Resolution, float, bool, bool, float], list[int]] = {}
     exposed = exposures(shot).tolist()
     # contact reaches all batches in one way
     mixed = shot.contact is not None and any(may_slip(p.kind) for p in shot.groom.feathers)
@@ -98,12 +82,14 @@ def make_groups(
         for resolution in resolutions[index]:
             if resolution.level not in CARRIED:
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
-                hooked, island = mixed or may_slip(kind), int(islands[index])
-                key = _Alike(island, resolution, taper, clamp, hooked, exposed[index])
+                hooked = mixed or _slips(kind, resolution)
+                key = (resolution, taper, clamp, hooked, exposed[index])
                 alike.setdefault(key, []).append(index)
     return [
-        _group(shot, drawn, np.array(members), key, motion, jobs, time)
-        for key, members in counted("building", alike.items(), len(alike))
+        _group(shot, drawn, np.array(members), resolution, hooked, exposure, motion, jobs, time)
+        for (resolution, _, _, hooked, exposure), members in counted(
+            "building", alike.items(), len(alike)
+        )
     ]
 
 
@@ -111,18 +97,20 @@ def _group(
     shot: Shot,
     drawn: Sequence[Feather],
     members: NDArray[np.int64],
-    key: _Alike,
+    resolution: Resolution,
+    hooked: bool,
+    exposure: float,
     motion: Roots,
     jobs: int,
     time: float,
 ) -> Group:
-    quality, resolution = shot.quality, key.resolution
+    quality = shot.quality
     placements = [shot.groom.feathers[i] for i in members]
     grid = resolution.rows, resolution.columns
     some = [drawn[i] for i in members]
     as_drawn = grid == (some[0].rows, some[0].columns)
     feathers = some if as_drawn else feathers_of(placements, *grid)
-    model = _model(placements, feathers, resolution, key.hooked)
+    model = _model(placements, feathers, resolution, hooked)
     positions, rotations = motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
@@ -136,8 +124,7 @@ def _group(
     )
     return Group(
         level=resolution.level,
-        exposure=key.exposure,
-        island=key.island,
+        exposure=exposure,
         members=members,
         feathers=feathers,
         maps=_maps(placements, feathers, some),
@@ -171,7 +158,7 @@ def _model(
     number = {shape: n for n, shape in enumerate(first)}
     chosen = [number[shape] for shape in shapes]
     own = [placements[k] for k in first.values()]
-    kinds = [each.kind for each in own]
+    kinds = [_as_simulated(each.kind, resolution) for each in own]
 
     def compute() -> dict[str, Any]:
         some = [feathers[k] for k in first.values()]
@@ -180,6 +167,17 @@ def _model(
 
     sizes = [(each.kind, each.prototype, each.size, each.mirrored) for each in own]
     return Model.of(kept("models", [sizes, resolution, hooked], compute)).some(chosen)
+
+
+def _slips(kind: FeatherKind, resolution: Resolution) -> bool:
+    """Hooks of vanes that are simulated with less detail hold."""
+    return resolution.level == "full" and may_slip(kind)
+
+
+def _as_simulated(kind: FeatherKind, resolution: Resolution) -> FeatherKind:
+    if _slips(kind, resolution) or not may_slip(kind):
+        return kind
+    return replace(kind, vane_material=replace(kind.vane_material, hooks="closed"))
 
 
 def loads_within(
@@ -204,8 +202,10 @@ def loads_within(
 def pose_of(group: Group, k: int) -> FeatherPose:
     """Points and rates of a group's feather on the grid of the meshes."""
     state, to_mesh = group.state, group.maps[k]
-    values = [each.at(k) for each in (state.points, state.velocity, state.acceleration)]
-    return FeatherPose(*(values if to_mesh is None else [to_mesh(each) for each in values]))
+    points, *rates = (each.at(k) for each in (state.points, state.velocity, state.acceleration))
+    if to_mesh is None:
+        return FeatherPose(points, rates[0], rates[1], state.gaps_of(k))
+    return FeatherPose(to_mesh(points), to_mesh(rates[0]), to_mesh(rates[1]))
 
 
 def _maps(

@@ -14,6 +14,7 @@ from featherfx.feather.types import RowPoints
 from featherfx.groom.keys.preset import FAMILIES, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
+from featherfx.mechanics.model import Gaps
 from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.motion.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.read.sources import TimedSurface, TimedWind
@@ -75,6 +76,26 @@ class Shelter(SomeFeathers):
         "Share of the air's velocity against the roots that the plumage around keeps off: 0 none, "
         "as for a feather that stands alone; 1 all.",
     ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preen(SomeFeathers):
+    """A stroke that closes open gaps between barbs, of vanes whose hooks may slip."""
+
+    start: Annotated[float, Number(0, 1e5, "s"), "When the stroke begins."]
+    end: Annotated[float, Number(0, 1e5, "s"), "When it is done; later than start."]
+    along: Annotated[
+        str,
+        Text(("barbs", "shaft")),
+        "Its way: along all barbs at once, from the shaft to their ends, or from the base of the "
+        "feather to its tip.",
+    ] = "barbs"
+    closes: Annotated[
+        float, Number(1e-3, 1), "Share of what is open, and of what has slipped, that it closes."
+    ] = 1.0
+    reach: Annotated[
+        float, Number(0, 0.1, "m"), "Gaps whose edges are farther apart stay open."
+    ] = 2e-3
 
 
 @dataclass(frozen=True)
@@ -291,16 +312,21 @@ class Shot:
     layers: Layers | None = None
     level_of_detail: LevelOfDetail | None = None
     shelters: tuple[Shelter, ...] = ()
+    preens: tuple[Preen, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class FeatherPose:
-    """Nodes and directors of one feather, world frame, and their rates per second."""
+    """Nodes and directors of one feather, world frame, and their rates per second.
+
+    gaps: of a vane whose hooks may slip, else ().
+    """
 
     points: RowPoints
     velocities: RowPoints
     accelerations: RowPoints
+    gaps: Gaps | tuple[()] = ()
 
 
 @dataclass(frozen=True)

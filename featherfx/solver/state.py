@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.feather.types import RowPoints
-from featherfx.mechanics.model import Model
-from featherfx.mechanics.vane_hook_kernels import Gaps
+from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.step.pose_kernels import rest_pose
 from featherfx.solver.step.strain_kernels import Strains
 from featherfx.solver.work import make_pose, no_points, no_strains, whole_gaps

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import RowPoints
-from featherfx.mechanics.model import Model
-from featherfx.mechanics.vane_hook_kernels import Gaps
+from featherfx.mechanics.model import Gaps, Hooks, Model
 from featherfx.solver.step.banded_kernels import panel_shape
 from featherfx.solver.step.secant_kernels import PAIRS
 from featherfx.solver.step.strain_kernels import Strains
@@ -153,15 +152,19 @@ def no_strains(model: Model, *lead: int) -> Strains:
 
 
 def whole_gaps(model: Model, *lead: int) -> Gaps | tuple[()]:
-    """Gaps that have not slipped yet, with leading axes; () where none slips."""
-    if not model.hooked:
+    """Gaps that have not slipped yet, with leading axes; () where none slips.
+
+    Of all feathers (F,) some may be split already.
+    """
+    if not isinstance(model.hooks, Hooks):
         return ()
     shape = (*lead, 2, model.rows - 1, model.columns, 2)
     return Gaps(
         slip=np.zeros((*shape, 2)),
         level=np.ones(shape),
-        hooked=np.ones(shape),
-        spent=np.zeros((*lead, 3)),
+        hooked=model.hooks.start.copy() if lead else np.ones(shape),
+        spent=np.zeros((*lead, 4)),
+        length=np.zeros((*lead, 2)),
     )
 
 

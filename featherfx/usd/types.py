@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 ACCELERATIONS = "accelerations"
 STRAIN_ACROSS, STRAIN_SHEAR = "primvars:strainAcross", "primvars:strainShear"
 ENERGY_DENSITY = "primvars:energyDensity"
+# of vanes whose hooks may slip, per face
+HOOKED, SLIP = "primvars:hooked", "primvars:slip"
+HOOKS = (HOOKED, SLIP)
 DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSITY,)}
 
 
@@ -42,6 +45,7 @@ class FeatherEntry:
         feather.
     barbs: drawn as curves besides; their points are at rest in the world frame.
     vane_stiffness: N/m, thickness times modulus across the barbs and in shear, for the energy.
+    hooked: whether the state of its hooks is written: 1 (all hold) to 0 (open), and their slip.
     """
 
     id: str
@@ -55,3 +59,4 @@ class FeatherEntry:
     points_map: RowMap | None = None
     barbs: BarbCurves | None = None
     vane_stiffness: tuple[float, float] = (0.0, 0.0)
+    hooked: bool = False

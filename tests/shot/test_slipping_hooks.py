@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherfx.errors import InputError, InputWarning
+from featherfx.errors import InputWarning
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
@@ -97,18 +97,3 @@ def test_a_vane_that_slips_is_not_replayed() -> None:
     with pytest.warns(InputWarning, match="cycle: hooks that slip"):
         simulation, _ = run(shot)
     assert simulation.report["skipped"]["repeated feather frames"] == 0
-
-
-def test_open_hooks_are_refused_where_a_shot_is_read(tmp_path: Path) -> None:
-    groom = (SAMPLE / "groom.toml").read_text(encoding="utf-8")
-    (tmp_path / "groom.toml").write_text(groom, encoding="utf-8")
-    text = (SAMPLE / "shot.toml").read_text(encoding="utf-8")
-    path = tmp_path / "shot.toml"
-    for hooks in ("slip", "open"):
-        said = f'[overrides]\n"*" = {{ vane_material.hooks = "{hooks}" }}\n'
-        path.write_text(text + said, encoding="utf-8")
-        if hooks == "slip":
-            assert read_shot(path).groom.feathers[0].kind.vane_material.hooks == "slip"
-    with pytest.raises(InputError, match="allowed in bakes: closed, slip") as caught:
-        read_shot(path)
-    assert [(each.source, each.key) for each in caught.value.problems] == [(str(path), "groom")]

@@ -27,8 +27,7 @@ from featherfx.groom.types import FeatherKind, VaneMaterial
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, require, value
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.model import Loads, Model, no_loads
-from featherfx.mechanics.vane_hook_kernels import Gaps
+from featherfx.mechanics.model import Gaps, Loads, Model, no_loads
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.energy_kernels import elastic_energy

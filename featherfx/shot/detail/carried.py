@@ -93,7 +93,11 @@ def _rates(motion: Roots, members: Indices, start: float, end: float) -> list[Ro
 
 
 def _by_number(members: Indices, world: Sequence[RowPoints]) -> dict[int, FeatherPose]:
-    return {int(f): FeatherPose(*(values.at(k) for values in world)) for k, f in enumerate(members)}
+    points, velocities, accelerations = world
+    return {
+        int(f): FeatherPose(points.at(k), velocities.at(k), accelerations.at(k))
+        for k, f in enumerate(members)
+    }
 
 
 def _seen_from_roots(world: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[RowPoints]:

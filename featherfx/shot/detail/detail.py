@@ -85,13 +85,9 @@ class Detailer:
         relative = length_factor(shot)
         given = [_level(shot, placement, relative) for placement in placements]
         self.levels, self.rules = [each.level for each in given], [each.rule for each in given]
-        self.pinned = np.array(
-            [
-                each.named or p.id in pulled or may_slip(p.kind)
-                for each, p in zip(given, placements, strict=True)
-            ],
-            dtype=np.bool_,
-        )
+        self._hooked = [may_slip(placement.kind) for placement in placements]
+        named = [each.named or p.id in pulled for each, p in zip(given, placements, strict=True)]
+        self.pinned = np.logical_or(named, self._hooked)
         problems = [
             Problem(
                 str(shot.source),
@@ -107,6 +103,8 @@ class Detailer:
     def resolution(self, f: int, level: str) -> Resolution:
         """Of one feather at a level."""
         n, m, count = self._rows[f], self._quality.columns, self._coefficients[f]
+        if level == "full" and self._hooked[f]:
+            n = self._quality.rows  # a split is drawn where it is
         if level != "full":
             n = min(n, max(LEAST_ROWS, (n + 1) // 2))
             m, count = min(m, max(LEAST_COLUMNS, (m + 1) // 2)), min(count, 1)

@@ -121,6 +121,7 @@ class Layers:
                 given.points._replace(nodes=own.copy()),
                 given.velocities._replace(nodes=given.velocities.nodes + added),
                 given.accelerations,
+                given.gaps,
             )
             for own, given, added in zip(pose.points, poses, rate, strict=True)
         ]

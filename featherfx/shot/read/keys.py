@@ -21,6 +21,7 @@ from featherfx.shot.types import (
     Grip,
     Layers,
     LevelOfDetail,
+    Preen,
     Shelter,
     Shot,
 )
@@ -29,6 +30,7 @@ GRIP = keys_of(Grip)
 FORCE = keys_of(Force)
 DETAIL = keys_of(Detail)
 SHELTER = keys_of(Shelter)
+PREEN = keys_of(Preen)
 
 _FILE = Key(Text(), "USD file, as seen from the shot file's folder.")
 _START = Key(
@@ -146,6 +148,7 @@ SHOT = {
     "level_of_detail": Key(
         Table(LEVEL_OF_DETAIL), "Levels of detail by frame, from what is seen.", None
     ),
+    "preen": Key(Tables(Table(PREEN), 10_000), "Strokes that close what has split.", ()),
     "force": Key(Tables(Table(FORCE), 10_000), "Dead forces on points and lines.", ()),
 }
 

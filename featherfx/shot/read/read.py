@@ -19,7 +19,8 @@ from featherfx.groom.read.file_kind import file_kind
 from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
 from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
-from featherfx.groom.types import FeatherKind, Groom
+from featherfx.groom.types import Groom
+from featherfx.shot.patterns import fits
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.scenes import read_colliders, read_level_of_detail, read_skin, read_wind
 from featherfx.shot.read.sources import SceneReaders
@@ -30,6 +31,7 @@ from featherfx.shot.types import (
     Grip,
     Layers,
     Motion,
+    Preen,
     Quality,
     Shelter,
     Shot,
@@ -101,6 +103,9 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
     contact, layers = _contact(parts["contact"], groom, place.child("contact"), sound)
+    if sound and parts["cycle"] and contact is not None:
+        message = "feathers that touch act on each other and are not replayed: leave out contact"
+        place.child("cycle").fail(message)
     _check_keyframes(motion, groom, place.child("motion"))
     if not sound or groom is None:
         return None
@@ -213,17 +218,7 @@ def _groom(
         groom = groom and replace(groom, source=path.parent / usd)
     if groom is None or len(library.problems) > count:
         return None  # half a groom would mislead later checks
-    for name in sorted({p.kind.name for p in groom.feathers if _opens(p.kind)}):
-        place.child("groom").fail(
-            f"feathers of the kind '{name}' have hooks = \"open\"; opened gaps are simulated in "
-            "featherfx lab tear, meshes that part are not written yet; allowed in bakes: closed, "
-            "slip"
-        )
     return groom
-
-
-def _opens(kind: FeatherKind) -> bool:
-    return kind.vane_material.hooks == "open"
 
 
 def _preset(
@@ -248,14 +243,15 @@ def _preset(
 
 def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
     """Fields of a shot that are about some of its feathers; problems where these are not there."""
-    grips, forces, details, shelters = (
-        parts[name] for name in ("grip", "force", "detail", "shelter")
+    grips, forces, details, shelters, preens = (
+        parts[name] for name in ("grip", "force", "detail", "shelter", "preen")
     )
     _check_ids(grips, groom)
-    _check_grips(grips)
+    _check_times([*grips, *preens])
     _check_ids(forces, groom)
     _check_forces(forces)
-    _check_patterns([*details, *shelters], groom)
+    _check_patterns([*details, *shelters, *preens], groom)
+    _check_preens(preens, groom)
     return {
         "grips": tuple(
             Grip(**entry | {"displacement": np.array(entry["displacement"])}) for _, entry in grips
@@ -265,10 +261,22 @@ def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
         ),
         "details": tuple(Detail(**entry) for _, entry in details),
         "shelters": tuple(Shelter(**entry) for _, entry in shelters),
+        "preens": tuple(Preen(**entry) for _, entry in preens),
     }
 
 
-def _check_grips(entries: Entries) -> None:
+def _check_preens(entries: Entries, groom: Groom | None) -> None:
+    for at, entry in entries:
+        stroke = Preen(**entry)
+        found = [each for each in groom.feathers if fits(stroke, each)] if groom else []
+        if found and all(each.kind.vane_material.hooks == "closed" for each in found):
+            at.fail(
+                'closes nothing: vane_material.hooks is "closed" in all feathers that it fits; '
+                "allowed there: slip, open"
+            )
+
+
+def _check_times(entries: Entries) -> None:
     for at, entry in entries:
         if entry["end"] <= entry["start"]:
             start = entry["start"]

@@ -60,6 +60,7 @@ _SHOT = (
     ("### [[force]]", shot_keys.FORCE),
     ("### [[detail]]", shot_keys.DETAIL),
     ("### [[shelter]]", shot_keys.SHELTER),
+    ("### [[preen]]", shot_keys.PREEN),
     ("### [level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
 )
 _GROOM = (

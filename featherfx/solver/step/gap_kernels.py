@@ -23,7 +23,9 @@ LARGEST_SLIP = 0.02
 # part of the strength that counts as none
 LOOSE = 1e-3
 # of Gaps.spent
-SLIP, OPENING, RELEASED = 0, 1, 2
+SLIP, OPENING, RELEASED, PREENING = 0, 1, 2, 3
+# of Gaps.length
+OPENED, HEALED = 0, 1
 
 
 @kernel
@@ -85,6 +87,12 @@ def _is_brittle(hooks, f, place, stiffness):
 
 
 @kernel
+def half_cell(model, f, side, i, half):
+    """m, the length of a gap that triangle A or B (half) between rows i and i + 1 stands for."""
+    return 0.5 * model.segment[f, side, i + half]
+
+
+@kernel
 def _harden(hooks, f, place, work, gap, after):
     """Level of a hooked triangle after slip of work (J at level 1), in place; returns the work that
     was done at its strength."""
@@ -98,11 +106,13 @@ def _harden(hooks, f, place, work, gap, after):
 
 @kernel
 def _weaken(hooks, f, place, beyond, after):
-    """Hooks that are left of a triangle after slip at its strength (beyond, J at level 1)."""
+    """Hooks that are left of a triangle after slip at its strength (beyond, J at level 1), in
+    place; returns whether it opens."""
     side, i, j, half = place
     hooked = after.hooked[side, i, j, half]
     left = hooked - beyond / hooks.release[f, side, i, j, half]
     after.hooked[side, i, j, half] = left if left > LOOSE else 0.0
+    return left <= LOOSE
 
 
 @kernel
@@ -140,7 +150,8 @@ def _slip_row(model, f, side, i, before, after):
                 farthest = max(farthest, beyond / gap.limit[0])
             else:
                 after.spent[OPENING] += cost
-                _weaken(hooks, f, place, beyond, after)
+                if _weaken(hooks, f, place, beyond, after):
+                    after.length[OPENED] += half_cell(model, f, side, i, half)
     return farthest
 
 
@@ -156,6 +167,7 @@ def _open_row(model, f, side, i, cell, before, after):
             strong = after.level[side, i, j, half] < hooks.strength[f]
             if work > 0.0 and not strong and _is_brittle(hooks, f, place, stiffness):
                 _open(hooks, f, place, stiffness, cell[side, i, j, half], after)
+                after.length[OPENED] += half_cell(model, f, side, i, half)
 
 
 @kernel

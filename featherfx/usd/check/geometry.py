@@ -24,7 +24,7 @@ from featherfx.usd.read.values import (
     times_of,
     value_of,
 )
-from featherfx.usd.types import DIAGNOSTICS
+from featherfx.usd.types import DIAGNOSTICS, HOOKS
 
 Found = Iterator[tuple[str, str]]
 
@@ -37,7 +37,7 @@ _CONSTANT_ATTRIBUTES = (
     "orientation", "doubleSided", "primvars:st", "primvars:Pref", "primvars:rest",
     "primvars:featherId", "primvars:featherKind", "primvars:region", "primvars:side",
 )  # fmt: skip
-_DIAGNOSED = [name for names in DIAGNOSTICS.values() for name in names]
+_DIAGNOSED = [*HOOKS, *(name for names in DIAGNOSTICS.values() for name in names)]
 _NOTHING = np.asarray(None)
 _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
 _SAMPLED_WITH_POINTS = ("velocities", "accelerations", "normals", "extent", *_PER_FACE)

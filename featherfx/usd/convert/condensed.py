@@ -112,7 +112,8 @@ def _grid(path: str | Path, feather: CachedFeather, pose: Any) -> _Grid:
     shaft = len(pose.points) + np.arange(len(stations))
     nodes = np.tile(shaft[:, None], (2, 1, columns + 1))
     for side, sign in ((LEADING, 1), (TRAILING, -1)):
-        own = node * sign > 0
+        # of lips at one place the barb's own, which come first, count
+        own = np.flatnonzero(node * sign > 0)[::-1]
         nodes[side, row_of_vane[own], np.abs(node[own])] = vane[own]
     grid = _Grid(tube, row, nodes)
     return _Grid(tube, row, nodes[::-1]) if _leading_is_right(grid, feather, pose) else grid

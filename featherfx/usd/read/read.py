@@ -20,6 +20,7 @@ from featherfx.usd.read.values import (
     DEFAULT,
     EARLIEST,
     INTEGERS,
+    NUMBERS,
     PAIRS,
     VECTORS,
     Kind,
@@ -73,14 +74,16 @@ class CachedFeather:
 class CachedPose:
     """One feather at one time, stage units, world space.
 
-    points, velocities, normals: (V, 3), barb_direction: (T, 3), extent: (2, 3) in object space;
-    None where not authored (or of another size than the mesh).
+    points, velocities, normals: (V, 3), barb_direction: (T, 3), hooked: (T,) 1 to 0 where hooks are
+    open, extent: (2, 3) in object space; None where not authored (or of another size than the
+    mesh).
     """
 
     points: Floats
     velocities: Floats | None
     normals: Floats | None
     barb_direction: Floats | None
+    hooked: Floats | None
     extent: Floats | None
 
 
@@ -135,11 +138,9 @@ class Cache:
         mesh, feather = self._meshes[index], self.feathers[index]
         points, matrix, code = self._placed(index, time)
         count = len(points)
-        barbs = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("barbDirection").GetAttr()
-        direction = array_of(barbs, code, VECTORS)
+        direction = _of_faces(mesh, "barbDirection", code, VECTORS, feather.face)
         if direction is not None:
-            fits = len(direction) > feather.face.max(initial=-1)
-            direction = _unit(direction[feather.face] @ matrix[:3, :3]) if fits else None
+            direction = _unit(direction @ matrix[:3, :3])
         normals = _sized(mesh.GetNormalsAttr(), code, VECTORS, count)
         velocities = _sized(mesh.GetVelocitiesAttr(), code, VECTORS, count)
         # Normals turn with the inverse transpose; row vectors here.
@@ -149,6 +150,7 @@ class Cache:
             velocities=None if velocities is None else velocities @ matrix[:3, :3],
             normals=turned,
             barb_direction=direction,
+            hooked=_of_faces(mesh, "hooked", code, NUMBERS, feather.face),
             extent=_sized(mesh.GetExtentAttr(), code, VECTORS, 2),
         )
 
@@ -214,6 +216,14 @@ def _scenery(stage: Any) -> Iterator[dict[str, Any]]:
             isinstance(entry.get(key), kind) for key, kind in kinds.items()
         ):
             yield entry
+
+
+def _of_faces(mesh: Any, name: str, code: Any, kind: Any, face: Indices) -> Any:
+    """(T, ...) values of a primvar of faces for triangles; None where there are none that fit."""
+    found = array_of(UsdGeom.PrimvarsAPI(mesh).GetPrimvar(name).GetAttr(), code, kind)
+    if found is None or len(found) <= face.max(initial=-1):
+        return None
+    return found[face]
 
 
 def _sized(attribute: Any, code: Any, kind: Kind, count: int) -> Any:

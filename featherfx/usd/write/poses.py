@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.lips import Lips
 from featherfx.feather.types import RACHIS as SHAFT
 from featherfx.feather.types import Feather, PointMap, RowMap, RowPoints, Surface, both
+from featherfx.mechanics.model import Gaps
 from featherfx.shot.types import FeatherPose
 from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
 from featherfx.usd.space import StageSpace
@@ -18,6 +20,9 @@ from featherfx.usd.types import (
     ACCELERATIONS,
     DIAGNOSTICS,
     ENERGY_DENSITY,
+    HOOKED,
+    HOOKS,
+    SLIP,
     STRAIN_ACROSS,
     STRAIN_SHEAR,
     FeatherEntry,
@@ -80,6 +85,7 @@ class PosedFeather:
         self._sizes[MESH, "normals"] = counts[MESH]
         self._sizes[MESH, BARB_DIRECTION] = len(surface.drawn.triangles)
         asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
+        asked += HOOKS if entry.hooked else ()
         self._scalars = {(MESH, name): len(surface.drawn.triangles) for name in asked}
         self.keys: tuple[Key, ...] = (*self._sizes, *self._scalars)
 
@@ -96,6 +102,7 @@ class PosedFeather:
     def rest(self) -> WrittenPose:
         """The rest pose; its rates are zero."""
         pose, barbs = self.new_pose(), self._entry.barbs
+        self._note_hooks(pose, ())
         pose.finite = self._place(pose, _plain_points(self._from_origin(self._entry.rest_points)))
         if self.has_barbs and barbs:
             points = barbs.points if self._to_origin is None else barbs.points + self._to_origin
@@ -118,8 +125,12 @@ class PosedFeather:
         rates = {"velocities": given.velocities}
         if self._accelerations:
             rates[ACCELERATIONS] = given.accelerations
+        self._note_hooks(pose, given.gaps)
+        self._surface.carry(points)
         pose.finite = self._place(pose, _mapped(own, points))
         for name, values in rates.items():
+            second = values if name == ACCELERATIONS else None
+            self._surface.carry_rates(points, given.velocities, second)
             pose.finite &= self._rates(pose, name, _mapped(own, values))
         if not self.has_barbs or barbs is None:
             return
@@ -139,6 +150,9 @@ class PosedFeather:
         rounding, at the greatest coordinate of a prim, does not count.
         """
         now, before = pose.values, reference.values
+        own = [(MESH, name) for name in HOOKS if (MESH, name) in now]
+        if any((now[key].numbers != before[key].numbers).any() for key in own):
+            return True
         return any(
             surface_kernels.changed(
                 now[part, "points"].numbers,
@@ -175,6 +189,19 @@ class PosedFeather:
             out = values[MESH, ENERGY_DENSITY].numbers
             surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, out)
 
+    def _note_hooks(self, pose: WrittenPose, gaps: Gaps | tuple[()]) -> None:
+        """Which lips are open, and hooks and slip of each face; () for hooks that all hold."""
+        surface, values = self._surface, pose.values
+        surface.part(gaps)
+        if not self._entry.hooked:
+            return
+        hooked, slip = values[MESH, HOOKED].numbers, values[MESH, SLIP].numbers
+        hooked[:], slip[:] = 1.0, 0.0
+        if gaps:
+            faces = len(surface.cells)
+            hooked[:faces] = gaps.hooked.ravel()[surface.cells]
+            slip[:faces] = np.linalg.norm(gaps.slip.reshape(-1, 2)[surface.cells], axis=1)
+
     def _rates(self, pose: WrittenPose, name: str, values: RowPoints) -> bool:
         drawn, stage = self._surface.drawn, self._to_stage
         out, shaft = pose.values[MESH, name].numbers, pose.values[RACHIS, name].numbers
@@ -203,10 +230,32 @@ class _Surface:
             offset=np.ascontiguousarray(surface.offset, dtype=np.float64),
             triangles=_plain(surface.triangles),
             edges=edges,
+            lips=_plain(surface.lips),
             world=np.zeros(vertices),
             sums=np.zeros(vertices),
+            parted=np.zeros(len(surface.lips), dtype=np.bool_),
+            carried=np.zeros((len(surface.lips), 3)),
         )
+        # faces of vanes are in the order of cells
+        self.cells = np.flatnonzero(feather.cell)
+        self._lips = Lips.of(feather) if len(surface.lips) else None
         self.strains = np.zeros((2, len(edges)))
+
+    def part(self, gaps: Gaps | tuple[()]) -> None:
+        """Open the lips of gaps that are open, and close the others."""
+        self.drawn.parted[:] = self._lips.open(gaps.hooked) if self._lips and gaps else False
+
+    def carry(self, points: RowPoints) -> None:
+        """Set where open lips are; points: of the feather."""
+        if self._lips and self.drawn.parted.any():
+            self.drawn.carried[:] = self._lips.carried(points)
+
+    def carry_rates(
+        self, points: RowPoints, velocities: RowPoints, accelerations: RowPoints | None
+    ) -> None:
+        """Set their velocities, or their accelerations where those are given."""
+        if self._lips and self.drawn.parted.any():
+            self.drawn.carried[:] = self._lips.rates(points, velocities, accelerations)
 
     @cached_property
     def unstrained(self) -> tuple[Indices, Array]:

@@ -11,7 +11,7 @@ from typing import Any
 
 from pxr import Sdf
 
-from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS
+from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, HOOKS
 from featherfx.usd.write.poses import BARB, MESH, RACHIS, Key, PosedFeather, WrittenPose
 from featherfx.usd.write.prims import BARB_DIRECTION
 
@@ -23,7 +23,7 @@ _TYPES = {
     BARB_DIRECTION: Sdf.ValueTypeNames.Vector3fArray,
     ACCELERATIONS: Sdf.ValueTypeNames.Vector3fArray,
 }
-_PER_FACE = [name for names in DIAGNOSTICS.values() for name in names]
+_PER_FACE = [*HOOKS, *(name for names in DIAGNOSTICS.values() for name in names)]
 _TYPES |= dict.fromkeys(_PER_FACE, Sdf.ValueTypeNames.FloatArray)
 RATES = ("velocities", ACCELERATIONS)
 _INTERPOLATION = {"normals": "vertex"} | dict.fromkeys([BARB_DIRECTION, *_PER_FACE], "uniform")
@@ -87,4 +87,7 @@ class AnimatedPrims:
         digest = hashlib.blake2b(digest_size=8)
         for part in self.feathers[index].parts:
             digest.update(pose.values[part, "points"].numbers.tobytes())
+        for name in HOOKS:
+            if (MESH, name) in pose.values:
+                digest.update(pose.values[MESH, name].numbers.tobytes())
         return digest.hexdigest()

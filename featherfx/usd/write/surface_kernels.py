@@ -28,10 +28,11 @@ Indices = NDArray[np.int64]
 
 
 class DrawnSurface(NamedTuple):
-    """A surface of V points and T triangles; row, node, offset: as in Surface.
+    """A surface of V points and T triangles; row, node, offset, lips: as in Surface.
 
-    edges: (T, 2), a triangle's along its barb. world: (V, 3) m, points or rates in double
-    precision, for what is derived of them, and sums: (V, 3) of normals; both are scratch.
+    edges: (T, 2), a triangle's along its barb. Scratch: world (V, 3) m, points or rates in double
+    precision, for what is derived of them; sums (V, 3) of normals; parted (L,) whether lips are
+    open, and carried (L, 3) where they are then, or their rates.
     """
 
     row: Indices
@@ -39,8 +40,11 @@ class DrawnSurface(NamedTuple):
     offset: Array
     triangles: Indices
     edges: NDArray[np.int32]
+    lips: Indices
     world: Array
     sums: Array
+    parted: NDArray[np.bool_]
+    carried: Array
 
 
 class ToStage(NamedTuple):
@@ -70,6 +74,11 @@ def combine(values, surface):
             if w != 0.0:
                 point = add(point, scale(w, values.directors[i, k]))
         store(surface.world[v], point)
+    for lip in range(surface.parted.shape[0]):
+        if surface.parted[lip]:
+            k = surface.lips[lip, 0]
+            for c in range(3):
+                surface.world[k, c] = surface.carried[lip, c]
 
 
 @kernel
@@ -89,6 +98,18 @@ def write_points(world, step, stage, out):
 
 
 @kernel
+def _join_closed_lips(surface):
+    """Lips that coincide have one normal; sums of both, in place."""
+    sums, lips = surface.sums, surface.lips
+    for lip in range(lips.shape[0]):
+        own, other = lips[lip, 0], lips[lip, 1]
+        if other >= 0 and not surface.parted[lip]:
+            for c in range(3):
+                sums[own, c] += sums[other, c]
+                sums[other, c] = sums[own, c]
+
+
+@kernel
 def vertex_normals(surface, stage, out):
     """Area-weighted unit normals; a point without faces (calamus) is given the up axis."""
     world, sums, triangles = surface.world, surface.sums, surface.triangles
@@ -98,6 +119,7 @@ def vertex_normals(surface, stage, out):
         normal = normal_of(world[corners[0]], world[corners[1]], world[corners[2]])
         for corner in corners:
             accumulate(sums[corner], 1.0, normal)
+    _join_closed_lips(surface)
     for v in range(world.shape[0]):
         size = length(sums[v])
         normal = scale(1.0 / size, sums[v]) if size > 0.0 else (0.0, 0.0, 1.0)

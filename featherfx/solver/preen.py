@@ -1,0 +1,80 @@
+"""Gaps between barbs that are closed again: strokes of a beak, and hooks that find each other.
+
+A gap that is closed by a share c of what is open gets that much of its strength back,
+
+    h' = h + c (1 - h),    p' = (1 - c) p,    level' = 1 + (1 - c) (level - 1)
+
+h hooks, p slip of vane_hook_kernels. An open one first takes its strains as its slip, so that it
+hooks without stress. Where p' would leave it with more than HELD of its strength, it keeps as much
+slip as that takes: what is pulled apart as it is closed would open again at once. The energy that
+this puts into the vane is work of the beak. Only gaps whose edges are within reach are closed:
+
+    (J - 1) / (1 / h_0) <= reach
+
+J the ratio of areas of vane_guard_kernels, 1 / h_0 that of the triangle's height at rest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.mechanics.model import Gaps, Hooks, Model
+from featherfx.solver.state import State
+from featherfx.solver.step.gap_kernels import HEALED, LOOSE, PREENING
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# part of its strength that a gap may bear when it is closed
+HELD = 0.5
+# smallest square of J
+_FLAT = 1e-6
+
+
+def closed(
+    model: Model, state: State, f: int, touched: Flags, share: float, reach: float
+) -> Gaps | None:
+    """Gaps of feather f of a state after some of them are closed; None where none is.
+
+    touched: (2, n-1, m, 2) triangles that are looked at. share: c, above 0 to 1. reach: m. The
+    state is not changed.
+    """
+    gaps, hooks = state.gaps_of(f), model.hooks
+    assert isinstance(gaps, Gaps)
+    assert isinstance(hooks, Hooks)
+    strain, stiffness = state.strains.cell[f, 0], model.cell_stiffness[f]
+    slipped = (gaps.hooked < 1.0) | (gaps.level > 1.0) | gaps.slip.any(axis=-1)
+    chosen = touched & slipped & (stiffness[..., 0] > 0.0)
+    chosen &= _apart(strain) <= reach * model.cell_rest[f, ..., 2] + 1e-12
+    if not chosen.any():
+        return None
+    new = Gaps(*(array.copy() for array in gaps))
+    x, k, y = strain[chosen], stiffness[chosen], hooks.limit[f][chosen]
+    was_open = gaps.hooked[chosen] == 0.0
+    hooked = gaps.hooked[chosen] + share * (1.0 - gaps.hooked[chosen])
+    hooked[hooked > 1.0 - LOOSE] = 1.0
+    level = 1.0 + (1.0 - share) * (gaps.level[chosen] - 1.0)
+    before = np.where(was_open[:, None], x, gaps.slip[chosen])
+    slip = (1.0 - share) * before
+    stress = k * (x - slip)
+    borne = np.hypot(np.maximum(stress[:, 0], 0.0) / y[:, 0], stress[:, 1] / y[:, 1])
+    much = borne / (HELD * hooked * level)
+    slip = np.where(much[:, None] > 1.0, x - (x - slip) / np.maximum(much, 1.0)[:, None], slip)
+    work = 0.5 * np.sum(k * ((x - slip) ** 2 - (x - before) ** 2))
+    new.hooked[chosen], new.level[chosen], new.slip[chosen] = hooked, level, slip
+    new.spent[PREENING] += work
+    new.length[HEALED] += _half_cells(model, f)[chosen] @ (hooked - gaps.hooked[chosen])
+    return new
+
+
+def _apart(strain: Array) -> Array:
+    """J - 1 of strains (..., 2)."""
+    square = 1.0 + 2.0 * strain[..., 0] - strain[..., 1] ** 2
+    return np.asarray(np.sqrt(np.maximum(square, _FLAT)) - 1.0)
+
+
+def _half_cells(model: Model, f: int) -> Array:
+    """(2, n-1, m, 2) m, length of a gap that each triangle stands for."""
+    own = np.stack([model.segment[f, :, :-1], model.segment[f, :, 1:]], axis=-1)
+    return np.broadcast_to(0.5 * own[:, :, None], model.hooks.growth[f].shape)  # type: ignore[union-attr]
