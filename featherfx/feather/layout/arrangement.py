@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 # the rest shape is built with so many rows and columns, and mapped onto so many nodes
 _ROWS, _COLUMNS = 11, 4
-_NODES = (28, 14)
+_NODES = (56, 28)
 
 
 class HeightMaps(NamedTuple):
@@ -190,7 +190,9 @@ def _samples(feather: Feather) -> tuple[Array, Array]:
         has = feather.barb_length[side] > 0.0
         within.append(nodes[has, side * _COLUMNS + middle])
         edge.append(nodes[has, side * _COLUMNS + end])
-    in_vane = (feather.barb_length > 0.0).any(axis=0)
+    # where a vane begins rounded, it reaches back to a row without barbs
+    cell = feather.cell.any(axis=(0, 2, 3))
+    in_vane = np.append(cell, False) | np.append(False, cell)
     shaft = nodes[in_vane, 0]
     return np.concatenate([shaft[1:], *within]), np.concatenate([shaft[:1], *edge])
 

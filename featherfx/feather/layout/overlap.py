@@ -108,12 +108,12 @@ def shingle_pairs(strips: Strips, facing: float = LEAST_FACING) -> tuple[Indices
 
 
 def flow_potential(strips: Strips, pairs: Indices) -> Array:
-    """(F,) m, how far downstream every root is, by least squares over neighbours.
+    """(F,) m, how far downstream every root is, by least squares over neighbours of one layer.
 
     Between two neighbours it grows as their roots lie apart along their shafts; so it is an order
     without rings wherever the shafts flow. Rows that are stacked count by their stack instead.
     """
-    first, second = pairs.T
+    first, second = pairs[strips.layer[pairs[:, 0]] == strips.layer[pairs[:, 1]]].T
     shaft = strips.shaft / np.linalg.norm(strips.shaft, axis=1, keepdims=True)
     count = len(shaft)
     way = strips.root[second] - strips.root[first]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -235,7 +236,9 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
 
 def _scattered(region: _Region, count: int) -> Scattered:
     """Places of so many feathers, fewer where there is hardly any room; kept between runs."""
-    surface, seed = region.surface, region.entry["seed"]
+    surface, entry = region.surface, region.entry
+    # places of its own, or where regions pass into each other feathers would stand in pairs
+    seed = entry["seed"] ^ crc32(entry["id"].encode())
     inputs = [surface.source.points, surface.source.triangles, region.presence.inputs, count, seed]
 
     def compute() -> dict[str, Any]:

@@ -14,7 +14,6 @@ from featherfx.solver.contact.search_kernels import (
     boxes_apart,
     closest_weights,
     corner_node,
-    guest_place,
     row_boxes,
     strip_point,
 )
@@ -27,6 +26,8 @@ LEAST_COSINE = 0.3
 MOST_STEPS = 12
 # parts into which the rim between two rows is divided
 RIM_PARTS = 3
+# how often an edge is halved to find where it leaves an outline
+HALVES = 6
 
 
 @kernel
@@ -125,8 +126,9 @@ def _first_place(x, own, exists):
 @kernel
 def _walk(x, points, exists, place):
     """The triangle that a point is over, walking from one; at the vane's edge, the nearest that is
-    met. Returns it, the weights of its corners, and its normal, not of unit length."""
-    weight, product = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    met. Returns it, the weights of its corners, its normal, not of unit length, and whether the
+    point is over it, not beside."""
+    weight, product, inside = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), False
     for _ in range(points.shape[0] + points.shape[1]):
         a, b, c = _corners(points, place)
         product, away = normal_of(a, b, c), sub(x, a)
@@ -138,6 +140,7 @@ def _walk(x, points, exists, place):
         weight = 1.0 - second - third, second, third
         least = min(weight[0], min(second, third))
         if least >= 0.0:
+            inside = True
             break
         k = 0 if least == weight[0] else (1 if least == second else 2)
         after = _beyond(place, k)
@@ -149,7 +152,7 @@ def _walk(x, points, exists, place):
                 weight = closest_weights(x, a, b, c)
                 break
         place = after
-    return place, weight, product
+    return place, weight, product, inside
 
 
 @kernel
@@ -170,29 +173,41 @@ def _boxes_meet(pose, guest, host, low, high):
 
 
 @kernel
-def _lap(vanes, pose, bodies, node, place, margin, lap):
-    """The triangle of a host that a guest's node is over, walking from a place, and whether it
-    lacks, or may come to lack; then lap is what."""
-    columns, (guest, host, above), (i, c, part) = vanes.exists.shape[3], bodies, node
-    points, lift, after = pose.points, pose.lift, min(i + 1, pose.points.shape[1] - 1)
-    x = guest_place(points[guest], i, strip_point(c, columns), part)
-    place, weight, normal = _walk(x, points[host], vanes.exists[host], place)
-    first, second, third = _corners(points[host], place)
+def _on_edge(points, node, after, part, columns):
+    """A part of the way from one node (row, column) of points (n, 1 + 2 m, 3) to another."""
+    x = points[node[0], strip_point(node[1], columns)]
+    y = points[after[0], strip_point(after[1], columns)]
+    return add(scale(1.0 - part, x), scale(part, y))
+
+
+@kernel
+def _lap(vanes, pose, bodies, point, place, margin, lap):
+    """The triangle of a host that a guest's point is over, walking from a place, whether it is
+    beside it, and whether it lacks, or may come to lack; then lap is what.
+
+    point: two nodes, and which part of the way from one to the other it lies."""
+    columns, (guest, host, above), (node, after, part) = vanes.exists.shape[3], bodies, point
+    lift, x = pose.lift, _on_edge(pose.points[guest], node, after, part, columns)
+    place, weight, normal, inside = _walk(x, pose.points[host], vanes.exists[host], place)
+    first, second, third = _corners(pose.points[host], place)
     y = add(scale(weight[0], first), add(scale(weight[1], second), scale(weight[2], third)))
     size = length(normal)
     if size <= 0.0:
-        return place, False
+        return place, inside, False
     dorsal = dot(normal, pose.dorsal[host, place[1]]) >= 0.0
     normal, away = scale(1.0 / size if dorsal else -1.0 / size, normal), sub(x, y)
     along, thickness = dot(normal, away), vanes.half[guest] + vanes.half[host]
-    gap = (along if above else -along) - thickness
+    lap.clear = min(vanes.clear[guest], vanes.clear[host])
+    gap = (along if above else -along) - thickness - lap.clear
     deepest = min(vanes.deepest[guest], vanes.deepest[host])
     if gap > margin or gap < -2.0 * deepest:
-        return place, False
+        return place, inside, False
     lap.beside = length(cross(normal, away))
     fade = 1.0 - lap.beside / (FADE * thickness)
-    side, lap.own = 1.0 if above else -1.0, dot(normal, pose.dorsal[guest, i])
-    lifted = (1.0 - part) * lift[guest, i, c] + part * lift[guest, after, c]
+    side = 1.0 if above else -1.0
+    own = dot(normal, pose.dorsal[guest, node[0]])
+    lap.own = (1.0 - part) * own + part * dot(normal, pose.dorsal[guest, after[0]])
+    lifted = (1.0 - part) * lift[guest, node[0], node[1]] + part * lift[guest, after[0], after[1]]
     base, total = -gap + side * lap.own * lifted, 0.0
     for q in range(3):
         row, barb_node = corner_node(place, q)
@@ -205,63 +220,135 @@ def _lap(vanes, pose, bodies, node, place, margin, lap):
     # what would be too deep to be undone is left, little by little
     lap.share = fade * max(0.0, min(1.0, 2.0 - base / deepest))
     lap.above, lap.base = 1 if above else 0, base
-    lap.node[0], lap.node[1], lap.part = i, c, part
-    return place, fade > 0.0 and min(lap.own, total) >= LEAST_COSINE
+    lap.node[0], lap.node[1], lap.after[0], lap.after[1] = node[0], node[1], after[0], after[1]
+    lap.part = part
+    return place, inside, fade > 0.0 and min(lap.own, total) >= LEAST_COSINE
 
 
 @kernel
-def _is_rim(present, i, c):
-    """Whether the vane ends at a node of this row, and at that of the next row, too."""
-    if i + 1 >= present.shape[0] or present[i + 1, c] == 0:
-        return False
-    return c == 0 or c == present.shape[1] - 1
-
-
-@kernel
-def _points_of(vanes, pose, bodies, margin, laps, count):
-    """Laps of the points of a guest; returns how many there are then. bodies: guest, host, and
-    whether the guest lies above."""
+def _nodes_of(vanes, pose, bodies, margin, laps, count, seen):
+    """Laps of the nodes of a guest; returns how many there are then. bodies: guest, host, and
+    whether the guest lies above. seen: (n, 2 m + 1, 5) becomes 1 for nodes that are over the host,
+    2 beside it, and its triangle there; 0 for those that are not near."""
     guest, host, above = bodies
     frame, own, exists = pose.frames[host], pose.own[host], vanes.exists[host]
     columns, place = exists.shape[2], (-1, 0, 0, 0)
     deepest = 2.0 * min(vanes.deepest[guest], vanes.deepest[host])
     low = own[2] - (deepest if above else margin)
     high = own[5] + (margin if above else deepest)
+    seen[:, :, 0] = 0
     if not _boxes_meet(pose, guest, host, low, high):
         return count
     for i in range(pose.points.shape[1]):
-        after = min(i + 1, pose.points.shape[1] - 1)
-        if boxes_apart(pose.boxes[guest, i], pose.bounds[host], margin) and boxes_apart(
-            pose.boxes[guest, after], pose.bounds[host], margin
-        ):
+        if boxes_apart(pose.boxes[guest, i], pose.bounds[host], margin):
             continue
         for c in range(vanes.present.shape[2]):
             if vanes.present[guest, i, c] == 0:
                 continue
-            for k in range(RIM_PARTS if _is_rim(vanes.present[guest], i, c) else 1):
-                node = i, c, k / RIM_PARTS
-                x = guest_place(pose.points[guest], i, strip_point(c, columns), node[2])
-                away = sub(x, frame[0])
-                x, y, z = dot(frame[1], away), dot(frame[2], away), dot(frame[3], away)
-                if z < low or z > high or y < own[1] - margin or y > own[4] + margin:
-                    continue
-                if x < own[0] - margin or x > own[3] + margin:
-                    continue
+            node, p = (i, c), strip_point(c, columns)
+            away = sub(pose.points[guest, i, p], frame[0])
+            x, y, z = dot(frame[1], away), dot(frame[2], away), dot(frame[3], away)
+            if z < low or z > high or y < own[1] - margin or y > own[4] + margin:
+                continue
+            if x < own[0] - margin or x > own[3] + margin:
+                continue
+            if place[0] < 0:
+                place = _first_place((x, y, z), own, exists)
                 if place[0] < 0:
-                    place = _first_place((x, y, z), own, exists)
-                    if place[0] < 0:
-                        return count
-                lap = laps[min(count, laps.shape[0] - 1)]
-                place, found = _lap(vanes, pose, bodies, node, place, margin, lap)
-                if found:
-                    count += 1
+                    return count
+            lap = laps[min(count, laps.shape[0] - 1)]
+            point = node, node, 0.0
+            place, inside, found = _lap(vanes, pose, bodies, point, place, margin, lap)
+            if found:
+                count += 1
+            seen[i, c, 0] = 1 if inside else 2
+            seen[i, c, 1], seen[i, c, 2], seen[i, c, 3], seen[i, c, 4] = place
     return count
 
 
 @kernel
-def find_laps(vanes, stack, pose, stale, margin, span, laps):
+def _edge_from(exists, i, c, way):
+    """The node to which an edge leads from one, over to the next row, along the barb or across a
+    cell, and whether a triangle has it."""
+    columns = exists.shape[2]
+    if way == 0:
+        side, j = (0, c - columns) if c >= columns else (1, columns - c)
+        there = j < columns and i < exists.shape[1] and exists[side, i, j, 0] != 0
+        if not there and j > 0:
+            there = i < exists.shape[1] and exists[side, i, j - 1, 1] != 0
+        if not there and j == 0:
+            there = i < exists.shape[1] and exists[1, i, 0, 0] != 0
+        return i + 1, c, there
+    side, j = (0, c - columns) if c >= columns else (1, columns - c - 1)
+    if j >= columns or c + 1 > 2 * columns:
+        return i, c, False
+    first = i < exists.shape[1] and exists[side, i, j, 0] != 0
+    before = i > 0 and exists[side, i - 1, j, 1] != 0
+    if way == 1:
+        return i, c + 1, first or before
+    second = i < exists.shape[1] and exists[side, i, j, 1] != 0
+    # across a cell, from the inner node of the upper row to the outer one of the row before
+    if side == 0:
+        before = i > 0 and (exists[side, i - 1, j, 0] != 0 or exists[side, i - 1, j, 1] != 0)
+        return i - 1, c + 1, before
+    return i + 1, c + 1, first or second
+
+
+@kernel
+def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
+    """As _nodes_of, of points where an edge of a guest leaves the host's outline, and of some on
+    the guest's own rims."""
+    guest, exists = bodies[0], vanes.exists[bodies[0]]
+    for i in range(seen.shape[0]):
+        for c in range(seen.shape[1]):
+            for way in range(3):
+                row, column, there = _edge_from(exists, i, c, way)
+                if not there or max(seen[i, c, 0], seen[row, column, 0]) == 0:
+                    continue
+                one, other = seen[i, c, 0] == 1, seen[row, column, 0] == 1
+                rim = way == 0 and (c == 0 or c == seen.shape[1] - 1)
+                if one != other:
+                    count = _at_outline(
+                        vanes, pose, bodies, (i, c), (row, column), margin, laps, count, seen
+                    )
+                if rim:
+                    near = seen[i, c] if seen[i, c, 0] != 0 else seen[row, column]
+                    place = near[1], near[2], near[3], near[4]
+                    for k in range(1, RIM_PARTS):
+                        lap = laps[min(count, laps.shape[0] - 1)]
+                        point = (i, c), (row, column), k / RIM_PARTS
+                        place, _, found = _lap(vanes, pose, bodies, point, place, margin, lap)
+                        if found:
+                            count += 1
+    return count
+
+
+@kernel
+def _at_outline(vanes, pose, bodies, node, after, margin, laps, count, seen):
+    """The lap where the edge between two nodes, of which one is over the host, leaves it."""
+    guest, host, _ = bodies
+    columns, exists = vanes.exists.shape[3], vanes.exists[host]
+    if seen[node[0], node[1], 0] != 1:
+        node, after = after, node
+    start = seen[node[0], node[1]]
+    place, low, high = (start[1], start[2], start[3], start[4]), 0.0, 1.0
+    for _ in range(HALVES):
+        part = 0.5 * (low + high)
+        x = _on_edge(pose.points[guest], node, after, part, columns)
+        place, _, _, inside = _walk(x, pose.points[host], exists, place)
+        low, high = (part, high) if inside else (low, part)
+    if low == 0.0:
+        return count
+    lap = laps[min(count, laps.shape[0] - 1)]
+    place, _, found = _lap(vanes, pose, bodies, (node, after, low), place, margin, lap)
+    return count + 1 if found else count
+
+
+@kernel
+def find_laps(vanes, stack, pose, stale, margin, span, laps, seen):
     """Laps of the pairs span[0] to span[1] - 1 of which a feather is stale; returns how many there
-    are. Of those that laps has no room for, only that they are too many is right."""
+    are. Of those that laps has no room for, only that they are too many is right. seen: scratch,
+    (n, 2 m + 1, 5)."""
     count = 0
     for pair in range(span[0], span[1]):
         upper, lower = stack.pairs[pair, 0], stack.pairs[pair, 1]
@@ -270,8 +357,10 @@ def find_laps(vanes, stack, pose, stale, margin, span, laps):
         if boxes_apart(pose.bounds[upper], pose.bounds[lower], margin):
             continue
         before = count
-        count = _points_of(vanes, pose, (upper, lower, True), margin, laps, count)
-        count = _points_of(vanes, pose, (lower, upper, False), margin, laps, count)
+        for role in range(2):
+            bodies = (upper, lower, True) if role == 0 else (lower, upper, False)
+            count = _nodes_of(vanes, pose, bodies, margin, laps, count, seen)
+            count = _edges_of(vanes, pose, bodies, margin, laps, count, seen)
         for k in range(before, min(count, laps.shape[0])):
             laps[k].pair = pair
     return count

@@ -21,7 +21,15 @@ from featherfx.shot.layers.depths import Depths
 from featherfx.shot.layers.ground import skins_beneath
 from featherfx.shot.layers.lap_kernels import find_laps, ground_lacks, lift_points
 from featherfx.shot.layers.lift_kernels import lift_all, pair_depths
-from featherfx.shot.layers.stack import among, beneath, part_of, pose_like, stack_of, vanes_of
+from featherfx.shot.layers.stack import (
+    among,
+    beneath,
+    part_of,
+    pose_like,
+    scratch_for,
+    stack_of,
+    vanes_of,
+)
 from featherfx.shot.layers.types import LAP, Array, Indices, Laps, Lifts
 from featherfx.shot.patterns import touches
 from featherfx.shot.placement import place
@@ -71,7 +79,7 @@ class Layers:
         self._depths = Depths(self.stack)
         self._rank = np.empty(count, dtype=np.int64)
         self._rank[self.stack.order] = np.arange(count)
-        self._margin = MARGIN * float(thickness.max())
+        self._margin = MARGIN * float(thickness.max()) + float(self.vanes.clear.max())
         shape = self.vanes.present.shape
         self.lifts = Lifts(*(np.zeros(shape) for _ in Lifts._fields))
         self._pose = pose_like(rest, shape)
@@ -81,14 +89,15 @@ class Layers:
             for skin in self._skins:
                 skin.ground.triangle[~touching[self.needed]] = -1
         self._rooms = [np.zeros(1024, dtype=LAP) for _ in range(PIECES * jobs)]
+        self._scratch = [scratch_for(self.vanes) for _ in self._rooms]
         self._jobs = jobs
 
     def lay(
-        self, poses: Sequence[FeatherPose], number: float, time: float, duration: float
+        self, poses: Sequence[FeatherPose], frame: float, time: float, duration: float
     ) -> list[FeatherPose]:
         """Poses of the needed feathers at a sample, laid over each other.
 
-        number: of the frame. time: s since the first one. duration: s since the sample before; 0 at
+        frame: its number. time: s since the first one. duration: s since the sample before; 0 at
         the first.
         """
         points = stacked([pose.points for pose in poses])
@@ -97,11 +106,11 @@ class Layers:
         lifts.before[:] = lifts.lift
         laps, stale = np.zeros(0, dtype=LAP), np.ones(len(poses), dtype=np.bool_)
         with ThreadPoolExecutor(self._jobs) as pool:
-            for _ in range(MOST_ROUNDS if duration > 0.0 else FIRST_ROUNDS):
+            for number in range(MOST_ROUNDS if duration > 0.0 else FIRST_ROUNDS):
                 self._pose_lifted(pool, points)
                 self._ask_ground(pool, time)
                 laps = self._found(pool, laps, stale)
-                self._lift(laps, kept)
+                self._lift(laps, kept, number > 0)
                 change = np.abs(lifts.lift - pose.lift).max(axis=(1, 2))
                 stale = change > OFF * self.vanes.half
 
@@ -111,7 +120,7 @@ class Layers:
             laps = self._found(pool, laps, change > SEEN * self.vanes.half)
         depths = np.full(len(self.stack.pairs), -np.inf)
         pair_depths(self.vanes, laps, lifts.lift, depths)
-        self._depths.add(depths, number)
+        self._depths.add(depths, frame)
         if duration > 0.0:
             rate = _along_dorsal((lifts.lift - lifts.before) / duration, pose.dorsal)
         else:
@@ -152,15 +161,17 @@ class Layers:
         pieces, pairs = len(self._rooms), len(self.stack.pairs)
         span = piece * pairs // pieces, (piece + 1) * pairs // pieces
         while True:
-            room = self._rooms[piece]
-            count = find_laps(self.vanes, self.stack, self._pose, stale, self._margin, span, room)
+            room, seen = self._rooms[piece], self._scratch[piece]
+            count = find_laps(
+                self.vanes, self.stack, self._pose, stale, self._margin, span, room, seen
+            )
             if count <= len(room):
                 return room[:count]
             self._rooms[piece] = np.zeros(int(1.25 * count), dtype=LAP)
 
-    def _lift(self, laps: Laps, kept: float) -> None:
+    def _lift(self, laps: Laps, kept: float, begun: bool) -> None:
         first = np.searchsorted(self._rank[laps["upper"]], np.arange(len(self._rank) + 1))
-        lift_all(self.vanes, self.stack, laps, first, self.lifts, kept)
+        lift_all(self.vanes, self.stack, laps, first, self.lifts, kept, begun)
 
     def _each(self, pool: ThreadPoolExecutor, work: Callable[[int, int], object]) -> None:
         ends = np.linspace(0, len(self.vanes.half), PIECES * self._jobs + 1).astype(int).tolist()

@@ -27,14 +27,13 @@ def _ask(laps, k, lifts):
         total += lap.weight[q]
         if lap.above == 1:
             other += lap.weight[q] * lift[lap.lower, lap.corner[q, 0], lap.corner[q, 1]]
-    wanted, i, c, part = lifts.wanted[lap.upper], lap.node[0], lap.node[1], lap.part
-    after = i + 1 if part > 0.0 else i
+    wanted, (i, c), (j, d) = lifts.wanted[lap.upper], lap.node, lap.after
     if lap.above == 1:
         need = lap.share * (lap.base + other) / lap.own
         wanted[i, c] = max(wanted[i, c], need)
-        wanted[after, c] = max(wanted[after, c], need)
+        wanted[j, d] = max(wanted[j, d], need)
         return
-    lifted = (1.0 - part) * lift[lap.lower, i, c] + part * lift[lap.lower, after, c]
+    lifted = (1.0 - lap.part) * lift[lap.lower, i, c] + lap.part * lift[lap.lower, j, d]
     need = (lap.base + lap.own * lifted) * lap.share / total
     for q in range(3):
         if lap.weight[q] > 0.0:
@@ -79,11 +78,13 @@ def _to_root(values, vanes, f):
 
 
 @kernel
-def lift_all(vanes, stack, laps, first, lifts, kept):
+def lift_all(vanes, stack, laps, first, lifts, kept, begun):
     """Lifts of all feathers from the lowest up.
 
     laps: (L,), of stack.order[k] first[k] to first[k + 1] - 1. kept: share of the lift before that
-    is kept at least. wanted: what the skin asks for; used up.
+    is kept at least. begun: whether the lifts are of this sample, and do not fall: what is lifted
+    off something is beside it at times, and would come and go. wanted: what the skin asks for; used
+    up.
     """
     for k in range(stack.order.shape[0]):
         f = stack.order[k]
@@ -92,7 +93,8 @@ def lift_all(vanes, stack, laps, first, lifts, kept):
         wanted, before, lift = lifts.wanted[f], lifts.before[f], lifts.lift[f]
         for i in range(wanted.shape[0]):
             for c in range(wanted.shape[1]):
-                wanted[i, c] = max(wanted[i, c], kept * before[i, c])
+                least = lift[i, c] if begun else kept * before[i, c]
+                wanted[i, c] = max(wanted[i, c], least)
         _spread(wanted, vanes, f)
         _to_root(wanted, vanes, f)
         for i in range(wanted.shape[0]):
@@ -109,10 +111,9 @@ def pair_depths(vanes, laps, lift, depths):
         if lap.beside > BESIDE * thickness:
             continue
         guest, host = (lap.upper, lap.lower) if lap.above == 1 else (lap.lower, lap.upper)
-        i, c, part = lap.node[0], lap.node[1], lap.part
-        after = i + 1 if part > 0.0 else i
-        apart = lap.own * ((1.0 - part) * lift[guest, i, c] + part * lift[guest, after, c])
+        (i, c), (j, d), part = lap.node, lap.after, lap.part
+        apart = lap.own * ((1.0 - part) * lift[guest, i, c] + part * lift[guest, j, d])
         for q in range(3):
             apart -= lap.weight[q] * lift[host, lap.corner[q, 0], lap.corner[q, 1]]
-        depth = lap.base - (apart if lap.above == 1 else -apart)
+        depth = lap.base - lap.clear - (apart if lap.above == 1 else -apart)
         depths[lap.pair] = max(depths[lap.pair], depth / thickness)

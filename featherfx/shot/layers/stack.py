@@ -23,6 +23,8 @@ FACING = 0.3
 WRONG = 0.05
 # heights over a feather's length up to which points tell who lies over whom at rest
 NEAR = 0.1
+# what is kept between surfaces, over the distance of rows: they are bent between their nodes
+CLEAR = 0.02
 # depth, over a feather's length, that is undone; beyond twice that the order counts for nothing
 DEEPEST = 0.2
 
@@ -41,7 +43,7 @@ def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: RowPoints) -> 
         return _by_votes(*_votes(laps, len(order)), order)
     # a layout leaves some feathers on the wrong side of others
     depth, length = np.zeros(len(stack.pairs)), vanes.row.sum(axis=1)
-    np.maximum.at(depth, laps["pair"], laps["base"])
+    np.maximum.at(depth, laps["pair"], laps["base"] - laps["clear"])
     return sorted_stack(stack.pairs[depth <= WRONG * length[stack.pairs].min(axis=1)], order)
 
 
@@ -54,7 +56,8 @@ def _laps_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> Laps:
     stale, span = np.ones(len(length), dtype=np.int8), (0, len(stack.pairs))
     laps = np.zeros(1024, dtype=LAP)
     margin = NEAR * float(length.max(initial=0.0))
-    while (count := find_laps(seen, stack, pose, stale, margin, span, laps)) > len(laps):
+    scratch = scratch_for(vanes)
+    while (count := find_laps(seen, stack, pose, stale, margin, span, laps, scratch)) > len(laps):
         laps = np.zeros(int(1.25 * count), dtype=LAP)
     laps = laps[:count]
     return laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
@@ -65,7 +68,7 @@ def _votes(laps: Laps, count: int) -> tuple[Indices, Indices]:
     which it is under it."""
     upper, lower = laps["upper"].astype(np.int64), laps["lower"].astype(np.int64)
     keys, place = np.unique(upper * count + lower, return_inverse=True)
-    sums = np.bincount(place, np.where(laps["base"] > 0.0, -1.0, 1.0), len(keys))
+    sums = np.bincount(place, np.where(laps["base"] > laps["clear"], -1.0, 1.0), len(keys))
     return np.stack([keys // count, keys % count], axis=1), sums.astype(np.int64)
 
 
@@ -98,6 +101,11 @@ def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:
             heappush(queue, (int(waiting[upper]), int(rank[upper]), upper))
     kept = over[placed[over[:, 0]] > placed[over[:, 1]]]
     return sorted_stack(kept, np.array(found, dtype=np.int64))
+
+
+def scratch_for(vanes: Vanes) -> Indices:
+    """What a search for laps writes over."""
+    return np.zeros((*vanes.present.shape[1:], 5), dtype=np.int64)
 
 
 def pose_like(points: RowPoints, shape: tuple[int, ...]) -> Pose:
@@ -164,6 +172,7 @@ def vanes_of(feathers: Sequence[Feather], halves: Array) -> Vanes:
         barb=barb,
         first=np.argmax(present.any(axis=2), axis=1),
         deepest=DEEPEST * row.sum(axis=1),
+        clear=CLEAR * row.mean(axis=1),
     )
 
 

@@ -16,19 +16,20 @@ Indices = NDArray[np.int64]
 Bytes = NDArray[np.int8]
 
 # One condition that a feather keeps clear of what is beneath it. pair: its number; upper, lower:
-# feathers. node: row and column of the feather that the point is of, part: how far it lies to the
-# next row; above: whether that is the upper one. corner: rows and columns of the other's triangle
+# feathers. node, after: rows and columns of the feather that the point is of, part: how far it lies
+# from one to the other; above: whether that is the upper one. corner: rows and columns of the other's triangle
 # around the point, weight: theirs, times how far each goes along the triangle's normal for its
-# lift. own: that of the node. base: m, what is lacking where neither is lifted. share: of it that
-# counts. beside: m, how far the point lies beside the other's edge.
+# lift. own: that of the node. base: m, what is lacking where neither is lifted, clear: m, of it
+# what is to be between surfaces. share: of it that counts. beside: m, how far the point lies beside the other's edge.
 LAP = np.dtype(
     [
         *((name, "i4") for name in ("pair", "upper", "lower")),
         ("above", "i1"),
         ("node", "i2", (2,)),
+        ("after", "i2", (2,)),
         ("corner", "i2", (3, 2)),
         ("weight", "f8", (3,)),
-        *((name, "f8") for name in ("part", "own", "base", "share", "beside")),
+        *((name, "f8") for name in ("part", "own", "base", "clear", "share", "beside")),
     ]
 )
 Laps = NDArray[Any]
@@ -40,6 +41,7 @@ class Vanes(NamedTuple):
     present: (F, n, 2 m + 1) nodes that a triangle has. exists: (F, 2, n - 1, m, 2) triangles.
     half: (F,) m, half thickness. row: (F, n - 1) and barb: (F, 2, n) m, distances of nodes along
     shaft and barbs. first: (F,) first row of the vane. deepest: (F,) m, depth that is undone.
+    clear: (F,) m, kept from others, at the least.
     """
 
     present: Bytes
@@ -49,6 +51,7 @@ class Vanes(NamedTuple):
     barb: Array
     first: Indices
     deepest: Array
+    clear: Array
 
 
 class Stack(NamedTuple):
