@@ -71,6 +71,20 @@ def test_layers_and_stacks_go_before_places(kind):
     assert all(upper > lower for upper, lower in shingle_pairs(strips_of(feathers))[0])
 
 
+def test_what_lies_in_another_layer_does_not_disturb_the_order_within_one(kind):
+    feathers = field(kind)
+    x = np.array([each.position[0] for each in feathers])
+    # combed against the others, over all of them
+    against = [
+        placed(kind, f"x{k}", (-0.008 * k, 0.02, 0.002), direction=(1, 0, 0), layer=1)
+        for k in range(8)
+    ]
+    pairs, _ = shingle_pairs(strips_of([*feathers, *against]))
+    upper, lower = pairs[(pairs < len(feathers)).all(axis=1)].T
+    assert (np.abs(x[upper] - x[lower]) > 1e-3).sum() > 100
+    assert (x[upper] > x[lower] - 1e-9).all()
+
+
 def test_an_order_without_rings_and_no_far_pairs(kind):
     feathers = field(kind)
     pairs, order = shingle_pairs(strips_of(feathers))

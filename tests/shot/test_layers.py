@@ -8,10 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from featherfx.feather.shapes import feathers_of
+from featherfx.feather.types import RACHIS
+from featherfx.groom.types import Placement
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Contact, Detail, Layers, Motion, Shot
+from featherfx.usd.check.crossings import crossings_of, patches_of
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 THICKNESS = 1e-3
@@ -82,6 +86,37 @@ def test_each_lies_over_the_next(bakes):
             assert least_gap(other.points[k], other.points[k + 1]) < 0.1 * THICKNESS
             # vanes that slope are nearer along their normal than along z
             assert least_gap(frame.points[k], frame.points[k + 1]) > 0.85 * THICKNESS
+
+
+def crossings(shot: Shot, frame) -> int:
+    """Triangles of vanes that pass through each other."""
+    rows, columns = shot.quality.rows, shot.quality.columns
+    feathers = feathers_of(shot.groom.feathers, rows, columns)
+    meshes, offset = [], []
+    for k, (feather, pose) in enumerate(zip(feathers, frame.poses, strict=True)):
+        surface = feather.surface
+        vanes = surface.triangles[surface.part != RACHIS]
+        offset.append(surface.points(pose.points))
+        meshes.append((offset[-1], vanes, np.zeros(len(vanes), dtype=bool), k))
+    return int(crossings_of(np.concatenate(offset), patches_of(meshes)).vanes.sum())
+
+
+def askew(one: Placement, k: int) -> Placement:
+    """Rolled by 6 degrees, one way or the other."""
+    roll = np.radians(6.0) * (-1) ** k
+    c, s = np.cos(roll), np.sin(roll)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    return replace(one, rotation=one.rotation @ turn)
+
+
+def test_rims_that_cross_between_their_points_are_parted():
+    shot = shingles()
+    feathers = tuple(askew(each, k) for k, each in enumerate(shot.groom.feathers))
+    shot = replace(shot, groom=replace(shot.groom, feathers=feathers))
+    plain = [crossings(shot, frame) for frame in simulate(replace(shot, layers=None))]
+    laid = [crossings(shot, frame) for frame in simulate(shot)]
+    assert min(plain) > 10
+    assert max(laid) == 0, (plain, laid)
 
 
 def depths(points) -> float:

@@ -49,6 +49,17 @@ def test_editing_one_region_leaves_the_other_alone(folder):
     assert of_back(first) == of_back(other)
 
 
+def test_regions_that_pass_into_each_other_have_places_of_their_own(folder):
+    front = "count = 300\nwhere = [{ x = [0, 1], soft = 0.1 }]"
+    back = "count = 300\nwhere = [{ x = [-1, 0], soft = 0.1 }]"
+    groom = grown(folder, region("front", front), region("back", back))
+    places = [
+        roots(groom)[[f.region == name for f in groom.feathers]] for name in ("front", "back")
+    ]
+    apart = np.linalg.norm(places[0][:, None] - places[1], axis=2).min(axis=1)
+    assert (apart < 1e-3).mean() < 0.05
+
+
 def test_a_higher_density_keeps_roots_and_ids(folder):
     sparse = grown(folder, region(keys="density = 1000"))
     dense = grown(folder, region(keys="density = 3000"))

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from featherfx.shot.layers.types import Array, Indices, Stack
 
-# over the thickness: gap up to which two feathers touch; width and number of the bins that depths
-# are counted in, deeper ones in the last
-TOUCH = 0.1
+# over the thickness: width and number of the bins that depths are counted in, deeper ones in the
+# last
 BIN, BINS = 1e-3, 100_000
 # pairs that are named
 MOST_NAMED = 10
@@ -26,10 +26,9 @@ class Depths:
         self._worst = np.full(len(stack.pairs), -np.inf)
         self._frame = np.zeros(len(stack.pairs))
 
-    def add(self, depths: Array, frame: float) -> None:
-        """depths: (K,) of one sample, below 0 where there is a gap."""
-        touching = np.maximum(depths[depths > -TOUCH], 0.0)
-        bins = np.minimum(np.ceil(touching / BIN), BINS).astype(np.int64)
+    def add(self, depths: Array, touching: NDArray[np.bool_], frame: float) -> None:
+        """depths: (K,) of one sample, below 0 where there is a gap. touching: (K,) which count."""
+        bins = np.minimum(np.ceil(np.maximum(depths[touching], 0.0) / BIN), BINS).astype(np.int64)
         self._counts += np.bincount(bins, minlength=BINS + 1)
         deeper = depths > self._worst
         self._worst[deeper], self._frame[deeper] = depths[deeper], frame

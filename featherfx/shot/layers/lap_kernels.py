@@ -21,7 +21,7 @@ from featherfx.solver.contact.search_kernels import (
 # thicknesses beside the other's edge over which a lack fades out
 FADE = 3.0
 # least cosine between a lift and the normal that it is to act along
-LEAST_COSINE = 0.3
+LEAST_COSINE = 0.5
 # steps from triangle to triangle of a skin
 MOST_STEPS = 12
 # parts into which the rim between two rows is divided
@@ -198,7 +198,7 @@ def _lap(vanes, pose, bodies, point, place, margin, lap):
     normal, away = scale(1.0 / size if dorsal else -1.0 / size, normal), sub(x, y)
     along, thickness = dot(normal, away), vanes.half[guest] + vanes.half[host]
     lap.clear = min(vanes.clear[guest], vanes.clear[host])
-    gap = (along if above else -along) - thickness - lap.clear
+    gap = (along if above else -along) - thickness
     deepest = min(vanes.deepest[guest], vanes.deepest[host])
     if gap > margin or gap < -2.0 * deepest:
         return place, inside, False
@@ -208,7 +208,7 @@ def _lap(vanes, pose, bodies, point, place, margin, lap):
     own = dot(normal, pose.dorsal[guest, node[0]])
     lap.own = (1.0 - part) * own + part * dot(normal, pose.dorsal[guest, after[0]])
     lifted = (1.0 - part) * lift[guest, node[0], node[1]] + part * lift[guest, after[0], after[1]]
-    base, total = -gap + side * lap.own * lifted, 0.0
+    base, total = lap.clear - gap + side * lap.own * lifted, 0.0
     for q in range(3):
         row, barb_node = corner_node(place, q)
         column = columns + barb_node if place[0] == 0 else columns - barb_node
@@ -217,8 +217,8 @@ def _lap(vanes, pose, bodies, point, place, margin, lap):
         total += lap.weight[q]
         base -= side * lap.weight[q] * lift[host, row, column]
     lap.upper, lap.lower = (guest, host) if above else (host, guest)
-    # what would be too deep to be undone is left, little by little
-    lap.share = fade * max(0.0, min(1.0, 2.0 - base / deepest))
+    # what would need too much of a lift is left, little by little
+    lap.share = fade * max(0.0, min(1.0, 2.0 - base / (deepest * (lap.own if above else total))))
     lap.above, lap.base = 1 if above else 0, base
     lap.node[0], lap.node[1], lap.after[0], lap.after[1] = node[0], node[1], after[0], after[1]
     lap.part = part
@@ -298,7 +298,7 @@ def _edge_from(exists, i, c, way):
 def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
     """As _nodes_of, of points where an edge of a guest leaves the host's outline, and of some on
     the guest's own rims."""
-    guest, exists = bodies[0], vanes.exists[bodies[0]]
+    exists = vanes.exists[bodies[0]]
     for i in range(seen.shape[0]):
         for c in range(seen.shape[1]):
             for way in range(3):
@@ -308,9 +308,8 @@ def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
                 one, other = seen[i, c, 0] == 1, seen[row, column, 0] == 1
                 rim = way == 0 and (c == 0 or c == seen.shape[1] - 1)
                 if one != other:
-                    count = _at_outline(
-                        vanes, pose, bodies, (i, c), (row, column), margin, laps, count, seen
-                    )
+                    edge = (i, c), (row, column)
+                    count = _at_outline(vanes, pose, bodies, edge, margin, laps, count, seen)
                 if rim:
                     near = seen[i, c] if seen[i, c, 0] != 0 else seen[row, column]
                     place = near[1], near[2], near[3], near[4]
@@ -324,9 +323,9 @@ def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
 
 
 @kernel
-def _at_outline(vanes, pose, bodies, node, after, margin, laps, count, seen):
+def _at_outline(vanes, pose, bodies, edge, margin, laps, count, seen):
     """The lap where the edge between two nodes, of which one is over the host, leaves it."""
-    guest, host, _ = bodies
+    (guest, host, _), (node, after) = bodies, edge
     columns, exists = vanes.exists.shape[3], vanes.exists[host]
     if seen[node[0], node[1], 0] != 1:
         node, after = after, node
@@ -345,15 +344,17 @@ def _at_outline(vanes, pose, bodies, node, after, margin, laps, count, seen):
 
 
 @kernel
-def find_laps(vanes, stack, pose, stale, margin, span, laps, seen):
+def find_laps(vanes, stack, pose, stale, follow, span, laps, seen):
     """Laps of the pairs span[0] to span[1] - 1 of which a feather is stale; returns how many there
-    are. Of those that laps has no room for, only that they are too many is right. seen: scratch,
-    (n, 2 m + 1, 5)."""
+    are. Of those that laps has no room for, only that they are too many is right. follow: gap up to
+    which points count, in thicknesses. seen: scratch, (n, 2 m + 1, 5)."""
     count = 0
     for pair in range(span[0], span[1]):
         upper, lower = stack.pairs[pair, 0], stack.pairs[pair, 1]
         if stale[upper] == 0 and stale[lower] == 0:
             continue
+        margin = follow * (vanes.half[upper] + vanes.half[lower])
+        margin += min(vanes.clear[upper], vanes.clear[lower])
         if boxes_apart(pose.bounds[upper], pose.bounds[lower], margin):
             continue
         before = count

@@ -41,7 +41,7 @@ MARGIN = 4.0
 FALL = 0.1
 # searches and passes for a sample at most, and for the first; change of a lift, over half a
 # thickness, from which on a feather is searched again
-MOST_ROUNDS, FIRST_ROUNDS, OFF = 2, 16, 1.0
+MOST_ROUNDS, FIRST_ROUNDS, OFF = 4, 16, 1.0
 # the same, from which on what is written is searched again for its depths
 SEEN = 0.1
 # pieces of work for each thread
@@ -79,7 +79,6 @@ class Layers:
         self._depths = Depths(self.stack)
         self._rank = np.empty(count, dtype=np.int64)
         self._rank[self.stack.order] = np.arange(count)
-        self._margin = MARGIN * float(thickness.max()) + float(self.vanes.clear.max())
         shape = self.vanes.present.shape
         self.lifts = Lifts(*(np.zeros(shape) for _ in Lifts._fields))
         self._pose = pose_like(rest, shape)
@@ -119,8 +118,9 @@ class Layers:
             self._pose_lifted(pool, points)
             laps = self._found(pool, laps, change > SEEN * self.vanes.half)
         depths = np.full(len(self.stack.pairs), -np.inf)
-        pair_depths(self.vanes, laps, lifts.lift, depths)
-        self._depths.add(depths, frame)
+        touching = np.zeros(len(depths), dtype=np.bool_)
+        pair_depths(self.vanes, laps, lifts.lift, depths, touching)
+        self._depths.add(depths, touching, frame)
         if duration > 0.0:
             rate = _along_dorsal((lifts.lift - lifts.before) / duration, pose.dorsal)
         else:
@@ -162,9 +162,7 @@ class Layers:
         span = piece * pairs // pieces, (piece + 1) * pairs // pieces
         while True:
             room, seen = self._rooms[piece], self._scratch[piece]
-            count = find_laps(
-                self.vanes, self.stack, self._pose, stale, self._margin, span, room, seen
-            )
+            count = find_laps(self.vanes, self.stack, self._pose, stale, MARGIN, span, room, seen)
             if count <= len(room):
                 return room[:count]
             self._rooms[piece] = np.zeros(int(1.25 * count), dtype=LAP)

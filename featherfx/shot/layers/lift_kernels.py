@@ -16,6 +16,8 @@ from featherfx.jit.compiled import kernel
 SLOPE = 0.1
 # thicknesses beside the other's edge from which on a point does not touch it
 BESIDE = 1.0
+# thicknesses beyond what is to be between them, up to which feathers touch
+TOUCH = 0.1
 
 
 @kernel
@@ -103,8 +105,9 @@ def lift_all(vanes, stack, laps, first, lifts, kept, begun):
 
 
 @kernel
-def pair_depths(vanes, laps, lift, depths):
-    """How deep each pair (K,) is, over the thickness, by its laps; below 0 how far apart."""
+def pair_depths(vanes, laps, lift, depths, touching):
+    """How deep each pair (K,) is, over the thickness, by its laps; below 0 how far apart. touching:
+    (K,) becomes 1 for those that are no farther apart than they are to be, but for TOUCH."""
     for k in range(laps.shape[0]):
         lap = laps[k]
         thickness = vanes.half[lap.upper] + vanes.half[lap.lower]
@@ -117,3 +120,5 @@ def pair_depths(vanes, laps, lift, depths):
             apart -= lap.weight[q] * lift[host, lap.corner[q, 0], lap.corner[q, 1]]
         depth = lap.base - lap.clear - (apart if lap.above == 1 else -apart)
         depths[lap.pair] = max(depths[lap.pair], depth / thickness)
+        if depth + lap.clear > -TOUCH * thickness:
+            touching[lap.pair] = 1

@@ -23,8 +23,9 @@ FACING = 0.3
 WRONG = 0.05
 # heights over a feather's length up to which points tell who lies over whom at rest
 NEAR = 0.1
-# what is kept between surfaces, over the distance of rows: they are bent between their nodes
-CLEAR = 0.02
+# what is kept between surfaces, which are bent between their nodes: over the distance of rows, but
+# at most so many thicknesses
+CLEAR, MOST_CLEAR = 0.08, 6.0
 # depth, over a feather's length, that is undone; beyond twice that the order counts for nothing
 DEEPEST = 0.2
 
@@ -55,9 +56,8 @@ def _laps_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> Laps:
     seen = vanes._replace(deepest=NEAR * length)
     stale, span = np.ones(len(length), dtype=np.int8), (0, len(stack.pairs))
     laps = np.zeros(1024, dtype=LAP)
-    margin = NEAR * float(length.max(initial=0.0))
-    scratch = scratch_for(vanes)
-    while (count := find_laps(seen, stack, pose, stale, margin, span, laps, scratch)) > len(laps):
+    follow, scratch = NEAR * float((length / vanes.half).max(initial=0.0)), scratch_for(vanes)
+    while (count := find_laps(seen, stack, pose, stale, follow, span, laps, scratch)) > len(laps):
         laps = np.zeros(int(1.25 * count), dtype=LAP)
     laps = laps[:count]
     return laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
@@ -172,7 +172,7 @@ def vanes_of(feathers: Sequence[Feather], halves: Array) -> Vanes:
         barb=barb,
         first=np.argmax(present.any(axis=2), axis=1),
         deepest=DEEPEST * row.sum(axis=1),
-        clear=CLEAR * row.mean(axis=1),
+        clear=np.minimum(CLEAR * row.mean(axis=1), MOST_CLEAR * 2.0 * halves),
     )
 
 

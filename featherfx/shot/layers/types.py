@@ -16,11 +16,12 @@ Indices = NDArray[np.int64]
 Bytes = NDArray[np.int8]
 
 # One condition that a feather keeps clear of what is beneath it. pair: its number; upper, lower:
-# feathers. node, after: rows and columns of the feather that the point is of, part: how far it lies
-# from one to the other; above: whether that is the upper one. corner: rows and columns of the other's triangle
-# around the point, weight: theirs, times how far each goes along the triangle's normal for its
-# lift. own: that of the node. base: m, what is lacking where neither is lifted, clear: m, of it
-# what is to be between surfaces. share: of it that counts. beside: m, how far the point lies beside the other's edge.
+# feathers. node, after: rows and columns of nodes of the feather that the point is of, part: how
+# far it lies from one to the other; above: whether that feather is the upper one. corner: rows and
+# columns of the other's triangle around the point, weight: theirs, times how far each goes along
+# the triangle's normal for its lift. own: that of the point. base: m, what is lacking where neither
+# is lifted, and clear: m, what of it is to be between surfaces. share: of it that counts. beside:
+# m, how far the point lies beside the other's edge.
 LAP = np.dtype(
     [
         *((name, "i4") for name in ("pair", "upper", "lower")),
