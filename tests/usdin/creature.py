@@ -4,8 +4,11 @@ A body along y, as long as 2 m, with an elliptic section. Every section is turne
 `bend(y, time)` and stands on the line that these turns make, so that the surface's own bend is
 known exactly. `sampled` writes it as sampled points, Z up, in metres; `skinned` as a skeleton of
 24 joints, three to a point, Y up, in centimetres. Both begin at frame 1001, in mid-beat.
+
+python tests/usdin/creature.py OUT.usda writes the skeleton, as docs/production_shot.md does.
 """
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -153,3 +156,7 @@ def write_shot(folder: Path, make, count=60, more="", skin="", frames=(FIRST, LA
         f'[skin]\nusd = "creature.usda"\nprim = "/creature/skin"\ntolerance = 1\n{skin}\n'
     )
     return path
+
+
+if __name__ == "__main__":
+    skinned(Path(sys.argv[1]))

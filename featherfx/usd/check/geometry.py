@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,6 +48,12 @@ _KINDS = {
     **dict.fromkeys(("widths", *_DIAGNOSED), NUMBERS),
     "primvars:barbDirection": VECTORS,
 }
+
+
+@lru_cache(maxsize=1 << 16)
+def _time_code(code: float) -> Any:
+    """One for all prims: USD's are dear to make."""
+    return Usd.TimeCode(code)
 
 
 class Series(NamedTuple):
@@ -145,7 +152,7 @@ class GeometryCheck:
     def _series(self, name: str) -> Series:
         """All values of an attribute, each read once."""
         if name not in self._series_of:
-            codes = [Usd.TimeCode(code) for code in self._times(name)]
+            codes = [_time_code(code) for code in self._times(name)]
             values = [self._read(name, DEFAULT), *self._samples(name, codes)]
             self._series_of[name] = Series.of([DEFAULT, *codes], values)
         return self._series_of[name]

@@ -220,7 +220,7 @@ def times_of(attribute: Any) -> list[float]:
         return []
     with reading(attribute):
         times = list(attribute.GetTimeSamples())
-    if not np.isfinite(times).all():
+    if times and not np.isfinite(times).all():
         raise fault(attribute, f"has samples at time codes that are no numbers: {times}")
     return times
 

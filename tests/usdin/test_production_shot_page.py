@@ -1,0 +1,38 @@
+"""The files of docs/production_shot.md, on the creature that it names."""
+
+import re
+import warnings
+from pathlib import Path
+
+import creature
+import numpy as np
+
+import featherfx
+from featherfx.errors import InputWarning
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs/production_shot.md").read_text()
+
+
+def test_files_of_the_page_fit_the_creature(tmp_path):
+    """With a thin coat that is not laid over itself, which would take long."""
+    groom, shot = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
+    thin = groom.replace("count = 1500", "count = 40")
+    (tmp_path / "groom.toml").write_text(re.sub(r"\[layout\](\n\w.*)+", "", thin))
+    (tmp_path / "shot.toml").write_text(shot)
+    creature.skinned(tmp_path / "creature.usda")
+    with warnings.catch_warnings():
+        # such as of roots that are far from the skin
+        warnings.simplefilter("error", InputWarning)
+        found = featherfx.read_shot(tmp_path / "shot.toml")
+    regions = [each.region for each in found.groom.feathers]
+    counts = {name: regions.count(name) for name in set(regions)}
+    assert counts == {"primaries": 20, "secondaries": 30, "coverts": 64, "coat": 40}
+    assert (found.first_frame, found.last_frame) == (creature.FIRST, creature.LAST)
+    # left and right mirror each other, and all fly as the body does
+    positions = {each.id: each.position for each in found.groom.feathers}
+    for name, place in positions.items():
+        if name.startswith("right_"):
+            other = positions[name.replace("right", "left")]
+            np.testing.assert_allclose(other, place * [1, -1, 1], atol=1e-6)
+    way = found.skin.frames(0.5).positions - found.skin.frames(0.25).positions
+    assert abs(way[:, 0].mean() - 0.25 * creature.SPEED) < 0.1
