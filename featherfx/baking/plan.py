@@ -17,6 +17,7 @@ from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import write_text
 from featherfx.groom.presets.folders import SHIPPED, own_folders
+from featherfx.shot.share import most_shares, share_count
 from featherfx.usd.write.output import check_output, file_problems
 
 # Characters that a job's name may have at most.
@@ -38,7 +39,8 @@ def plan(
     is searched here (preset_folders, then those of FEATHERFX_PRESETS and of the user) as
     parameters. Workers search these and the shipped ones, none of their own.
 
-    shares: items that bake, at least 1 and at most the number of feathers. options: of `featherfx
+    shares: items that bake, at least 1 and at most the number of feathers; fewer where feathers may
+    touch, which is said (InputWarning). options: of `featherfx
     bake`, passed on to every item. overwrite: whether a plan that exists is replaced. Raises
     InputError where the shot or the number is wrong, or a file stands there.
     """
@@ -50,6 +52,7 @@ def plan(
     if not 1 <= shares <= most:
         message = f"{shares} is out of range; allowed 1 to {most}, the number of feathers"
         raise InputError(Problem(str(shot_path), "plan", message))
+    shares, most = share_count(shot, shares), most_shares(shot)
     folders = own_folders(preset_folders)
     searched = [*_searched([str(folder) for folder in folders]), *options]
     commands = [

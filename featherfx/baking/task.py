@@ -147,13 +147,11 @@ def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Seq
     """The shot of a share, what is simulated for it, and the share's numbers in the shot."""
     if feathers is None:
         return shot, shot, range(len(shot.groom.feathers))
-    if shot.contact is not None:
-        message = "feathers that touch cannot be baked in shares; leave out [contact]"
-        raise InputError(Problem(str(shot.source), "contact", message))
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)
-    # followers need guides, and layers what is beneath, that may be of another share
-    shared = uses_guides(shot) or shot.layers is not None
+    # followers need guides, and layers what is beneath, that may be of another share; islands are
+    # those of the whole
+    shared = uses_guides(shot) or shot.layers is not None or shot.contact is not None
     return part, (shot if shared else part), numbers.tolist()
 
 

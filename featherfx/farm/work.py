@@ -23,6 +23,7 @@ from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.farm.places import Shares, mapped
 from featherfx.files.content import program_digest
 from featherfx.phases import Account
+from featherfx.shot.share import share_count
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, BusyError
 from featherfx.usd.write.poses import posed_feathers
@@ -93,7 +94,7 @@ def _prepared(order: Order, output: Path, **changed: Any) -> Task:
 def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
     """What there is to do for a shot, after all that can be known to be wrong with it."""
     task = _prepared(order, Path(order.output))
-    shares = min(order.shares, len(task.names), most_shares(task))
+    shares = share_count(task.shot, order.shares)
     # most of the feathers are taken over from the cache that is there
     if task.finished or task.taken is not None:
         shares = 1
@@ -106,11 +107,6 @@ def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
         "chunk": _chunk(task) if shares > 1 else 0,
         "finished": task.finished,
     }
-
-
-def most_shares(task: Task) -> int:
-    """Into how many shares a shot can be cut."""
-    return 1 if task.shot.contact is not None else len(task.names)
 
 
 def _chunk(task: Task) -> int:

@@ -2,7 +2,8 @@
 
 A feather that is simulated depends on its shape and materials, on its root, on what pulls or
 shelters it, on its levels of detail, and on what all have in common: wind, motion, quality, frame
-rate. One that follows guides depends on theirs as well. Where feathers touch, each depends on all.
+rate. One that follows guides depends on theirs as well, one that pushes others on all of its island
+(islands.py), and one that is laid over others on these.
 """
 
 from __future__ import annotations
@@ -11,12 +12,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from featherfx.feather.shapes import feathers_of
+from featherfx.feather.types import Feather
 from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
+from featherfx.mechanics.batch import may_slip
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan, level_plan
+from featherfx.shot.islands import islands_of
+from featherfx.shot.layers.layers import Layers
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.skin import BoundSkin
@@ -37,13 +43,44 @@ def dependences(shot: Shot) -> list[str]:
     Raises InputError for shapes that cannot be built, and for levels that cannot be.
     """
     drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
-    plan = level_plan(shot, drawn, root_motion(shot))
+    motion = root_motion(shot)
+    plan = level_plan(shot, drawn, motion)
     common = digest(_common(shot))
-    own = digests([common, *each] for each in _each(shot, plan))
+    texts = digests([common, *each] for each in _each(shot, plan))
     if shot.contact is not None:
-        together = digest(own, shot.contact, shot.colliders, _layers(shot))
-        return [digest(each, together) for each in own]
-    return _with_guides(shot, plan, own)
+        texts = _with_islands(shot, islands_of(shot, drawn, motion), texts)
+    texts = _with_guides(shot, plan, texts)
+    return texts if shot.layers is None else _with_those_beneath(shot, drawn, texts)
+
+
+def _with_islands(shot: Shot, islands: NDArray[np.int64], own: Sequence[str]) -> list[str]:
+    """The texts with what all feathers of an island depend on."""
+    slips = any(may_slip(each.kind) for each in shot.groom.feathers)
+    placements, result = shot.groom.feathers, list(own)
+    for number in range(int(islands.max()) + 1):
+        members = np.flatnonzero(islands == number).tolist()
+        some = [placements[f] for f in members]
+        labels = [(each.id, each.region, each.kind.name, each.layer, each.stack) for each in some]
+        # places in the order of the layout, as far as these feathers go
+        order = np.unique([each.rank for each in some], return_inverse=True)[1]
+        laid = order, [each.rank < 0 for each in some]
+        parts = [own[f] for f in members], labels, *laid
+        together = digest(*parts, shot.contact, shot.colliders, slips)
+        for f in members:
+            result[f] = digest(own[f], together)
+    return result
+
+
+def _with_those_beneath(shot: Shot, drawn: Sequence[Feather], own: Sequence[str]) -> list[str]:
+    """The texts with those of the feathers that each is laid over, and these with theirs."""
+    stack = Layers(shot, drawn, np.arange(len(drawn)), 1).stack
+    # how far is searched for what lies beneath goes with the thickest
+    most = max(each.kind.vane_material.thickness for each in shot.groom.feathers)
+    result = list(own)
+    for place, f in enumerate(stack.order.tolist()):
+        lower = stack.pairs[stack.first[place] : stack.first[place + 1], 1].tolist()
+        result[f] = digest(own[f], shot.layers, most, [result[g] for g in lower])
+    return result
 
 
 def _common(shot: Shot) -> list[Any]:
@@ -124,8 +161,3 @@ def _with_guides(shot: Shot, plan: LevelPlan, own: Sequence[str]) -> list[str]:
         parts = [own[g] for g in followed]
         result[f] = digest(own[f], parts, weights.data[some])
     return result
-
-
-def _layers(shot: Shot) -> list[Any]:
-    """What decides which feather lies over which."""
-    return [(p.id, p.region, p.layer, p.stack, p.rank) for p in shot.groom.feathers]

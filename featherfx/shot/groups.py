@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +41,14 @@ CONTACT_NEWTON_FRACTION = 1e-3
 class Group:
     """Feathers that share a grid: their places in the groom, solver, state and loads.
 
-    level: of detail. exposure: to the air (loads/wind.py). feathers: as simulated. maps: to the
-    meshes' grid, where that is another one. cycle: of a shot that repeats.
+    level: of detail. exposure: to the air (loads/wind.py). island: of feathers that may touch
+    (islands.py). feathers: as simulated. maps: to the meshes' grid, where that is another one.
+    cycle: of a shot that repeats.
     """
 
     level: str
     exposure: float
+    island: int
     members: NDArray[np.int64]
     feathers: list[Feather]
     maps: list[RowMap | None]
@@ -60,20 +62,34 @@ class Group:
     cycle: Cycle | None = None
 
 
+class _Alike(NamedTuple):
+    """What feathers of one batch have in common. taper: of barbs. clamp: whether it is elastic."""
+
+    island: int
+    resolution: Resolution
+    taper: float
+    clamp: bool
+    hooked: bool
+    exposure: float
+
+
 def make_groups(
     shot: Shot,
     drawn: Sequence[Feather],
     resolutions: Sequence[Sequence[Resolution]],
     motion: Roots,
     jobs: int,
+    islands: NDArray[np.int64],
     time: float = 0.0,
 ) -> list[Group]:
-    """Batches of feathers of one grid, barb taper, clamp, hooks and exposure, at a time in s.
+    """Batches of feathers of one island, grid, barb taper, clamp, hooks and exposure, at a time
+    in s.
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
-    each feather ever has; it is in a batch for each at which something is solved.
+    each feather ever has; it is in a batch for each at which something is solved. islands: (F,)
+    numbers.
     """
-    alike: dict[tuple[Resolution, float, bool, bool, float], list[int]] = {}
+    alike: dict[_Alike, list[int]] = {}
     exposed = exposures(shot).tolist()
     # contact reaches all batches in one way
     mixed = shot.contact is not None and any(may_slip(p.kind) for p in shot.groom.feathers)
@@ -82,14 +98,12 @@ def make_groups(
         for resolution in resolutions[index]:
             if resolution.level not in CARRIED:
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
-                hooked = mixed or _slips(kind, resolution)
-                key = (resolution, taper, clamp, hooked, exposed[index])
+                hooked, island = mixed or _slips(kind, resolution), int(islands[index])
+                key = _Alike(island, resolution, taper, clamp, hooked, exposed[index])
                 alike.setdefault(key, []).append(index)
     return [
-        _group(shot, drawn, np.array(members), resolution, hooked, exposure, motion, jobs, time)
-        for (resolution, _, _, hooked, exposure), members in counted(
-            "building", alike.items(), len(alike)
-        )
+        _group(shot, drawn, np.array(members), key, motion, jobs, time)
+        for key, members in counted("building", alike.items(), len(alike))
     ]
 
 
@@ -97,20 +111,18 @@ def _group(
     shot: Shot,
     drawn: Sequence[Feather],
     members: NDArray[np.int64],
-    resolution: Resolution,
-    hooked: bool,
-    exposure: float,
+    key: _Alike,
     motion: Roots,
     jobs: int,
     time: float,
 ) -> Group:
-    quality = shot.quality
+    quality, resolution = shot.quality, key.resolution
     placements = [shot.groom.feathers[i] for i in members]
     grid = resolution.rows, resolution.columns
     some = [drawn[i] for i in members]
     as_drawn = grid == (some[0].rows, some[0].columns)
     feathers = some if as_drawn else feathers_of(placements, *grid)
-    model = _model(placements, feathers, resolution, hooked)
+    model = _model(placements, feathers, resolution, key.hooked)
     positions, rotations = motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
@@ -124,7 +136,8 @@ def _group(
     )
     return Group(
         level=resolution.level,
-        exposure=exposure,
+        exposure=key.exposure,
+        island=key.island,
         members=members,
         feathers=feathers,
         maps=_maps(placements, feathers, some),

@@ -4,16 +4,21 @@ Feathers that nothing follows are dealt out in turn. A feather that follows guid
 simulated in its own share, so followers and guides are cut by where they stand: in halves of equal
 work across the longest side of their box, and these again. Only guides near a cut are simulated in
 more than one share.
+
+Where feathers push each other, islands of those that may touch (islands.py) are dealt out, the
+largest first, each to the share that has the fewest feathers. An island stays whole.
 """
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.feather.types import Feather
 from featherfx.shot.detail.guides import guide_weights, uses_guides
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.types import Shot
@@ -22,6 +27,8 @@ Indices = NDArray[np.int64]
 
 # work of a feather that follows guides, over that of one that is simulated
 FOLLOWING = 0.1
+# feathers of the largest share, over those of a fair one, from which on it is said
+_UNEVEN = 1.5
 
 
 def share_numbers(shot: Shot, index: int, count: int) -> Indices:
@@ -29,25 +36,80 @@ def share_numbers(shot: Shot, index: int, count: int) -> Indices:
 
     Raises InputError where there are none.
     """
-    most = len(shot.groom.feathers)
+    most, islands = len(shot.groom.feathers), None
+    if shot.contact is not None and count > 1:
+        islands = shot_islands(shot)
+        most = int(islands.max()) + 1
     if not 1 <= index <= count <= most:
         message = f"{index}/{count} is out of range; allowed 1/1 to {most}/{most}"
+        if islands is not None:
+            message += ", the number of islands of feathers that may touch"
         raise InputError(Problem(str(shot.source), "feathers", message))
+    if islands is not None:
+        return np.flatnonzero(_dealt(islands, count) == index - 1)
     if not uses_guides(shot) or count == 1:
         return np.arange(index - 1, most, count)
     return np.flatnonzero(_shares(shot, count) == index - 1)
 
 
+def share_count(shot: Shot, wanted: int) -> int:
+    """Into how many shares a shot is cut where so many are wanted, at most one a feather; says so
+    (InputWarning) where feathers that may touch, and stay together, make them fewer or uneven."""
+    if shot.contact is None:
+        return min(wanted, len(shot.groom.feathers))
+    islands = shot_islands(shot)
+    count = min(wanted, most_shares(shot))
+    largest, fair = int(np.bincount(_dealt(islands, count)).max()), len(islands) / wanted
+    if largest > _UNEVEN * fair:
+        warnings.warn(
+            f"{shot.source}: contact: feathers that may touch stay in one share: {count} instead of"
+            f" {wanted}, the largest with {largest} of {len(islands)} feathers",
+            InputWarning,
+            stacklevel=2,
+        )
+    return count
+
+
+def most_shares(shot: Shot) -> int:
+    """Into how many shares a shot can be cut."""
+    if shot.contact is None:
+        return len(shot.groom.feathers)
+    return int(shot_islands(shot).max()) + 1
+
+
+def _dealt(islands: Indices, count: int) -> Indices:
+    """(F,) share of every feather, from 0, by islands (F,)."""
+    sizes = np.bincount(islands)
+    share, load = np.empty(len(sizes), dtype=np.int64), np.zeros(count)
+    for each in np.argsort(-sizes, kind="stable"):
+        share[each] = np.argmin(load)
+        load[share[each]] += sizes[each]
+    return share[islands]
+
+
+def shot_islands(shot: Shot) -> Indices:
+    """(F,) island of every feather of a shot whose feathers push each other."""
+    # compiled code, which shares without contact do without
+    from featherfx.shot.islands import islands_of
+    from featherfx.shot.motion.motion import root_motion
+
+    return islands_of(shot, _drawn(shot), root_motion(shot))
+
+
+def _drawn(shot: Shot) -> list[Feather]:
+    from featherfx.feather.shapes import feathers_of
+
+    return feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+
+
 def _shares(shot: Shot, count: int) -> Indices:
     """(F,) share of every feather, from 0."""
     # compiled code, which what is not shared out by guides does without
-    from featherfx.feather.shapes import feathers_of
     from featherfx.shot.detail.levels import level_plan
     from featherfx.shot.motion.motion import root_motion
 
-    placements, quality = shot.groom.feathers, shot.quality
-    drawn = feathers_of(placements, quality.rows, quality.columns)
-    plan = level_plan(shot, drawn, root_motion(shot))
+    placements = shot.groom.feathers
+    plan = level_plan(shot, _drawn(shot), root_motion(shot))
     guided = plan.of("guided")
     share = np.arange(len(placements)) % count
     if not len(guided):

@@ -16,7 +16,6 @@ from featherfx.feather.types import Feather
 from featherfx.mechanics.model import Loads
 from featherfx.phases import counted
 from featherfx.shot.checkpoint import Checkpoint
-from featherfx.shot.contact.contact import ShotContact
 from featherfx.shot.detail.carried import Carried, FeatherPose
 from featherfx.shot.detail.cycle import Cycle, memory_of, restore, warn_if_never
 from featherfx.shot.detail.detail import Resolution
@@ -25,11 +24,19 @@ from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within, make_groups
 from featherfx.shot.hooks import Hooks
+from featherfx.shot.islands import islands_of
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.motion.preroll import RunUp, moves_before
 from featherfx.shot.motion.roots import RootFrames, root_rates
 from featherfx.shot.settled import moving_with_roots, settled
+from featherfx.shot.together import (
+    Together,
+    contact_memory,
+    contact_report,
+    islands_together,
+    restore_contact,
+)
 from featherfx.shot.types import Frame, Shot, sample_number
 from featherfx.solver.solver import RootPath, StepReport, raise_if_failed
 
@@ -79,10 +86,14 @@ class Simulation:
         computed = self._layers.needed if self._layers else self._wanted
         plan = level_plan(shot, drawn, motion)
         carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
-        plan = plan.part(np.union1d(computed, carried.guides))
+        solved, islands = np.union1d(computed, carried.guides), np.zeros(len(drawn), dtype=np.int64)
+        if shot.contact is not None:
+            islands = islands_of(shot, drawn, root_motion(shot))
+            solved = np.flatnonzero(np.isin(islands, islands[solved]))
+        plan = plan.part(solved)
         self.resolutions: list[Resolution] = [plan.resolutions[f][0] for f in self._wanted]
         self._groups = make_groups(
-            shot, drawn, plan.resolutions, motion, jobs, self._time(self._first)
+            shot, drawn, plan.resolutions, motion, jobs, islands, self._time(self._first)
         )
         if shot.cycle:
             for group in self._groups:
@@ -93,7 +104,7 @@ class Simulation:
         self._levels = LevelRun(
             shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
-        self._contact = None if shot.contact is None else contact_of(shot, self._groups)
+        self._islands = islands_together(shot, self._groups, motion) if shot.contact else []
         self._hooks = Hooks(shot, self._groups)
         self._index = self._first - 1
         if start is not None:
@@ -103,8 +114,8 @@ class Simulation:
     @property
     def report(self) -> dict[str, Any]:
         """Counts over all feathers and frames so far."""
-        parts = [each.report() for each in (self._contact, self._layers) if each is not None]
-        contact = {key: value for part in parts for key, value in part.items()}
+        layers = {} if self._layers is None else self._layers.report()
+        contact = contact_report(self._islands) | layers
         found = self._counts.summary() | self._hooks.report()
         return found | ({"contact": contact} if contact else {})
 
@@ -141,8 +152,9 @@ class Simulation:
             self._hooks.preen(self._time(index - 1), self._time(index))
         if index == self._first:
             self._begin()
-        elif self._contact is not None:
-            self._advance_together(index)
+        elif self._islands:
+            for island in self._islands:
+                self._advance_together(island, index)
         else:
             for group in self._groups:
                 self._advance(group, index)
@@ -171,12 +183,11 @@ class Simulation:
                 group.state = moving_with_roots(group.state, own)
 
     def _settle(self) -> None:
-        loads = [self._loads(group, self._first) for group in self._groups]
-        if self._contact is not None:
-            rested = self._contact.settle([group.state for group in self._groups], loads)
-            for group, state in zip(self._groups, rested, strict=True):
-                group.state = state
+        for island in self._islands:
+            island.settle([self._loads(group, self._first) for group in island.groups])
+        if self._islands:
             return
+        loads = [self._loads(group, self._first) for group in self._groups]
         groups = zip(self._groups, loads, strict=True)
         for group, acting in counted("settling", groups, len(loads)):
             chosen = np.flatnonzero(self._levels.active(group)).tolist()
@@ -188,7 +199,7 @@ class Simulation:
             self._index,
             tuple(group.state for group in self._groups),
             tuple(group.start for group in self._groups),
-            {} if self._contact is None else self._contact.memory(),
+            contact_memory(self._islands),
             self._levels.fades.memory(),
             memory_of([group.cycle for group in self._groups]),
             {} if self._layers is None else self._layers.memory(),
@@ -210,8 +221,7 @@ class Simulation:
             group.state, group.start = state, first
             if start.index:
                 group.loads = self._loads(group, start.index)
-        if self._contact is not None:
-            self._contact.restore(start.contact)
+        restore_contact(self._islands, start.contact)
         self._levels.fades.restore(start.levels)
         if self._layers is not None:
             self._layers.restore(start.layers)
@@ -253,48 +263,16 @@ class Simulation:
         self._counts.add(report, group.names, self._number(index))
         raise_if_failed(report.status, group.state.time, group.names)
 
-    def _advance_together(self, index: int) -> None:
-        """Bring all groups, whose feathers touch, to the sample with this index."""
-        assert self._contact is not None
-        groups, start, end = self._groups, self._time(index - 1), self._time(index)
-        resting = self._resting(index)
-        self._counts.slept += int(resting.sum())
-        states = [group.state for group in groups]
-        if resting.all() and not self._contact.stirred(states, start, end):
-            self._pass(index)
-            return
-
-        def loads_of(begin: float, stop: float) -> list[Loads]:
-            return [
-                loads_within(self.shot, group, self._motion, begin, stop, True) for group in groups
-            ]
-
-        def paths_of(begin: float, stop: float) -> list[RootPath]:
-            return [root_path(self._motion, group.members, begin, stop) for group in groups]
-
-        states, reports = self._contact.advance(states, loads_of, paths_of, start, end, resting)
-        for group, state, report in zip(groups, states, reports, strict=True):
-            group.state, group.loads = state, self._loads(group, index)
+    def _advance_together(self, island: Together, index: int) -> None:
+        """Bring feathers that may touch each other to the sample with this index."""
+        loads = [self._loads(group, index) for group in island.groups]
+        times = self._time(index - 1), self._time(index)
+        stirred = [self._hooks.stirred(group) for group in island.groups]
+        done = island.advance(*times, loads, stirred, index > 0)
+        self._counts.slept += done.resting
+        self._counts.repeated += done.repeated
+        for group, report in zip(island.groups, done.reports, strict=False):
             self._counts.add(report, group.names, self._number(index))
-
-    def _resting(self, index: int) -> NDArray[np.bool_]:
-        """(B,) feathers of all groups that nothing stirs, unless others push them."""
-        flags = []
-        for group in self._groups:
-            path = root_path(self._motion, group.members, self._time(index - 1), self._time(index))
-            loads = self._loads(group, index)
-            quiet = at_rest(group.state, path, self.shot.quality.tolerance, self._time(1))
-            quiet &= undisturbed(group.state, path, loads, group.loads)
-            quiet &= ~self._hooks.stirred(group)
-            flags.append(quiet & self.shot.sleep)
-        return np.concatenate(flags)
-
-    def _pass(self, index: int) -> None:
-        """A frame in which all groups sleep."""
-        for group in self._groups:
-            everyone = np.ones(len(group.members), dtype=np.bool_)
-            path = root_path(self._motion, group.members, self._time(index - 1), self._time(index))
-            group.state = asleep(group.state, everyone, path, self._time(1))
 
     def _sleeping(
         self, group: Group, path: RootPath, loads: Loads, duration: float
@@ -402,18 +380,6 @@ def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:
     return tuple(feathers_of(shot.groom.feathers, rows, columns))
 
 
-def contact_of(shot: Shot, groups: Sequence[Group]) -> ShotContact | None:
-    """The contact of all feathers that are simulated; None where none is."""
-    if not groups:
-        return None
-    return ShotContact(
-        shot,
-        [group.solver for group in groups],
-        [group.members for group in groups],
-        [feather for group in groups for feather in group.feathers],
-    )
-
-
 def simulate(
     shot: Shot,
     jobs: int = 1,
@@ -428,8 +394,8 @@ def simulate(
     Those before are simulated, too, because the motion depends on its past. subframes: samples a
     frame, at evenly spaced times from the first frame to the last. start: where a simulation of
     the same shot and subframes stood; goes on after it. wanted: numbers of the feathers in the
-    frames, ascending, None: all; others are simulated only where they guide some of these. Where
-    feathers touch, all are wanted. Raises InputError where a feather cannot
+    frames, ascending, None: all; others are simulated only where they guide some of these, lie
+    beneath them or may touch them. Raises InputError where a feather cannot
     be built and, while iterating, SimulationError.
     """
     return Simulation(shot, jobs, frames, subframes, start, wanted)

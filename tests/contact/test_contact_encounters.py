@@ -65,7 +65,7 @@ def test_who_has_met_is_in_the_checkpoint(tmp_path):
     for frame in simulation:
         whole.append(frame)
         if frame.number == 16:
-            assert len(simulation.checkpoint().contact["met"]) == 2
+            assert len(simulation.checkpoint().contact["0.met"]) == 2
             simulation.checkpoint().save(tmp_path / "state.npz")
     start = Checkpoint.load(tmp_path / "state.npz")
     rest = list(simulate(shot, 1, (17, 19), start=start))

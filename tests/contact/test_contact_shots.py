@@ -93,7 +93,7 @@ def test_without_contact_the_same_feathers_cut_through_each_other():
 def test_neighbours_lie_as_the_rows_say():
     """Each feather of a row lies below the one before it (overlap = -0.001)."""
     simulation, _ = baked(half_wing(bird()), 1)
-    solver = simulation._contact.solver
+    solver = simulation._islands[0].contact.solver
     pairs = [tuple(pair) for pair in solver.candidates.pairs.tolist()]
     sides = dict(zip(pairs, solver.candidates.order.tolist(), strict=True))
     for k in range(4):
@@ -110,7 +110,7 @@ def test_the_order_of_a_layout_holds_where_there_is_one(upwards):
         replace(feather, rank=10 + upwards * k) for k, feather in enumerate(shot.groom.feathers)
     )
     simulation, _ = baked(replace(shot, groom=replace(shot.groom, feathers=ranked)), 1)
-    solver = simulation._contact.solver
+    solver = simulation._islands[0].contact.solver
     sides = dict(
         zip(
             map(tuple, solver.candidates.pairs.tolist()),
@@ -246,8 +246,8 @@ def test_contact_can_be_limited_to_regions_and_kinds():
         settle=False,
     )
     simulation, _ = baked(some, 1)
-    solver = simulation._contact.solver
-    names = simulation._contact.names
+    solver = simulation._islands[0].contact.solver
+    names = simulation._islands[0].contact.names
     touching = {names[body] for body in np.unique(solver.candidates.pairs)}
     assert touching == {f"right_primary_0{k}" for k in (1, 2, 3)}
     assert not solver.surfaces.guests[names.index("right_primary_05")].any()

@@ -89,14 +89,6 @@ def test_shares_of_followers_take_their_guides_along(tmp_path):
             np.testing.assert_array_equal(one, other)
 
 
-def test_feathers_that_touch_are_not_shared_out(tmp_path):
-    shot = tmp_path / "shot.toml"
-    text = WING.read_text().replace('"groom.toml"', f'"{WING.with_name("groom.toml")}"')
-    shot.write_text(text + "\n[contact]\n")
-    with pytest.raises(InputError, match="feathers that touch cannot be baked in shares"):
-        featherfx.bake(shot, tmp_path / "wing.usda", feathers=(1, 2), **OPTIONS)
-
-
 def test_shares_of_other_settings_or_missing_ones_are_not_joined(tmp_path):
     path = tmp_path / "wing.usda"
     featherfx.bake(WING, path, feathers=(1, 3), **OPTIONS)

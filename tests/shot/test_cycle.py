@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherfx.errors import InputError, InputWarning
+from featherfx.errors import InputWarning
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
@@ -121,10 +121,37 @@ def test_gusts_are_never_replayed() -> None:
         assert repeated(run(windy)[0]) == 0
 
 
-def test_contact_and_cycles_exclude_each_other(tmp_path: Path) -> None:
-    groom = SAMPLE.parent / "groom.toml"
-    path = tmp_path / "shot.toml"
-    text = f'name = "s"\ngroom = "{groom}"\nframes = [1, 9]\ncycle = 3\n[contact]\n'
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match="cycle: feathers that touch"):
-        read_shot(path)
+def touching(speed: float) -> Shot:
+    """Five feathers of a wing that touch each other, on the same way; wind from below presses them
+    on each other."""
+    alone, bird = cycling(speed), read_shot(SAMPLE.parents[1] / "flapping_bird" / "shot.toml")
+    some = tuple(f for f in bird.groom.feathers if f.id.startswith("right_primary"))
+    return replace(
+        alone,
+        groom=replace(bird.groom, feathers=some),
+        contact=replace(bird.contact, steps=4),
+        quality=replace(alone.quality, tolerance=1e-3),
+    )
+
+
+def test_feathers_that_touch_are_replayed_together() -> None:
+    shot = touching(0.5)
+    played, points = run(shot)
+    stepped, full = run(replace(shot, cycle=0))
+    assert repeated(stepped) == 0
+    assert repeated(played) > 5 * PERIOD
+    assert repeated(played) % 5 == 0
+    apart = np.abs(np.delete(points - full, (1, 2), axis=2)).max()
+    assert 0.0 < apart <= shot.quality.tolerance
+
+
+def test_a_replayed_island_goes_on_from_a_checkpoint(tmp_path: Path) -> None:
+    shot, path = touching(0.0), tmp_path / "state.npz"
+    simulation, points = simulate(shot), []
+    for frame in simulation:
+        points.append(frame.points[0])
+        if frame.number == LAST - 10:
+            assert repeated(simulation) > 0
+            simulation.checkpoint().save(path)
+    resumed = [frame.points[0] for frame in simulate(shot, start=Checkpoint.load(path))]
+    np.testing.assert_array_equal(resumed, points[-len(resumed) :])

@@ -243,9 +243,14 @@ class ShotContact:
         if len(memory["met"]):
             self.solver.add_pairs(memory["met"])
             self._encounters.know(memory["met"])
+        self.go_on(memory)
+        self._bodies.begun = True
+
+    def go_on(self, memory: dict[str, Any]) -> None:
+        """Go on as after an earlier step of this run, whose `memory` it was; pairs that have met
+        since stay known."""
         self.solver.memory = Memory(*(memory[name] for name in Memory._fields))
         self._proposal = float(memory["step"])
-        self._bodies.begun = True
 
 
 def _warn_of(tired: Flags, names: Sequence[str], time: float) -> None:

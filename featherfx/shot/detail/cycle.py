@@ -7,6 +7,9 @@ d_k q / (1 - q) if the distances go on to shrink like that. Once d_k and that ar
 tolerance, the last cycle is played again, for as long as what acts on the feather is what acted a
 cycle before: its root goes the same way (from wherever it is by now), and gravity, wind, grips and
 forces are the same. Anything else lets it be stepped again, in the same frame.
+
+Feathers that may touch each other act on each other: all of an island are replayed together or
+none, and only where all roots have gone the same way since.
 """
 
 from __future__ import annotations
@@ -51,7 +54,7 @@ class Cycle:
     """
 
     def __init__(self, period: int, tolerance: float, feathers: int) -> None:
-        self._period, self._tolerance = period, tolerance
+        self.period, self._tolerance = period, tolerance
         self._kept: deque[_Sample] = deque(maxlen=period)
         # (F,) m, distances from a cycle before, of two cycles
         self._changes: deque[Array] = deque(maxlen=2 * period)
@@ -60,12 +63,12 @@ class Cycle:
 
     def repeating(self, path: RootPath, loads: Loads) -> Flags:
         """(F,) which feathers replay the sample that a path leads to."""
-        if len(self._kept) < self._period:
+        if len(self._kept) < self.period:
             return self._playing
         changes = np.stack(self._changes)
-        now = changes[-self._period :].max(axis=0)
-        before = changes[: -self._period].max(axis=0, initial=0.0)
-        if len(changes) < 2 * self._period:
+        now = changes[-self.period :].max(axis=0)
+        before = changes[: -self.period].max(axis=0, initial=0.0)
+        if len(changes) < 2 * self.period:
             before[:] = np.inf
         known = np.isfinite(now) & np.isfinite(before)
         ratio = np.divide(now, before, out=np.ones_like(now), where=known & (before > 0.0))
@@ -76,13 +79,21 @@ class Cycle:
         self._playing = self._same(_inputs(path, loads)) & (self._playing | steady)
         return self._playing
 
+    def play(self, playing: bool) -> None:
+        """Have all feathers replayed or none, whatever each would do by itself."""
+        self._playing[:] = playing
+
+    def ways(self, path: RootPath) -> Array:
+        """(F, 3) m, from where roots were a cycle before to where a path leads them."""
+        return np.asarray(path.samples[:, -1, :3] - self._kept[0].place)
+
     def replayed(self, state: State, flags: Flags, path: RootPath, duration: float) -> State:
         """The state after a sample, s later, that the feathers with a flag replay."""
         old, new = self._kept[0], state.copy()
         for array, past in zip(new.arrays().values(), old.state.arrays().values(), strict=True):
             array[flags] = past[flags]
         new.time[flags] = state.time[flags] + duration
-        way = (path.samples[:, -1, :3] - old.place)[flags]
+        way = self.ways(path)[flags]
         new.centre[flags] += way[:, None]
         new.points.nodes[flags] += way[:, None, None]
         return new
@@ -91,7 +102,7 @@ class Cycle:
         """Note the state at a sample. usable: (F,) feathers that are computed in this group."""
         inputs, place = _inputs(path, loads), path.samples[:, -1, :3].copy()
         change = np.full(len(place), np.inf)
-        if len(self._kept) == self._period:
+        if len(self._kept) == self.period:
             same = self._same(inputs)
             self.met |= bool(same.any())
             old = self._kept[0]
@@ -127,6 +138,25 @@ class Cycle:
             states = (State.of(dict(zip(State.names(), each, strict=True))) for each in stacked)
             self._changes.extend(memory["changes"])
             self._kept.extend(map(_Sample, states, memory["inputs"], memory["places"]))
+
+
+def repeats_together(
+    cycles: Sequence[Cycle | None], paths: Sequence[RootPath], loads: Sequence[Loads]
+) -> bool:
+    """Whether all feathers of some batches replay the sample that paths lead to."""
+    flags = [
+        None if cycle is None else cycle.repeating(path, acting)
+        for cycle, path, acting in zip(cycles, paths, loads, strict=True)
+    ]
+    playing = all(each is not None and bool(each.all()) for each in flags)
+    if playing:
+        known = zip((cycle for cycle in cycles if cycle is not None), paths, strict=True)
+        ways = np.concatenate([cycle.ways(path) for cycle, path in known])
+        playing = bool((np.ptp(ways, axis=0) <= SLACK * (1.0 + np.abs(ways).max())).all())
+    for cycle in cycles:
+        if cycle is not None:
+            cycle.play(playing)
+    return playing
 
 
 def memory_of(cycles: Sequence[Cycle | None]) -> dict[str, NDArray[Any]]:

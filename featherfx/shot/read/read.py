@@ -103,9 +103,6 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
     contact, layers = _contact(parts["contact"], groom, place.child("contact"), sound)
-    if sound and parts["cycle"] and contact is not None:
-        message = "feathers that touch act on each other and are not replayed: leave out contact"
-        place.child("cycle").fail(message)
     _check_keyframes(motion, groom, place.child("motion"))
     if not sound or groom is None:
         return None

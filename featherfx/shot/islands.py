@@ -1,0 +1,92 @@
+"""Which feathers of a shot may ever touch: islands, each simulated as if the others were not there.
+
+Feathers are of one island where their boxes meet at rest, each a quarter of its length larger, or
+where, at any frame, the balls about their roots meet in which they stay however they bend. What
+grips or forces of the shot drag farther than that is not looked for. An island takes common steps
+of its own (shot/contact), so its motion does not depend on what else the shot holds, and it is what
+shares of a shot are made of. Small ones are put together, since steps cost something by themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from featherfx.feather.types import Feather
+from featherfx.shot.contact.pairs import REACH
+from featherfx.shot.motion.roots import Roots
+from featherfx.shot.placement import place
+from featherfx.shot.types import Shot
+from featherfx.solver.contact.meeting_kernels import meeting
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# feathers of an island that is put together with others, and into how many islands at most
+SMALL, MOST_OF_SMALL = 8, 16
+
+
+def islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
+    """(F,) number of every feather's island, from 0, in the order of their first feathers.
+
+    drawn: all feathers of the shot on one grid. motion: of their roots.
+    """
+    placements = shot.groom.feathers
+    nodes = [
+        place(feather.rest, own.position, own.rotation).nodes.reshape(-1, 3)
+        for feather, own in zip(drawn, placements, strict=True)
+    ]
+    roots = np.array([each.position for each in placements])
+    margin = REACH * np.array([feather.station[-1] for feather in drawn])[:, None]
+    low = np.stack([each.min(axis=0) for each in nodes]) - margin
+    high = np.stack([each.max(axis=0) for each in nodes]) + margin
+    island = _connected(len(nodes), meeting(low, high))
+    radius = margin + np.array(
+        [np.linalg.norm(each - root, axis=1).max() for each, root in zip(nodes, roots, strict=True)]
+    ).reshape(-1, 1)
+    for frame in range(shot.last_frame - shot.first_frame + 1):
+        if island.max() == 0:
+            break
+        now = motion.frames(frame / shot.frames_per_second)[0]
+        island = _joined(island, now - radius, now + radius)
+    return _few(island)
+
+
+def _connected(count: int, pairs: Indices) -> Indices:
+    """(N,) part of each of so many things, in the order of their first, by pairs (K, 2)."""
+    entries = np.ones(len(pairs), dtype=np.bool_), (pairs[:, 0], pairs[:, 1])
+    _, part = connected_components(coo_array(entries, shape=(count, count)), directed=False)
+    _, first, place = np.unique(part, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[place]
+
+
+def _joined(island: Indices, low: Array, high: Array) -> Indices:
+    """The islands, those made one of which feathers' boxes (F, 3) meet."""
+    count = int(island.max()) + 1
+    least, most = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(least, island, low)
+    np.maximum.at(most, island, high)
+    near = meeting(least, most)
+    if not len(near):
+        return island
+    some = np.flatnonzero(np.isin(island, near))
+    pairs = island[some[meeting(low[some], high[some])]]
+    return _connected(count, pairs[pairs[:, 0] != pairs[:, 1]])[island]
+
+
+def _few(island: Indices) -> Indices:
+    """The islands, small ones put together in their order."""
+    sizes = np.bincount(island)
+    small = np.flatnonzero(sizes < SMALL)
+    room = max(SMALL, -(-int(sizes[small].sum()) // MOST_OF_SMALL))
+    number, filled = np.arange(len(sizes)), room
+    for each in small.tolist():
+        if filled + sizes[each] > room:
+            first, filled = each, 0
+        number[each] = first
+        filled += int(sizes[each])
+    return np.unique(number[island], return_inverse=True)[1]

@@ -1,0 +1,119 @@
+"""Feathers that touch: islands are shares, and what a change touches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from farm.farm_cases import SAMPLES, SerialEngine, options_of
+from farm.flock import flock
+
+import featherfx
+from featherfx.baking import pipeline
+from featherfx.errors import InputError, InputWarning
+from featherfx.farm.job import Job
+from featherfx.shot.share import share_numbers, shot_islands
+
+
+def one(folder: Path, birds: int = 3, apart: float = 1.5, more: str = "") -> Path:
+    folder.mkdir(exist_ok=True)
+    return flock(folder, birds, apart, more)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes]:
+    """A flock, and the bytes of its bake."""
+    shot = one(tmp_path_factory.mktemp("flock"))
+    featherfx.bake(shot, shot.with_suffix(".usdc"), chunk=2)
+    return shot, shot.with_suffix(".usdc").read_bytes()
+
+
+def test_birds_that_are_apart_are_islands_until_they_come_near(tmp_path):
+    read = featherfx.read_shot(one(tmp_path))
+    assert shot_islands(read).tolist() == np.repeat([0, 1, 2], 8).tolist()
+    assert set(shot_islands(featherfx.read_shot(one(tmp_path, apart=0.4)))) == {0}
+    # a bird that is led to its neighbour within the shot
+    groom = tmp_path / "flock_groom.toml"
+    shot = one(tmp_path, birds=2)
+    text = shot.read_text().replace("frames = [1, 3]", "frames = [1, 30]")
+    keys = """
+[motion]
+kind = "keys"
+[[motion.keyframes]]
+joint = "b0_body"
+time = 0.0
+position = [0, 0, 0]
+[[motion.keyframes]]
+joint = "b0_body"
+time = 0.5
+position = [1.2, 0, 0]
+"""
+    lines = [line for line in text.splitlines() if not line.startswith("motion")]
+    shot.write_text("\n".join(lines) + keys)
+    assert groom.exists()
+    assert set(shot_islands(featherfx.read_shot(shot))) == {0}
+
+
+def test_shares_of_islands_have_the_bytes_of_the_whole(tmp_path, whole):
+    shot, expected = whole
+    engine = SerialEngine()
+    output = tmp_path / "flock.usdc"
+    options = options_of(chunk=2)
+    job = Job([shot], [output], options, engine, 2, lambda done, total: None)
+    (told,) = job.run()
+    assert output.read_bytes() == expected
+    assert [each["feathers"] for each in told["shares"]] == [16, 8]
+
+
+def test_an_island_stays_whole_and_the_plan_says_so(tmp_path):
+    shot = one(tmp_path)
+    read = featherfx.read_shot(shot)
+    assert [len(share_numbers(read, k, 3)) for k in (1, 2, 3)] == [8, 8, 8]
+    with pytest.raises(InputError, match="allowed 1/1 to 3/3, the number of islands"):
+        share_numbers(read, 1, 4)
+    with pytest.warns(InputWarning, match="3 instead of 6, the largest with 8 of 24 feathers"):
+        pipeline.plan(shot, tmp_path / "flock.usdc", 6)
+    assert (tmp_path / "flock.plan.json").read_text().count("--feathers") == 3
+
+
+def again_and_fresh(shot: Path, change: Callable[[], object], **options: object) -> int:
+    """Feathers that a bake simulates again after a change; its bytes are those of a fresh one."""
+    output, fresh = shot.with_suffix(".usdc"), shot.parent / "fresh" / f"{shot.stem}.usdc"
+    fresh.parent.mkdir(exist_ok=True)
+    featherfx.bake(shot, output, **options)
+    change()
+    report = featherfx.bake(shot, output, resume=True, **options)
+    featherfx.bake(shot, fresh, **options)
+    assert output.read_bytes() == fresh.read_bytes()
+    return report["again"]["feathers_simulated"]
+
+
+def test_after_a_change_only_its_island_is_simulated(tmp_path):
+    shot = one(tmp_path, birds=2)
+    with shot.open("a") as file:
+        file.write('[overrides]\n"b1_right_primary_01" = { rachis = { camber = 12 } }\n')
+
+    def change():
+        shot.write_text(shot.read_text().replace("camber = 12", "camber = 14"))
+
+    assert again_and_fresh(shot, change) == 8
+
+
+def test_what_lies_over_a_changed_feather_is_laid_anew(tmp_path):
+    """Layers without forces: what lies over the changed one, through any number between."""
+    shot, groom = tmp_path / "a.toml", tmp_path / "groom.toml"
+    text = (SAMPLES / "flapping_bird/groom.toml").read_text()
+    more = '"right_primary_03" = {{ rachis = {{ camber = {} }} }}\n"*" = {{ scaling ='
+    groom.write_text(text.replace('"*" = { scaling =', more.format(12)))
+    shot.write_text(
+        'name = "a"\ngroom = "groom.toml"\nframes = [1, 3]\nquality = "draft"\nwind = "calm"\n'
+        'motion = { base = "flap", period = 1.2 }\n[contact]\nforces = false\n'
+    )
+
+    def change():
+        groom.write_text(groom.read_text().replace("camber = 12", "camber = 14"))
+
+    # the wing of ten, of which some lie beneath it, and none of the other
+    assert 1 < again_and_fresh(shot, change) < 10
