@@ -52,7 +52,7 @@ def simulate_and_write(
                         notify(done, samples)
                 with phase("writing"):
                     sink.close()
-            writer.tell(compared(task, task.dependences()))
+            writer.tell(compared(task, task.dependences(simulation.laid)))
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(_state_of(writer, task)) from error
     return taken_over, simulation.report | {"writing_beside": sink.seconds} | _told(task, wanted)

@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -21,6 +20,7 @@ from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.guides import uses_guides
 from featherfx.shot.fingerprint import shot_settings
+from featherfx.shot.layers.types import Laid
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.types import Shot
@@ -48,7 +48,8 @@ class Task:
     whole, wanted: what is simulated for it, and the numbers of the task's feathers in that (None:
     all). names: prim name per feather. root: name of the root prim. finished: whether the output is
     there already. taken: what is taken over of a cache of other settings at the output. origin:
-    where the root prim stands. options: with units and axis as they will be.
+    where the root prim stands. options: with units and axis as they will be. dependences: texts of
+    its feathers (featherfx/shot/dependence.py), given who is laid over whom where that is known.
     """
 
     shot: Shot
@@ -63,7 +64,7 @@ class Task:
     wanted: Sequence[int] | None
     taken: TakenOver | None
     origin: tuple[float, float, float]
-    dependences: Callable[[], list[str]]
+    dependences: Callable[[Laid | None], list[str]]
 
     @property
     def samples(self) -> int:
@@ -105,13 +106,16 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     refuse_splits_elsewhere(part.groom, shot.quality, options, str(shot_path))
     names = [names[k] for k in numbers]
 
-    @cache
-    def own_dependences() -> list[str]:
+    known: list[str] = []
+
+    def own_dependences(laid: Laid | None = None) -> list[str]:
         # loads compiled code, which a finished cache does without
         from featherfx.shot.dependence import dependences
 
-        found = dependences(shot)
-        return [found[k] for k in numbers]
+        if not known:
+            found = dependences(shot, laid)
+            known.extend(found[k] for k in numbers)
+        return known
 
     finished, taken = False, None
     if options.resume:

@@ -183,7 +183,7 @@ def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
             wanted=None,
             taken=None,
             origin=(0.0, 0.0, 0.0),
-            dependences=lambda: names,
+            dependences=lambda laid: names,
         )
         with Account() as timed:
             _, figures = simulate_and_write(task, lambda done, total: None)

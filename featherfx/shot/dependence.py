@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import Feather
 from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import may_slip
@@ -23,6 +22,7 @@ from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.islands import islands_of
 from featherfx.shot.layers.layers import Layers
+from featherfx.shot.layers.types import Laid
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.skin import BoundSkin
@@ -37,10 +37,12 @@ _NOT_COMMON = {
 _NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_uv"}
 
 
-def dependences(shot: Shot) -> list[str]:
+def dependences(shot: Shot, laid: Laid | None = None) -> list[str]:
     """Of every feather of a shot that is placed on its skin, in the groom's order.
 
-    Raises InputError for shapes that cannot be built, and for levels that cannot be.
+    laid: who lies over whom of some feathers, where that is known; texts of others that are laid
+    over any are then of no use. Raises InputError for shapes that cannot be built, and for levels
+    that cannot be.
     """
     drawn = feathers_of(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
     motion = root_motion(shot)
@@ -50,7 +52,10 @@ def dependences(shot: Shot) -> list[str]:
     if shot.contact is not None:
         texts = _with_islands(shot, islands_of(shot, drawn, motion), texts)
     texts = _with_guides(shot, plan, texts)
-    return texts if shot.layers is None else _with_those_beneath(shot, drawn, texts)
+    if shot.layers is None:
+        return texts
+    everyone = np.arange(len(drawn))
+    return _with_those_beneath(shot, laid or Layers(shot, drawn, everyone, 1).laid, texts)
 
 
 def _with_islands(shot: Shot, islands: NDArray[np.int64], own: Sequence[str]) -> list[str]:
@@ -71,15 +76,16 @@ def _with_islands(shot: Shot, islands: NDArray[np.int64], own: Sequence[str]) ->
     return result
 
 
-def _with_those_beneath(shot: Shot, drawn: Sequence[Feather], own: Sequence[str]) -> list[str]:
+def _with_those_beneath(shot: Shot, laid: Laid, own: Sequence[str]) -> list[str]:
     """The texts with those of the feathers that each is laid over, and these with theirs."""
-    stack = Layers(shot, drawn, np.arange(len(drawn)), 1).stack
+    stack = laid.stack
     # how far is searched for what lies beneath goes with the thickest
     most = max(each.kind.vane_material.thickness for each in shot.groom.feathers)
     result = list(own)
-    for place, f in enumerate(stack.order.tolist()):
-        lower = stack.pairs[stack.first[place] : stack.first[place + 1], 1].tolist()
-        result[f] = digest(own[f], shot.layers, most, [result[g] for g in lower])
+    for place, f in enumerate(laid.feathers[stack.order].tolist()):
+        lower = stack.pairs[stack.first[place] : stack.first[place + 1], 1]
+        texts = [result[g] for g in laid.feathers[lower].tolist()]
+        result[f] = digest(own[f], shot.layers, most, texts)
     return result
 
 

@@ -26,6 +26,7 @@ from featherfx.shot.groups import Group, loads_within, make_groups
 from featherfx.shot.hooks import Hooks
 from featherfx.shot.islands import islands_of
 from featherfx.shot.layers.layers import Layers
+from featherfx.shot.layers.types import Laid
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.motion.preroll import RunUp, moves_before
 from featherfx.shot.motion.roots import RootFrames, root_rates
@@ -118,6 +119,11 @@ class Simulation:
         contact = contact_report(self._islands) | layers
         found = self._counts.summary() | self._hooks.report()
         return found | ({"contact": contact} if contact else {})
+
+    @property
+    def laid(self) -> Laid | None:
+        """Who is laid over whom, of the feathers in its frames and all beneath them."""
+        return None if self._layers is None else self._layers.laid
 
     def __iter__(self) -> Iterator[Frame]:
         return self._frames

@@ -6,6 +6,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+from featherfx.errors import InputError, SimulationError
 from featherfx.farm.engine import BEGUN, DONE, FAILED, PROGRESS, QUIET, News
 from featherfx.farm.work import Order, work
 from featherfx.groom.presets.folders import SHIPPED
@@ -51,11 +52,13 @@ class SerialEngine:
         self._news.append(News(BEGUN, number, place))
         times = sum(each == order for each, _ in self.given)
         error = self._fail(order, times)
-        if error is None:
+        try:
+            if error is not None:
+                raise error
             done = work(order, lambda *done: self._news.append(News(PROGRESS, number, place, done)))
             self._news.append(News(DONE, number, place, done))
-        else:
-            self._news.append(News(FAILED, number, place, error))
+        except (InputError, SimulationError) as raised:
+            self._news.append(News(FAILED, number, place, raised))
 
 
 def options_of(**changed: Any) -> dict[str, Any]:

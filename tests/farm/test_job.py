@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import pickle
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from farm.farm_cases import SerialEngine, options_of, shot_file
 
 import featherfx
+from featherfx.cli.main import main
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm.job import Job
 from featherfx.farm.places import PATHS_VARIABLE, mapped, outputs_of
@@ -162,3 +165,43 @@ def test_errors_go_from_process_to_process(error):
     found = pickle.loads(pickle.dumps(error))
     assert type(found) is type(error)
     assert (str(found), vars(found)) == (str(error), vars(error))
+
+
+def test_the_command_bakes_a_folder_of_shots(tmp_path, monkeypatch, single):
+    shots = [shot_file(tmp_path, name, "swan_wing") for name in ("wing", "other")]
+    out = tmp_path / "out"
+    out.mkdir()
+    opened: list[tuple[object, object]] = []
+
+    @contextmanager
+    def serial(scheduler, workers):
+        opened.append((scheduler, workers))
+        yield SerialEngine()
+
+    monkeypatch.setattr("featherfx.farm.bake_many.opened", serial)
+    given = ["bake", *map(str, shots), "-o", str(out), "--frames", "1-3", "--chunk", "2"]
+    given += ["--layout", "flat", "--engine", "dask", "--workers", "2"]
+    result = CliRunner().invoke(main, given)
+    assert result.exit_code == 0, result.stderr
+    assert opened == [(None, 2)]
+    assert sorted(tree(out)) == ["other.usdc", "wing.usdc"]
+    assert tree(out)["wing.usdc"] == single["flat"]["wing.usdc"]
+    assert "featherfx: wing 2/2: done on a in" in result.stderr
+    assert f"{out / 'other.usdc'}: 20 feathers, 3 frames" in result.stderr
+    result = CliRunner().invoke(main, given)
+    assert result.exit_code == 1
+    assert result.stderr.count("exists already; choose another name or --overwrite") == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["a.toml", "b.toml"], "are for --engine dask"),
+        (["a.toml", "--workers", "2"], "are for --engine dask"),
+        (["a.toml", "--engine", "dask", "--plan", "2"], "leave out --engine dask"),
+    ],
+)
+def test_options_that_do_not_go_together_are_wrong_usage(given, told):
+    result = CliRunner().invoke(main, ["bake", *given])
+    assert result.exit_code == 2
+    assert told in " ".join(result.stderr.split())

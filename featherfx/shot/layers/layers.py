@@ -30,7 +30,7 @@ from featherfx.shot.layers.stack import (
     stack_of,
     vanes_of,
 )
-from featherfx.shot.layers.types import LAP, Array, Indices, Laps, Lifts
+from featherfx.shot.layers.types import LAP, Array, Indices, Laid, Laps, Lifts
 from featherfx.shot.patterns import touches
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
@@ -178,6 +178,11 @@ class Layers:
     def report(self) -> dict[str, Any]:
         """Figures of what was laid so far."""
         return self._depths.report(self._names)
+
+    @property
+    def laid(self) -> Laid:
+        """Who lies over whom."""
+        return Laid(self.needed, self.stack)
 
     def memory(self) -> dict[str, Array]:
         """What is kept between samples, for checkpoints."""
