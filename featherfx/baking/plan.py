@@ -74,14 +74,18 @@ def plan(
 
 
 def bake_command(
-    shot_path: str | Path, output: str | Path, share: str, options: Sequence[str]
+    shot_path: str | Path,
+    output: str | Path,
+    share: str,
+    options: Sequence[str],
+    progress: str = "json",
 ) -> list[str]:
-    """Command that bakes one share, i/n.
+    """Command that bakes one share, i/n. progress: style of its lines.
 
     It resumes: a worker that is killed, or handed to another machine, loses a chunk at most.
     """
     fixed = ["featherfx", "bake", str(shot_path), "-o", str(output), "--feathers", share]
-    return [*fixed, "--resume", "--progress", "json", *options]
+    return [*fixed, "--resume", "--progress", progress, *options]
 
 
 def join_command(output: str | Path, shares: str) -> list[str]:
@@ -142,7 +146,7 @@ def job_template(
     parameters that are paths. options: of every bake.
     """
     share = "{{Task.Param.Share}}/{{Param.Shares}}"
-    bake = bake_command("{{Param.Shot}}", "{{Param.Output}}", share, options)
+    bake = bake_command("{{Param.Shot}}", "{{Param.Output}}", share, options, "openjd")
     join = join_command("{{Param.Output}}", "{{Param.Shares}}")
     return {
         "specificationVersion": "jobtemplate-2023-09",

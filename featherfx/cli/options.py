@@ -182,8 +182,8 @@ def progress_option(command: Decorated) -> Decorated:
     return click.option(
         "--progress",
         "style",
-        type=click.Choice(["auto", "json"]),
+        type=click.Choice(["auto", "json", "openjd"]),
         default="auto",
         show_default=True,
-        help="json: one JSON object a line on stderr.",
+        help="json: one JSON object a line on stderr; openjd: lines of Open Job Description.",
     )(command)

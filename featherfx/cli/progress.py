@@ -27,7 +27,9 @@ class Progress:
     """Context manager; hears of every phase of the work in it (featherfx/phases.py). Call it with
     the units of work done and their number where the work itself is counted by its caller.
 
-    label: of these units. style: "auto", or "json" for lines
+    label: of these units. style: "auto"; "openjd" for lines as Open Job Description has them
+    (openjd_progress: per cent of the units, openjd_status: the phase, openjd_fail: why it ended);
+    or "json" for lines
 
         {"progress": LABEL, "phase": NAME, "done": 3, "total": 24, "seconds": 1.5, "left": 10.5}
 
@@ -40,7 +42,8 @@ class Progress:
     def __init__(
         self, label: str, style: str = "auto", working: tuple[str, ...] = ("simulating", "writing")
     ) -> None:
-        self.label, self.json, self.working = label, style == "json", working
+        self.label, self.style, self.working = label, style, working
+        self.json = style != "auto"  # a line of its own for each piece of news
         self.account = Account(self._hear, command_begin())
         self.terminal = sys.stderr.isatty()
         self.lock = threading.RLock()
@@ -49,6 +52,7 @@ class Progress:
         self.marks: list[tuple[float, float]] = []
         self.last_line, self.last_json = float("-inf"), ("", 0.0, 0.0)
         self.announced: set[str] = set()
+        self.status = ""
 
     def __enter__(self) -> Self:
         self.account.__enter__()
@@ -62,6 +66,8 @@ class Progress:
     ) -> None:
         self._close_bar()
         self.account.__exit__(kind, error, trace)
+        if self.style == "openjd" and isinstance(error, Exception):
+            click.echo(f"openjd_fail: {'; '.join(str(error).splitlines())}", err=True)
         if isinstance(error, KeyboardInterrupt) and not str(error) and self.account.failed:
             raise KeyboardInterrupt(f"interrupted during {self.account.failed}") from error
 
@@ -89,7 +95,7 @@ class Progress:
         """A line of its own, beside the bar."""
         with self.lock:
             self._close_bar()
-            click.echo(json.dumps({"message": line}) if self.json else line, err=True)
+            click.echo(json.dumps({"message": line}) if self.style == "json" else line, err=True)
 
     def _hear(self, told: Told) -> None:
         if threading.current_thread() is threading.main_thread():
@@ -131,6 +137,13 @@ class Progress:
     def _json_line(
         self, label: str, phase: str, done: float, total: float, left: float | None
     ) -> None:
+        if self.style == "openjd":
+            if label == self.label:
+                click.echo(f"openjd_progress: {100.0 * done / max(total, 1):.1f}", err=True)
+            elif phase != self.status:
+                self.status = phase
+                click.echo(f"openjd_status: {phase}", err=True)
+            return
         line = {
             "progress": label,
             "phase": phase,

@@ -239,3 +239,17 @@ def test_followers_are_cut_so_that_few_guides_are_simulated_twice(tmp_path):
         found = [share_numbers(read, k, count) for k in range(1, count + 1)]
         assert sorted(np.concatenate(found)) == list(range(20))
         assert min(map(len, found)) >= 1
+
+
+def test_progress_lines_are_those_of_open_job_description(tmp_path):
+    shot = SAMPLES / "feather_pull/shot.toml"
+    given = ("bake", shot, "-o", tmp_path / "a.usdc", "--frames", "1-2", "--progress", "openjd")
+    lines = run(*given).stderr.splitlines()
+    told = [line.split(": ") for line in lines if line.startswith("openjd_")]
+    assert [value for name, value in told if name == "openjd_progress"] == ["0.0", "50.0", "100.0"]
+    phases = [value for name, value in told if name == "openjd_status"]
+    assert [each for each in phases if each in ("reading", "finishing")] == ["reading", "finishing"]
+    result = run(*given)
+    assert result.exit_code == 1
+    (fail,) = (line for line in result.stderr.splitlines() if line.startswith("openjd_fail: "))
+    assert fail.endswith("exists already; choose another name or --overwrite")
