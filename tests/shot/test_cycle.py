@@ -134,6 +134,7 @@ def touching(speed: float) -> Shot:
     )
 
 
+@pytest.mark.slow
 def test_feathers_that_touch_are_replayed_together() -> None:
     shot = touching(0.5)
     played, points = run(shot)
