@@ -12,7 +12,7 @@ from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.node_kernels import area_vectors
 from featherfx.solver.settle.settle import mixed
 from featherfx.solver.solver import Settings, Solver
-from featherfx.solver.status import NO_REST
+from featherfx.solver.status import CONVERGED, NO_REST
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
@@ -154,3 +154,32 @@ def test_mixing_solves_a_linear_problem_that_plain_iteration_does_not():
         pairs.append((guess, start + matrix @ guess - guess))
         guess = mixed(pairs)
     assert guess == pytest.approx(solution, rel=1e-6)
+
+
+def settled_in(name, gravity, winds):
+    """Statuses of a preset's feather in winds (n, 3), m/s, under gravity (3,), m/s^2."""
+    _, model = preset_batch(name, count=len(winds))
+    air = np.array([1.2, 1.2, 0.02, 1.1])
+    loads = no_loads(len(winds), tuple(gravity))._replace(air=air, wind_mean=np.array(winds))
+    with Solver(model, Settings(tolerance=1e-4, spectral_radius=0.5)) as solver:
+        return solver.equilibrium(at_origin(model), loads)[1]
+
+
+def test_short_steps_that_led_somewhere_are_no_failure():
+    """Winds in which the last of the short steps could not be solved, though others could."""
+    winds = [(-7.886022693, 6.875406031, 0.5738588629), (-11.84898351, -17.07790687, 2.343433645)]
+    statuses = settled_in("swan_primary", (-1.46498854, -1.101905545, -9.637204613), winds)
+    assert set(statuses) <= {CONVERGED, NO_REST}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["swan_primary", "covert", "ornamental_plume"])
+def test_every_wind_is_settled_in(name):
+    """500 directions of gravity and wind, 1 to 30 m/s."""
+    random, found = np.random.default_rng(1), []
+    for _ in range(20):
+        gravity, winds = random.normal(size=3), random.normal(size=(25, 3))
+        gravity *= 9.81 / np.linalg.norm(gravity)
+        winds *= random.uniform(1.0, 30.0, (25, 1)) / np.linalg.norm(winds, axis=1)[:, None]
+        found.extend(settled_in(name, gravity, winds))
+    assert set(found) <= {CONVERGED, NO_REST}

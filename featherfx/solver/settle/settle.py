@@ -214,16 +214,17 @@ def mixed(pairs: deque[tuple[Array, Array]]) -> Array:
 
 
 def _drift(rest: Rest) -> int:
-    """Short steps towards rest; returns Newton's status."""
-    h, before, status = FIRST, None, CONVERGED
+    """Short steps towards rest; returns Newton's status, CONVERGED if any step could be solved."""
+    h, before, best = FIRST, None, NOT_CONVERGED
     for _ in range(WIND_STEPS):
         start = both(np.copy, rest.work.now.points)
         rest.feel_wind()
         status = rest.step(h, WIND_ITERATIONS)
+        best = CONVERGED if CONVERGED in (best, status) else status
         if status != CONVERGED:
             h *= 0.25
             if h < SHORTEST:
-                return status
+                break
             rest.load()
             continue
         rest.keep()
@@ -232,4 +233,5 @@ def _drift(rest: Rest) -> int:
             h *= 2.0 if sum(map(np.vdot, way, before)) > 0.0 else 0.5
         h = min(max(h, 1e3 * SHORTEST), STATIC)
         before = way
-    return status
+    rest.load()
+    return best
