@@ -1,9 +1,18 @@
-"""Curvature shapes of the barbs: polynomials orthonormal under the barb's bending stiffness.
+"""Curvature shapes of the barbs, orthonormal under the barb's bending stiffness.
 
     kappa(s) = (1/L) sum_c q_c P_c(s),     integral_0^1 b(s) P_c P_d ds = delta_cd
 
 s = arc length / L from the rachis, b(s) = max((1 - s)^taper, 0.05) the stiffness relative to the
 root's. The energy of a barb with root stiffness B is then 1/2 (B / L) sum_c q_c^2.
+
+A barb is clamped at the rachis and free at its end, where no moment acts: its curvature is M / b
+with the moments
+
+    M(s) = (1 - s)^2,  (1 - s),  (1 - s)^3,  (1 - s)^4, ...
+
+of a load that is uniform, one at the end, and those that fall off towards it. So a small deflection
+under a uniform pressure takes one coefficient, and under a force at the end two. Made orthonormal
+in this order (Gram and Schmidt), fewer shapes are the first of more.
 """
 
 from __future__ import annotations
@@ -25,11 +34,12 @@ def curvature_shapes(count: int, joints: int, taper: float) -> NDArray[np.float6
     step = 1.0 / SAMPLES
     s = (np.arange(SAMPLES) + 0.5) * step
     stiffness = np.maximum((1.0 - s) ** taper, FLOOR)
-    powers = np.vander(2.0 * s - 1.0, count, increasing=True) if count else np.zeros((SAMPLES, 0))
-    weighted = np.sqrt(stiffness * step)[:, None] * powers
+    powers = (2, 1, *range(3, count + 1))[:count]
+    curvatures = (1.0 - s)[:, None] ** np.array(powers, dtype=float) / stiffness[:, None]
+    weighted = np.sqrt(stiffness * step)[:, None] * curvatures
     _, triangle = np.linalg.qr(weighted)
     signs = np.sign(np.diag(triangle)) if count else np.zeros(0)
-    values = powers @ np.linalg.inv(triangle) * signs if count else powers
+    values = curvatures @ np.linalg.inv(triangle) * signs if count else curvatures
     turned = np.vstack([np.zeros(count), np.cumsum(values * step, axis=0)])
     edges = np.concatenate([[0.0], (np.arange(joints) + 0.5) / joints])
     grid = np.linspace(0.0, 1.0, SAMPLES + 1)
