@@ -27,9 +27,9 @@ SAMPLES = 2000
 def curvature_shapes(count: int, joints: int, taper: float) -> NDArray[np.float64]:
     """(count, joints) share of every shape's turn that falls on each joint of a barb.
 
-    A barb of m segments has a joint at its root, which stands for the first half segment, and one
-    between any two segments, which stands for the halves beside it. The last half segment's
-    curvature moves no node.
+    A barb of m segments has a joint at its root and one between any two segments. Each segment has
+    the mean direction of the arc that it stands for, so the nodes of a small deflection are where
+    the shape has them, however few there are.
     """
     step = 1.0 / SAMPLES
     s = (np.arange(SAMPLES) + 0.5) * step
@@ -41,10 +41,18 @@ def curvature_shapes(count: int, joints: int, taper: float) -> NDArray[np.float6
     signs = np.sign(np.diag(triangle)) if count else np.zeros(0)
     values = curvatures @ np.linalg.inv(triangle) * signs if count else curvatures
     turned = np.vstack([np.zeros(count), np.cumsum(values * step, axis=0)])
-    edges = np.concatenate([[0.0], (np.arange(joints) + 0.5) / joints])
+    # mean direction of each segment, from the deflection's differences
+    deflection = np.vstack(
+        [np.zeros(count), np.cumsum(0.5 * step * (turned[1:] + turned[:-1]), axis=0)]
+    )
+    nodes = np.linspace(0.0, 1.0, joints + 1)
     grid = np.linspace(0.0, 1.0, SAMPLES + 1)
-    at_edges = np.array([np.interp(edges, grid, turned[:, c]) for c in range(count)])
-    return np.diff(at_edges, axis=1) if count else np.zeros((0, joints))
+    at_nodes = np.array([np.interp(nodes, grid, deflection[:, c]) for c in range(count)])
+    if not count:
+        return np.zeros((0, joints))
+    directions = joints * np.diff(at_nodes, axis=1)
+    result: NDArray[np.float64] = np.diff(directions, axis=1, prepend=0.0)
+    return result
 
 
 def clamped_shapes(shapes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -63,15 +63,9 @@ def test_no_coefficients_and_fewer_shapes_are_the_first_of_more():
     [(0.0, 1.0 / 3.0), (1.0, 0.5 - 0.5 * FLOOR**2 + FLOOR**2 / 3.0)],
 )
 def test_tip_load_deflects_a_barb_as_beam_theory_says(taper, exact):
-    errors = [abs(tip_flexibility(taper, 2, joints) / exact - 1.0) for joints in (6, 12, 24, 48)]
-    assert errors[-1] < 2e-3
-    assert errors[0] < 0.03
-
-
-def test_a_beam_that_is_cut_finer_converges_with_the_second_order():
-    errors = [abs(3.0 * tip_flexibility(0.0, 2, joints) - 1.0) for joints in (10, 20, 40)]
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert orders == pytest.approx([2.0, 2.0], abs=0.1)
+    """However few joints there are, because they turn as the segments' mean directions do."""
+    for joints in (1, 3, 6, 12):
+        assert tip_flexibility(taper, 2, joints) == pytest.approx(exact, rel=1e-3)
 
 
 @pytest.mark.parametrize("turn", [0.5, 2.0, 5.5])

@@ -49,12 +49,17 @@ class Quality:
         "Local error that a sub-step may have: a step with more is taken again in shorter ones, "
         "as long as there are no more than `max_substeps`. Errors of steps add up.",
     ]
-    max_substeps: Annotated[int, Number(1, 4096, whole=True), "Most sub-steps per frame."]
+    max_substeps: Annotated[
+        int,
+        Number(1, 4096, whole=True),
+        "Most sub-steps per frame, a bound on work where feathers flutter or are struck; where they "
+        "touch, 32 at most.",
+    ]
     radius: Annotated[
         float,
-        Number(0, 0.9),
+        Number(0, 0.8),
         "Spectral radius of the time integration at infinite frequency: 0 damps at once what a "
-        "step does not resolve, 0.9 keeps nearly all of its energy.",
+        "step does not resolve, 0.8 keeps most of its energy. Beyond, fine grids become unstable.",
     ] = 0.0
     simulated_rows: Annotated[
         int,

@@ -44,6 +44,8 @@ PathsOf = Callable[[float, float], Sequence[RootPath]]
 OFF, LEAST_OFF, MOST_OFF = 0.05, 0.1, 0.4
 # smallest followed gap, in thicknesses
 MARGIN = 6.0
+# regular steps of a frame with contact, at most: contacts that are off in shorter ones yield
+MOST_STEPS = 32
 # pairs named in a report
 MOST_NAMED = 10
 
@@ -125,7 +127,7 @@ class ShotContact:
         quality = self.shot.quality
         return StepRules(
             steps=self.contact.steps,
-            substeps=quality.max_substeps,
+            substeps=min(quality.max_substeps, MOST_STEPS),
             tolerance=quality.tolerance,
             thickness=self._thickness,
             rounds=self.solver.settings.rounds,
@@ -260,7 +262,7 @@ def _warn_of(tired: Flags, names: Sequence[str], time: float) -> None:
         warnings.warn(
             f"contact: feather '{names[int(np.flatnonzero(tired)[0])]}'{more} took too many Newton"
             f" iterations in the frame from {time:.4g} s on, and contacts yielded there: what holds"
-            " them apart may be passed; less wind, slower roots or more max_substeps help",
+            " them apart may be passed; less wind or slower roots help",
             InputWarning,
             stacklevel=2,
         )
