@@ -52,8 +52,8 @@ class Quality:
     max_substeps: Annotated[
         int,
         Number(1, 4096, whole=True),
-        "Most sub-steps per frame, a bound on work where feathers flutter or are struck; where they "
-        "touch, 32 at most.",
+        "Most sub-steps per frame, a bound on work where feathers flutter or are struck; where "
+        "they touch, 32 at most.",
     ]
     radius: Annotated[
         float,
