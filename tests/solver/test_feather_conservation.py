@@ -81,7 +81,8 @@ def energies(
 
 
 @pytest.mark.parametrize(
-    ("coefficients", "each", "periods"), [(0, 40, 100), (1, 40, 20), (1, 160, 100)]
+    ("coefficients", "each", "periods"),
+    [(0, 40, 100), (1, 40, 20), pytest.param(1, 160, 100, marks=pytest.mark.slow)],
 )
 def test_energy_of_an_undamped_feather_drifts_little(coefficients, each, periods) -> None:
     """Ringing in its first mode with the radius that keeps most energy. Barbs that bend take energy
