@@ -47,15 +47,24 @@ def run(
     count: int,
     gravity: Sequence[float] = (0.0, 0.0, 0.0),
     walls: Sequence[Wall] = (),
+    shortest: float = np.inf,
 ) -> Iterator[tuple[State, ContactReport]]:
-    """The states after each of `count` steps (s)."""
+    """The states after each of `count` steps (s). One that cannot be solved is taken in halves, as
+    a shot does, where these are no shorter than the shortest."""
     loads = [no_loads(len(state.rotation), (gravity[0], gravity[1], gravity[2]))]
-    for _ in range(count):
-        (state,), (report,), contacts = contact.interval(
+
+    def advance(state: State, step: float) -> tuple[State, ContactReport]:
+        (new,), (report,), contacts = contact.interval(
             [state], loads, [hold_roots(state)], step, walls
         )
-        assert not report.status.any()
+        if report.status.any():
+            assert 0.5 * step >= shortest
+            return advance(advance(state, 0.5 * step)[0], 0.5 * step)
         contact.accept()
+        return new, contacts
+
+    for _ in range(count):
+        state, contacts = advance(state, step)
         yield state, contacts
 
 

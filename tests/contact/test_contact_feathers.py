@@ -57,7 +57,8 @@ def test_a_collision_in_flight_keeps_momentum_and_makes_no_energy(order):
 
 @pytest.mark.parametrize("order", [ORDERED, UNORDERED])
 def test_nothing_passes_at_fifty_metres_a_second(order):
-    """One on top of the other they close by 5 mm, 40 thicknesses, in a step, and do not pass.
+    """One on top of the other they close by 5 mm, 40 thicknesses, in a step that is cut only where
+    it cannot be solved, and do not pass.
 
     A few nodes of the crumpled vanes are beside a fold, where above and below mean little.
     """
@@ -66,7 +67,7 @@ def test_nothing_passes_at_fifty_metres_a_second(order):
     shares = {}
     for name, pairs in (("free", ()), ("touching", PAIR)):
         contact = solver_of(model, pairs, order if pairs else (), rounds=30)
-        *_, (_state, _) = run(contact, state, 1e-4, 8)
+        *_, (_state, _) = run(contact, state, 1e-4, 8, shortest=1e-5)
         under = surfaces(model, _state)[0][0], triangles
         shares[name] = share_above(vane_nodes(contact, _state, 1), under)
     assert shares["free"] < 0.05

@@ -24,7 +24,7 @@ THICKNESS = 1.2e-4
 def bird() -> Shot:
     """The sample on a coarse grid."""
     shot = read_shot(SAMPLE)
-    return replace(shot, quality=replace(shot.quality, rows=11, columns=4, coefficients=1))
+    return replace(shot, quality=replace(shot.quality, rows=11, columns=4, coefficients=2))
 
 
 def half_wing(shot: Shot) -> Shot:

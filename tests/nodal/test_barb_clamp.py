@@ -66,15 +66,13 @@ def beam(force: float, compliance: float) -> float:
 @pytest.mark.parametrize(("direction", "key"), [(2, "normal"), (0, "in_plane")])
 @pytest.mark.parametrize("flexible", [0.1, 1.0, 10.0])
 def test_a_cantilever_on_a_rotational_spring(direction: int, key: str, flexible: float) -> None:
-    """compliance in units of L / B; converges with the second order in the segments."""
+    """compliance in units of L / B; however few segments, because they have the barb's own mean
+    directions."""
     compliance, force = flexible * REACH / BENDING, 1e-6
     expected = beam(force, compliance)
-    errors = [
-        abs(deflection(columns, direction, force, **{key: compliance}) / expected - 1.0)
-        for columns in (4, 8, 16)
-    ]
-    assert errors[-1] < 2e-3
-    assert np.log2(errors[0] / errors[-1]) / 2.0 == pytest.approx(2.0, abs=0.2)
+    for columns in (2, 4, 8):
+        found = deflection(columns, direction, force, **{key: compliance})
+        assert found == pytest.approx(expected, rel=2e-3)
 
 
 def test_a_stiff_clamp_is_the_rigid_one() -> None:

@@ -1,7 +1,7 @@
 """Feathers that touch brought to rest together, before the first frame.
 
-Long damped steps: after each one all motion is taken away, and what has come to rest is only
-solved again where others push it.
+Long damped steps: after each one all motion is taken away, and what has come to rest, no deeper in
+others than is left, is only solved again where others push it.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ Flags = NDArray[np.bool_]
 STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
 # what one that cannot be solved is cut to, and the shortest tried, s
 CUT, SHORTEST = 0.25, 1e-5
+# Newton iterations of one solve, beyond which a shorter step is tried, if there is one
+HARD = 120
 # misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s
 BAD, SHORTEST_OFF = 2.0, 5e-4
 # Newton iterations of a feather after which settling ends, in balance or not
@@ -59,6 +61,7 @@ def settled_together(
     current = [_stopped(state, time) for state in states]
     rest_depth, depth = None, 0.0
     spent, resting = np.zeros(len(names)), np.zeros(len(names), dtype=np.bool_)
+    quiet = resting
     with phase("settling", len(STEPS) * MOST_STEPS) as done:
         for stage, longest in enumerate(STEPS):
             h = longest
@@ -74,12 +77,13 @@ def settled_together(
                 bodies.begun = True
                 rest_depth = contact.start_depth if rest_depth is None else rest_depth
                 depth = contact.depth
-                resting = (moved < solver.settings.tolerance) & (h == longest)
+                quiet = (moved < solver.settings.tolerance) & (h == longest)
+                resting = quiet & (contact.deep < solver.settings.tolerance)
                 if resting.all():
                     break
                 h = min(longest, h / CUT)
-    if not resting.all():
-        _warn(names, resting)
+    if not quiet.all():
+        _warn(names, quiet)
     return Settled(current, depth, rest_depth or 0.0)
 
 
@@ -102,9 +106,9 @@ def _step(
         paths = [hold_roots(state) for state in states]
         now = float(states[0].time[0])
         walls = bodies.walls(states, now, now, solver.settings.margin)
-        new, reports, contact = solver.interval(
-            states, loads, paths, h, walls, Manner(resting=resting, yielding=yielding)
-        )
+        most = HARD if CUT * h >= SHORTEST else MOST_ITERATIONS
+        manner = Manner(resting=resting, yielding=yielding, iterations=most)
+        new, reports, contact = solver.interval(states, loads, paths, h, walls, manner)
         spent += np.concatenate([report.iterations for report in reports])
         status = np.concatenate([report.status for report in reports])
         far_off = contact.residual > BAD * 2.0 * float(solver.surfaces.half.max(initial=0.0))
@@ -135,8 +139,8 @@ def _stopped(state: State, time: float) -> State:
     return new
 
 
-def _warn(names: Sequence[str], resting: Flags) -> None:
-    moving = np.flatnonzero(~resting)
+def _warn(names: Sequence[str], quiet: Flags) -> None:
+    moving = np.flatnonzero(~quiet)
     more = f" and {len(moving) - 1} more" if len(moving) > 1 else ""
     warnings.warn(
         f"settle: feather '{names[int(moving[0])]}'{more} had not come to rest against the others"
