@@ -30,10 +30,11 @@ class Hooks(NamedTuple):
 class Gaps(NamedTuple):
     """What the gaps of a feather have been through; those of a state have a leading axis.
 
-    slip: (2, n-1, m, 2, 2), p_w and p_v of triangles A and B. level: (2, n-1, m, 2) of yield.
-    hooked: (2, n-1, m, 2), the part of the strength that is left. spent: (4,) J, what slip and
-    opening have cost so far, what opened gaps have released besides, and what preening has put
-    in. length: (2,) m, of gaps that have opened so far, and that were closed again.
+    slip: (2, n-1, m, 2, 2), p_w and p_v of triangles A and B. level: (2, n-1, m, 2) of yield, or n
+    of an open one (vane_hook_kernels). hooked: (2, n-1, m, 2), the part of the strength that is
+    left. spent: (4,) J, what slip and opening have cost so far, what opened gaps have released
+    besides, and what preening has put in. length: (2,) m, of gaps that have opened so far, and that
+    were closed again.
 
     Where no hook slips () stands for it, and kernels that are compiled for that have none of this.
     """

@@ -17,13 +17,13 @@ At the strength one gap of the triangle gives way. Over its opening d the level 
 proportion, to nothing at the release opening R; what is spent per length of barb, 1/2 b S R (S the
 strength), therefore does not depend on the height h of the triangle, for how many gaps ever it
 stands. A triangle with h > E_ww R / S holds more than that: it opens at once, and the rest is
-released to motion. An open triangle resists only that its barbs come nearer than at rest, however
-far they have slid,
+released to motion. An open triangle resists only that its barbs come nearer than they have been at
+most since it opened, or than at rest, however far they have slid,
 
-    W = 1/2 k_w (1 - J)^2     for J < 1, else 0
+    W = 1/2 k_w (n - J)^2     for J < n, else 0;      n = min(1, largest J since it opened)
 
 J the ratio of areas of featherfx/mechanics/vane_guard_kernels.py: barbs keep their length, so J is
-that of their distance.
+that of their distance. Barbs that are closer than at rest when they part are not thrown apart.
 """
 
 from math import sqrt
@@ -138,22 +138,22 @@ def slip_after(stiffness, strains, slip, limit, level, growth):
 
 
 @kernel
-def open_energy(stiffness, strains):
-    """W of an open triangle (J): its barbs may touch. Arguments as in hooked_energy."""
-    closed = max(1.0 - area_ratio(strains[0], strains[1]), 0.0)
+def open_energy(stiffness, strains, nearest):
+    """W of an open triangle (J): its barbs may touch. nearest: n, others as in hooked_energy."""
+    closed = max(nearest - area_ratio(strains[0], strains[1]), 0.0)
     return 0.5 * stiffness[0] * closed * closed
 
 
 @kernel
-def open_response(stiffness, strains):
+def open_response(stiffness, strains, nearest):
     """((s_w, s_v), (C_ww, C_wv, C_vv)) of the same."""
     ratio = area_ratio(strains[0], strains[1])
-    if ratio >= 1.0:
+    if ratio >= nearest:
         return (0.0, 0.0), (0.0, 0.0, 0.0)
     # of J = sqrt(2 e_ww - (2 e_vw)^2 + ...): dJ = (de - s ds) / J, d2J = -(de - s ds)^2 / J^3
     # - ds^2 / J
     by_across, by_shear = ratio_slopes(strains[0], strains[1])
-    k, closed = stiffness[0], 1.0 - ratio
+    k, closed = stiffness[0], nearest - ratio
     along, twice = k * (1.0 + closed / ratio), k * closed * by_across
     return (-k * closed * by_across, -k * closed * by_shear), (
         along * by_across * by_across,
@@ -210,13 +210,15 @@ def row_of_gaps(hooks, f, side, i, gaps):
 
 
 class Gap(NamedTuple):
-    """One of them: slip (p_w, p_v), limit (y_w, y_v) J, level now, growth 1/J, hooked."""
+    """One of them: slip (p_w, p_v), limit (y_w, y_v) J, level now, growth 1/J, hooked, and nearest:
+    n of an open one."""
 
     slip: tuple[float, float]
     limit: tuple[float, float]
     level: float
     growth: float
     hooked: float
+    nearest: float
 
 
 @kernel
@@ -229,6 +231,7 @@ def gap_of(gaps, j, half):
         gaps.level[j, half] * hooked,
         gaps.growth[j, half] if hooked == 1.0 else 0.0,
         hooked,
+        gaps.level[j, half],
     )
 
 
@@ -236,7 +239,7 @@ def gap_of(gaps, j, half):
 def gap_response(stiffness, strains, gap):
     """As hooked_response, open gaps included."""
     if gap.level <= 0.0:
-        return open_response(stiffness, strains)
+        return open_response(stiffness, strains, gap.nearest)
     return hooked_response(stiffness, strains, gap.slip, gap.limit, gap.level, gap.growth)
 
 
@@ -244,7 +247,7 @@ def gap_response(stiffness, strains, gap):
 def gap_energy(stiffness, strains, gap):
     """W of the same (J)."""
     if gap.level <= 0.0:
-        return open_energy(stiffness, strains)
+        return open_energy(stiffness, strains, gap.nearest)
     return hooked_energy(stiffness, strains, gap.slip, gap.limit, gap.level, gap.growth)
 
 

@@ -54,7 +54,7 @@ def closed(
     was_open = gaps.hooked[chosen] == 0.0
     hooked = gaps.hooked[chosen] + share * (1.0 - gaps.hooked[chosen])
     hooked[hooked > 1.0 - LOOSE] = 1.0
-    level = 1.0 + (1.0 - share) * (gaps.level[chosen] - 1.0)
+    level = np.where(was_open, 1.0, 1.0 + (1.0 - share) * (gaps.level[chosen] - 1.0))
     before = np.where(was_open[:, None], x, gaps.slip[chosen])
     slip = (1.0 - share) * before
     stress = k * (x - slip)

@@ -7,18 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from split_vanes import compliance
 
 from featherfx.baking.bake import bake
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.model import Gaps, Model, no_loads
+from featherfx.mechanics.model import Gaps, Model
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Shot
-from featherfx.solver.solver import Settings, Solver
-from featherfx.solver.state import rest_state
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull"
 PULL = """
@@ -50,8 +49,8 @@ def write_shot(folder: Path, hooks: str = "open", more: str = STROKES) -> Path:
         'wind = "calm"\ngravity = [0, 0, 0]\n'
         'quality = { base = "preview", rows = 11, columns = 3, coefficients = 1 }\n'
         + f'[overrides]\n"*" = {{ vane_material = {{ {material} }} }}\n'
-        + PULL.format(row=0.5, force=-0.6)
-        + PULL.format(row=0.6, force=0.6)
+        + PULL.format(row=0.5, force=-1.0)
+        + PULL.format(row=0.6, force=1.0)
         + more
     )
     return path
@@ -132,21 +131,10 @@ def test_a_preened_vane_is_as_stiff_as_before(shot, run):
     """How far a small force along the shaft moves the end of the barb that was pulled, within 2 %;
     torn, it moves farther."""
     model = shot_model(shot)
-
-    def moved(own: Gaps) -> float:
-        state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
-        for array, value in zip(state.gaps_of(0), own, strict=True):
-            array[:] = value
-        ends = []
-        for force in (0.0, 0.01):
-            loads = no_loads(1)._replace(force=np.zeros((1, *model.mass.shape[1:], 3)))
-            loads.force[0, 5, 3, 0] = force
-            with Solver(model, Settings(newton=1e-9), 1) as solver:
-                ends.append(solver.equilibrium(state, loads)[0].points.nodes[0, 5, 3])
-        return float(np.linalg.norm(ends[1] - ends[0]))
-
-    whole, torn, preened = (moved(run[1][k]) for k in (0, TORN - 1, -1))
-    assert torn > 1.1 * whole
+    whole, torn, preened = (
+        compliance(model, run[1][k], row=5, node=3, force=0.01) for k in (0, TORN - 1, -1)
+    )
+    assert torn > 1.05 * whole
     assert preened == pytest.approx(whole, rel=0.02)
 
 
@@ -178,7 +166,7 @@ def test_lips_part_in_the_mesh_and_close_again(baked):
     assert (hooked[0] == 1.0).all()
     assert (hooked[1] == 0.0).any()
     assert apart(1) == 0.0
-    assert apart(TORN) > 1e-4
+    assert max(apart(code) for code in range(2, TORN + 1)) > 1e-4
     assert apart(LAST) == 0.0
     report = json.loads((baked / "report.json").read_text())
     assert set(report["hooks"]) >= {"opened", "healed", "slip_work", "released_energy"}
@@ -203,3 +191,28 @@ def test_what_cannot_be_preened_is_told(tmp_path, hooks, more, message):
 def test_a_split_is_not_drawn_where_it_is_not(tmp_path, drawn):
     with pytest.raises(InputError, match="drawn as it is simulated"):
         bake(write_shot(tmp_path), tmp_path / "torn.usdc", **drawn)
+
+
+@pytest.mark.slow
+def test_random_tears_end_sound(tmp_path: Path) -> None:
+    """200 feathers pulled at random: no error, no point out of reach, accounts that only grow."""
+    rng, split = np.random.default_rng(15), 0
+    for _ in range(200):
+        pulls = "".join(
+            PULL.format(
+                row=rng.uniform(0.3, 0.88), force=rng.choice([-1, 1]) * 10 ** rng.uniform(-2, 0)
+            )
+            for _ in range(3)
+        )
+        strokes = STROKES if rng.random() < 0.5 else ""
+        simulation, before = simulate(read_shot(write_shot(tmp_path, "open", pulls + strokes))), 0.0
+        for frame in simulation:
+            assert np.abs(frame.poses[0].points.nodes).max() < 0.5
+            own = gaps(simulation)
+            assert ((own.hooked >= 0.0) & (own.hooked <= 1.0)).all()
+            assert all(np.isfinite(array).all() for array in own)
+            assert own.spent[:3].min() >= 0.0
+            assert own.spent[:3].sum() >= before
+            before = own.spent[:3].sum()
+        split += simulation.report["hooks"]["opened"] > 0.0
+    assert split > 50

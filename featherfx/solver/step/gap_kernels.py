@@ -10,10 +10,10 @@ run along barbs because the stress beside an opened triangle is higher in the sa
 from math import inf, sqrt
 
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.vane_guard_kernels import area_ratio
 from featherfx.mechanics.vane_hook_kernels import (
     copy_gaps,
     gap_of,
-    open_energy,
     row_of_gaps,
     slip_after,
 )
@@ -45,9 +45,12 @@ def slip_of_step(model, f, cell, before, after):
             for j in range(cell.shape[2]):
                 for half in range(2):
                     k, gap = stiffness[side, i, j, half], gap_of(row, j, half)
-                    if k[0] == 0.0 or gap.level <= 0.0:
-                        continue
                     x = cell[side, i, j, half]
+                    if k[0] == 0.0:
+                        continue
+                    if gap.level <= 0.0:
+                        after.level[side, i, j, half] = max(gap.nearest, _distance(x))
+                        continue
                     slip, work = slip_after(
                         (k[0], k[1]), (x[0], x[1]), gap.slip, gap.limit, gap.level, gap.growth
                     )
@@ -57,6 +60,12 @@ def slip_of_step(model, f, cell, before, after):
                     after.slip[side, i, j, half, 1] = slip[1]
                     largest = max(largest, sqrt(across * across + shear * shear))
     return largest
+
+
+@kernel
+def _distance(strain):
+    """n of a triangle that opens at strains (2,), or has been there while it was open."""
+    return min(1.0, area_ratio(strain[0], strain[1]))
 
 
 @kernel
@@ -72,7 +81,7 @@ def _stored(stiffness, strain, slip):
     """Elastic energy (J) that a triangle loses when it opens; all (2,)."""
     across, shear = strain[0] - slip[0], strain[1] - slip[1]
     held = 0.5 * (stiffness[0] * across * across + stiffness[1] * shear * shear)
-    return held - open_energy((stiffness[0], stiffness[1]), (strain[0], strain[1]))
+    return held
 
 
 @kernel
@@ -105,13 +114,15 @@ def _harden(hooks, f, place, work, gap, after):
 
 
 @kernel
-def _weaken(hooks, f, place, beyond, after):
+def _weaken(hooks, f, place, beyond, strain, after):
     """Hooks that are left of a triangle after slip at its strength (beyond, J at level 1), in
     place; returns whether it opens."""
     side, i, j, half = place
     hooked = after.hooked[side, i, j, half]
     left = hooked - beyond / hooks.release[f, side, i, j, half]
     after.hooked[side, i, j, half] = left if left > LOOSE else 0.0
+    if left <= LOOSE:
+        after.level[side, i, j, half] = _distance(strain)
     return left <= LOOSE
 
 
@@ -119,15 +130,17 @@ def _weaken(hooks, f, place, beyond, after):
 def _open(hooks, f, place, stiffness, strain, after):
     """Open a triangle, in place; what it held beyond the cost is released."""
     side, i, j, half = place
-    cost = 0.5 * hooks.strength[f] * hooks.release[f, side, i, j, half]
     held = _stored(stiffness, strain, after.slip[side, i, j, half])
+    # in shear a triangle may hold less than its opening across would cost
+    cost = min(0.5 * hooks.strength[f] * hooks.release[f, side, i, j, half], held)
     after.hooked[side, i, j, half] = 0.0
+    after.level[side, i, j, half] = _distance(strain)
     after.spent[OPENING] += cost
     after.spent[RELEASED] += held - cost
 
 
 @kernel
-def _slip_row(model, f, side, i, before, after):
+def _slip_row(model, f, side, i, cell, before, after):
     """Account for the slip of the triangles between two rows, whose gaps weaken, in place.
 
     Returns the largest slip of a brittle triangle at its strength, a strain.
@@ -150,7 +163,7 @@ def _slip_row(model, f, side, i, before, after):
                 farthest = max(farthest, beyond / gap.limit[0])
             else:
                 after.spent[OPENING] += cost
-                if _weaken(hooks, f, place, beyond, after):
+                if _weaken(hooks, f, place, beyond, cell[side, i, j, half], after):
                     after.length[OPENED] += half_cell(model, f, side, i, half)
     return farthest
 
@@ -182,7 +195,7 @@ def give_way(model, f, cell, before, after):
     for side in range(after.slip.shape[0]):
         first, farthest = -1, 0.0
         for i in range(after.slip.shape[1]):
-            slipped = _slip_row(model, f, side, i, before, after)
+            slipped = _slip_row(model, f, side, i, cell, before, after)
             if slipped > farthest:
                 first, farthest = i, slipped
         if first >= 0:
