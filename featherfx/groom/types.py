@@ -112,7 +112,7 @@ class VaneMaterial:
     """
 
     along: Annotated[float, Number(1e2, 1e12, "Pa"), "Modulus of the vane along the barbs."]
-    across: Annotated[float, Number(0, 1e10, "Pa"), "Modulus across the barbs (barbules)."]
+    across: Annotated[float, Number(1e-6, 1e10, "Pa"), "Modulus across the barbs (barbules)."]
     shear: Annotated[float, Number(0, 1e10, "Pa"), "Shear modulus, against engineering shear."]
     thickness: Annotated[float, Number(1e-6, 0.01, "m"), "Thickness of the vane."]
     surface_density: Annotated[float, Number(1e-5, 10, "kg/m^2"), "Mass of the vane per area."]

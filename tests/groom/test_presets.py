@@ -174,6 +174,8 @@ VANE_FAULTS = [
     ("leading.outline = [[0, 0], [0.5, -0.1], [1, 0]]", "-0.1 is out of range, allowed 0 to 1.5"),
     ("leading.guides = []", "there is an outline but no guide"),
     ("trailing.rounded_base = 1.5", "1.5 is out of range, allowed 0 to 1"),
+    # a vane without it would feel no wind
+    ("vane_material.across = 0", "0 is out of range, allowed 1e-06 to 1e+10 Pa"),
     ('trailing.rounded_tip = "soft"', "'soft' is not a number"),
     (
         "leading.guides = [{position = 0.5, angle = 40}, {position = 0.5, angle = 41}]",
