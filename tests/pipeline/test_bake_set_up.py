@@ -94,6 +94,20 @@ def test_a_second_bake_computes_no_layout_shape_model_or_pair_anew(shot, monkeyp
     assert baked(shot, "damaged") == first
 
 
+def test_a_layout_outlives_a_change_of_strength_and_not_one_of_shape(shot, monkeypatch):
+    first = baked(shot, "first", frames=(1, 1))[0]
+    found = []
+    laid = layout._laid
+    monkeypatch.setattr(layout, "_laid", lambda *given: found.append(1) or laid(*given))
+    strong = (
+        '[overrides]\n"a_0*" = { stiffness = 3, weight = 2, rachis_material.loss_factor = 0.2 }'
+    )
+    for number, more in enumerate((strong, strong.replace("stiffness = 3", "width = 1.1"))):
+        shot.write_text(f"{SHOT}{more}\n")
+        assert baked(shot, f"changed{number}", frames=(1, 1))[0] != first
+        assert len(found) == number
+
+
 def test_stats_are_computed_once(shot, monkeypatch):
     groom = shot.with_name("groom.toml")
     first = pipeline.plumage_stats(groom)

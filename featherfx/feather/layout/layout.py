@@ -9,6 +9,7 @@ where the layout allows it.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ from featherfx.feather.layout.move_kernels import Limits, Neighbours, Travel, sw
 from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.files.store import kept
 from featherfx.groom.presets.kinds import Change, adjusted
-from featherfx.groom.types import Groom, Layout, Placement
+from featherfx.groom.types import FeatherKind, Groom, Layout, Placement
 from featherfx.phases import Done, phase
 
 _MOST_SWEEPS = 30
@@ -40,6 +41,13 @@ _SHORTENED = _MOST_SWEEPS + _SWEEPS_PER_SEARCH + _MOST_ROUNDS * _SWEEPS_PER_ROUN
 _DROPS = 3  # how often feathers are dropped and the others let settle
 _MOST_NAMED = 5
 _UNCHANGED = 1e-12  # relative, of a length
+# figures of materials that no shape depends on; whatever is not named here is taken to matter
+_VANE_STRENGTHS = (
+    "along", "across", "shear", "surface_density", "barb_bending_normal", "barb_bending_in_plane",
+    "bending_across", "loss_factor", "compression_guard", "barb_clamp_normal",
+    "barb_clamp_in_plane", "hook_yield_across", "hook_yield_shear", "hook_strength",
+)  # fmt: skip
+_SHAFT_STRENGTHS = ("young", "shear", "cortex_density", "core_density", "loss_factor")
 
 
 @dataclass(frozen=True)
@@ -114,12 +122,29 @@ def laid_out(groom: Groom) -> tuple[Groom, LayoutReport | None]:
     """
     if groom.layout is None or not groom.feathers:
         return groom, None
-    layout, inputs = groom.layout, [groom.feathers, groom.layout, groom.skin]
+    layout, inputs = groom.layout, [_shapes(groom.feathers), groom.layout, groom.skin]
     laid = Laid(**kept("layout", inputs, lambda: _laid(groom, layout)._asdict()))
     feathers = tuple(
         _moved(groom.feathers[f], laid, k) for k, f in enumerate(np.flatnonzero(laid.kept))
     )
     return replace(groom, feathers=feathers), _report(groom, laid)
+
+
+def _shapes(placements: Sequence[Placement]) -> list[Placement]:
+    """Feathers without what only their motion depends on, so that a layout outlives its change."""
+    known: dict[int, FeatherKind] = {}
+
+    def shape(kind: FeatherKind) -> FeatherKind:
+        if id(kind) not in known:
+            vane = replace(kind.vane_material, **dict.fromkeys(_VANE_STRENGTHS, 0.0))
+            shaft = replace(kind.rachis_material, **dict.fromkeys(_SHAFT_STRENGTHS, 0.0))
+            known[id(kind)] = replace(kind, vane_material=vane, rachis_material=shaft)
+        return known[id(kind)]
+
+    return [
+        replace(each, kind=shape(each.kind), prototype=each.prototype and shape(each.prototype))
+        for each in placements
+    ]
 
 
 class Laid(NamedTuple):
