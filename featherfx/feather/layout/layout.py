@@ -136,8 +136,10 @@ def _shapes(placements: Sequence[Placement]) -> list[Placement]:
 
     def shape(kind: FeatherKind) -> FeatherKind:
         if id(kind) not in known:
-            vane = replace(kind.vane_material, **dict.fromkeys(_VANE_STRENGTHS, 0.0))
-            shaft = replace(kind.rachis_material, **dict.fromkeys(_SHAFT_STRENGTHS, 0.0))
+            none: dict[str, Any] = dict.fromkeys(_VANE_STRENGTHS, 0.0)
+            vane = replace(kind.vane_material, **none)
+            none = dict.fromkeys(_SHAFT_STRENGTHS, 0.0)
+            shaft = replace(kind.rachis_material, **none)
             known[id(kind)] = replace(kind, vane_material=vane, rachis_material=shaft)
         return known[id(kind)]
 
