@@ -18,6 +18,8 @@ from featherfx.solver.contact.search_kernels import guest_place, side_normal
 
 # least part of a contact that a corner carries: it needs a stiffness to divide by
 LEAST_WEIGHT = 1e-6
+# stiffness of a contact that presses with the force it had, over its own
+GENTLE = 1e-2
 
 
 @kernel
@@ -177,6 +179,13 @@ def hand_out(body, touch, listed, mine, start, now, rules, planes):
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
         is_guest = contact.guest == body
+        if rules.beginning:
+            # gaps press each of a pair by itself, so that first accelerations would not belong
+            # together, and make momentum
+            own = contact.guest_force if is_guest else contact.host_force
+            if own > 0.0:
+                to = _hand_to(contact, body, start, now, rules, planes, to)
+            continue
         if is_led(contact, body, mine):
             # the force of what is led is what the feather felt last
             if is_guest:
@@ -199,8 +208,11 @@ def _hand_to(contact, body, start, now, rules, planes, to):
     )
     is_guest = contact.guest == body
     parts = (1 if contact.fraction == 0.0 else 2) if is_guest else 3
-    force = contact.host_force if is_guest else contact.guest_force
+    # what the other felt, or, before it is solved, what this one felt itself
+    felt = is_guest == rules.beginning
+    force = contact.guest_force if felt else contact.host_force
     stiffness = contact.guest_stiffness if is_guest else contact.host_stiffness
+    stiffness *= GENTLE if rules.beginning else 1.0
     for q in range(parts):
         if is_guest:
             row, p = contact.row + q, contact.point
@@ -218,6 +230,8 @@ def _hand_to(contact, body, start, now, rules, planes, to):
         planes.node[to, 1] = p - (rules.widest - rules.columns[body] if p > rules.widest else 0)
         sign = 1.0 if is_guest else -1.0
         _plane(contact, sign, now[body, row, p], start[body, row, p], slip, planes, to)
+        if rules.beginning:
+            planes.offset[to, 0] = dot(planes.normal[to], start[body, row, p])
         to += 1
     return to
 

@@ -154,15 +154,23 @@ def _solve(body, thread, reach, sweep):
     work = viewed(batches.work, own)
     report = viewed(batches.report, g)
     given = sweep.handing
-    handing = Handing(given.friction, given.smoothing, reach, given.widest, given.columns)
-    planes = loads.contacts
+    planes, first = loads.contacts, old.step[f] == 0.0
     planes.first[f] = 0
-    planes.first[f + 1] = hand_out(
-        body, sweep.touch, sweep.listed, marks.mine, sweep.start, sweep.now, handing, planes
-    )
-    if old.step[f] == 0.0:
-        start_acceleration(model, loads, f, sweep.step.duration, old, work, path)
-        old.step[f] = BEGUN
+    for beginning in range(1 if first else 0, -1, -1):
+        handing = Handing(
+            given.friction,
+            given.smoothing,
+            reach,
+            given.widest,
+            given.columns,
+            beginning == 1,
+        )
+        planes.first[f + 1] = hand_out(
+            body, sweep.touch, sweep.listed, marks.mine, sweep.start, sweep.now, handing, planes
+        )
+        if beginning == 1:
+            start_acceleration(model, loads, f, sweep.step.duration, old, work, path)
+            old.step[f] = BEGUN
     _take(
         viewed(batches.rows_old, g),
         viewed(batches.rows_new, g),

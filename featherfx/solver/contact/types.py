@@ -133,13 +133,15 @@ class ByBody(NamedTuple):
 class Handing(NamedTuple):
     """How contacts are handed to bodies. friction: coefficient. smoothing: m, slip over which it
     sets in. reach: m, gap beyond which contacts without a force are left out. widest: columns of
-    the widest grid; columns: (B,) of the bodies' own."""
+    the widest grid; columns: (B,) of the bodies' own. beginning: whether they are to press with the
+    forces that they had before the interval, whatever their gaps."""
 
     friction: float
     smoothing: float
     reach: float
     widest: int
     columns: Indices
+    beginning: bool = False
 
 
 class CubeGrid(NamedTuple):

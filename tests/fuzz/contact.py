@@ -1,0 +1,122 @@
+"""Random scenes of feathers that touch: each ends finite, or with a feather, a frame and a reason.
+
+Two to forty feathers of four kinds, thrown together anywhere in a box that is small for them, in
+each other as they come; roots that shake at up to 30 m/s and wind of up to 40 m/s.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from featherfx.api import read_shot
+from featherfx.errors import InputError, SimulationError
+from featherfx.shot.simulate import simulate
+
+KINDS = ("body_contour", "covert", "swan_secondary", "tail_feather")
+FRAMES = 4
+# the worst that are printed
+MOST_NAMED = 10
+
+
+class Case(NamedTuple):
+    """What became of a scene. depth: m, the deepest in motion; seconds: of processor time."""
+
+    number: int
+    feathers: int
+    outcome: str
+    depth: float
+    seconds: float
+    said: str
+
+
+def run(cases: Sequence[int], seed: int) -> Counter[str]:
+    """Outcomes by name, and the worst scenes, printed.
+
+    done: all frames are finite. named: an error that names feather, frame and reason. broken: any
+    other.
+    """
+    found = []
+    with tempfile.TemporaryDirectory() as name:
+        for number in cases:
+            found.append(_ended(_scene(random.Random(f"{seed} {number}"), Path(name)), number))
+            if found[-1].outcome != "done":
+                print(f"case {number} of seed {seed}: {found[-1].said}")
+    for what, key in (("deepest", Case.depth), ("slowest", Case.seconds)):
+        order = sorted(found, key=key.__get__, reverse=True)[:MOST_NAMED]
+        print(f"{what}:")
+        for each in order:
+            print(
+                f"  case {each.number}: {each.feathers} feathers, {1e3 * each.depth:.2f} mm,"
+                f" {each.seconds:.1f} s, {each.outcome} {each.said}"
+            )
+    return Counter(each.outcome for each in found)
+
+
+def _scene(chance: random.Random, folder: Path) -> tuple[Path, int]:
+    """A shot file, and how many feathers it has."""
+    count = chance.randint(2, 40)
+    edge = 0.03 * count ** (1.0 / 3.0)
+    lines = ['name = "thrown"']
+    for k in range(count):
+        place = [round(chance.uniform(-edge, edge), 5) for _ in range(3)]
+        shaft = [round(chance.gauss(0.0, 1.0), 4) for _ in range(3)]
+        up = np.cross(shaft, [chance.gauss(0.0, 1.0) for _ in range(3)]).round(4).tolist()
+        lines += [
+            "[[feather]]",
+            f'id = "f{k}"',
+            f'kind = "{chance.choice(KINDS)}"',
+            f"position = {place}",
+            f"direction = {shaft}",
+            f"up = {up}",
+            f"scale = {chance.uniform(0.2, 0.6):.3f}",
+        ]
+    (folder / "groom.toml").write_text("\n".join(lines) + "\n")
+    frequency, speed = chance.uniform(0.5, 8.0), chance.choice([0.0, chance.uniform(0.0, 30.0)])
+    lines = [
+        'name = "thrown"',
+        'groom = "groom.toml"',
+        f"frames = [1, {FRAMES}]",
+        "frames_per_second = 24",
+        'quality = "draft"',
+        "[contact]",
+        "[motion]",
+        'kind = "shake"',
+        f"frequency = {frequency:.4f}",
+        f"amplitude = {speed / (2.0 * math.pi * frequency):.5f}",
+        "direction = [0, 0.3, 1]",
+        "[wind]",
+        'base = "breeze"',
+        f"speed = {chance.choice([0.0, chance.uniform(0.0, 40.0)]):.3f}",
+    ]
+    (folder / "shot.toml").write_text("\n".join(lines) + "\n")
+    return folder / "shot.toml", count
+
+
+def _ended(scene: tuple[Path, int], number: int) -> Case:
+    path, count = scene
+    start = time.process_time()
+    depth, outcome, said = 0.0, "done", ""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            simulation = simulate(read_shot(path), 1)
+            for frame in simulation:
+                if not all(np.isfinite(points).all() for points in frame.points):
+                    outcome, said = "broken", f"frame {frame.number:g} is not finite"
+        depth = simulation.report["contact"]["worst_depth"]
+    except SimulationError as error:
+        named = error.feather and error.frame is not None and error.reason
+        outcome, said = "named" if named else "broken", str(error)
+    except InputError as error:
+        outcome, said = "broken", str(error)
+    return Case(number, count, outcome, depth, time.process_time() - start, said)
