@@ -27,12 +27,11 @@ FEATHER_PRESETS = [each.name for each in list_presets() if each.family == "feath
 
 
 @cache
-def preset_kind(name: str, rounded: bool = False) -> FeatherKind:
-    """The feather kind of a shipped preset, nothing overridden but that its vanes begin square
-    unless they are to be rounded."""
+def preset_kind(name: str) -> FeatherKind:
+    """The feather kind of a shipped preset, nothing overridden."""
     _, tree = load_preset(f"feather/{name}")
     problems = Problems()
-    for side in () if rounded else ("leading", "trailing"):  # what the bounds of tests were set on
+    for side in ("leading", "trailing"):  # the shapes that the bounds of these tests were set on
         tree[side]["rounded_base"] = Sourced(0.0, "test")
     kind = kind_of(name, tree, Place("presets", name, problems))
     problems.raise_any()
@@ -47,10 +46,9 @@ def preset_batch(
     coefficients: int = 2,
     count: int = 1,
     mirrored: bool = False,
-    rounded: bool = False,
 ) -> tuple[Feather, Model]:
     """A preset's feather and a batch of `count` of it."""
-    kind = preset_kind(name, rounded)
+    kind = preset_kind(name)
     feather = build_feather(kind, rows, columns, mirrored)
     return feather, make_model([feather] * count, [kind] * count, coefficients)
 
