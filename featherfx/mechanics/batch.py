@@ -45,6 +45,8 @@ class _Constants(NamedTuple):
 
 # G of the compression guard over b A k (vane_guard_kernels)
 GUARD_SCALE = 1.0 / 2592.0
+# J, at which a triangle yields whose hooks hold: none gets there, and its square is finite
+NEVER = 1e150
 # of the scatter of the strength from gap to gap
 SCATTER_SEED = 41
 # least compliance of an elastic clamp, in that of the barb it holds
@@ -151,7 +153,7 @@ def _hooks(kind: FeatherKind, cell_rest: Array, cell_area: Array) -> dict[str, A
     if vane.hooks != "open":
         release = np.full_like(release, np.inf)
     if not may_slip(kind):
-        limit[:] = np.inf
+        limit[:] = NEVER
     return {
         "hook_limit": limit,
         "hook_growth": growth,

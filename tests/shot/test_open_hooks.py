@@ -13,11 +13,13 @@ from featherfx.baking.bake import bake
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.model import Gaps, Model
+from featherfx.mechanics.model import Gaps, Model, no_loads
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Shot
+from featherfx.solver.solver import Settings, Solver, hold_roots
+from featherfx.solver.state import rest_state
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull"
 PULL = """
@@ -170,6 +172,23 @@ def test_lips_part_in_the_mesh_and_close_again(baked):
     assert apart(LAST) == 0.0
     report = json.loads((baked / "report.json").read_text())
     assert set(report["hooks"]) >= {"opened", "healed", "slip_work", "released_energy"}
+
+
+def test_hooks_that_hold_beside_others_that_do_not_never_slip(tmp_path):
+    """As in contact, where all feathers have kernels of hooks."""
+    kind = read_shot(write_shot(tmp_path, "closed", "")).groom.feathers[0].kind
+    model = make_model([build_feather(kind, 11, 3)], [kind], 1, hooked=True)
+    loads = no_loads(1)._replace(force=np.zeros((1, *model.mass.shape[1:], 3)))
+    loads.force[0, 5, 3, 0] = 0.5
+    state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+    with Solver(model, Settings(), 1) as solver:
+        state, report = solver.step(state, loads, hold_roots(state), 0.1)
+    assert report.status[0] == 0
+    own = state.gaps_of(0)
+    assert isinstance(own, Gaps)
+    assert not own.slip.any()
+    assert not own.spent.any()
+    assert (own.hooked == 1.0).all()
 
 
 @pytest.mark.parametrize(
