@@ -7,6 +7,7 @@ nothing is simulated. (`join`, of baking/convert.py, leaves the samples in the s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from featherfx.baking.sink import compared, new_writer
@@ -22,32 +23,68 @@ from featherfx.usd.write.write import CacheWriter
 _OWN = ("feathers", "layout", "chunk")
 
 
-def merge(task: Task, shares: Sequence[Path], notify: Callable[[int, int], None]) -> None:
+def merge(
+    task: Task,
+    shares: Sequence[Path],
+    notify: Callable[[int, int], None],
+    pieces: Sequence[Path] = (),
+) -> None:
     """Write the cache of a task from shares of its feathers, each in one of them.
 
     shares: caches with chunks of as many samples as the whole's. notify: called with the samples
-    done and their number. Raises OutputError where a share was baked with other settings, or
-    feathers are missing.
+    done and their number. pieces: where merge_piece has left all chunks; else they are written
+    here. Raises OutputError where a share was baked with other settings, or feathers are missing.
     """
-    caches = [EarlierCache(path) for path in shares]
     with phase("building", silent=True):
         writer = new_writer(task)
     with writer:
-        depend = {name: text for each in caches for name, text in each.dependences.items()}
-        problems = list(_problems(task, writer, shares, caches))
-        if problems or depend.keys() != set(task.names):
-            missing = Problem(str(task.path), "", "its shares do not hold all of its feathers")
-            raise OutputError(*(problems or [missing]))
-        number = {name: k for k, name in enumerate(task.names)}
-        for cache in caches:
-            writer.take_over(cache, [number[name] for name in cache.dependences])
+        caches = [EarlierCache(path) for path in shares]
+        depend = _taken(task, writer, shares, caches)
         with phase("writing", silent=True):
-            for sample in range(task.samples):
-                notify(sample, task.samples)
-                code = sample_number(task.frames[0], sample, task.options.subframes)
-                writer.write(Frame(code, 0.0, ()))
+            for piece in pieces:
+                writer.adopt(piece)
+            if not pieces:
+                _write(task, writer, range(task.samples), notify)
         writer.tell(compared(task, [depend[name] for name in task.names]))
     notify(task.samples, task.samples)
+
+
+def merge_piece(
+    task: Task, shares: Sequence[Path], notify: Callable[[int, int], None], piece: Path, number: int
+) -> None:
+    """Write one chunk of a task's cache, 0 the first, for merge to take: as the first of an
+    unfinished cache at a path of its own. Raises what merge raises."""
+    options = replace(task.options, layout="clips", resume=True)
+    with new_writer(replace(task, path=piece, options=options)) as writer:
+        caches = [EarlierCache(path) for path in shares]
+        _taken(task, writer, shares, caches)
+        writer.write_piece(number)
+        first = number * writer.chunk
+        _write(task, writer, range(first, min(first + writer.chunk, task.samples)), notify)
+
+
+def _write(
+    task: Task, writer: CacheWriter, samples: range, notify: Callable[[int, int], None]
+) -> None:
+    for done, sample in enumerate(samples):
+        notify(done, len(samples))
+        code = sample_number(task.frames[0], sample, task.options.subframes)
+        writer.write(Frame(code, 0.0, ()))
+
+
+def _taken(
+    task: Task, writer: CacheWriter, shares: Sequence[Path], caches: Sequence[EarlierCache]
+) -> dict[str, str]:
+    """Have a writer take the feathers of all shares; returns their dependences by name."""
+    depend = {name: text for each in caches for name, text in each.dependences.items()}
+    problems = list(_problems(task, writer, shares, caches))
+    if problems or depend.keys() != set(task.names):
+        missing = Problem(str(task.path), "", "its shares do not hold all of its feathers")
+        raise OutputError(*(problems or [missing]))
+    number = {name: k for k, name in enumerate(task.names)}
+    for cache in caches:
+        writer.take_over(cache, [number[name] for name in cache.dependences])
+    return depend
 
 
 def _problems(

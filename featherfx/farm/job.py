@@ -37,7 +37,8 @@ class _ShotState:
     """A shot of the job: its plan once it is looked at, what became of its orders.
 
     looked: times of looking at it. left: shares that are not baked yet. baked: reports of the
-    others. problems: that ended it.
+    others. chunks, pieces: that are merged one by one, and reports of those that are there.
+    problems: that ended it.
     """
 
     shot: Path
@@ -47,6 +48,8 @@ class _ShotState:
     looked: dict[str, float] = field(default_factory=dict)
     left: int = 0
     baked: list[dict[str, Any]] = field(default_factory=list)
+    chunks: int = 0
+    pieces: list[dict[str, Any]] = field(default_factory=list)
     merged: dict[str, Any] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     lock: Lock | None = None
@@ -78,6 +81,8 @@ class _Given:
         order = self.order
         if order.what == BAKE and order.shares > 1:
             return f"{self.shot.name} {order.share}/{order.shares}"
+        if order.piece:
+            return f"{self.shot.name} merging {order.piece}/{order.pieces}"
         return f"{self.shot.name} merging" if order.what == MERGE else self.shot.name
 
 
@@ -219,17 +224,34 @@ class Job:
         seconds = done.times["wall_seconds"]
         LOG.info("%s: done on %s in %.1f s", given.name, given.worker, seconds)
         told = {"worker": given.worker, "workers_lost": given.lost}
-        if order.what == MERGE:
+        if order.what == MERGE and order.piece:
+            each.pieces.append({"piece": order.piece, **told, **done.times})
+            self._merge_when_all_are_there(each)
+        elif order.what == MERGE:
             each.merged = told | done.times
             each.shares.remove()
-            return
-        each.baked.append({"share": order.share, **told, **done.report, **done.times})
-        each.left -= 1
-        if each.left == 0 and each.plan["shares"] > 1 and not each.problems:
+        else:
+            each.baked.append({"share": order.share, **told, **done.report, **done.times})
+            each.left -= 1
+            if each.left == 0 and order.shares > 1:
+                self._merge(each)
+            elif each.left == 0:
+                each.shares.remove()
+
+    def _merge(self, each: _ShotState) -> None:
+        """Have the chunks of the whole written by all workers, or by the one that is left."""
+        chunks = -(-each.plan["samples"] // (each.plan["chunk"] * each.plan["subframes"]))
+        each.chunks = chunks if chunks > 1 and self._engine.workers > 1 else 0
+        for piece in range(1, each.chunks + 1):
+            count = each.plan["shares"]
+            self._give(each, self._order(each, MERGE, count, pieces=each.chunks, piece=piece))
+        self._merge_when_all_are_there(each)
+
+    def _merge_when_all_are_there(self, each: _ShotState) -> None:
+        if len(each.pieces) == each.chunks:
             each.release()  # for the one that merges
-            self._give(each, self._order(each, MERGE, order.shares))
-        elif each.left == 0 and not each.problems:
-            each.shares.remove()
+            order = self._order(each, MERGE, each.plan["shares"], pieces=each.chunks)
+            self._give(each, order)
 
     def _failed(self, given: _Given, news: News) -> None:
         """An order that was not carried out: given again where another worker may do better."""
@@ -285,5 +307,6 @@ class Job:
     def _report(self, each: _ShotState) -> dict[str, Any]:
         shares = sorted(each.baked, key=lambda share: int(share["share"]))
         plan = {key: each.plan[key] for key in ("shot", "feathers", "frames", "samples")}
-        parts = {"looking": each.looked, "shares": shares, "merging": each.merged}
+        merging = {**each.merged, "pieces": each.pieces} if each.merged else {}
+        parts = {"looking": each.looked, "shares": shares, "merging": merging}
         return {**plan, "output": str(each.output), **parts}

@@ -75,6 +75,11 @@ class Shares:
         """What a share's bake takes for the output of the whole."""
         return self.folder / self._output.name
 
+    def piece(self, number: int) -> Path:
+        """Where a chunk of the whole, from 1, waits for the others: the first of an unfinished
+        cache at this path."""
+        return self.folder / f"{self._output.stem}.piece{number}{self._output.suffix}"
+
     def begun(self) -> int:
         """Number of shares that an earlier job has begun; 0: none."""
         try:
@@ -93,7 +98,11 @@ class Shares:
         count = self.begun()
         if not count or self.folder.is_symlink():
             return
-        for file in self.files(count):
+        pieces = self.folder.glob(f"{self._output.stem}.piece*.clips")
+        for file in (
+            *self.files(count),
+            *(each.with_suffix(self._output.suffix) for each in pieces),
+        ):
             remove_cache(file)
         with contextlib.suppress(OSError):
             (self.folder / _RECORD).unlink()

@@ -16,7 +16,7 @@ from typing import Any
 
 from featherfx.baking.bake import carry_out
 from featherfx.baking.entries import drawn_entries
-from featherfx.baking.merge import merge
+from featherfx.baking.merge import merge, merge_piece
 from featherfx.baking.options import BakeOptions
 from featherfx.baking.task import Task, prepare
 from featherfx.errors import InputError, InputWarning, Problem
@@ -40,8 +40,9 @@ class Order:
 
     what: PLAN, BAKE or MERGE. shot, output: paths on the machine that gives the work. options:
     fields of BakeOptions. shares: into how many the shot is cut, at most while it is looked at.
-    share: from 1, 0 where it is about all of them. chunk: frames of a chunk of the whole. program:
-    digest of the program that gives the work.
+    share: from 1, 0 where it is about all of them. chunk: frames of a chunk of the whole. pieces:
+    chunks that are merged one by one, by several workers; piece: from 1, 0 for all of them.
+    program: digest of the program that gives the work.
     """
 
     what: str
@@ -52,6 +53,8 @@ class Order:
     program: str
     share: int = 0
     chunk: int = 0
+    pieces: int = 0
+    piece: int = 0
 
 
 @dataclass(frozen=True)
@@ -76,13 +79,25 @@ def work(order: Order, notify: Callable[[int, int], None]) -> Done:
     order = replace(order, shot=mapped(order.shot), output=mapped(order.output))
     with warnings.catch_warnings(record=True) as said, Account():
         warnings.simplefilter("always", InputWarning)
-        report = {PLAN: _look, BAKE: _bake, MERGE: _merge}[order.what](order, notify)
+        report = _when_free(lambda: _WORK[order.what](order, notify))
     told = tuple(str(each.message) for each in said if issubclass(each.category, InputWarning))
     times = {
         "wall_seconds": time.perf_counter() - begin,
         "processor_seconds": time.process_time() - spent,
     }
     return Done(report, times, tuple(dict.fromkeys(told)))
+
+
+def _when_free(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Do what writes an output, which a worker that is thought to be lost may still be writing."""
+    until = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return work()
+        except BusyError:
+            if time.monotonic() > until:
+                raise
+        time.sleep(PAUSE)
 
 
 def _prepared(order: Order, output: Path, **changed: Any) -> Task:
@@ -105,6 +120,7 @@ def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
         "samples": task.samples,
         "shares": shares,
         "chunk": _chunk(task) if shares > 1 else 0,
+        "subframes": task.options.subframes,
         "finished": task.finished,
     }
 
@@ -124,22 +140,24 @@ def _bake(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
         output = Shares(output).target
         changed |= {"layout": "clips", "feathers": (order.share, order.shares)}
         changed |= {"chunk": order.chunk, "any_size": True}
-    until = time.monotonic() + PATIENCE
-    while True:
-        task = _prepared(order, output, **changed)
-        if order.options["overwrite"] and order.shares == 1:
-            task = replace(task, finished=False, taken=None)
-        try:
-            return carry_out(task, notify)
-        except BusyError:
-            if time.monotonic() > until:
-                raise
-        time.sleep(PAUSE)
+    task = _prepared(order, output, **changed)
+    if order.options["overwrite"] and order.shares == 1:
+        task = replace(task, finished=False, taken=None)
+    return carry_out(task, notify)
 
 
 def _merge(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
-    overwrite = order.options["overwrite"]
+    overwrite, own = order.options["overwrite"], Shares(Path(order.output))
     task = _prepared(order, Path(order.output), resume=not overwrite)
-    if not task.finished:
-        merge(task, Shares(Path(order.output)).files(order.shares), notify)
+    files = own.files(order.shares)
+    if task.finished:
+        return {}
+    if order.piece:
+        merge_piece(task, files, notify, own.piece(order.piece), order.piece - 1)
+    else:
+        pieces = [own.piece(number) for number in range(1, order.pieces + 1)]
+        merge(task, files, notify, pieces)
     return {}
+
+
+_WORK = {PLAN: _look, BAKE: _bake, MERGE: _merge}

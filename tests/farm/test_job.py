@@ -56,7 +56,10 @@ def test_merged_shares_have_the_bytes_of_a_single_bake(tmp_path, single, layout)
     engine = SerialEngine()
     (told,) = job(tmp_path, engine, layout=layout).run()
     assert tree(tmp_path / "out") == single[layout]
-    assert [order.what for order, _ in engine.given] == [PLAN, BAKE, BAKE, BAKE, MERGE]
+    # two chunks are merged one by one, then all of them
+    steps = [(order.what, order.share or order.piece) for order, _ in engine.given]
+    baked = [(BAKE, 1), (BAKE, 2), (BAKE, 3)]
+    assert steps == [(PLAN, 0), *baked, (MERGE, 1), (MERGE, 2), (MERGE, 0)]
     assert [share["feathers"] for share in told["shares"]] == [7, 7, 6]
 
 
@@ -93,6 +96,23 @@ def test_a_job_goes_on_with_what_another_has_begun(tmp_path, single):
     (told,) = job(tmp_path, SerialEngine(), shares=5, resume=True).run()
     assert [share["samples_taken_over"] for share in told["shares"]] == [3, 3, 0]
     assert tree(tmp_path / "out") == single["flat"]
+
+
+@pytest.mark.parametrize("piece", [1, 0])
+def test_merging_that_fails_is_done_again(tmp_path, single, piece):
+    full = OutputError(Problem("wing", "", "no space left on device"))
+
+    def once(order, times):
+        return full if (order.what, order.piece, times) == (MERGE, piece, 1) else None
+
+    engine = SerialEngine(fail=once)
+    job(tmp_path, engine, shares=2).run()
+    assert tree(tmp_path / "out") == single["flat"]
+    one_worker = SerialEngine(workers=1)
+    (tmp_path / "out" / "wing.usdc").unlink()
+    job(tmp_path, one_worker, shares=2).run()
+    assert tree(tmp_path / "out") == single["flat"]
+    assert [order.piece for order, _ in one_worker.given if order.what == MERGE] == [0]
 
 
 def test_other_shots_go_on_and_nothing_begins_while_one_is_wrong(tmp_path):

@@ -19,7 +19,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
+import shutil
 import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -147,6 +149,21 @@ class Parts:
             self.state(index - 1).unlink(missing_ok=True)
         self.records.append(record)
 
+    def adopt(self, piece: Path) -> None:
+        """Take over the next chunk from an unfinished cache in the clips layout, whose first it is
+        and stays.
+
+        Raises OutputError where it is not as it was written.
+        """
+        folder = parts_folder(piece, "clips") / self.folder.name
+        file, record = folder / "0000.usdc", _read_record(folder / "0000.json")
+        with _told(self.folder):
+            if record is None or checksum(file) != (record.bytes, record.crc32):
+                message = "is not the chunk that was written; bake again"
+                raise OutputError(Problem(str(piece), "", message))
+            _share(file, self.chunk(len(self.records)))
+        self.commit(record, None)
+
     def _write_record(self, index: int, record: ChunkRecord) -> None:
         content = asdict(record)
         write_text(self._record(index), _json(content | {"check": _check(content)}))
@@ -217,6 +234,14 @@ class Parts:
         for index in range(len(self.records)):
             wanted |= {self.chunk(index), self._record(index)}
         _remove_bake(self.folder, wanted if self.records else set())
+
+
+def _share(file: Path, target: Path) -> None:
+    """Give a file that will not change a second name; a copy where the system cannot."""
+    try:
+        os.link(file, target)
+    except OSError:
+        shutil.copyfile(file, target)
 
 
 def lock_file(path: Path) -> Path:

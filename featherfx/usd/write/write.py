@@ -128,6 +128,7 @@ class CacheWriter:
         self._committing = Background(self._commit, 1)
         self._written: list[WrittenChunk] = []
         self._next, self._given = self.samples_done, len(self._feathers)
+        self._is_piece = False
 
     def __enter__(self) -> CacheWriter:
         return self
@@ -140,7 +141,7 @@ class CacheWriter:
     ) -> None:
         with contextlib.ExitStack() as undone:
             undone.callback(self._leave)
-            if kind is None:
+            if kind is None and not self._is_piece:
                 self._finish()
                 undone.pop_all()
 
@@ -162,6 +163,18 @@ class CacheWriter:
         self._earlier.append(earlier)
         self._given -= len(feathers)
         self._chunk.take_over(earlier, feathers)
+
+    def write_piece(self, number: int) -> None:
+        """Take the samples of one chunk only, 0 the first: the block then ends without a cache, and
+        the chunk stays on disk for another writer to adopt."""
+        self._is_piece, self._next = True, number * self.chunk
+
+    def adopt(self, piece: Path) -> None:
+        """Take over the next chunk from where a writer of the same cache, but with clips, at
+        another path has left it. Raises OutputError where it is not there, or damaged."""
+        assert self._parts is not None
+        self._parts.adopt(piece)
+        self._next = self.samples_kept
 
     def tell(self, metadata: Mapping[str, Any]) -> None:
         """Keep more plain values with the layout, before the block ends."""
