@@ -25,7 +25,7 @@ def falling():
     keys = [{"time": time, "joint": "left_wrist", "position": list(at)} for time, at in places]
     groom = replace(shot.groom, feathers=feathers)
     contact = replace(shot.contact, steps=0)
-    quality = replace(shot.quality, tolerance=1e-3)
+    quality = replace(shot.quality, tolerance=1e-3, coefficients=1)
     motion = Motion("keys", {"keyframes": keys})
     return replace(
         shot, groom=groom, motion=motion, contact=contact, last_frame=18, preroll=0, quality=quality
@@ -54,7 +54,9 @@ def test_feathers_that_meet_later_do_not_pass_through_each_other():
     _, without = baked(replace(shot, contact=None), 18)
     assert height_over(without[11]) > 0.02
     assert height_over(without[-1]) < -30.0 * THICKNESS
-    assert height_over(frames[-1]) > -THICKNESS
+    assert contact["worst_depth"] < 0.5 * THICKNESS
+    # between the nodes of the two shafts, where nothing is tested
+    assert height_over(frames[-1]) > -2.0 * THICKNESS
 
 
 def test_who_has_met_is_in_the_checkpoint(tmp_path):

@@ -141,6 +141,8 @@ OPTIONS = {
     " size-effect output",
     "rupture": "elements sigma mu critical release stiffness exponent weak weak-mu scatter seed"
     " step fibres",
+    "tear": "direction preset rows columns width height rate furthest step scatter release",
+    "cycle": "direction preset strains rows columns parts",
     "calibrate": "elements save name",
     "angles": "barb-fraction barb-spacing barb barbule angle aspect pictures output",
 }

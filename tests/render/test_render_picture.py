@@ -111,7 +111,7 @@ def test_rigid_motion_shows_no_strain_and_a_bend_does(cache):
     source = Cache(cache)
     scene = load_scene(source)
     pose = load_pose(source, scene, 5.0)
-    stretched = DrawnPose(pose.points * (1.02, 1, 1), pose.normals, pose.barbs)
+    stretched = DrawnPose(pose.points * (1.02, 1, 1), pose.normals, pose.barbs, pose.hooked)
     keys = [value_colours(scene, [p], "strain")[1] for p in (pose, stretched)]
     assert keys[0].high < 0.01
     # Barbs at 45 degrees see half of (1.02^2 - 1) / 2 = 2.02 %, less the tilt of the feather.

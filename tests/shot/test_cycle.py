@@ -151,7 +151,7 @@ def test_a_replayed_island_goes_on_from_a_checkpoint(tmp_path: Path) -> None:
     simulation, points = simulate(shot), []
     for frame in simulation:
         points.append(frame.points[0])
-        if frame.number == LAST - 10:
+        if frame.number == LAST - 6:
             assert repeated(simulation) > 0
             simulation.checkpoint().save(path)
     resumed = [frame.points[0] for frame in simulate(shot, start=Checkpoint.load(path))]

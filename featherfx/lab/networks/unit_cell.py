@@ -9,6 +9,7 @@ the barbules pass each other. Barbules are clamped in their barb.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -261,5 +262,9 @@ def vane_of(cell: UnitCell, vane: VaneMaterial) -> VaneMaterial:
 def vane_text(vane: VaneMaterial, source: str) -> str:
     """A vane material as the text of a preset file. source: the feather whose barbs it has."""
     lines = [f"# Vane from a cell of barbs and barbules, with the barbs of {source}.", ""]
-    lines += [f"{each.name} = {getattr(vane, each.name):.9g}" for each in fields(vane)]
+    for each in fields(vane):
+        value = getattr(vane, each.name)
+        lines.append(
+            f"{each.name} = {json.dumps(value) if isinstance(value, str) else f'{value:.9g}'}"
+        )
     return "\n".join(lines) + "\n"

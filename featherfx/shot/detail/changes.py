@@ -191,7 +191,7 @@ def _resampled(values: RowPoints, given: Feather, wanted: Feather) -> RowPoints:
 
 
 def _coefficients(group: Group, k: int, source: tuple[Group, int], clamp: bool) -> Array:
-    """(2, n, 2 C) from those of the source: curvature shapes are the same polynomials in any
+    """(2, n, 2 C) from those of the source: curvature shapes are the same functions in any
     number, and an elastic clamp is the last of each direction."""
     before, f = source
     given, wanted = before.state.coefficient[f], group.state.coefficient[k]
