@@ -8,7 +8,7 @@
     b_j = sum_c phi_c(j) q_{C+c}        turn within the vane (about e3), rad
 
 R row frame, C and D_j rotations at rest (so that q = 0 is the rest shape exactly), l segment
-length, phi_c the share of shape function c that falls on joint j: a table of the batch, polynomial
+length, phi_c the share of shape function c that falls on joint j: a table of the batch, with
 curvatures orthogonal under the barb's bending stiffness (featherfx/mechanics/barb_shapes.py).
 The energy of a barb is then 1/2 sum_c k_c q_c^2: its coefficients are its strains. A frame is
 carried along, not a pair of global angles, so no pose is singular. Derived here; the idea of

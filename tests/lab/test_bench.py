@@ -97,6 +97,7 @@ def test_front_of_settings():
     assert report.pareto(rows, "cost", "error") == [rows[0], rows[3]]
 
 
+@pytest.mark.slow
 def test_tables_and_files(tmp_path, monkeypatch):
     small = replace(COARSE, duration=1.0 / 24.0)
     for name in ("PRODUCTION", "HERO"):

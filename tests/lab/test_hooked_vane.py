@@ -13,6 +13,9 @@ from featherfx.errors import InputError
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.vane.hooked import CycleTest, TearTest, cycle, tear
 
+# the solver is compiled anew for gaps that slip and open, and with the sample's topology
+pytestmark = pytest.mark.slow
+
 VANE = feather_kind("swan_primary").vane_material
 
 

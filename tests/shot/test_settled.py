@@ -45,6 +45,7 @@ def test_in_a_breeze_feathers_start_at_rest(solver):
     assert not state.time.any()
 
 
+@pytest.mark.slow
 def test_where_there_is_no_rest_feathers_start_in_motion_and_without_a_warning(solver):
     loads, start = in_wind(*STORM), at_origin(solver.model)
     start.time[:] = 7.0
