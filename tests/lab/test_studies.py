@@ -167,6 +167,7 @@ def test_unknown_study():
     assert "elastica" in result.stderr
 
 
+@pytest.mark.slow
 def test_report_from_the_command_line(tmp_path):
     arguments = ["lab", "report", "-o", str(tmp_path / "out"), "--only", "fibre_elements"]
     page = tmp_path / "docs" / "validation.md"

@@ -80,6 +80,7 @@ def test_unequal_barbs_converge_where_sections_are_carried_in_both():
     assert errors[1] < errors[0] / 2.5
 
 
+@pytest.mark.slow
 @pytest.mark.verification
 def test_both_kinematics_converge_to_one_motion():
     errors = []
