@@ -31,25 +31,22 @@ def curvature_shapes(count: int, joints: int, taper: float) -> NDArray[np.float6
     the mean direction of the arc that it stands for, so the nodes of a small deflection are where
     the shape has them, however few there are.
     """
+    if not count:
+        return np.zeros((0, joints))
     step = 1.0 / SAMPLES
     s = (np.arange(SAMPLES) + 0.5) * step
     stiffness = np.maximum((1.0 - s) ** taper, FLOOR)
-    powers = (2, 1, *range(3, count + 1))[:count]
-    curvatures = (1.0 - s)[:, None] ** np.array(powers, dtype=float) / stiffness[:, None]
-    weighted = np.sqrt(stiffness * step)[:, None] * curvatures
-    _, triangle = np.linalg.qr(weighted)
-    signs = np.sign(np.diag(triangle)) if count else np.zeros(0)
-    values = curvatures @ np.linalg.inv(triangle) * signs if count else curvatures
-    turned = np.vstack([np.zeros(count), np.cumsum(values * step, axis=0)])
-    # mean direction of each segment, from the deflection's differences
-    deflection = np.vstack(
-        [np.zeros(count), np.cumsum(0.5 * step * (turned[1:] + turned[:-1]), axis=0)]
-    )
-    nodes = np.linspace(0.0, 1.0, joints + 1)
-    grid = np.linspace(0.0, 1.0, SAMPLES + 1)
-    at_nodes = np.array([np.interp(nodes, grid, deflection[:, c]) for c in range(count)])
-    if not count:
-        return np.zeros((0, joints))
+    powers = np.array((2, 1, *range(3, count + 1))[:count], dtype=float)
+    curvatures = (1.0 - s)[:, None] ** powers / stiffness[:, None]
+    _, triangle = np.linalg.qr(np.sqrt(stiffness * step)[:, None] * curvatures)
+    values = curvatures @ np.linalg.inv(triangle) * np.sign(np.diag(triangle))
+    # turn and deflection at the ends of the samples, then mean directions between the nodes
+    turned = np.cumsum(values * step, axis=0)
+    turned = np.vstack([np.zeros(count), turned])
+    deflection = np.cumsum(0.5 * step * (turned[1:] + turned[:-1]), axis=0)
+    deflection = np.vstack([np.zeros(count), deflection])
+    grid, nodes = np.linspace(0.0, 1.0, SAMPLES + 1), np.linspace(0.0, 1.0, joints + 1)
+    at_nodes = np.array([np.interp(nodes, grid, each) for each in deflection.T])
     directions = joints * np.diff(at_nodes, axis=1)
     result: NDArray[np.float64] = np.diff(directions, axis=1, prepend=0.0)
     return result

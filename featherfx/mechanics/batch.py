@@ -36,11 +36,6 @@ class _Constants(NamedTuple):
     rotary_inertia: Array
     shaft_area: Array
     cell_guard: Array
-    hook_limit: Array
-    hook_growth: Array
-    hook_release: Array
-    hook_strength: Array
-    hook_start: Array
 
 
 # G of the compression guard over b A k (vane_guard_kernels)
@@ -81,13 +76,13 @@ def make_model(
     stacked = {name: np.stack([getattr(p, name) for p in parts]) for name in _Constants._fields}
     if not guarded:
         stacked["cell_guard"] = np.zeros((len(parts), 0, 0, 0, 0))
-    hooks = Hooks(*(stacked.pop(f"hook_{name}") for name in Hooks._fields))
+    slips = hooked or any(may_slip(kind) for kind in kinds)
     shapes = curvature_shapes(coefficients, columns, taper)
     return Model(
         held=np.ones(len(parts), dtype=np.bool_),
         shapes=clamped_shapes(shapes) if elastic else shapes,
         retardation=np.zeros((len(parts), 2)),
-        hooks=hooks if hooked or any(may_slip(kind) for kind in kinds) else (),
+        hooks=_stacked_hooks(feathers, kinds) if slips else (),
         **stacked,
     )
 
@@ -128,17 +123,22 @@ def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: 
         rotary_inertia=_rotary_inertia(feather, kind, length),
         shaft_area=feather.width * _row_length(length),
         cell_guard=GUARD_SCALE * vane.compression_guard * vane.thickness * cell_area,
-        **_hooks(kind, cell_rest, cell_area),
     )
 
 
-def _hooks(kind: FeatherKind, cell_rest: Array, cell_area: Array) -> dict[str, Array]:
-    """Yield, growth, release and strength of the vane's gaps, as hook_ and the fields of Hooks.
+def _stacked_hooks(feathers: Sequence[Feather], kinds: Sequence[FeatherKind]) -> Hooks:
+    each = [_hooks(feather, kind) for feather, kind in zip(feathers, kinds, strict=True)]
+    return Hooks(*(np.stack(arrays) for arrays in zip(*each, strict=True)))
+
+
+def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
+    """Yield, growth, release and strength of one vane's gaps, without the leading axis.
 
     All gaps of a triangle share the slip up to the strength, so that its slip strain is that of
     one over the spacing of barbs; one of them opens, so that this slip is over the triangle's
     height.
     """
+    cell_rest, cell_area = _cells(feather)
     vane = kind.vane_material
     volume = vane.thickness * cell_area
     scatter = np.random.default_rng(SCATTER_SEED).normal(size=cell_area.shape[:2])
@@ -154,13 +154,7 @@ def _hooks(kind: FeatherKind, cell_rest: Array, cell_area: Array) -> dict[str, A
         release = np.full_like(release, np.inf)
     if not may_slip(kind):
         limit[:] = NEVER
-    return {
-        "hook_limit": limit,
-        "hook_growth": growth,
-        "hook_release": release,
-        "hook_strength": np.array(strength),
-        "hook_start": np.ones(cell_area.shape),
-    }
+    return Hooks(limit=limit, growth=growth, release=release, strength=np.array(strength))
 
 
 def row_frames(directors: Array) -> Array:

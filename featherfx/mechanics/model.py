@@ -16,15 +16,13 @@ class Hooks(NamedTuple):
 
     limit: (F, 2, n-1, m, 2, 2) J, y_w and y_v. growth: (F, 2, n-1, m, 2) 1/J, c. release:
     (F, 2, n-1, m, 2) J, work of slip at level 1 from the strength to the open gap; infinite where
-    gaps do not open. strength: (F,) level. start: (F, 2, n-1, m, 2) hooks that there are at first:
-    1, or 0 where the vane is split already.
+    gaps do not open. strength: (F,) level.
     """
 
     limit: Array
     growth: Array
     release: Array
     strength: Array
-    start: Array
 
 
 class Gaps(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import RowPoints
-from featherfx.mechanics.model import Gaps, Hooks, Model
+from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.step.banded_kernels import panel_shape
 from featherfx.solver.step.secant_kernels import PAIRS
 from featherfx.solver.step.strain_kernels import Strains
@@ -152,17 +152,14 @@ def no_strains(model: Model, *lead: int) -> Strains:
 
 
 def whole_gaps(model: Model, *lead: int) -> Gaps | tuple[()]:
-    """Gaps that have not slipped yet, with leading axes; () where none slips.
-
-    Of all feathers (F,) some may be split already.
-    """
-    if not isinstance(model.hooks, Hooks):
+    """Gaps that have not slipped yet, with leading axes; () where none slips."""
+    if not model.hooked:
         return ()
     shape = (*lead, 2, model.rows - 1, model.columns, 2)
     return Gaps(
         slip=np.zeros((*shape, 2)),
         level=np.ones(shape),
-        hooked=model.hooks.start.copy() if lead else np.ones(shape),
+        hooked=np.ones(shape),
         spent=np.zeros((*lead, 4)),
         length=np.zeros((*lead, 2)),
     )

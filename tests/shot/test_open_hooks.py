@@ -41,10 +41,10 @@ end = 0.8
 LAST, TORN = 22, 9
 
 
-def write_shot(folder: Path, hooks: str = "open", more: str = STROKES) -> Path:
+def write_shot(folder: Path, hooks: str = "open", more: str = STROKES, heal: float = 0.0) -> Path:
     """Two barbs of a coarse feather are pulled apart until the vane splits, then preened."""
     (folder / "groom.toml").write_text((SAMPLE / "groom.toml").read_text(encoding="utf-8"))
-    material = f'hooks = "{hooks}", hook_release = 5e-6'
+    material = f'hooks = "{hooks}", hook_release = 5e-6, hook_heal = {heal}'
     path = folder / "shot.toml"
     path.write_text(
         f'name = "torn"\ngroom = "groom.toml"\nframes = [1, {LAST}]\nmotion = "hold"\n'
@@ -108,6 +108,16 @@ def test_energies_are_accounted_and_none_is_won(run):
         [report[f"{name}"] for name in ("slip_work", "opening_work", "released_energy",
                                         "preening_work")],
     )  # fmt: skip
+
+
+def test_hooks_that_heal_close_gaps_whose_edges_touch(tmp_path):
+    """Nothing strokes it, and the loads are gone after a quarter of a second."""
+    healing = read_shot(write_shot(tmp_path, more="", heal=40.0))
+    simulation = simulate(healing)
+    for _ in simulation:
+        pass
+    report = simulation.report["hooks"]
+    assert 0.0 < report["healed"] <= report["opened"] * (1.0 + 1e-9)
 
 
 def test_changes_are_told_by_feather_and_frame(run):

@@ -17,6 +17,7 @@ from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
 from featherfx.phases import phase
 from featherfx.shot.contact.bodies import Bodies
+from featherfx.shot.contact.mend import EASY
 from featherfx.solver.contact.interval import ContactReport, ContactSolver, Manner
 from featherfx.solver.solver import raise_if_failed
 from featherfx.solver.state import State
@@ -28,8 +29,6 @@ Flags = NDArray[np.bool_]
 STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
 # what one that cannot be solved is cut to, and the shortest tried, s
 CUT, SHORTEST = 0.25, 1e-5
-# Newton iterations of one solve, beyond which a shorter step is tried, if there is one
-HARD = 120
 # misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s
 BAD, SHORTEST_OFF = 2.0, 5e-4
 # Newton iterations of a feather after which settling ends, in balance or not
@@ -106,8 +105,9 @@ def _step(
         paths = [hold_roots(state) for state in states]
         now = float(states[0].time[0])
         walls = bodies.walls(states, now, now, solver.settings.margin)
-        most = HARD if CUT * h >= SHORTEST else MOST_ITERATIONS
-        manner = Manner(resting=resting, yielding=yielding, iterations=most)
+        manner = Manner(resting=resting, yielding=yielding)
+        if CUT * h >= SHORTEST:
+            manner = manner._replace(iterations=EASY)
         new, reports, contact = solver.interval(states, loads, paths, h, walls, manner)
         spent += np.concatenate([report.iterations for report in reports])
         status = np.concatenate([report.status for report in reports])
