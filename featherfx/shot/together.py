@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Loads
-from featherfx.shot.contact.contact import ShotContact
+from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
 from featherfx.shot.detail.cycle import SLACK, repeats_together
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within
@@ -62,22 +62,22 @@ class Together:
         loads: on each batch, from start to end. stirred: per batch, feathers that something else
         has changed. begun: whether the first frame is past, so that grips act and cycles count.
         """
-        resting = self._resting(self._paths(start, end), loads, end - start)
-        resting &= ~np.concatenate(stirred)
-        done = self._advance(start, end, loads, resting, begun)
+        paths = self._paths(start, end)
+        resting = self._resting(paths, loads, end - start) & ~np.concatenate(stirred)
+        done = self._advance((start, end), paths, loads, resting, begun)
         if begun and self._shot.cycle:
-            self._keep(self._paths(start, end), loads)
+            self._keep(paths, loads)
         return done
 
     def _advance(
         self,
-        start: float,
-        end: float,
+        span: tuple[float, float],
+        paths: Sequence[RootPath],
         loads: Sequence[Loads],
         resting: NDArray[np.bool_],
         begun: bool,
     ) -> Advanced:
-        paths = self._paths(start, end)
+        start, end = span
         states, number = [group.state for group in self.groups], int(resting.sum())
         if resting.all() and not self.contact.stirred(states, start, end):
             self._pass(paths, end - start)
@@ -195,7 +195,6 @@ _SUMMED = (
     "nodes_grown_into_bodies", "pairs", "ordered_pairs", "most_contacts", "steps",
     "repeated_steps", "steps_with_contacts_off", "feather_solves", "unresolved_pairs",
 )  # fmt: skip
-_MOST_NAMED = 10
 
 
 def contact_report(islands: Sequence[Together]) -> dict[str, Any]:
@@ -215,5 +214,5 @@ def _of_all(name: str, values: Sequence[Any]) -> Any:
         return min((each for each in values if each > 0.0), default=0.0)
     if name == "unresolved":
         every = [pair for each in values for pair in each]
-        return sorted(every, key=lambda pair: -float(pair["depth"]))[:_MOST_NAMED]
+        return sorted(every, key=lambda pair: -float(pair["depth"]))[:MOST_NAMED]
     return max(values)
