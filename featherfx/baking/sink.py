@@ -24,6 +24,7 @@ def new_writer(task: Task) -> CacheWriter:
         | {"shot": shot.name, "settings": task.settings},
         settings=task.settings,
         inputs=task.shot.inputs,
+        frames_each=task.frames_each,
         root=task.root,
         origin=task.origin,
     )

@@ -50,6 +50,7 @@ class Task:
     there already. taken: what is taken over of a cache of other settings at the output. origin:
     where the root prim stands. options: with units and axis as they will be. dependences: texts of
     its feathers (featherfx/shot/dependence.py), given who is laid over whom where that is known.
+    frames_each: of a chunk, where it must be another cache's; else the writer's choice.
     """
 
     shot: Shot
@@ -65,6 +66,7 @@ class Task:
     taken: TakenOver | None
     origin: tuple[float, float, float]
     dependences: Callable[[Laid | None], list[str]]
+    frames_each: int | None = None
 
     @property
     def samples(self) -> int:
@@ -175,7 +177,7 @@ def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:
 
 def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict[str, str]:
     """All that the frames depend on, as texts."""
-    written = {each.name for each in fields(WriteOptions)} - {"overwrite", "resume", "any_size"}
+    written = {each.name for each in fields(WriteOptions)} - {"overwrite", "resume"}
     return {
         "version": __version__,
         "program": program_digest(),

@@ -139,8 +139,11 @@ def _bake(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
     if order.shares > 1:
         output = Shares(output).target
         changed |= {"layout": "clips", "feathers": (order.share, order.shares)}
-        changed |= {"chunk": order.chunk, "any_size": True}
+        changed |= {"chunk": order.chunk}
     task = _prepared(order, output, **changed)
+    if order.shares > 1:
+        # as merging takes over whole chunks
+        task = replace(task, frames_each=order.chunk)
     if order.options["overwrite"] and order.shares == 1:
         task = replace(task, finished=False, taken=None)
     return carry_out(task, notify)

@@ -20,7 +20,7 @@ from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import may_slip
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan, level_plan
-from featherfx.shot.islands import islands_of
+from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.loads.wind import exposures
@@ -50,7 +50,7 @@ def dependences(shot: Shot, laid: Laid | None = None) -> list[str]:
     common = digest(_common(shot))
     texts = digests([common, *each] for each in _each(shot, plan))
     if shot.contact is not None:
-        texts = _with_islands(shot, islands_of(shot, drawn, motion), texts)
+        texts = _with_islands(shot, pushing_islands(shot, drawn, motion), texts)
     texts = _with_guides(shot, plan, texts)
     if shot.layers is None:
         return texts
@@ -62,7 +62,7 @@ def _with_islands(shot: Shot, islands: NDArray[np.int64], own: Sequence[str]) ->
     """The texts with what all feathers of an island depend on."""
     slips = any(may_slip(each.kind) for each in shot.groom.feathers)
     placements, result = shot.groom.feathers, list(own)
-    for number in range(int(islands.max()) + 1):
+    for number in np.unique(islands[islands != ALONE]).tolist():
         members = np.flatnonzero(islands == number).tolist()
         some = [placements[f] for f in members]
         labels = [(each.id, each.region, each.kind.name, each.layer, each.stack) for each in some]

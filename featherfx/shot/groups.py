@@ -20,6 +20,7 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
+from featherfx.shot.islands import ALONE
 from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.loads.wind import exposures, sheltered
@@ -87,18 +88,19 @@ def make_groups(
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
     each feather ever has; it is in a batch for each at which something is solved. islands: (F,)
-    numbers.
+    numbers, or ALONE.
     """
     alike: dict[_Alike, list[int]] = {}
     exposed = exposures(shot).tolist()
-    # contact reaches all batches in one way
+    # contact reaches all batches of feathers that push in one way
     mixed = shot.contact is not None and any(may_slip(p.kind) for p in shot.groom.feathers)
     for index, placement in enumerate(shot.groom.feathers):
         kind = placement.kind
         for resolution in resolutions[index]:
             if resolution.level not in CARRIED:
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
-                hooked, island = mixed or _slips(kind, resolution), int(islands[index])
+                island = int(islands[index])
+                hooked = (mixed and island != ALONE) or _slips(kind, resolution)
                 key = _Alike(island, resolution, taper, clamp, hooked, exposed[index])
                 alike.setdefault(key, []).append(index)
     return [
@@ -127,7 +129,8 @@ def _group(
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
     place = {p.id: k for k, p in enumerate(placements)}
-    newton = NEWTON_FRACTION if shot.contact is None else CONTACT_NEWTON_FRACTION
+    pushes = shot.contact is not None and key.island != ALONE
+    newton = CONTACT_NEWTON_FRACTION if pushes else NEWTON_FRACTION
     settings = Settings(
         tolerance=quality.tolerance,
         newton=newton * quality.tolerance,

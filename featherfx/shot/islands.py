@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from featherfx.feather.types import Feather
 from featherfx.shot.contact.pairs import REACH
 from featherfx.shot.motion.roots import Roots
+from featherfx.shot.patterns import touches
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.meeting_kernels import meeting
@@ -26,6 +27,8 @@ from featherfx.solver.contact.meeting_kernels import meeting
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+# island of a feather that pushes nothing
+ALONE = -1
 # feathers of an island that is put together with others, and into how many islands at most
 SMALL, MOST_OF_SMALL = 8, 16
 
@@ -54,6 +57,13 @@ def islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
         now = motion.frames(frame / shot.frames_per_second)[0]
         island = _joined(island, now - radius, now + radius)
     return _few(island)
+
+
+def pushing_islands(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
+    """The same of a shot with contact, but ALONE for feathers that its contact leaves out."""
+    assert shot.contact is not None
+    pushes = [touches(shot.contact, each) for each in shot.groom.feathers]
+    return np.where(pushes, islands_of(shot, drawn, motion), ALONE)
 
 
 def _connected(count: int, pairs: Indices) -> Indices:

@@ -24,7 +24,7 @@ from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within, make_groups
 from featherfx.shot.hooks import Hooks
-from featherfx.shot.islands import islands_of
+from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.motion.motion import root_motion, root_path
@@ -89,8 +89,9 @@ class Simulation:
         carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
         solved, islands = np.union1d(computed, carried.guides), np.zeros(len(drawn), dtype=np.int64)
         if shot.contact is not None:
-            islands = islands_of(shot, drawn, root_motion(shot))
-            solved = np.flatnonzero(np.isin(islands, islands[solved]))
+            islands = pushing_islands(shot, drawn, root_motion(shot))
+            pushed = np.isin(islands, islands[solved]) & (islands != ALONE)
+            solved = np.union1d(solved, np.flatnonzero(pushed))
         plan = plan.part(solved)
         self.resolutions: list[Resolution] = [plan.resolutions[f][0] for f in self._wanted]
         self._groups = make_groups(
@@ -105,7 +106,7 @@ class Simulation:
         self._levels = LevelRun(
             shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
-        self._islands = islands_together(shot, self._groups, motion) if shot.contact else []
+        self._islands, self._alone = islands_together(shot, self._groups, motion)
         self._hooks = Hooks(shot, self._groups)
         self._index = self._first - 1
         if start is not None:
@@ -158,11 +159,10 @@ class Simulation:
             self._hooks.preen(self._time(index - 1), self._time(index))
         if index == self._first:
             self._begin()
-        elif self._islands:
+        else:
             for island in self._islands:
                 self._advance_together(island, index)
-        else:
-            for group in self._groups:
+            for group in self._alone:
                 self._advance(group, index)
         if index == 0:
             for group in self._groups:
@@ -191,10 +191,8 @@ class Simulation:
     def _settle(self) -> None:
         for island in self._islands:
             island.settle([self._loads(group, self._first) for group in island.groups])
-        if self._islands:
-            return
-        loads = [self._loads(group, self._first) for group in self._groups]
-        groups = zip(self._groups, loads, strict=True)
+        loads = [self._loads(group, self._first) for group in self._alone]
+        groups = zip(self._alone, loads, strict=True)
         for group, acting in counted("settling", groups, len(loads)):
             chosen = np.flatnonzero(self._levels.active(group)).tolist()
             group.state = settled(group.solver, group.state, acting, group.names, chosen)

@@ -14,6 +14,7 @@ from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
 from featherfx.shot.detail.cycle import SLACK, repeats_together
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within
+from featherfx.shot.islands import ALONE
 from featherfx.shot.motion.motion import root_path
 from featherfx.shot.motion.roots import Roots
 from featherfx.shot.types import Shot
@@ -164,12 +165,17 @@ class Together:
             group.state = asleep(group.state, everyone, path, duration)
 
 
-def islands_together(shot: Shot, groups: Sequence[Group], motion: Roots) -> list[Together]:
-    """The islands of a shot, of their batches."""
+def islands_together(
+    shot: Shot, groups: Sequence[Group], motion: Roots
+) -> tuple[list[Together], list[Group]]:
+    """The islands of a shot, of their batches, and batches of feathers that push nothing."""
+    if shot.contact is None:
+        return [], list(groups)
     own: dict[int, list[Group]] = {}
     for group in groups:
         own.setdefault(group.island, []).append(group)
-    return [Together(shot, some, motion) for some in own.values()]
+    alone = own.pop(ALONE, [])
+    return [Together(shot, some, motion) for some in own.values()], alone
 
 
 def contact_memory(islands: Sequence[Together]) -> dict[str, NDArray[Any]]:

@@ -177,8 +177,7 @@ def test_help_of_every_command_shows_examples(command):
 @pytest.mark.parametrize(("command", "options"), [("bake", BakeOptions), ("groom", GroomOptions)])
 def test_every_option_of_a_function_is_one_of_the_command(command, options):
     names = {param.name for param in main.commands[command].params}
-    of_jobs = {"any_size"}  # set for the shares of a job, by no user
-    assert {each.name for each in fields(options)} - of_jobs <= names
+    assert {each.name for each in fields(options)} <= names
 
 
 def test_help_answers_at_once():

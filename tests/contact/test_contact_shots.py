@@ -246,8 +246,15 @@ def test_contact_can_be_limited_to_regions_and_kinds():
         settle=False,
     )
     simulation, _ = baked(some, 1)
-    solver = simulation._islands[0].contact.solver
-    names = simulation._islands[0].contact.names
-    touching = {names[body] for body in np.unique(solver.candidates.pairs)}
-    assert touching == {f"right_primary_0{k}" for k in (1, 2, 3)}
-    assert not solver.surfaces.guests[names.index("right_primary_05")].any()
+    contact = simulation._islands[0].contact
+    touching = {contact.names[body] for body in np.unique(contact.solver.candidates.pairs)}
+    assert touching == set(contact.names) == {f"right_primary_0{k}" for k in (1, 2, 3)}
+
+
+def test_feathers_that_contact_leaves_out_move_as_without_it():
+    shot = replace(half_wing(bird()), layers=None)
+    alone = replace(shot, contact=replace(shot.contact, regions=("none",)))
+    with_contact, without = (baked(some, 2)[1] for some in (alone, replace(shot, contact=None)))
+    for frame, other in zip(with_contact, without, strict=True):
+        for pose, own in zip(frame.poses, other.poses, strict=True):
+            assert np.array_equal(pose.points.nodes, own.points.nodes)

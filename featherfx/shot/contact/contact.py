@@ -25,7 +25,6 @@ from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pai
 from featherfx.shot.contact.settle import settled_together
 from featherfx.shot.contact.steps import FrameSteps, StepRules
 from featherfx.shot.detail.sleep import asleep
-from featherfx.shot.patterns import touches
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
@@ -105,18 +104,16 @@ class ShotContact:
         rest = _at_rest(feathers, placements)
         models, halves = [solver.model for solver in solvers], 0.5 * thickness
         grids = grids_of(models)
-        touching = np.array([touches(self.contact, each) for each in placements], dtype=np.bool_)
         candidates = layered_pairs(rest, surfaces_of(models, grids, halves), grids)
-        candidates = candidates.among(touching)
         self._thickness = float(thickness.min())
         settings = ContactSettings(
             friction=self.contact.friction,
             margin=MARGIN * float(thickness.max()),
             tolerance=self._tolerance(),
         )
-        self.solver = ContactSolver(solvers, candidates, halves, settings, touching)
+        self.solver = ContactSolver(solvers, candidates, halves, settings)
         self._at_rest = len(candidates.pairs)
-        self._encounters = Encounters(candidates.pairs, touching)
+        self._encounters = Encounters(candidates.pairs, len(placements))
         self.tally = Tally()
         self._bodies = Bodies(shot, float(rest.lengths.max()))
         self._rules = self._step_rules()

@@ -71,16 +71,16 @@ def _near_pairs(rest: Sequence[Array], lengths: Array) -> Indices:
 class Encounters:
     """Feathers that come to meet although they were far from each other at rest.
 
-    pairs: (N, 2) that are known, in both roles. touching: (B,) feathers that touch others at all.
+    pairs: (N, 2) that are known, in both roles. bodies: number of feathers.
     """
 
-    def __init__(self, pairs: Indices, touching: NDArray[np.bool_]) -> None:
-        self._touching = touching
+    def __init__(self, pairs: Indices, bodies: int) -> None:
+        self._bodies = bodies
         self._known = self._codes(pairs)
 
     def _codes(self, pairs: Indices) -> Indices:
         """(N,) a number for each pair."""
-        return pairs[:, 0] * len(self._touching) + pairs[:, 1]
+        return pairs[:, 0] * self._bodies + pairs[:, 1]
 
     def know(self, pairs: Indices) -> None:
         """Take pairs (N, 2) for known."""
@@ -103,8 +103,7 @@ class Encounters:
             )
             low.append(least - way - margin)
             high.append(most + way + margin)
-        pairs = meeting(np.concatenate(low), np.concatenate(high))
-        fresh = pairs[self._touching[pairs].all(axis=1)]
+        fresh = meeting(np.concatenate(low), np.concatenate(high))
         fresh = fresh[~np.isin(self._codes(fresh), self._known)]
         both = np.concatenate([fresh, fresh[:, ::-1]])
         self.know(both)

@@ -141,8 +141,7 @@ class ContactSolver:
     """Steps several batches together; keeps the contact forces from interval to interval.
 
     solvers: of the batches, whose grids may differ. candidates: what may touch, by body (all
-    feathers of the first batch, then the next). halves: m, half thickness per body. touching: (B,)
-    bodies that may touch walls, all by default.
+    feathers of the first batch, then the next). halves: m, half thickness per body.
     """
 
     def __init__(
@@ -151,15 +150,12 @@ class ContactSolver:
         candidates: Candidates,
         halves: Sequence[float] | Array,
         settings: ContactSettings,
-        touching: Flags | None = None,
     ) -> None:
         self.solvers, self.settings = tuple(solvers), settings
         self.candidates = candidates
         models = [solver.model for solver in solvers]
         self.grids = grids_of(models)
         self.surfaces = surfaces_of(models, self.grids, halves)
-        if touching is not None:
-            self.surfaces.guests[~touching] = 0
         self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
         self._mass = self.grids.together([model.mass for model in models])
         bodies = self.grids.bodies

@@ -77,11 +77,6 @@ class Candidates(NamedTuple):
     pairs: Indices
     order: Indices
 
-    def among(self, bodies: NDArray[np.bool_]) -> Candidates:
-        """Those of which both are among some bodies (B,)."""
-        chosen = bodies[self.pairs].all(axis=1)
-        return Candidates(self.pairs[chosen], self.order[chosen])
-
 
 class Search(NamedTuple):
     """What a search goes by. margin: m, gap below which a node is followed. recovery: m, that a

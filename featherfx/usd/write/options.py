@@ -62,7 +62,6 @@ class WriteOptions(StageOptions):
         least=1,
         most=MOST_FRAMES,
     )
-    any_size: bool = option(False, "Chunks of exactly so many frames, however large they are.")
     subframes: int = option(1, "Samples a frame, for motion blur.", least=1, most=MOST_SUBFRAMES)
     accelerations: bool = option(False, "Write accelerations beside velocities.")
     diagnostics: Sequence[str] = option(

@@ -46,8 +46,6 @@ def chunk_bytes(feathers: int) -> int:
 
 def chunk_frames(options: WriteOptions, posed: Sequence[PosedFeather]) -> int:
     """Frames of a chunk of these feathers: as asked for, or fewer where they would be too large."""
-    if options.any_size:
-        return options.chunk
     frame = options.subframes * sum(each.bytes_per_sample for each in posed)
     return max(1, min(options.chunk, chunk_bytes(len(posed)) // frame))
 
@@ -71,7 +69,8 @@ class CacheWriter:
     when the block is left by an exception, or the process by a kill, and a writer with equal
     settings and resume continues after them: `samples_done` tells how many samples there are,
     `state` the file that was written with the last (None: nothing to continue from). inputs: what
-    the bake's files say, to tell what another bake has changed. chunk: samples of each chunk.
+    the bake's files say, to tell what another bake has changed. frames_each: of a chunk, however
+    large; None: by the options. chunk: samples of each.
 
     The cache appears complete when the block ends normally; until then, and after an exception,
     its files are as before. Raises OutputError (every problem at once) where the arguments are
@@ -91,6 +90,7 @@ class CacheWriter:
         metadata: Mapping[str, Any] | None = None,
         settings: Mapping[str, str] | None = None,
         inputs: Mapping[str, str] | None = None,
+        frames_each: int | None = None,
     ) -> None:
         self._path = check_output(path, options.overwrite or options.resume, options.layout)
         check_arguments(self._path, feathers, frames, frames_per_second, options)
@@ -101,7 +101,7 @@ class CacheWriter:
         self._static = [entry.static for entry in self._feathers]
         bytes_per_sample = sum(each.bytes_per_sample for each in posed)
         self._samples = (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
-        self.chunk = chunk_frames(options, posed) * self._subframes
+        self.chunk = (frames_each or chunk_frames(options, posed)) * self._subframes
         self._layout = chosen_layout(options.layout, bytes_per_sample * self._samples)
         self._info = StageInfo(
             prim_name(root or self._path.stem),
