@@ -12,8 +12,10 @@ from numba import types
 from numba.core import registry
 
 from featherfx.algebra import copy_kernels
+from featherfx.errors import InputError
 from featherfx.files.trust import distrust
 from featherfx.jit import cache, compiled
+from featherfx.jit.crew import compilers
 
 ROOT = Path(cache.__file__).parents[1]
 
@@ -76,7 +78,14 @@ class Pair(NamedTuple):
     first: float
 """
 KERNELS = """
+from typing import NamedTuple
+
 from featherfx.jit.compiled import kernel, shared_kernel
+
+
+class Total(NamedTuple):
+    result: float
+    count: int
 
 
 @kernel
@@ -84,12 +93,12 @@ def square(x):
     return x * x
 
 
-@shared_kernel
+@shared_kernel(Total)
 def total(values, first):
     result = first
     for i in range(values.shape[0]):
         result += square(values[i])
-    return result, values.shape[0]
+    return Total(result, values.shape[0])
 
 
 @kernel
@@ -103,8 +112,8 @@ from trial_kernels import mean, square, total
 from TYPES import Pair
 
 found = mean(Pair(np.arange(4.0), 2.0))
-print(found, total(np.ones(3), 0.0), square(3.0), sorted(k.__name__ for k in (mean, total, square)
-      if sum(k.stats.cache_misses.values())))
+print(found, tuple(total(np.ones(3), 0.0)), square(3.0), end=" ")
+print(sorted(k.__name__ for k in (mean, total, square) if sum(k.stats.cache_misses.values())))
 """
 
 
@@ -118,7 +127,8 @@ def run_kernels(tmp_path):
         (folder / f"{module}.py").write_text(TYPES)
         (folder / "trial_kernels.py").write_text(KERNELS)
         paths = os.pathsep.join([str(folder), str(ROOT.parent)])
-        names = {"FEATHERFX_CACHE": str(tmp_path / "cache"), "PYTHONPATH": paths} | variables
+        names = {"FEATHERFX_CACHE": str(tmp_path / "cache"), "PYTHONPATH": paths}
+        names |= {"FEATHERFX_COMPILERS": "1"} | variables
         done = subprocess.run(
             [sys.executable, "-c", before + RUN.replace("TYPES", module)],
             env=os.environ | names,
@@ -282,3 +292,54 @@ def test_a_folder_of_another_user_is_not_trusted(tmp_path):
     except PermissionError:
         pytest.skip("only root can give a folder away")
     assert distrust(folder) == f"{folder} belongs to another user"
+
+
+ELSEWHERE = """
+import threading
+from featherfx.jit import crew
+BREAK
+done = threading.Event()
+crew.LISTENERS.append(lambda need: done.set())
+import trial_kernels
+from featherfx.jit.compiled import compile_ahead
+compile_ahead(trial_kernels.total, __import__("numpy").ones(3), 0.0)
+done.wait(WAIT)
+"""
+
+
+def elsewhere(broken="", wait=60):
+    """What asks for the kernel `total` before RUN; wait: s, until others have it."""
+    return ELSEWHERE.replace("BREAK", broken).replace("WAIT", str(wait))
+
+
+def test_a_helper_compiles_what_is_needed_later(run_kernels, tmp_path):
+    found = run_kernels(tmp_path / "here", before=elsewhere(), FEATHERFX_COMPILERS="2")
+    assert found == ["4.0", "(3.0, 3) 9.0 ['mean', 'square']\n"]
+
+
+@pytest.mark.parametrize(
+    "broken", ["crew.SERVE = 'import sys; sys.exit(1)'", "import sys; sys.executable = '/none'"]
+)
+def test_where_helpers_end_all_is_compiled_here(run_kernels, tmp_path, broken):
+    before = elsewhere(broken, wait=0.5)
+    assert run_kernels(tmp_path / "here", before=before, FEATHERFX_COMPILERS="3") == ["4.0", ALL]
+
+
+def test_what_a_shared_kernel_returns_is_what_it_declares(run_kernels, tmp_path):
+    wrong = """
+from typing import NamedTuple
+import trial_kernels
+Other = NamedTuple("Other", [("result", float), ("count", float)])
+trial_kernels.total.linked.returns = Other
+"""
+    with pytest.raises(subprocess.CalledProcessError) as error:
+        run_kernels(tmp_path / "here", before=wrong)
+    assert "total returns Total(" in error.value.stderr
+    assert "declared: Other(" in error.value.stderr
+
+
+@pytest.mark.parametrize("given", ["0", "65", "two", "-1"])
+def test_a_number_of_compilers_that_cannot_be_is_named(monkeypatch, given):
+    monkeypatch.setenv("FEATHERFX_COMPILERS", given)
+    with pytest.raises(InputError, match=f"FEATHERFX_COMPILERS.*'{given}'.*1 to 64"):
+        compilers()

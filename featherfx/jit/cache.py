@@ -17,7 +17,6 @@ from __future__ import annotations
 import ast
 import atexit
 import hashlib
-import importlib
 import os
 import pickle
 import shutil
@@ -34,7 +33,7 @@ from numba.core.serialize import dumps
 from featherfx.errors import InputWarning
 from featherfx.files.cache_folder import doubt, wanted_folder
 from featherfx.files.whole import write_whole
-from featherfx.jit.parts import needs_of
+from featherfx.jit.parts import load, needs_of
 
 ROOT = Path(__file__).resolve().parents[1]
 # how kernels are compiled, and what is stored of them
@@ -126,6 +125,10 @@ class Entries:
             return None  # of types that another version had elsewhere
         return data if of == key else None
 
+    def holds(self, key: Any) -> bool:
+        """Whether something was saved under a key."""
+        return self._file(key).is_file()
+
     def save(self, key: Any, data: Any) -> None:
         """Store under a key. Raises OSError, which names the file."""
         content = dumps((key, data))
@@ -178,8 +181,8 @@ class Stored(CompileResultCacheImpl):
 
     def rebuild(self, target: Any, stored: Any) -> Any:
         needs, code = stored
-        for module, name, args in needs:
-            getattr(importlib.import_module(module), name).linked.compile(args)
+        for need in needs:
+            load(need)
         return super().rebuild(target, code)
 
 
@@ -199,6 +202,10 @@ class KernelCache(FunctionCache):
         except OSError as error:
             reason = error.strerror or str(error)
             _warn_once(f"machine code is not kept in {root_folder()} ({reason})")
+
+    def holds(self, sig: Any, target: Any) -> bool:
+        """Whether there is code for some types."""
+        return bool(self._cache_file.holds(self._index_key(sig, target.codegen())))
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return (*super()._index_key(sig, codegen), tuple(_fields(each) for each in sig))

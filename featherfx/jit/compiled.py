@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from numba.core import sigutils
+
 from featherfx.jit.cache import KernelCache
+from featherfx.jit.crew import Need
 from featherfx.jit.parts import (
     ApartCompiler,
     Dispatcher,
@@ -13,6 +16,8 @@ from featherfx.jit.parts import (
     Part,
     PartCompiler,
     Shared,
+    crew,
+    kernel_of,
 )
 
 # No "nnan" or "ninf": the solver's checks for values that are not finite must keep their meaning.
@@ -23,6 +28,17 @@ class Kernel(Dispatcher):
     """A compiled function as Python calls it. linked: Part or Shared, what other kernels call."""
 
     linked: Any
+
+    def is_there(self, args: Any) -> bool:
+        """Whether there is machine code for some types, loaded or stored."""
+        return args in self.overloads or self._cache.holds(args, self.targetctx)
+
+    def compile(self, sig: Any) -> Any:
+        args = tuple(sigutils.normalize_signature(sig)[0])
+        if isinstance(self.linked, Shared) and not self.is_there(args):
+            need = Need(self.py_func.__module__, self.py_func.__name__, args)
+            crew().wait_for(need, lambda other: kernel_of(other).compile(other.args))
+        return super().compile(sig)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         return self.linked.get_call_template(args, kws)
@@ -61,11 +77,23 @@ def loop_kernel(function: Callable[..., Any]) -> Any:
     return _entry(function, part)
 
 
-def shared_kernel(function: Callable[..., Any]) -> Any:
-    """As kernel, for large ones that several others call: they call its own machine code."""
-    shared = Shared(function, targetoptions=PART_OPTIONS)
-    shared.entry = _entry(function, shared)
-    return shared.entry
+def shared_kernel(returns: Any) -> Callable[[Callable[..., Any]], Any]:
+    """As kernel, for large ones that several others call: they call its own machine code.
+
+    returns: None, bool, int, float or a NamedTuple of these.
+    """
+
+    def declared(function: Callable[..., Any]) -> Any:
+        shared = Shared(function, targetoptions=PART_OPTIONS)
+        shared.entry, shared.returns = _entry(function, shared), returns
+        return shared.entry
+
+    return declared
+
+
+def compile_ahead(shared: Any, *arguments: Any) -> None:
+    """Have a shared kernel compiled by others that will be called with such arguments."""
+    shared.linked.compile(tuple(map(shared.typeof_pyval, arguments)))
 
 
 def _entry(function: Callable[..., Any], linked: Part | Shared) -> Any:

@@ -8,27 +8,30 @@ calls is optimised once.
 A shared kernel is large and called from several entries. It is not linked to them: they call its
 machine code by a symbol (Shared). The symbol's name is the same in every run, and its address is
 made known before code that uses it is loaded, also from the cache: what machine code needs is
-stored with it (cache.py).
+stored with it (cache.py). Until then other processes may compile it (crew.py): those that call it
+need only what it returns, which is declared.
 """
 
 from __future__ import annotations
 
-import copy
 import hashlib
+import importlib
 import itertools
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple, get_type_hints
 
 from llvmlite import binding
-from numba.core import sigutils, types
+from numba.core import sigutils, types, typing
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.funcdesc import ExternalFunctionDescriptor
 from numba.core.imputils import user_function
 from numba.core.registry import CPUDispatcher
 
+from featherfx.jit.crew import Crew, Need, compilers
+
 Types = tuple[Any, ...]
-# module and name of a shared kernel, types of its arguments
-Need = tuple[str, str, Types]
 # untyped: dispatchers bind like methods, which their attributes in a class are not meant to
 Dispatcher: Any = CPUDispatcher
 
@@ -71,6 +74,11 @@ class EntryLibrary(Library):
         # may list what its own simplified code no longer calls, so the order of lists will not do.
         self._linking_libraries.sort(key=lambda each: -getattr(each, "number", -1))
         super().finalize()
+
+    def _finalize_final_module(self) -> None:
+        for need in needs_of(self):
+            load(need)
+        super()._finalize_final_module()
 
 
 class EntryCompiler(CompilerBase):
@@ -126,31 +134,89 @@ class Part(Called):
         return self.overloads[tuple(args)].entry_point
 
 
+class Declared(NamedTuple):
+    """A shared kernel for some types, as numba asks for it where it is called."""
+
+    signature: Any
+    entry_point: Any
+    objectmode: bool = False
+
+
 class Shared(Called):
-    """A kernel as others see it that call its machine code; entry: the kernel for Python."""
+    """A kernel as others see it that call its machine code; entry: the kernel for Python.
+
+    returns: None, bool, int, float or a NamedTuple of these.
+    """
 
     entry: Any
+    returns: Any
 
     @global_compiler_lock
     def compile(self, sig: Any) -> Any:
         args = tuple(sigutils.normalize_signature(sig)[0])
         if args not in self.overloads:
-            self.entry.compile(args)
-            result = self.entry.overloads[args]
-            described = copy.copy(result.fndesc)
-            name, module = self.py_func.__name__, self.py_func.__module__
-            described.mangled_name = f"{module}.{name}.{_digest(args)}"
-            address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
-            binding.add_symbol(described.mangled_name, address)
+            need = Need(self.py_func.__module__, self.py_func.__name__, args)
+            if not self.entry.is_there(args):
+                crew().ask(need)
+            returned = _type_of(self.returns)
+            described = ExternalFunctionDescriptor(_symbol(need), returned, args)
             key = object()
-            call = _calling(user_function(described, ()), (module, name, args))
+            call = _calling(user_function(described, ()), need)
             self.targetctx.insert_func_defn([(call, key, call.signature)])
-            self.overloads[args] = result._replace(entry_point=key)
+            self.overloads[args] = Declared(typing.signature(returned, *args), key)
         return self.overloads[args].entry_point
 
 
-def _digest(args: Types) -> str:
-    return hashlib.sha256(repr(args).encode()).hexdigest()[:16]
+def _type_of(returned: Any) -> Any:
+    """What a shared kernel returns, as numba has it."""
+    plain = {None: types.none, bool: types.boolean, int: types.int64, float: types.float64}
+    if returned in plain:
+        return plain[returned]
+    fields = get_type_hints(returned).values()
+    return types.NamedTuple(tuple(map(_type_of, fields)), returned)
+
+
+@cache
+def crew() -> Any:
+    """Who compiles shared kernels beside this process. Raises InputError of what is asked for."""
+    from featherfx.jit.cache import root_folder
+
+    return _worked_for[0] if _worked_for else Crew(compilers() - 1, root_folder())
+
+
+# in a helper: what it works for
+_worked_for: list[Any] = []
+
+
+def work_for(upstream: Any) -> None:
+    """Be a helper from here on: compile and store, load nothing."""
+    _worked_for.append(upstream)
+
+
+def kernel_of(need: Need) -> Any:
+    """A shared kernel, for Python."""
+    return getattr(importlib.import_module(need.module), need.name)
+
+
+@cache
+def load(need: Need) -> None:
+    """Make the machine code of a shared kernel known to what is about to be loaded."""
+    entry = kernel_of(need)
+    if _worked_for:
+        binding.add_symbol(_symbol(need), id(entry))  # never called here
+        return
+    entry.compile(need.args)
+    result = entry.overloads[need.args]
+    found, declared = result.signature.return_type, _type_of(entry.linked.returns)
+    if found != declared:
+        raise TypeError(f"{need.module}.{need.name} returns {found}, declared: {declared}")
+    address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    binding.add_symbol(_symbol(need), address)
+
+
+def _symbol(need: Need) -> str:
+    digest = hashlib.sha256(repr(need.args).encode()).hexdigest()[:16]
+    return f"{need.module}.{need.name}.{digest}"
 
 
 def needs_of(library: Any) -> set[Need]:

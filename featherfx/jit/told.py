@@ -19,6 +19,7 @@ from typing import Any
 from numba.core import event
 
 from featherfx.jit.cache import ROOT, cache_folder
+from featherfx.jit.crew import LISTENERS, Need
 from featherfx.phases import Account, accounts
 
 COMPILING = "compiling"
@@ -84,7 +85,7 @@ class Compiling(event.Listener):
             if self._depth > 1:
                 return
             self._since = time.perf_counter()
-            to_come = self._to_come(event)
+            to_come = self._to_come(_name_of(event))
             count, total = len(self._done), len(self._done) + len(to_come)
             left = self._left(to_come)
             self._phases = [
@@ -96,23 +97,31 @@ class Compiling(event.Listener):
             self._depth -= 1
             now = time.perf_counter()
             self._spent, self._since = self._spent + now - self._since, now
-            to_come = self._to_come(event)
-            name = self._name(event)
-            self._done[name] = to_come.pop(name)
-            for account, own in self._phases:
-                account.advance(own, len(self._done), self._left(to_come))
-                if self._depth == 0:
-                    account.close(own, complete=not to_come)
+            to_come = self._one_done(_name_of(event))
+            for account, own in self._phases if self._depth == 0 else ():
+                account.close(own, complete=not to_come)
 
-    def _name(self, event: Any) -> str:
-        """Of the kernel of an event, numbered where it is not the first of its name."""
-        name = name_of(event.data["dispatcher"].py_func)
+    def compiled_elsewhere(self, need: Need) -> None:
+        """A helper has compiled a kernel."""
+        with self._lock:
+            self._one_done(f"{need.module}.{need.name}")
+
+    def _one_done(self, name: str) -> dict[str, float]:
+        """Tell of a kernel that it is compiled; what is still to come."""
+        to_come, numbered = self._to_come(name), self._numbered(name)
+        self._done[numbered] = to_come.pop(numbered)
+        for account, own in self._phases if self._depth else ():
+            account.advance(own, len(self._done), self._left(to_come))
+        return to_come
+
+    def _numbered(self, name: str) -> str:
+        """Name of a kernel that is yet to be done, numbered where it is not the first of it."""
         before = sum(each.partition("#")[0] == name for each in self._done)
         return f"{name}#{before + 1}" if before else name
 
-    def _to_come(self, event: Any) -> dict[str, float]:
-        """Seconds by kernel of what is to be compiled, with that of an event."""
-        name = self._name(event)
+    def _to_come(self, name: str) -> dict[str, float]:
+        """Seconds by kernel of what is to be compiled, a named one among them."""
+        name = self._numbered(name)
         works = [work for work in self.works if work in measured_seconds()] or [
             min(
                 (each for each in measured_seconds() if name in measured_seconds()[each]),
@@ -131,5 +140,10 @@ class Compiling(event.Listener):
         return sum(to_come.values()) * (self._spent + _BELIEVED) / (expected + _BELIEVED)
 
 
+def _name_of(event: Any) -> str:
+    return name_of(event.data["dispatcher"].py_func)
+
+
 TELLER = Compiling()
 event.register("numba:compile", TELLER)
+LISTENERS.append(TELLER.compiled_elsewhere)

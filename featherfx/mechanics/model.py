@@ -207,10 +207,11 @@ class Loads(NamedTuple):
 def wind_of_each(loads: Loads, feathers: int) -> Loads:
     """The same loads with the mean wind of every feather, (F, 3), as the kernels take it.
 
-    A writable copy: kernels are compiled anew for arrays that are read-only.
+    A writable copy, row by row: kernels are compiled anew for arrays that are read-only or lie
+    otherwise.
     """
     mean = np.broadcast_to(loads.wind_mean, (feathers, 3))
-    return loads._replace(wind_mean=np.array(mean, dtype=float))
+    return loads._replace(wind_mean=np.array(mean, dtype=float, order="C"))
 
 
 def no_loads(feathers: int, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Loads:

@@ -86,7 +86,7 @@ def area_vectors(points, cell_stiffness, area):
                     accumulate(area[ic, kc], 1.0, third)
 
 
-@shared_kernel
+@shared_kernel(None)
 def blow(points, time, loads, f, velocity, cell_stiffness, around):
     """Wind, vane areas and speeds through the air at the predicted nodes of feather f."""
     sample_wind(loads, f, time, points, around.wind)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
+from featherfx.jit.compiled import compile_ahead
 from featherfx.limits import MOST_JOBS
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.settle.settle import settle
@@ -158,6 +159,7 @@ class Solver:
         it flutters in the wind, and the pose is one on its way) and the Newton iterations.
         """
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
+        self._compile_steps(new, loads)
         status = np.zeros(self.model.feathers)
         iterations = np.zeros(self.model.feathers)
 
@@ -174,6 +176,13 @@ class Solver:
 
         self.for_each(one, range(self.model.feathers) if feathers is None else feathers)
         return new, status, iterations
+
+    def _compile_steps(self, state: State, loads: Loads) -> None:
+        """Others compile what steps feathers while these settle."""
+        model, work, path = self.model, self._work(), hold_roots(state)
+        settings, report = step_settings(self.settings, 1.0, model.length[0]), no_steps(1)
+        compile_ahead(advance, model, loads, 0, path, state, settings, work, report)
+        compile_ahead(start_acceleration, model, loads, 0, 1.0, state, work, path)
 
     def _work(self) -> Work:
         """Scratch of the calling thread."""

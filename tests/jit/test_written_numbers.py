@@ -16,7 +16,7 @@ def power(x, n):
     return result
 
 
-@shared_kernel
+@shared_kernel(float)
 def root_of_power(x, n):
     return power(x, n) ** 0.5
 

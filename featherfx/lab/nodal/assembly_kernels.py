@@ -118,7 +118,7 @@ def _add_triangle(nodal, f, place, damping, work):
         add_element(3, 6, element, work.system)
 
 
-@shared_kernel
+@shared_kernel(None)
 def nodal_assemble(model, nodal, loads, f, fraction, factors, signed, work):
     """Hessian of nodal_step_energy at work.now to work.system.band, minus gradient to right.
 

@@ -119,7 +119,7 @@ def _barb(first, slot, now, step, factor, trial):
         before, q = move, p
 
 
-@shared_kernel
+@shared_kernel(None)
 def move_by(model, nodal, f, factor, straight, work):
     """Pose work.now plus factor times the increment work.system.right, to work.trial.
 
@@ -152,7 +152,7 @@ def move_by(model, nodal, f, factor, straight, work):
     set_directors(trial)
 
 
-@shared_kernel
+@shared_kernel(float)
 def evaluate(model, nodal, loads, f, fraction, factors, pose, work):
     """Strains of a pose from its points and frames, and its energy (J)."""
     nodal_strains(model, nodal, f, pose, work.element.frame)
@@ -199,7 +199,7 @@ def _solve(model, nodal, loads, f, fraction, factors, textbook, work):
     return False
 
 
-@shared_kernel
+@shared_kernel(Solved)
 def nodal_minimise(model, nodal, loads, f, fraction, factors, method, work):
     """Bring the pose work.now to the minimum of nodal_step_energy.
 

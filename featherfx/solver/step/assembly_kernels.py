@@ -120,7 +120,7 @@ def _add_vane(model, f, damping, wanted, work):
     add_rows(model, f, damping, wanted == WHOLE, work)
 
 
-@shared_kernel
+@shared_kernel(None)
 def assemble(model, loads, f, fraction, factors, wanted, shift, work):
     """Hessian of step_energy at the pose work.now to work.system.band, minus gradient to right.
 

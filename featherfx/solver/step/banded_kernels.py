@@ -78,7 +78,7 @@ def _subtract(panel, count, flat, width):
             column[r] -= first + second
 
 
-@shared_kernel
+@shared_kernel(bool)
 def factorise(band, panel):
     """Factor band in place; returns False if the matrix is not positive definite.
 
@@ -146,7 +146,7 @@ def _backward(band, j, x):
     x[j], x[j + 1], x[j + 2], x[j + 3] = p, q, r, s
 
 
-@shared_kernel
+@shared_kernel(None)
 def solve_factored(band, x):
     """Solve with the factor of `factorise`; x: (N,), right-hand side in, solution out.
 

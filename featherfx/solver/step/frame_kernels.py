@@ -185,7 +185,7 @@ def _accept(model, f, attempt, state, work):
     return released
 
 
-@shared_kernel
+@shared_kernel(int)
 def advance(model, loads, f, path, state, settings, work, report):
     """Bring feather f of the state through one frame, in place.
 

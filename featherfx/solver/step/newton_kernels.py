@@ -80,7 +80,7 @@ def largest_move(before, after, arm):
     return sqrt(max(_largest_square(before.nodes, after.nodes), turn))
 
 
-@shared_kernel
+@shared_kernel(float)
 def evaluate(model, loads, f, fraction, factors, pose, around):
     """Points and strains of a pose from its coordinates, and its energy (J)."""
     complete_pose(model, f, pose, around.reference)
@@ -151,7 +151,7 @@ def _distance_left(move, before, fresh):
     return move * max(1.0, shrink / (1.0 - min(shrink, 0.9)))
 
 
-@shared_kernel
+@shared_kernel(Solved)
 def minimise(model, loads, f, fraction, factors, tolerance, limit, work):
     """Bring the pose work.now to the minimum of step_energy.
 

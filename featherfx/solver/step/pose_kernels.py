@@ -63,7 +63,7 @@ def joint_axes(shapes, pose, axes):
             barb_axes(pose.frames[side, i], shapes, pose.coefficient[side, i], axes[side, i])
 
 
-@shared_kernel
+@shared_kernel(None)
 def barb_jacobians(shapes, pose, axes, jacobian):
     """Derivatives of the nodes of all barbs by their row's increments.
 

@@ -17,7 +17,7 @@ from featherfx.solver.step.strain_kernels import copy_strains, strains_of
 INSTANT, START_ITERATIONS = 1.0, 8
 
 
-@shared_kernel
+@shared_kernel(None)
 def start_acceleration(model, loads, f, duration, state, work, path):
     """Set the strains of feather f, in place, to those of its pose, and the accelerations to those
     that pose and velocity give.
