@@ -9,13 +9,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from featherfx._version import __version__
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import repeated_shapes
+from featherfx.feather.hooked import hooked_share
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import Feather, RowMap
+from featherfx.feather.types import Array, Feather, RowMap
 from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.limits import refuse_beyond_memory
 from featherfx.mechanics.batch import may_slip
@@ -45,6 +48,7 @@ def entries_of(
             static=static,
             root=None if skin is None else skin.roots[index],
             vane_stiffness=_vane_stiffness(placement.kind),
+            held=_held(placement.kind, feather),
             hooked=not static and may_slip(placement.kind),
         )
         for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
@@ -101,6 +105,16 @@ def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:
     """N/m, thickness times modulus across the barbs and in shear."""
     vane = kind.vane_material
     return vane.thickness * vane.across, vane.thickness * vane.shear
+
+
+def _held(kind: FeatherKind, feather: Feather) -> Array | None:
+    """(T,) share of hooked barbules at each triangle; None where all are hooked."""
+    if not any((*vane.hooked.shaft, *vane.hooked.barb) for vane in (kind.leading, kind.trailing)):
+        return None
+    held = np.ones(len(feather.surface.triangles))
+    shares = hooked_share(kind, feather)[feather.cell]
+    held[: len(shares)] = shares  # faces of vanes come first, in the order of cells
+    return held
 
 
 def drawn_entries(

@@ -60,6 +60,30 @@ class BarbGuide:
     camber: Annotated[float, _BENT, "Turning of the barb towards ventral."] = 0.0
 
 
+_PLACE = Number(0, 1)
+_CURVE = ArrayOf(ArrayOf(_PLACE, 2, 2), 0, 50)
+
+
+@dataclass(frozen=True)
+class Hooked:
+    """Share of barbules that are hooked: a curve along the shaft times one along the barbs.
+
+    Each is straight between its points and constant beyond them; without points it is 1.
+    """
+
+    shaft: Annotated[
+        tuple[tuple[float, float], ...],
+        _CURVE,
+        "Share of barbules that are hooked, along the shaft: points [share of the vane's length, "
+        "share hooked]; empty: all.",
+    ] = ()
+    barb: Annotated[
+        tuple[tuple[float, float], ...],
+        _CURVE,
+        "The same along each barb from its root (0) to its end (1); both are multiplied.",
+    ] = ()
+
+
 @dataclass(frozen=True)
 class VaneShape:
     """One vane at rest, on the flattened feather (before camber, sweep and twist of the rachis).
@@ -94,6 +118,7 @@ class VaneShape:
         "it in a curve; 0: closed square by a straight edge.",
         Default(0.08),
     ] = 0.0
+    hooked: Annotated[Hooked, "How much of the vane is hooked together.", Default({})] = Hooked()
 
 
 _STIFFNESS = Number(1e-10, 10, "N m")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotation_vectors
+from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
@@ -44,6 +45,8 @@ GUARD_SCALE = 1.0 / 2592.0
 NEVER = 1e150
 # of the scatter of the strength from gap to gap
 SCATTER_SEED = 41
+# least share of hooks: what holds nothing still has an area that the air meets
+LEAST_HOOKED = 1e-6
 # least compliance of an elastic clamp, in that of the barb it holds
 LEAST_CLAMP = 1e-6
 
@@ -105,8 +108,10 @@ def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: 
     clamp, joints, segment = _barb_rest(feather, frames)
     cell_rest, cell_area = _cells(feather)
     vane = kind.vane_material
-    cell_stiffness = np.stack([vane.across * cell_area, vane.shear * cell_area], axis=-1)
-    hinge_rest, hinge_stiffness = _hinges(feather, cell_area, vane.bending_across)
+    held = _held(feather, kind)
+    held_area = held * cell_area
+    cell_stiffness = np.stack([vane.across * held_area, vane.shear * held_area], axis=-1)
+    hinge_rest, hinge_stiffness = _hinges(feather, cell_area, held, vane.bending_across)
     return _Constants(
         length=length,
         rachis_rest=_rachis_rest(centre, frames, length),
@@ -122,8 +127,13 @@ def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: 
         mass=_mass(feather, kind, cell_area, length),
         rotary_inertia=_rotary_inertia(feather, kind, length),
         shaft_area=feather.width * _row_length(length),
-        cell_guard=GUARD_SCALE * vane.compression_guard * vane.thickness * cell_area,
+        cell_guard=GUARD_SCALE * vane.compression_guard * vane.thickness * held_area,
     )
+
+
+def _held(feather: Feather, kind: FeatherKind) -> Array:
+    """(2, n-1, m, 2) share of each triangle's stiffness that its hooked barbules have."""
+    return np.maximum(hooked_share(kind, feather), LEAST_HOOKED)
 
 
 def _stacked_hooks(feathers: Sequence[Feather], kinds: Sequence[FeatherKind]) -> Hooks:
@@ -140,7 +150,7 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     """
     cell_rest, cell_area = _cells(feather)
     vane = kind.vane_material
-    volume = vane.thickness * cell_area
+    volume = vane.thickness * cell_area * _held(feather, kind)
     scatter = np.random.default_rng(SCATTER_SEED).normal(size=cell_area.shape[:2])
     weaker = np.exp(vane.hook_scatter * scatter)[:, :, None, None]
     across, shear = vane.hook_yield_across * weaker, vane.hook_yield_shear * weaker
@@ -298,8 +308,14 @@ def _cells(feather: Feather) -> tuple[Array, Array]:
     return np.where(exists[..., None], rest, 0.0), np.where(exists, 0.5 * edge * height, 0.0)
 
 
-def _hinges(feather: Feather, cell_area: Array, modulus: float) -> tuple[Array, Array]:
-    """hinge_rest and hinge_stiffness, (2, n, m)."""
+def _hinges(
+    feather: Feather, cell_area: Array, held: Array, modulus: float
+) -> tuple[Array, Array]:
+    """hinge_rest and hinge_stiffness, (2, n, m).
+
+    held: (2, n-1, m, 2) share of the modulus that each triangle has; it and its neighbour across
+    the barb bend one after the other.
+    """
     nodes = barb_nodes(feather.rest.nodes)
     shape = (2, feather.rows, feather.columns)
     rest, stiffness = np.zeros(shape), np.zeros(shape)
@@ -312,6 +328,7 @@ def _hinges(feather: Feather, cell_area: Array, modulus: float) -> tuple[Array, 
     rest[:, 1:-1] = np.arctan2(sine, size * np.einsum("...k,...k", first, second))
     upper, lower = cell_area[:, 1:, :, 0], cell_area[:, :-1, :, 1]
     both = (upper > 0.0) & (lower > 0.0)
-    total = np.where(both, upper + lower, 1.0)
+    softer = upper / held[:, 1:, :, 0] + lower / held[:, :-1, :, 1]
+    total = np.where(both, softer, 1.0)
     stiffness[:, 1:-1] = np.where(both, modulus * size**2 / total, 0.0)
     return np.where(stiffness > 0.0, rest, 0.0), stiffness

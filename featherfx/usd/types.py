@@ -45,7 +45,9 @@ class FeatherEntry:
         feather.
     barbs: drawn as curves besides; their points are at rest in the world frame.
     vane_stiffness: N/m, thickness times modulus across the barbs and in shear, for the energy.
-    hooked: whether the state of its hooks is written: 1 (all hold) to 0 (open), and their slip.
+    held: per triangle, share of barbules that are hooked at rest; None: all.
+    hooked: whether the state of its hooks is written: the share that holds to 0 (open), and their
+        slip. Else `held` is, where it is given.
     """
 
     id: str
@@ -59,4 +61,5 @@ class FeatherEntry:
     points_map: RowMap | None = None
     barbs: BarbCurves | None = None
     vane_stiffness: tuple[float, float] = (0.0, 0.0)
+    held: Array | None = None
     hooked: bool = False

@@ -195,6 +195,11 @@ VANE_FAULTS = [
         "vane_material.hook_yield_across = 2e4",
         "vane_material.hook_strength: 19200 is out of range, allowed: at least the yield stress",
     ),
+    (
+        "trailing.hooked.shaft = [[0.2, 0], [0.2, 1]]",
+        "trailing.hooked.shaft[1][0]: 0.2 is not above the point before it (0.2)",
+    ),
+    ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range, allowed 0 to 1"),
     ("rachis.diameter_tip = 0.02", "allowed up to diameter_base = 0.007 m"),
 ]
 

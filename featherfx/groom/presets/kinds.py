@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
@@ -12,11 +15,14 @@ from featherfx.groom.presets.scaling import dialled, materials_resized
 from featherfx.groom.types import (
     BarbGuide,
     FeatherKind,
+    Hooked,
     RachisMaterial,
     RachisShape,
     VaneMaterial,
     VaneShape,
 )
+
+Curve = tuple[tuple[float, float], ...]
 
 
 def _source(tree: Tree, *path: str) -> str:
@@ -33,6 +39,7 @@ def _vane(values: dict[str, Any]) -> VaneShape:
         guides=tuple(BarbGuide(**guide) for guide in values["guides"]),
         rounded_base=values["rounded_base"],
         rounded_tip=values["rounded_tip"],
+        hooked=Hooked(**values["hooked"]),
     )
 
 
@@ -54,7 +61,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
     count = len(place.problems)
     for side, vane in (("leading", kind.leading), ("trailing", kind.trailing)):
         for key, message in _vane_faults(kind, vane):
-            source = _source(tree, side, key.partition("[")[0])
+            source = _source(tree, side, *key.partition("[")[0].split("."))
             source = place.source if source == "default" else source
             Place(source, place.child(f"{side}.{key}").key, place.problems).fail(message)
     if not (kind.leading.outline or kind.trailing.outline):
@@ -87,7 +94,7 @@ def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
     """(key, message) of everything that keeps one vane from being built."""
     if not vane.outline:
         return []
-    faults = _outline_faults(vane)
+    faults = _outline_faults(vane) + _hooked_faults(vane)
     positions = [guide.position for guide in vane.guides]
     if not positions:
         faults.append(("guides", "there is an outline but no guide, expects one at least"))
@@ -107,6 +114,18 @@ def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
         )
         faults.append((f"guides[{index + 1}]", message))
     return faults
+
+
+def _hooked_faults(vane: VaneShape) -> list[tuple[str, str]]:
+    return [
+        (
+            f"hooked.{name}[{index}][0]",
+            f"{place[0]:g} is not above the point before it ({before[0]:g}); points ascend",
+        )
+        for name, curve in (("shaft", vane.hooked.shaft), ("barb", vane.hooked.barb))
+        for index, (before, place) in enumerate(pairwise(curve), start=1)
+        if place[0] <= before[0]
+    ]
 
 
 def _outline_faults(vane: VaneShape) -> list[tuple[str, str]]:
@@ -182,6 +201,11 @@ def blended(first: Any, second: Any, weight: float) -> Any:
     """
     if isinstance(first, str):
         return first if weight < 0.5 else second
+    if isinstance(first, Hooked):
+        return Hooked(
+            _blended_curve(first.shaft, second.shaft, weight),
+            _blended_curve(first.barb, second.barb, weight),
+        )
     if isinstance(first, tuple):
         return tuple(blended(a, b, weight) for a, b in zip(first, second, strict=True))
     if is_dataclass(first) and not isinstance(first, type):
@@ -192,3 +216,16 @@ def blended(first: Any, second: Any, weight: float) -> Any:
             }
         )
     return (1.0 - weight) * first + weight * second
+
+
+def _blended_curve(first: Curve, second: Curve, weight: float) -> Curve:
+    """Halfway shares that are hooked, at the places of both."""
+    if not first and not second:
+        return ()
+    places = np.unique([place for place, _ in (*first, *second)])
+    ends = [
+        np.interp(places, *np.transpose(curve)) if curve else np.ones(len(places))
+        for curve in (first, second)
+    ]
+    halfway = (1.0 - weight) * ends[0] + weight * ends[1]
+    return tuple(zip(places.tolist(), halfway.tolist(), strict=True))

@@ -86,6 +86,7 @@ _FAMILIES = (
     ("### [rachis] of a feather preset", keys_of(RachisShape)),
     ("### [leading] and [trailing] of a feather preset", keys_of(VaneShape)),
     ("### guides of a vane", keys_of(BarbGuide)),
+    ("### [hooked] of a vane", keys_of(Hooked)),
     *(
         (f"### {family} preset", preset_keys.FAMILIES[family].keys)
         for family in ("material/vane", "material/rachis", "quality", "wind")

@@ -72,6 +72,7 @@ class PosedFeather:
         self._to_stage = ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y")
         self._to_origin = -np.array(space.origin) if space.is_moved else None
         self._accelerations = ACCELERATIONS in extras
+        self._held = 1.0 if entry.held is None else entry.held
         feather, barbs = entry.feather, entry.barbs
         self.widths = space.lengths(np.sqrt(feather.width * feather.height))
         self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else np.zeros(0)
@@ -188,6 +189,7 @@ class PosedFeather:
         if (MESH, ENERGY_DENSITY) in values:
             out = values[MESH, ENERGY_DENSITY].numbers
             surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, out)
+            out *= self._held
 
     def _note_hooks(self, pose: WrittenPose, gaps: Gaps | tuple[()]) -> None:
         """Which lips are open, and hooks and slip of each face; () for hooks that all hold."""
@@ -196,10 +198,10 @@ class PosedFeather:
         if not self._entry.hooked:
             return
         hooked, slip = values[MESH, HOOKED].numbers, values[MESH, SLIP].numbers
-        hooked[:], slip[:] = 1.0, 0.0
+        hooked[:], slip[:] = self._held, 0.0
         if gaps:
             faces = len(surface.cells)
-            hooked[:faces] = gaps.hooked.ravel()[surface.cells]
+            hooked[:faces] *= gaps.hooked.ravel()[surface.cells]
             slip[:faces] = np.linalg.norm(gaps.slip.reshape(-1, 2)[surface.cells], axis=1)
 
     def _rates(self, pose: WrittenPose, name: str, values: RowPoints) -> bool:

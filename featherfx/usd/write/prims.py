@@ -40,6 +40,8 @@ _PRIMVARS = {
     "st": (_TYPES.TexCoord2fArray, UsdGeom.Tokens.vertex, 1),
     # 0 leading, 1 trailing, 2 rachis
     "side": (_TYPES.IntArray, UsdGeom.Tokens.uniform, 1),
+    # share of barbules that are hooked, of vanes whose hooks all hold
+    "hooked": (_TYPES.FloatArray, UsdGeom.Tokens.uniform, 1),
     # for viewers that ignore materials
     "displayColor": (_TYPES.Color3fArray, _CONSTANT, 1),
 }
@@ -131,6 +133,8 @@ def define_mesh(
     if entry.root is not None:
         author_primvars(prim, **seat(entry.root))
     author_primvars(prim, Pref=rest, rest=rest, st=values.st, side=values.side)
+    if entry.held is not None and not entry.hooked:
+        author_primvars(prim, hooked=arrays.floats(entry.held))
     _look(prim, "vane", materials)
     # vanes and shaft as one family that covers every face once; an absent vane has no subset
     family = UsdShade.Tokens.materialBind

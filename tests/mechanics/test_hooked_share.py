@@ -1,0 +1,86 @@
+"""Vanes that are hooked in part: stiffness follows the share, mass and area do not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from featherfx.feather.build import build_feather
+from featherfx.groom.presets.kinds import blended
+from featherfx.groom.types import Hooked
+from featherfx.lab.feathers.feather import feather_kind
+from featherfx.mechanics.batch import LEAST_HOOKED, make_model
+from featherfx.mechanics.model import no_loads
+from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.state import rest_state
+
+WHOLE = feather_kind("swan_primary")
+
+
+def kind_with(shaft=(), barb=(), hooks="closed"):
+    """The swan's primary, its trailing vane hooked by so much."""
+    vane = replace(WHOLE.trailing, hooked=Hooked(shaft, barb))
+    material = replace(WHOLE.vane_material, hooks=hooks)
+    return replace(WHOLE, trailing=vane, vane_material=material)
+
+
+def model_of(kind):
+    return make_model([build_feather(kind, 13, 4)], [kind], 1)
+
+
+def test_stiffness_is_the_share_of_what_is_hooked_and_masses_stay():
+    whole, half = model_of(WHOLE), model_of(kind_with(shaft=((0.0, 0.5),), barb=((0.0, 0.5),)))
+    for name in ("cell_stiffness", "hinge_stiffness"):
+        ours, theirs = getattr(half, name)[0], getattr(whole, name)[0]
+        np.testing.assert_array_equal(ours[0], theirs[0])
+        np.testing.assert_allclose(ours[1], 0.25 * theirs[1], rtol=1e-14)
+    np.testing.assert_array_equal(half.mass, whole.mass)
+    np.testing.assert_array_equal(half.barb_stiffness, whole.barb_stiffness)
+
+
+def test_the_curves_are_places_along_the_vane_and_along_the_barb():
+    """Hooked beyond the middle of the vane, and of each barb its inner half."""
+    kind = kind_with(shaft=((0.5, 0.0), (0.500001, 1.0)), barb=((0.5, 1.0), (0.500001, 0.0)))
+    feather = build_feather(kind, 13, 4)
+    whole, model = model_of(WHOLE), model_of(kind)
+    ratio = model.cell_stiffness[0, 1, ..., 0] / np.where(feather.cell[1], 1.0, np.nan)
+    ratio /= whole.cell_stiffness[0, 1, ..., 0]
+    middle = 0.5 * (feather.station[1:] + feather.station[:-1]) / kind.length
+    place = (middle - kind.calamus) / (1.0 - kind.calamus)
+    expected = np.where((place > 0.5)[:, None] & (np.arange(4) < 2), 1.0, LEAST_HOOKED)
+    known = np.isfinite(ratio)
+    expected = np.broadcast_to(expected[..., None], ratio.shape)
+    np.testing.assert_allclose(ratio[known], expected[known], rtol=1e-9)
+
+
+def test_strength_and_its_energy_go_with_the_share_and_strains_at_yield_do_not():
+    whole, half = model_of(kind_with(hooks="open")), model_of(kind_with(((0, 0.5),), hooks="open"))
+    there = whole.cell_stiffness[0, 1, ..., 0] > 0.0
+    for name, factor in (("limit", 0.5), ("release", 0.5), ("growth", 2.0)):
+        ours, theirs = (getattr(m.hooks, name)[0, 1][there] for m in (half, whole))
+        np.testing.assert_allclose(ours, factor * theirs, rtol=1e-12)
+
+
+def test_loose_barbs_bend_each_for_itself():
+    """The end of one barb is pushed out of the vane: a hooked neighbour goes along."""
+    moved = []
+    for kind in (WHOLE, kind_with(barb=((0.0, 0.0),))):
+        model = model_of(kind)
+        state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
+        loads = no_loads(1)._replace(force=np.zeros((1, *model.mass.shape[1:], 3)))
+        loads.force[0, 6, 8, 2] = 1e-3
+        with Solver(model, Settings(newton=1e-9), 1) as solver:
+            end = solver.equilibrium(state, loads)[0].points.nodes[0]
+        up = (end - state.points.nodes[0])[:, :, 2]
+        moved.append((up[7, 8] - up[7, 0]) / (up[6, 8] - up[6, 0]))
+    assert moved[0] > 0.1
+    assert abs(moved[1]) < 0.01
+
+
+def test_blended_curves_lie_between_those_of_both_kinds():
+    first, second = kind_with(((0.2, 0.0), (0.4, 1.0))), kind_with()
+    curve = dict(blended(first, second, 0.5).trailing.hooked.shaft)
+    assert curve == pytest.approx({0.2: 0.5, 0.4: 1.0})
+    assert blended(first, second, 0.5).trailing.hooked.barb == ()
