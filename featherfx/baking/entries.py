@@ -48,7 +48,7 @@ def entries_of(
             static=static,
             root=None if skin is None else skin.roots[index],
             vane_stiffness=_vane_stiffness(placement.kind),
-            held=_held(placement.kind, feather),
+            held=_held(placement.kind, feather, static),
             hooked=not static and may_slip(placement.kind),
         )
         for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
@@ -81,21 +81,17 @@ def refuse_splits_elsewhere(
 ) -> None:
     """Raise InputError where vanes that may split would be drawn otherwise than they are
     simulated: between rows of another grid there is no split."""
-    names = {p.kind.name: p.kind.vane_material.hooks for p in groom.feathers}
-    other_grid = drawn.grid(quality) != (quality.rows, quality.columns)
+    names = {p.kind.name: p.kind.may_part for p in groom.feathers if may_slip(p.kind)}
+    if drawn.grid(quality) == (quality.rows, quality.columns):
+        return
     problems = [
         Problem(
             source,
             "groom",
-            f"hooks of the kind '{name}' may {'open' if hooks == 'open' else 'slip'}, and such a "
-            f"vane is drawn as it is simulated: leave out {options}",
+            f"hooks of the kind '{name}' may {'open' if parts else 'slip'}, and such a vane is "
+            "drawn as it is simulated: leave out --render-rows and --render-columns",
         )
-        for options, fails in (
-            ("--render-rows and --render-columns", ("slip", "open") if other_grid else ()),
-            ("--barbs", ("open",) if drawn.barbs else ()),
-        )
-        for name, hooks in names.items()
-        if hooks in fails
+        for name, parts in names.items()
     ]
     if problems:
         raise InputError(*problems)
@@ -107,13 +103,21 @@ def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:
     return vane.thickness * vane.across, vane.thickness * vane.shear
 
 
-def _held(kind: FeatherKind, feather: Feather) -> Array | None:
-    """(T,) share of hooked barbules at each triangle; None where all are hooked."""
-    if not any((*vane.hooked.shaft, *vane.hooked.barb) for vane in (kind.leading, kind.trailing)):
+def _held(kind: FeatherKind, feather: Feather, static: bool) -> Array | None:
+    """(T,) share of hooked barbules at each triangle; None where all are hooked.
+
+    static: whether splits stay open.
+    """
+    loose = any((*vane.hooked.shaft, *vane.hooked.barb) for vane in (kind.leading, kind.trailing))
+    split = static and feather.split.size > 0
+    if not loose and not split:
         return None
     held = np.ones(len(feather.surface.triangles))
-    shares = hooked_share(kind, feather)[feather.cell]
-    held[: len(shares)] = shares  # faces of vanes come first, in the order of cells
+    shares = hooked_share(kind, feather)
+    if split:
+        shares = np.where(feather.split, 0.0, shares)
+    # faces of vanes come first, in the order of cells
+    held[: np.count_nonzero(feather.cell)] = shares[feather.cell]
     return held
 
 

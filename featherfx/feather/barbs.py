@@ -16,6 +16,7 @@ squeezed or folded (docs/barb_grid.md compares three ways).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +29,9 @@ from featherfx.feather.outline import (
     ray_lengths,
 )
 from featherfx.feather.rachis import Rachis, turn
+from featherfx.feather.splits import splay, strips_of
 from featherfx.feather.types import LEADING, Array
+from featherfx.groom.splits import Split
 from featherfx.groom.types import BarbGuide, FeatherKind
 
 # Shares of the feather's length: shorter barbs are dropped, and this much of a barb may bulge
@@ -67,11 +70,12 @@ def interpolate_guides(guides: tuple[BarbGuide, ...], position: Array) -> Array:
 
 
 def trace_barbs(
-    kind: FeatherKind, side: int, rachis: Rachis, columns: int
+    kind: FeatherKind, side: int, rachis: Rachis, columns: int, splits: Sequence[Split] = ()
 ) -> tuple[Barbs, list[str]]:
     """Trace the barbs of one vane (LEADING or TRAILING) at the rows of the rachis.
 
-    Returns the barbs and what is wrong with them (messages with the position along the vane).
+    splits: beside which the barbs give way. Returns the barbs and what is wrong with them (messages
+    with the position along the vane).
     """
     vane = kind.leading if side == LEADING else kind.trailing
     # The trailing vane is traced as its mirror image, in which rotations in y alone keep sign.
@@ -82,6 +86,8 @@ def trace_barbs(
     vane_length = (1.0 - kind.calamus) * kind.length
     angles = interpolate_guides(vane.guides, x / vane_length)
     curve = outline_curve(vane.outline, vane.rounded_tip) * [vane_length, kind.length]
+    if splits:
+        angles[1] += _splay(kind, splits, x, angles, curve)
     chord_angle = angles[0] - 0.5 * angles[1]
     backward = (np.sin(chord_angle) <= 0.0) & (x >= 0.0)
     messages = [
@@ -98,6 +104,18 @@ def trace_barbs(
     kept = (x >= 0.0) & ~backward & (arc_length >= SHORTEST_BARB * kind.length)
     barbs = _place(angles, np.where(kept, arc_length, 0.0), x, turning, columns)
     return barbs, messages + _bulges(barbs, curve, x / vane_length, kind.length)
+
+
+def _splay(
+    kind: FeatherKind, splits: Sequence[Split], x: Array, angles: Array, curve: Array
+) -> Array:
+    """(n,) rad, curl that splits add to barbs with roots at x (n,) m; angles: as in _place."""
+    straight = angles[0] - 0.5 * angles[1]
+    length = ray_lengths(curve, x, straight, 1e-9 * kind.length)
+    grown = (x >= 0.0) & (length >= SHORTEST_BARB * kind.length)
+    strips = strips_of(splits, x / ((1.0 - kind.calamus) * kind.length), grown)
+    across = np.concatenate(([0.0], np.cumsum(np.diff(x) * np.sin(straight[1:]))))
+    return splay(strips, across, np.where(grown, length, 0.0), kind.length)
 
 
 def without_barb(barbs: Barbs, row: int) -> Barbs:

@@ -13,6 +13,7 @@ import numpy as np
 from featherfx.errors import InputError, Problem
 from featherfx.feather.outline import outline_fault
 from featherfx.feather.rachis import build_rachis
+from featherfx.feather.splits import open_cells, strips_of
 from featherfx.feather.surface import build_surface
 from featherfx.feather.types import (
     LEADING,
@@ -24,6 +25,7 @@ from featherfx.feather.types import (
     barb_slice,
 )
 from featherfx.feather.vane import barb_span, build_vane
+from featherfx.groom.splits import splits_of
 from featherfx.groom.types import FeatherKind, Placement, VaneShape
 
 _SIDES = ((LEADING, "leading"), (TRAILING, "trailing"))
@@ -82,19 +84,30 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
     rachis = build_rachis(kind, rows)
     nodes = np.empty((rows, 1 + 2 * columns, 3))
     nodes[:, 0] = rachis.position
+    unsplit = nodes.copy()
+    place = rachis.station - rachis.station[rachis.first_vane_row]
+    place /= (1.0 - kind.calamus) * kind.length
     cell = np.zeros((2, rows - 1, columns, 2), dtype=np.bool_)
     barb_length, spans = np.zeros((2, rows)), np.zeros((2, rows))
+    split = np.zeros_like(cell)
     problems: list[Problem] = []
     for side, name in _SIDES:
-        vane = build_vane(kind, side, rachis, columns)
+        splits = splits_of(getattr(kind, name).splits, side)
+        vane = build_vane(kind, side, rachis, columns, splits)
         nodes[:, barb_slice(side, columns)] = vane.nodes[:, 1:]
+        if splits:
+            whole = build_vane(kind, side, rachis, columns)
+            strips = strips_of(splits, place, vane.barb_length > 0.0)
+            split[side] = open_cells(strips, vane.cell)
+            unsplit[:, barb_slice(side, columns)] = whole.nodes[:, 1:]
+        else:
+            unsplit[:, barb_slice(side, columns)] = vane.nodes[:, 1:]
         cell[side], barb_length[side] = vane.cell, vane.barb_length
         spans[side] = barb_span(rachis.station, vane.barb_length, rachis.first_vane_row)
         problems += [_problem(kind, f"{name}.guides", message) for message in vane.problems]
     _raise_if_any(problems)
-    splits = kind.vane_material.hooks == "open"
-    surface = build_surface(nodes, rachis, barb_length, cell, tube_sides, splits)
-    return Feather(
+    surface = build_surface(nodes, rachis, barb_length, cell, tube_sides, kind.may_part)
+    feather = Feather(
         rest=RowPoints(nodes, np.stack([rachis.frame[..., 1], rachis.frame[..., 2]], axis=1)),
         station=rachis.station,
         width=rachis.width,
@@ -104,6 +117,7 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
         cell=cell,
         surface=surface,
     )
+    return replace(feather, split=split, unsplit=unsplit) if split.any() else feather
 
 
 def _problems(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> list[Problem]:
@@ -191,7 +205,9 @@ def mirror_feather(feather: Feather) -> Feather:
         _positive_zeros(feather.rest.nodes * _REFLECTION),
         _positive_zeros(feather.rest.directors * turned_round),
     )
-    return replace(feather, rest=rest, surface=_mirror_surface(feather.surface))
+    unsplit = _positive_zeros(feather.unsplit * _REFLECTION)
+    surface = _mirror_surface(feather.surface)
+    return replace(feather, rest=rest, surface=surface, unsplit=unsplit)
 
 
 def _mirror_surface(surface: Surface) -> Surface:
@@ -217,6 +233,7 @@ def scaled(feather: Feather, size: float) -> Feather:
         feather,
         rest=feather.rest._replace(nodes=size * feather.rest.nodes),
         surface=replace(feather.surface, offset=size * feather.surface.offset),
+        unsplit=size * feather.unsplit,
         **{name: size * getattr(feather, name) for name in lengths},
     )
     make_read_only(result)

@@ -33,13 +33,14 @@ from featherfx.feather.types import (
 )
 
 
-def density_map(coarse: Feather, fine: Feather) -> RowMap:
+def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
     """Map from the rows of one feather to those of another of the same kind and side.
 
-    Neither has to have more rows or columns than the other.
+    Neither has to have more rows or columns than the other. parts: whether strips between rows may
+    part, so that a barb follows those on either side of it alone, linearly.
     """
     along = _Along(coarse, fine)
-    nodes = [_barb_nodes(coarse, fine, side, along.rachis) for side in (LEADING, TRAILING)]
+    nodes = [_barb_nodes(coarse, fine, side, along.rachis, parts) for side in (LEADING, TRAILING)]
     interpolated = RowPoints(sparse.vstack([along.rachis, *nodes]), sparse.vstack(along.directors))
     return RowMap(*map(along.completed, interpolated, fine.rest))
 
@@ -142,13 +143,19 @@ def _slope_weights(step: Array) -> Array:
     return np.concatenate((2.0 * chord[:1] - inner[:1], inner, 2.0 * chord[-1:] - inner[-1:]))
 
 
-def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any) -> Any:
-    """(M N, K) sparse, the interpolated nodes of one side, node by node from the root on."""
+def _barb_nodes(coarse: Feather, fine: Feather, side: int, rachis: Any, parts: bool) -> Any:
+    """(M N, K) sparse, the interpolated nodes of one side, node by node from the root on.
+
+    parts: as in density_map.
+    """
     roots = sparse.vstack([rachis] * fine.columns).tocsr()
     grown = np.flatnonzero(coarse.barb_length[side] > 0.0)
     if len(grown) == 0:
         return roots
-    weights, _ = hermite_weights(coarse.station[grown], fine.station)
+    knots = coarse.station[grown]
+    weights = hermite_weights(knots, fine.station)[0]
+    if parts:
+        weights = linear_weights(knots, fine.station)
     weights = _reach(fine, side)[:, None] * weights / _reach(coarse, side)[grown]
     along, _ = hermite_weights(*(np.linspace(0.0, 1.0, f.columns + 1) for f in (coarse, fine)))
     root, barb = _node(coarse, 0)[grown], barb_slice(side, coarse.columns)

@@ -8,13 +8,15 @@ along with the barb below, rigidly with the frame of its nodes
     x = r + F c,    F = (t, n x t, n),    n = d3 - (d3.t) t, of unit length
 
 r node, t direction of the barb there, d3 dorsal director of its row, and c the edge's place at
-rest. Lips part where all triangles of the strip that meet in them are open: at the end of a split
-they stay together.
+rest, of a strip that is split at rest as if it were not. Lips part where all triangles of the strip
+that meet in them are open: at the end of a split they stay together. Barbs that are drawn between
+rows go along with their strip.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,65 +28,35 @@ INSTANT = 1e-5
 
 
 @dataclass(frozen=True)
-class Lips:
-    """The L lips of a feather that may part.
+class Carried:
+    """Points that go along rigidly with L nodes of barbs.
 
-    point: (L,) of the mesh. row, node: (L,) that carry an open one; before, after: nodes of the
-    row between which its barb runs there. place: (L, 3) m, c. cells: (L, 3) triangles of the
-    strip that meet in it, numbers in Feather.cell, or that of the first of them again.
+    row, node: (L,) that carry them; before, after: nodes of the row between which its barb runs
+    there. place: (L, 3) m, c.
     """
 
-    point: Indices
     row: Indices
     node: Indices
     before: Indices
     after: Indices
     place: Array
-    cells: Indices
 
     @staticmethod
-    def of(feather: Feather) -> Lips:
-        surface, columns = feather.surface, feather.columns
-        point = surface.lips[:, 0]
-        row, node = surface.row[point] - 1, surface.node[point]
-        side, column = (node - 1) // columns, (node - 1) % columns
-        first = np.where(column == 0, 0, node - 1)
-        last = np.where(column == columns - 1, node, node + 1)
-        meeting = _meeting(feather.cell, side, row, column)
-        still = Lips(point, row, node, first, last, np.zeros((len(point), 3)), meeting)
-        away = feather.rest.nodes[row + 1, node] - feather.rest.nodes[row, node]
-        place = np.einsum("lki,lk->li", still._frames(feather.rest), away)
-        return Lips(point, row, node, first, last, place, meeting)
-
-    def open(self, hooked: Array) -> NDArray[np.bool_]:
-        """(L,) which are open, of the hooks (2, n-1, m, 2) of all triangles."""
-        return np.asarray((hooked.ravel()[self.cells] == 0.0).all(axis=1))
+    def by(points: RowPoints, row: Indices, side: Indices, column: Indices, at: Array) -> Carried:
+        """Those that are at places (L, 3) m while rows have these points; column: 0 the root."""
+        last = points.nodes.shape[1] // 2
+        node, before, after = (
+            np.where(c > 0, side * last + c, 0)
+            for c in (column, np.maximum(column - 1, 0), np.minimum(column + 1, last))
+        )
+        still = Carried(row, node, before, after, np.zeros((len(row), 3)))
+        away = at - points.nodes[row, node]
+        return replace(still, place=np.einsum("lki,lk->li", still._frames(points), away))
 
     def carried(self, points: RowPoints) -> Array:
-        """(L, 3) m, where they are as parts of the barbs that carry them."""
+        """(L, 3) m, where they are."""
         nodes = points.nodes[self.row, self.node]
         return np.asarray(nodes + np.einsum("lik,lk->li", self._frames(points), self.place))
-
-    def rates(
-        self, points: RowPoints, velocities: RowPoints, accelerations: RowPoints | None = None
-    ) -> Array:
-        """(L, 3) velocities of carried points, or their accelerations where those are given."""
-        second = velocities if accelerations is None else accelerations
-        curve = 0.0 if accelerations is None else 0.5 * INSTANT**2
-        before, after = (
-            self.carried(
-                RowPoints(
-                    *(
-                        x + sign * INSTANT * v + curve * a
-                        for x, v, a in zip(points, velocities, second, strict=True)
-                    )
-                )
-            )
-            for sign in (-1.0, 1.0)
-        )
-        if accelerations is None:
-            return (after - before) / (2.0 * INSTANT)
-        return np.asarray((after - 2.0 * self.carried(points) + before) / INSTANT**2)
 
     def _frames(self, points: RowPoints) -> Array:
         """(L, 3, 3) columns t, n x t, n."""
@@ -94,6 +66,142 @@ class Lips:
         normal = normal - along * np.einsum("lk,lk->l", normal, along)[:, None]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         return np.stack([along, np.cross(normal, along), normal], axis=-1)
+
+
+def carried_rates(
+    carried: Callable[[RowPoints], Array],
+    points: RowPoints,
+    velocities: RowPoints,
+    accelerations: RowPoints | None = None,
+) -> Array:
+    """(L, 3) velocities of carried points, or their accelerations where those are given."""
+    second = velocities if accelerations is None else accelerations
+    curve = 0.0 if accelerations is None else 0.5 * INSTANT**2
+    before, after = (
+        carried(
+            RowPoints(
+                *(
+                    x + sign * INSTANT * v + curve * a
+                    for x, v, a in zip(points, velocities, second, strict=True)
+                )
+            )
+        )
+        for sign in (-1.0, 1.0)
+    )
+    if accelerations is None:
+        return (after - before) / (2.0 * INSTANT)
+    return np.asarray((after - 2.0 * carried(points) + before) / INSTANT**2)
+
+
+@dataclass(frozen=True)
+class Lips(Carried):
+    """The L lips of a feather that may part.
+
+    point: (L,) of the mesh. cells: (L, 3) triangles of the strip that meet in it, numbers in
+    Feather.cell, or that of the first of them again.
+    """
+
+    point: Indices
+    cells: Indices
+
+    @staticmethod
+    def of(feather: Feather) -> Lips:
+        surface, columns = feather.surface, feather.columns
+        point = surface.lips[:, 0]
+        row, node = surface.row[point] - 1, surface.node[point]
+        side, column = (node - 1) // columns, (node - 1) % columns
+
+        def hanging(rest: RowPoints) -> Carried:
+            return Carried.by(rest, row, side, column + 1, rest.nodes[row + 1, node])
+
+        own = hanging(feather.rest)
+        place = own.place
+        if feather.split.size:
+            gapes = feather.split.max(axis=(2, 3), keepdims=True)[side, row, 0]
+            place = np.where(gapes, hanging(unsplit(feather)).place, place)
+        meeting = _meeting(feather.cell, side, row, column)
+        return Lips(row, node, own.before, own.after, place, point, meeting)
+
+    def open(self, hooked: Array) -> NDArray[np.bool_]:
+        """(L,) which are open, of the hooks (2, n-1, m, 2) of all triangles."""
+        return np.asarray((hooked.ravel()[self.cells] == 0.0).all(axis=1))
+
+
+def unsplit(feather: Feather) -> RowPoints:
+    """Nodes and directors of a feather at rest as if nothing of it were split."""
+    return feather.rest._replace(nodes=feather.unsplit) if feather.unsplit.size else feather.rest
+
+
+@dataclass(frozen=True)
+class Strands:
+    """P points of barbs that are drawn between the rows of a vane that may part.
+
+    near, far: the point as part of the barb below, carried by the nodes on either side of it.
+    share: (P,) of far. cells: (2, P, 3), triangles that meet in the strip's upper edge at near and
+    far, as in Lips, -1 where that is no part of a strip.
+    """
+
+    near: Carried
+    far: Carried
+    share: Array
+    cells: Indices
+
+    @staticmethod
+    def of(feather: Feather, station: Array, side: Indices, along: Array, at: Array) -> Strands:
+        """station, along: (P,) share of the shaft and of the barb. at: (P, 3) m, on the vane
+        without splits."""
+        rest, columns = unsplit(feather), feather.columns
+        places = feather.station / feather.station[-1]
+        row = np.clip(np.searchsorted(places, station, side="right") - 1, 0, feather.rows - 2)
+        first = np.minimum((along * columns).astype(np.int64), columns - 1)
+        barbs = feather.barb_length > 0.0
+        grown = barbs[side, row] & barbs[side, row + 1]
+        # what lies in no strip never parts: any barb will do
+        row = np.where(grown, row, barbs.argmax(axis=1)[side])
+        ends, cells = [], []
+        for column in (first, first + 1):
+            ends.append(Carried.by(rest, row, side, column, at))
+            meeting = _meeting(feather.cell, side, row, np.maximum(column - 1, 0))
+            cells.append(np.where((grown & (column > 0))[:, None], meeting, -1))
+        return Strands(ends[0], ends[1], along * columns - first, np.stack(cells))
+
+    def parted(self, hooked: Array) -> Parted | None:
+        """Those of which a part goes along with the barb below, of the hooks of all triangles
+        (2, n-1, m, 2); None where there are none."""
+        near, far = (hooked.ravel()[self.cells] == 0.0).all(axis=2) & (self.cells[..., 0] >= 0)
+        part = (1.0 - self.share) * near + self.share * far
+        points = np.flatnonzero(part > 0.0)
+        if len(points) == 0:
+            return None
+        ends = _picked(self.near, points), _picked(self.far, points)
+        return Parted(points, part[points, None], *ends, self.share[points, None])
+
+
+@dataclass(frozen=True)
+class Parted:
+    """Q of the points of Strands: numbers; part (Q, 1) of each that goes along with the barb below;
+    near, far and share (Q, 1) as there."""
+
+    numbers: Indices
+    part: Array
+    near: Carried
+    far: Carried
+    share: Array
+
+    def carried(self, points: RowPoints) -> Array:
+        """(Q, 3) m, where they are as parts of the barbs below."""
+        ends = self.near.carried(points), self.far.carried(points)
+        return np.asarray((1.0 - self.share) * ends[0] + self.share * ends[1])
+
+    def joined(self, curves: Array, own: Array) -> Array:
+        """(P, 3) points or rates as of a whole vane with those (Q, 3) of the parted ones."""
+        result = curves.copy()
+        result[self.numbers] += self.part * (own - curves[self.numbers])
+        return result
+
+
+def _picked(carried: Carried, numbers: Indices) -> Carried:
+    return Carried(*(getattr(carried, each.name)[numbers] for each in fields(carried)))
 
 
 def _meeting(cell: NDArray[np.bool_], side: Indices, row: Indices, column: Indices) -> Indices:

@@ -140,6 +140,9 @@ class Feather:
     cell: (2, n - 1, m, 2) bool, whether triangle A (i,j)(i,j+1)(i+1,j) [index 0], its edge on row
         i, and triangle B (i,j+1)(i+1,j+1)(i+1,j) [index 1], its edge on row i+1, exist (j = 0 is
         the rachis). Those that would have no area do not.
+    split: as cell, whether triangles are open at rest; of size 0 where none is.
+    unsplit: (n, 1 + 2 m, 3) m, nodes as they would be without splits; of size 0 where there is
+        none.
     """
 
     rest: RowPoints
@@ -150,6 +153,8 @@ class Feather:
     barb_span: Array
     cell: NDArray[np.bool_]
     surface: Surface
+    split: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0, 0, 2), dtype=np.bool_))
+    unsplit: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
     @property
     def points(self) -> Array:
@@ -198,7 +203,8 @@ class BarbCurves:
 
     points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
     TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface. points_map: from the
-    simulated feather's rows (or rates) to points.
+    simulated feather's rows (or rates) to points. strands: featherfx.feather.lips.Strands of the
+    points, one curve after the other, of a vane that may part.
     """
 
     points: Array
@@ -206,3 +212,4 @@ class BarbCurves:
     side: Indices
     st: Array
     points_map: PointMap
+    strands: Any = None

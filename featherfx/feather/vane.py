@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from featherfx.feather.barbs import Barbs, trace_barbs, without_barb
 from featherfx.feather.rachis import Rachis
 from featherfx.feather.types import LEADING, Array
+from featherfx.groom.splits import Split
 from featherfx.groom.types import FeatherKind
 
 Flags = NDArray[np.bool_]
@@ -44,14 +46,16 @@ class _Cells:
     folded: Flags
 
 
-def build_vane(kind: FeatherKind, side: int, rachis: Rachis, columns: int) -> VaneGrid:
+def build_vane(
+    kind: FeatherKind, side: int, rachis: Rachis, columns: int, splits: Sequence[Split] = ()
+) -> VaneGrid:
     """Trace the barbs of one side (LEADING or TRAILING) and span the vane between them.
 
     Between a barb and a row without one the vane is a fan of triangles; where a fan would fold
     over it is left out, and the barb is the vane's edge. Where an end barb much shorter than its
-    neighbour would fold the vane, it is dropped.
+    neighbour would fold the vane, it is dropped. splits: beside which the barbs give way.
     """
-    barbs, messages = trace_barbs(kind, side, rachis, columns)
+    barbs, messages = trace_barbs(kind, side, rachis, columns, splits)
     cells = _cells(kind, side, rachis, barbs)
     while (short := _short_end(barbs.arc_length, cells.folded | cells.folded_flat)) >= 0:
         barbs = without_barb(barbs, short)

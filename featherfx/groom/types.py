@@ -85,6 +85,48 @@ class Hooked:
 
 
 @dataclass(frozen=True)
+class Splits:
+    """Gaps of a vane that are open from the start, as if torn and never preened.
+
+    pattern: which of the variants is drawn; a groom takes it from the feather's id.
+    """
+
+    places: Annotated[
+        tuple[tuple[float, float], ...],
+        ArrayOf(ArrayOf(_PLACE, 2, 2), 0, 50),
+        "Splits at given places: [share of the vane's length, share of the barbs that is split, "
+        "from the edge on].",
+    ] = ()
+    number: Annotated[int, Number(0, 50, whole=True), "Splits that are drawn at random."] = 0
+    depth: Annotated[
+        float, Number(0.01, 1), "Share of the barbs that those split, from the vane's edge on."
+    ] = 0.6
+    where: Annotated[
+        tuple[float, float],
+        ArrayOf(_PLACE, 2, 2),
+        "Stretch of the vane's length that those are spread over.",
+        Default((0.15, 0.9)),
+    ] = (0.15, 0.9)
+    width: Annotated[
+        float,
+        Number(0, 0.1),
+        "How far all splits gape at the vane's edge at rest, a share of the feather's length.",
+    ] = 0.004
+    irregularity: Annotated[
+        float,
+        _PLACE,
+        "How unevenly drawn splits are spread, and how much their depths and widths differ.",
+    ] = 0.5
+    seed: Annotated[int, Number(0, 2**31 - 1, whole=True), "Seed of what is drawn."] = 1
+    variants: Annotated[
+        int,
+        Number(1, 1000, whole=True),
+        "Different draws among feathers of a groom, each by its id; few are built faster.",
+    ] = 8
+    pattern: int = 0
+
+
+@dataclass(frozen=True)
 class VaneShape:
     """One vane at rest, on the flattened feather (before camber, sweep and twist of the rachis).
 
@@ -119,6 +161,12 @@ class VaneShape:
         Default(0.08),
     ] = 0.0
     hooked: Annotated[Hooked, "How much of the vane is hooked together.", Default({})] = Hooked()
+    splits: Annotated[Splits, "What of the vane is split from the start.", Default({})] = Splits()
+
+    @property
+    def is_split(self) -> bool:
+        """Whether it has splits from the start."""
+        return bool(self.splits.places or self.splits.number)
 
 
 _STIFFNESS = Number(1e-10, 10, "N m")
@@ -244,6 +292,16 @@ class FeatherKind:
     rachis: Annotated[RachisShape, "Shape of the shaft at rest."]
     leading: Annotated[VaneShape, "The leading vane."]
     trailing: Annotated[VaneShape, "The trailing vane."]
+
+    @property
+    def is_split(self) -> bool:
+        """Whether one of its vanes has splits from the start."""
+        return self.leading.is_split or self.trailing.is_split
+
+    @property
+    def may_part(self) -> bool:
+        """Whether its vanes ever have gaps that are open."""
+        return self.vane_material.hooks == "open" or self.is_split
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +48,8 @@ NEVER = 1e150
 SCATTER_SEED = 41
 # least share of hooks: what holds nothing still has an area that the air meets
 LEAST_HOOKED = 1e-6
+# least n of a gap that is open at rest
+LEAST_NEAREST = 0.01
 # least compliance of an elastic clamp, in that of the barb it holds
 LEAST_CLAMP = 1e-6
 
@@ -97,8 +100,8 @@ def has_elastic_clamp(kind: FeatherKind) -> bool:
 
 
 def may_slip(kind: FeatherKind) -> bool:
-    """Whether gaps between the barbs slip under load, and keep what they slipped."""
-    return kind.vane_material.hooks != "closed"
+    """Whether gaps between the barbs slip, are open or are closed, and keep what they slipped."""
+    return kind.vane_material.hooks != "closed" or kind.is_split
 
 
 def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: bool) -> _Constants:
@@ -149,8 +152,8 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     height.
     """
     cell_rest, cell_area = _cells(feather)
-    vane = kind.vane_material
-    volume = vane.thickness * cell_area * _held(feather, kind)
+    vane, held = kind.vane_material, _held(feather, kind)
+    volume = vane.thickness * cell_area * held
     scatter = np.random.default_rng(SCATTER_SEED).normal(size=cell_area.shape[:2])
     weaker = np.exp(vane.hook_scatter * scatter)[:, :, None, None]
     across, shear = vane.hook_yield_across * weaker, vane.hook_yield_shear * weaker
@@ -162,9 +165,30 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     release = limit[..., 0] * vane.hook_release * cell_rest[..., 2]
     if vane.hooks != "open":
         release = np.full_like(release, np.inf)
-    if not may_slip(kind):
+    if vane.hooks == "closed":
         limit[:] = NEVER
-    return Hooks(limit=limit, growth=growth, release=release, strength=np.array(strength))
+    loose = held <= LEAST_HOOKED
+    limit[loose] = 0.0
+    return Hooks(
+        limit=limit,
+        growth=growth,
+        release=release,
+        strength=np.array(strength),
+        opened=np.where(loose, 1.0, _opened(feather, cell_area)),
+    )
+
+
+def _opened(feather: Feather, cell_area: Array) -> Array:
+    """(2, n-1, m, 2), n of gaps that are open at rest, 0 of the others.
+
+    Where a split gapes, its barbs touch at the distance that they would have without it.
+    """
+    if feather.split.size == 0:
+        return np.zeros(cell_area.shape)
+    whole = replace(feather, rest=feather.rest._replace(nodes=feather.unsplit))
+    _, unsplit_area = _cells(whole)
+    nearer = np.divide(unsplit_area, cell_area, out=np.ones_like(cell_area), where=cell_area > 0.0)
+    return np.where(feather.split, np.clip(nearer, LEAST_NEAREST, 1.0), 0.0)
 
 
 def row_frames(directors: Array) -> Array:
@@ -206,10 +230,17 @@ def _rachis_stiffness(feather: Feather, kind: FeatherKind, length: Array) -> Arr
 
 def _mass(feather: Feather, kind: FeatherKind, cell_area: Array, length: Array) -> Array:
     """(n, 1 + 2 m) lumped masses."""
-    columns = feather.columns
-    mass = np.zeros((feather.rows, 1 + 2 * columns))
+    mass = vane_mass(feather, kind, cell_area)
     line, _, _ = shaft_mass(feather.width, feather.height, kind.rachis_material)
-    mass[:, 0] = line * _row_length(length)
+    mass[:, 0] += line * _row_length(length)
+    return mass
+
+
+def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = None) -> Array:
+    """(n, 1 + 2 m) kg, of the vane at the nodes. cell_area: of the triangles, if known."""
+    columns = feather.columns
+    cell_area = _cells(feather)[1] if cell_area is None else cell_area
+    mass = np.zeros((feather.rows, 1 + 2 * columns))
     third = cell_area * kind.vane_material.surface_density / 3.0
     for side in range(2):
         node = np.zeros((feather.rows, columns + 1))
@@ -308,9 +339,7 @@ def _cells(feather: Feather) -> tuple[Array, Array]:
     return np.where(exists[..., None], rest, 0.0), np.where(exists, 0.5 * edge * height, 0.0)
 
 
-def _hinges(
-    feather: Feather, cell_area: Array, held: Array, modulus: float
-) -> tuple[Array, Array]:
+def _hinges(feather: Feather, cell_area: Array, held: Array, modulus: float) -> tuple[Array, Array]:
     """hinge_rest and hinge_stiffness, (2, n, m).
 
     held: (2, n-1, m, 2) share of the modulus that each triangle has; it and its neighbour across

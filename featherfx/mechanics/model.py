@@ -16,13 +16,15 @@ class Hooks(NamedTuple):
 
     limit: (F, 2, n-1, m, 2, 2) J, y_w and y_v. growth: (F, 2, n-1, m, 2) 1/J, c. release:
     (F, 2, n-1, m, 2) J, work of slip at level 1 from the strength to the open gap; infinite where
-    gaps do not open. strength: (F,) level.
+    gaps do not open. strength: (F,) level. opened: (F, 2, n-1, m, 2), n of gaps that are open from
+    the start, 0 of the others; those that nothing can close have the limit 0.
     """
 
     limit: Array
     growth: Array
     release: Array
     strength: Array
+    opened: Array
 
 
 class Gaps(NamedTuple):

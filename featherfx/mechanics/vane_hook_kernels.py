@@ -24,6 +24,7 @@ most since it opened, or than at rest, however far they have slid,
 
 J the ratio of areas of featherfx/mechanics/vane_guard_kernels.py: barbs keep their length, so J is
 that of their distance. Barbs that are closer than at rest when they part are not thrown apart.
+Bending across the barbs (vane_bending_kernels) is weakened as the gaps on either side of it.
 """
 
 from math import sqrt
@@ -207,6 +208,13 @@ def row_of_gaps(hooks, f, side, i, gaps):
         gaps.level[side, i],
         gaps.hooked[side, i],
     )
+
+
+@kernel
+def hinge_hold(gaps, side, i, j):
+    """Part of the stiffness that the hinge on row i's barb has: what the weaker of its triangles
+    has left; gaps: of one feather."""
+    return min(gaps.hooked[side, i, j, 0], gaps.hooked[side, i - 1, j, 1])
 
 
 class Gap(NamedTuple):

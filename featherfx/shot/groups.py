@@ -14,7 +14,7 @@ from featherfx.feather.density import density_map, scaled_map
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept
-from featherfx.groom.types import FeatherKind, Placement
+from featherfx.groom.types import FeatherKind, Placement, Splits
 from featherfx.mechanics.batch import has_elastic_clamp, make_model, may_slip
 from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
@@ -23,6 +23,7 @@ from featherfx.shot.detail.detail import CARRIED, Resolution
 from featherfx.shot.islands import ALONE
 from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
+from featherfx.shot.loads.wet import Water, wet_rules
 from featherfx.shot.loads.wind import exposures, sheltered
 from featherfx.shot.motion.roots import Roots
 from featherfx.shot.types import FeatherPose, Force, Grip, Shot
@@ -44,7 +45,7 @@ class Group:
 
     level: of detail. exposure: to the air (loads/wind.py). island: of feathers that may touch
     (islands.py). feathers: as simulated. maps: to the meshes' grid, where that is another one.
-    cycle: of a shot that repeats.
+    cycle: of a shot that repeats. water: of feathers that are wet at times.
     """
 
     level: str
@@ -61,10 +62,12 @@ class Group:
     start: Array
     loads: Loads | None = None
     cycle: Cycle | None = None
+    water: Water | None = None
 
 
 class _Alike(NamedTuple):
-    """What feathers of one batch have in common. taper: of barbs. clamp: whether it is elastic."""
+    """What feathers of one batch have in common. taper: of barbs. clamp: whether it is elastic.
+    wet: number of the rule, or -1."""
 
     island: int
     resolution: Resolution
@@ -72,6 +75,7 @@ class _Alike(NamedTuple):
     clamp: bool
     hooked: bool
     exposure: float
+    wet: int
 
 
 def make_groups(
@@ -83,15 +87,15 @@ def make_groups(
     islands: NDArray[np.int64],
     time: float = 0.0,
 ) -> list[Group]:
-    """Batches of feathers of one island, grid, barb taper, clamp, hooks and exposure, at a time
-    in s.
+    """Batches of feathers of one island, grid, barb taper, clamp, hooks, exposure and wetness, at a
+    time in s.
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
     each feather ever has; it is in a batch for each at which something is solved. islands: (F,)
     numbers, or ALONE.
     """
     alike: dict[_Alike, list[int]] = {}
-    exposed = exposures(shot).tolist()
+    exposed, wets = exposures(shot).tolist(), wet_rules(shot)
     # contact reaches all batches of feathers that push in one way
     mixed = shot.contact is not None and any(may_slip(p.kind) for p in shot.groom.feathers)
     for index, placement in enumerate(shot.groom.feathers):
@@ -101,7 +105,7 @@ def make_groups(
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
                 island = int(islands[index])
                 hooked = (mixed and island != ALONE) or _slips(kind, resolution)
-                key = _Alike(island, resolution, taper, clamp, hooked, exposed[index])
+                key = _Alike(island, resolution, taper, clamp, hooked, exposed[index], wets[index])
                 alike.setdefault(key, []).append(index)
     return [
         _group(shot, drawn, np.array(members), key, motion, jobs, time)
@@ -154,6 +158,7 @@ def _group(
         solver=Solver(model, settings, jobs),
         state=state,
         start=state.points.nodes.copy(),
+        water=None if key.wet < 0 else Water(shot.wets[key.wet], model, feathers, placements),
     )
 
 
@@ -193,7 +198,12 @@ def _slips(kind: FeatherKind, resolution: Resolution) -> bool:
 def _as_simulated(kind: FeatherKind, resolution: Resolution) -> FeatherKind:
     if _slips(kind, resolution) or not may_slip(kind):
         return kind
-    return replace(kind, vane_material=replace(kind.vane_material, hooks="closed"))
+    return replace(
+        kind,
+        vane_material=replace(kind.vane_material, hooks="closed"),
+        leading=replace(kind.leading, splits=Splits()),
+        trailing=replace(kind.trailing, splits=Splits()),
+    )
 
 
 def loads_within(
@@ -209,6 +219,8 @@ def loads_within(
     grips = group.grips if gripped else []
     points = list(group.start)
     loads = frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
+    if group.water is not None:
+        loads = group.water.through(loads)
     if group.exposure == 1.0:
         return loads
     before, after = (motion.frames(time)[0][group.members] for time in (start, end))
@@ -239,10 +251,8 @@ def _maps(
         key = id(shape), placement.mirrored
         if key not in known:
             known[key] = density_map(
-                *(
-                    build_feather(shape, f.rows, f.columns, placement.mirrored)
-                    for f in (coarse, fine)
-                )
+                build_feather(shape, coarse.rows, coarse.columns, placement.mirrored),
+                build_feather(shape, fine.rows, fine.columns, placement.mirrored),
             )
         size = placement.size if placement.prototype is not None else 1.0
         found.append(scaled_map(known[key], size, coarse.rows))

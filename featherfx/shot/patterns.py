@@ -5,10 +5,10 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 
 from featherfx.groom.types import Placement
-from featherfx.shot.types import Contact, Detail, Preen, Shelter
+from featherfx.shot.types import Contact, SomeFeathers
 
 
-def fits(entry: Detail | Shelter | Preen, placement: Placement) -> bool:
+def fits(entry: SomeFeathers, placement: Placement) -> bool:
     """Whether an entry is about a feather."""
     return (
         fnmatchcase(placement.id, entry.feathers)

@@ -27,6 +27,7 @@ from featherfx.shot.hooks import Hooks
 from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
+from featherfx.shot.loads.wet import clumping, wet_rules
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.motion.preroll import RunUp, moves_before
 from featherfx.shot.motion.roots import RootFrames, root_rates
@@ -100,14 +101,15 @@ class Simulation:
         if shot.cycle:
             for group in self._groups:
                 period, count = shot.cycle * subframes, len(group.members)
-                # what slips does not repeat
-                if not group.solver.model.hooked:
+                # what slips or dries does not repeat
+                if not group.solver.model.hooked and group.water is None:
                     group.cycle = Cycle(period, shot.quality.tolerance, count)
         self._levels = LevelRun(
             shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
         self._islands, self._alone = islands_together(shot, self._groups, motion)
         self._hooks = Hooks(shot, self._groups)
+        self._wets, self._soaking = wet_rules(shot), list[Group]()
         self._index = self._first - 1
         if start is not None:
             self._take_over(start)
@@ -157,6 +159,7 @@ class Simulation:
         if index > 0:
             self._levels.begin(index)
             self._hooks.preen(self._time(index - 1), self._time(index))
+        self._soaking = [group for group in self._groups if self._soaked(group, index)]
         if index == self._first:
             self._begin()
         else:
@@ -176,6 +179,10 @@ class Simulation:
             self._laid = self._layers.lay(poses, number, time, duration)
         self._hooks.note(self._number(index))
         self._index = index
+
+    def _soaked(self, group: Group, index: int) -> bool:
+        """Whether feathers of a group are wetter or drier than before, and have another model."""
+        return group.water is not None and group.water.soak(group.solver, self._time(index))
 
     def _begin(self) -> None:
         """Settle all feathers where the simulation begins, carried by their roots if these move."""
@@ -223,6 +230,7 @@ class Simulation:
         self._index = start.index
         for group, state, first in zip(self._groups, start.states, start.starts, strict=True):
             group.state, group.start = state, first
+            self._soaked(group, start.index)
             if start.index:
                 group.loads = self._loads(group, start.index)
         restore_contact(self._islands, start.contact)
@@ -271,7 +279,7 @@ class Simulation:
         """Bring feathers that may touch each other to the sample with this index."""
         loads = [self._loads(group, index) for group in island.groups]
         times = self._time(index - 1), self._time(index)
-        stirred = [self._hooks.stirred(group) for group in island.groups]
+        stirred = [self._stirred(group) for group in island.groups]
         done = island.advance(*times, loads, stirred, index > 0)
         self._counts.slept += done.resting
         self._counts.repeated += done.repeated
@@ -289,11 +297,16 @@ class Simulation:
         sleeping = undisturbed(group.state, path, loads, group.loads, coast)
         sleeping &= at_rest(group.state, path, tolerance, duration)
         sleeping &= self._levels.active(group) & ~self._levels.fresh(group)
-        sleeping &= ~self._hooks.stirred(group)
+        sleeping &= ~self._stirred(group)
         moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
         self._counts.slept += int((sleeping & ~moving).sum())
         self._counts.coasted += int((sleeping & moving).sum())
         return sleeping
+
+    def _stirred(self, group: Group) -> NDArray[np.bool_]:
+        """(F,) feathers of a group that are other ones than at the last sample."""
+        every = any(group is each for each in self._soaking)
+        return self._hooks.stirred(group) | every
 
     def _frame(self, index: int) -> Frame:
         time = self._time(index)
@@ -308,6 +321,9 @@ class Simulation:
             if not all(np.isfinite(part).all() for part in pose.points):
                 name = self.shot.groom.feathers[f].id
                 raise SimulationError(name, time, "a point is not finite", number)
+        if self.shot.wets:
+            clumps = [clumping(self.shot, self._wets[f], time) for f in self._wanted.tolist()]
+            poses = [replace(p, clumped=each) for p, each in zip(poses, clumps, strict=True)]
         return Frame(number, time, tuple(poses))
 
 

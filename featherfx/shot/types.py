@@ -78,6 +78,44 @@ class Shelter(SomeFeathers):
     ]
 
 
+_WETNESS = ArrayOf(Number(-1e5, 1e5), 2, 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wet(SomeFeathers):
+    """How wet some feathers are over time, and what that does to them."""
+
+    keys: Annotated[
+        tuple[tuple[float, float], ...],
+        ArrayOf(_WETNESS, 1, 10_000),
+        "Wetness, 0 to 1, at times: [time in s, wetness]; linear between, constant outside.",
+    ]
+    water: Annotated[
+        float,
+        Number(0, 100),
+        "Water that the vane holds at wetness 1, in masses of the dry vane; an estimate.",
+    ] = 1.0
+    hooks: Annotated[
+        float,
+        Number(0.01, 1),
+        "Share of the yield and strength of hooks that is left at wetness 1; an estimate.",
+    ] = 0.5
+    drag: Annotated[
+        float,
+        _PART,
+        "Share of the air's force on the vane that is left at wetness 1; a look control.",
+    ] = 0.7
+    clump: Annotated[
+        float,
+        _PART,
+        "How far the ends of barbs that are drawn come together at wetness 1, a share of their "
+        "distance; a look control.",
+    ] = 0.8
+    clumps: Annotated[
+        int, Number(1, 1000, whole=True), "Number of clumps along each vane; a look control."
+    ] = 24
+
+
 @dataclass(frozen=True, kw_only=True)
 class Preen(SomeFeathers):
     """A stroke that closes open gaps between barbs, of vanes whose hooks may slip."""
@@ -313,6 +351,7 @@ class Shot:
     level_of_detail: LevelOfDetail | None = None
     shelters: tuple[Shelter, ...] = ()
     preens: tuple[Preen, ...] = ()
+    wets: tuple[Wet, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -320,13 +359,15 @@ class Shot:
 class FeatherPose:
     """Nodes and directors of one feather, world frame, and their rates per second.
 
-    gaps: of a vane whose hooks may slip, else ().
+    gaps: of a vane whose hooks may slip, else (). clumped: how far barbs that are drawn come
+    together, 0 to 1, and in how many clumps a vane.
     """
 
     points: RowPoints
     velocities: RowPoints
     accelerations: RowPoints
     gaps: Gaps | tuple[()] = ()
+    clumped: tuple[float, int] = (0.0, 1)
 
 
 @dataclass(frozen=True)

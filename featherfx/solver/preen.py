@@ -45,7 +45,7 @@ def closed(
     assert isinstance(hooks, Hooks)
     strain, stiffness = state.strains.cell[f, 0], model.cell_stiffness[f]
     slipped = (gaps.hooked < 1.0) | (gaps.level > 1.0) | gaps.slip.any(axis=-1)
-    chosen = touched & slipped & (stiffness[..., 0] > 0.0)
+    chosen = touched & slipped & (stiffness[..., 0] > 0.0) & (hooks.limit[f, ..., 0] > 0.0)
     chosen &= _apart(strain) <= reach * model.cell_rest[f, ..., 2] + 1e-12
     if not chosen.any():
         return None

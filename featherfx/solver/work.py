@@ -78,14 +78,16 @@ class Cells(NamedTuple):
 
     Lines of S numbers (vane/line_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
     stiffness and half of it. coupling: (S,), of shear in the strain across that the stiffness
-    belongs to, where gaps slip, else (). gradient: (4, 4, 3, S), strain, node, axis. geometric:
-    (6, S), N/m. single: (3, 4, 3), of one cell.
+    belongs to, where gaps slip, else (). held: (m,), stiffness of hinges where gaps may be
+    open, else (). gradient: (4, 4, 3, S), strain, node, axis. geometric: (6, S), N/m. single:
+    (3, 4, 3), of one cell.
     """
 
     rest: Array
     stress: Array
     weight: Array
     coupling: Array | tuple[()]
+    held: Array | tuple[()]
     gradient: Array
     geometric: Array
     single: Array
@@ -152,14 +154,18 @@ def no_strains(model: Model, *lead: int) -> Strains:
 
 
 def whole_gaps(model: Model, *lead: int) -> Gaps | tuple[()]:
-    """Gaps that have not slipped yet, with leading axes; () where none slips."""
-    if not model.hooked:
+    """Gaps that have not slipped yet, with leading axes; () where none slips.
+
+    lead: the batch's feathers, of which some are split from the start, or none for scratch.
+    """
+    if not model.hooks:
         return ()
     shape = (*lead, 2, model.rows - 1, model.columns, 2)
+    opened = model.hooks.opened if lead else np.zeros(shape)
     return Gaps(
         slip=np.zeros((*shape, 2)),
-        level=np.ones(shape),
-        hooked=np.ones(shape),
+        level=np.where(opened > 0.0, opened, 1.0),
+        hooked=np.where(opened > 0.0, 0.0, 1.0),
         spent=np.zeros((*lead, 4)),
         length=np.zeros((*lead, 2)),
     )
@@ -216,6 +222,7 @@ def make_work(model: Model) -> Work:
                 stress=np.zeros((2, padded)),
                 weight=np.zeros((4, 2, padded)),
                 coupling=np.zeros(padded) if model.hooked else (),
+                held=np.zeros(m) if model.hooked else (),
                 gradient=np.zeros((4, 4, 3, padded)),
                 geometric=np.zeros((6, padded)),
                 single=np.zeros((3, 4, 3)),

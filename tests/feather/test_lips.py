@@ -9,7 +9,7 @@ import pytest
 
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.feather.build import build_feather
-from featherfx.feather.lips import Lips
+from featherfx.feather.lips import Lips, carried_rates
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.lab.feathers.feather import feather_kind
 
@@ -85,9 +85,11 @@ def test_rates_are_those_of_the_carried_points(feather, bent):
     velocity = (at(1e-6) - at(-1e-6)) / 2e-6
     second = (at(3e-5) - 2 * at(0.0) + at(-3e-5)) / 9e-10
     assert np.abs(velocity).max() > 1.0
-    np.testing.assert_allclose(lips.rates(bent, v), velocity, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(carried_rates(lips.carried, bent, v), velocity, rtol=1e-3, atol=1e-3)
     spread = np.abs(second).max()
-    np.testing.assert_allclose(lips.rates(bent, v, a), second, rtol=1e-2, atol=1e-2 * spread)
+    np.testing.assert_allclose(
+        carried_rates(lips.carried, bent, v, a), second, rtol=1e-2, atol=1e-2 * spread
+    )
 
 
 def test_lips_part_where_all_triangles_that_meet_in_them_are_open(feather):

@@ -199,6 +199,14 @@ VANE_FAULTS = [
         "trailing.hooked.shaft = [[0.2, 0], [0.2, 1]]",
         "trailing.hooked.shaft[1][0]: 0.2 is not above the point before it (0.2)",
     ),
+    ("trailing.splits.places = [[1.0, 0.5]]", "1 lies outside the vane, which reaches from 0 to 1"),
+    (
+        "trailing.splits = {places = [[0.5, 0.5], [0.51, 0.4]], width = 0.02}",
+        "trailing.splits.places[1][0]: 0.51 crosses the split at 0.5",
+    ),
+    ("trailing.splits = {number = 40, width = 0.03}", "40 splits cross one another"),
+    ("trailing.splits = {number = 2, where = [0.6, 0.6]}", "0.6 is not above the first, 0.6"),
+    ("leading = {outline = [], splits = {number = 1}}", "there is no vane on this side"),
     ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range, allowed 0 to 1"),
     ("rachis.diameter_tip = 0.02", "allowed up to diameter_base = 0.007 m"),
 ]

@@ -9,9 +9,10 @@ import pytest
 from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind
 
 from featherfx.feather.build import build_feather
+from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import RACHIS
 from featherfx.groom.types import BarbGuide, VaneShape
-from featherfx.mechanics.batch import make_model, row_frames
+from featherfx.mechanics.batch import LEAST_HOOKED, make_model, row_frames
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
 from featherfx.solver.step.integrator_kernels import Factors
@@ -95,7 +96,8 @@ def test_shaft_mass_converges_to_the_integral_of_the_taper():
 def test_cells_cover_the_vane(name):
     feather, model = preset_batch(name, 21, 6)
     vane = preset_kind(name).vane_material
-    area = model.cell_stiffness[0] / vane.thickness / np.array([vane.across, vane.shear])
+    held = np.maximum(hooked_share(preset_kind(name), feather), LEAST_HOOKED)[..., None]
+    area = model.cell_stiffness[0] / vane.thickness / np.array([vane.across, vane.shear]) / held
     assert area[..., 0].sum() == pytest.approx(vane_area(feather), rel=1e-12)
     assert area[..., 1] == pytest.approx(area[..., 0], rel=1e-12)
     assert ((area[..., 0] > 0.0) == feather.cell).all()

@@ -37,3 +37,11 @@ def test_nodal_gives_the_same_keys_and_nearly_the_same_feather():
 def test_unknown_kinematics_is_named():
     with pytest.raises(InputError, match="kinematics"):
         run_feather(FeatherTest("swan_primary", 0.1, kinematics="rigid"))
+
+
+def test_hooks_that_may_open_are_refused(tmp_path):
+    folder = tmp_path / "feather"
+    folder.mkdir()
+    (folder / "torn.toml").write_text('base = "swan_primary"\nvane_material.hooks = "open"\n')
+    with pytest.raises(InputError, match=r"vane_material\.hooks: the nodal kinematics has no gaps"):
+        run_feather(FeatherTest("torn", 0.1, kinematics="nodal"), (tmp_path,))

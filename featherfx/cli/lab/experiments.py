@@ -33,6 +33,7 @@ from featherfx.lab.vane.angles import AnglesTest, angle_slopes, shear_bands
 from featherfx.lab.vane.calibrate import CalibrateTest, calibrate, check_name, save_preset
 from featherfx.lab.vane.curves import read_curves
 from featherfx.lab.vane.hooked import CycleTest, TearTest, cycle, tear
+from featherfx.lab.vane.hysteresis import fit_cycles
 from featherfx.lab.vane.locking import LockingTest, run_locking
 from featherfx.lab.vane.mesoscale import BandTest, run_bands, run_size_effect
 from featherfx.lab.vane.traction import Traction, run_traction
@@ -124,8 +125,13 @@ def _mesoscale(test: BandTest, size_effect: bool, output: Path | None) -> Iterat
 
 
 def _calibrate(
-    test: CalibrateTest, file: Path, save: Path | None, name: str | None
+    test: CalibrateTest, file: Path, save: Path | None, name: str | None, cycles: bool
 ) -> Iterator[Any]:
+    if cycles:
+        if save is not None or name is not None:
+            raise click.UsageError("--save and --name do not go with --cycles")
+        yield fit_cycles(read_curves(file, in_order=True), feather_kind(test.preset), str(file))
+        return
     if (save is None) != (name is None):
         raise click.UsageError("--save and --name belong together")
     if save is not None and name is not None:
@@ -167,6 +173,7 @@ CALIBRATION = (
         help="Save as a material preset in this folder of presets.",
     ),
     click.Option(["--name"], help="Of the preset."),
+    click.Option(["--cycles"], is_flag=True, help="Samples are loaded and unloaded: fit hooks."),
 )
 BAND_PICTURE = click.Option(
     ["--pictures", "side_by_side"],
@@ -264,6 +271,7 @@ EXPERIMENTS = {
         _calibrate,
         "tests.csv --json",
         "tests.csv --save mine --name my_vane",
+        "cycles.csv --cycles --json",
         more=CALIBRATION,
     ),
     "angles": Experiment(

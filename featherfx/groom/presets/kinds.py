@@ -12,12 +12,14 @@ from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
 from featherfx.groom.presets.scaling import dialled, materials_resized
+from featherfx.groom.splits import split_faults
 from featherfx.groom.types import (
     BarbGuide,
     FeatherKind,
     Hooked,
     RachisMaterial,
     RachisShape,
+    Splits,
     VaneMaterial,
     VaneShape,
 )
@@ -40,6 +42,7 @@ def _vane(values: dict[str, Any]) -> VaneShape:
         rounded_base=values["rounded_base"],
         rounded_tip=values["rounded_tip"],
         hooked=Hooked(**values["hooked"]),
+        splits=Splits(**values["splits"]),
     )
 
 
@@ -93,8 +96,8 @@ def _check_hooks(vane: VaneMaterial, tree: Tree, place: Place) -> None:
 def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:
     """(key, message) of everything that keeps one vane from being built."""
     if not vane.outline:
-        return []
-    faults = _outline_faults(vane) + _hooked_faults(vane)
+        return split_faults(kind, vane)
+    faults = _outline_faults(vane) + _hooked_faults(vane) + split_faults(kind, vane)
     positions = [guide.position for guide in vane.guides]
     if not positions:
         faults.append(("guides", "there is an outline but no guide, expects one at least"))
@@ -149,7 +152,8 @@ class Change(NamedTuple):
 
     scale: factor of the size; materials follow the kind's `scaling`. width: factor of the vanes'
     widths. camber, sweep: deg, added to the shaft's. hollow: deg, added to the camber of all barbs.
-    stiffness, weight: factors of all stiffnesses and all masses.
+    stiffness, weight: factors of all stiffnesses and all masses. patterns: of the splits that the
+    leading and the trailing vane draw.
     """
 
     scale: float = 1.0
@@ -159,6 +163,7 @@ class Change(NamedTuple):
     hollow: float = 0.0
     stiffness: float = 1.0
     weight: float = 1.0
+    patterns: tuple[int, int] = (0, 0)
 
 
 def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
@@ -175,10 +180,17 @@ def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
         kind,
         length=kind.length * scale,
         rachis=rachis,
-        leading=_hollowed(_widened(kind.leading, change.width), change.hollow),
-        trailing=_hollowed(_widened(kind.trailing, change.width), change.hollow),
+        leading=_reshaped(kind.leading, change, change.patterns[0]),
+        trailing=_reshaped(kind.trailing, change, change.patterns[1]),
     )
     return dialled(materials_resized(shaped, scale), change.stiffness, change.weight)
+
+
+def _reshaped(vane: VaneShape, change: Change, pattern: int) -> VaneShape:
+    vane = _hollowed(_widened(vane, change.width), change.hollow)
+    if pattern == vane.splits.pattern or pattern == 0:
+        return vane
+    return replace(vane, splits=replace(vane.splits, pattern=pattern))
 
 
 def _hollowed(vane: VaneShape, hollow: float) -> VaneShape:
@@ -201,6 +213,8 @@ def blended(first: Any, second: Any, weight: float) -> Any:
     """
     if isinstance(first, str):
         return first if weight < 0.5 else second
+    if isinstance(first, Splits):
+        return first if weight < 0.5 else second  # half of a split is none
     if isinstance(first, Hooked):
         return Hooked(
             _blended_curve(first.shaft, second.shaft, weight),

@@ -28,7 +28,7 @@ from featherfx.groom.read.table import MOST_REPORTED, read_table
 from featherfx.groom.read.told import told
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.regions.regions import GroomReaders, plumage_of
-from featherfx.groom.types import Groom, Joint, Placement
+from featherfx.groom.types import FeatherKind, Groom, Joint, Placement
 from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
 
 _SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
@@ -278,6 +278,15 @@ def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> NDArray[np.float64]:
     return own
 
 
+def _patterns(name: str, kind: FeatherKind) -> tuple[int, int]:
+    """Which splits the leading and the trailing vane of a feather draw, by its id."""
+    leading, trailing = (
+        variant_number(f"{name}/splits", each.splits.variants) if each.splits.number else 0
+        for each in (kind.leading, kind.trailing)
+    )
+    return leading, trailing
+
+
 def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Placement, ...]:
     """spread: checked [variation], or None."""
     if not drafts:
@@ -307,6 +316,7 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
             hollow=draft.hollow,
             stiffness=draft.stiffness,
             weight=draft.weight,
+            patterns=_patterns(draft.id, kind),
         )
         prototype = store.adjusted(kind, shape)
         placements.append(

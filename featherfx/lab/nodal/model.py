@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.errors import InputError, Problem
+from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.nodal.plate import barb_hinges, hinge_places, oriented_hinges, plate_tables
 from featherfx.lab.nodal.turns_kernels import barb_turns, half_bandwidth, hinge_turns
 from featherfx.mechanics.barb_shapes import FLOOR
-from featherfx.mechanics.batch import barb_nodes, row_frames
+from featherfx.mechanics.batch import LEAST_HOOKED, barb_nodes, row_frames
 from featherfx.mechanics.model import Model
 
 Array = NDArray[np.float64]
@@ -134,6 +135,9 @@ def _check(
     shape = model.mass.shape[1:]
     if pinned is not None and pinned.shape != shape:
         problems.append(Problem("", "pinned", f"shape {pinned.shape}; allowed: {shape}"))
+    if model.hooked:
+        message = "the nodal kinematics has no gaps that slip or open; allowed: closed, no splits"
+        problems.append(Problem("", "vane_material.hooks", message))
     if problems:
         raise InputError(*problems)
 
@@ -152,7 +156,8 @@ def _one(
     vane = kind.vane_material
     present = feather.barb_length > 0.0
     area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
-    area = area / (vane.across * vane.thickness)
+    held = np.maximum(hooked_share(kind, feather), LEAST_HOOKED)
+    area = area / (vane.across * vane.thickness * held)
     nodes = np.ascontiguousarray(feather.rest.nodes)
     rotation = frames_to_quats(row_frames(feather.rest.directors))
     active = hinge_places(feather.cell)

@@ -61,10 +61,13 @@ class CalibrateTest:
     """Fit the three moduli to FILE, a CSV with the columns strain, stress (Pa), angle (degrees),
     width, height and thickness (m), one point a line.
 
-    Curves that cannot determine a modulus are refused, with the test that is missing.
+    Curves that cannot determine a modulus are refused, with the test that is missing. With --cycles
+    the points of transverse samples are loads and unloads in the order of the test, and give the
+    modulus across, the yield stress and the slip of the hooks.
     """
 
     elements: int = value("Of tilted samples.", FINE, ELEMENTS)
+    preset: str = value("Whose strength and distance of barbs hold, with --cycles.", "swan_primary")
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class Calibration:
     moduli: Moduli
     low: Moduli | None
     high: Moduli | None
-    identified: tuple[float, float, float]
+    identified: tuple[float, ...]
     conditioning: float
     residual: float
     curves: int
@@ -134,7 +137,7 @@ def calibrate(
         moduli=_moduli(guess),
         low=low,
         high=high,
-        identified=_identified(jacobian),
+        identified=identified_shares(jacobian),
         conditioning=float(singular[0] / singular[-1]),
         residual=float(np.sqrt(np.mean(residual**2))),
         curves=len(curves),
@@ -236,7 +239,9 @@ def _gauss_newton(
             shifted = np.concatenate([test.stress(_moduli(moved)) for test in tests])
             jacobian[:, k] = (shifted - base) / DIFFERENCE
         weak = [
-            n for n, left in zip(NAMES, _identified(jacobian), strict=True) if left < IDENTIFIED
+            n
+            for n, left in zip(NAMES, identified_shares(jacobian), strict=True)
+            if left < IDENTIFIED
         ]
         if weak:
             raise InputError(*(_missing(name, source) for name in weak))
@@ -248,14 +253,16 @@ def _gauss_newton(
     return guess, jacobian, ROUNDS
 
 
-def _identified(jacobian: Array) -> tuple[float, float, float]:
+def identified_shares(jacobian: Array) -> tuple[float, ...]:
+    """Of each column the stress that is left when it changes by the factor e, whatever the others
+    do, as a share of the whole."""
     found = []
-    for k in range(3):
+    for k in range(jacobian.shape[1]):
         others = np.delete(jacobian, k, axis=1)
         own = jacobian[:, k]
         rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
         found.append(float(np.linalg.norm(rest) / np.sqrt(len(jacobian))))
-    return found[0], found[1], found[2]
+    return tuple(found)
 
 
 def _intervals(

@@ -28,10 +28,11 @@ class MeasuredCurve:
     stress: Array
 
 
-def read_curves(path: Path) -> tuple[MeasuredCurve, ...]:
+def read_curves(path: Path, in_order: bool = False) -> tuple[MeasuredCurve, ...]:
     """Curves of a CSV file with the columns of COLUMNS (SI units, degrees), one point a line.
 
-    Lines of equal angle, width, height and thickness are one curve. Raises InputError with all
+    Lines of equal angle, width, height and thickness are one curve, by strain or, in_order, as the
+    lines follow each other. Raises InputError with all
     problems found; OSError if the file cannot be read.
     """
     source = str(path)
@@ -54,7 +55,7 @@ def read_curves(path: Path) -> tuple[MeasuredCurve, ...]:
         more = len(problems) - NAMED
         rest = [Problem(source, "", f"and {more} more problems")] if more > 0 else []
         raise InputError(*problems[:NAMED], *rest)
-    return _grouped([point for point in points if point is not None])
+    return _grouped([point for point in points if point is not None], in_order)
 
 
 def _point(
@@ -97,12 +98,12 @@ def _sample_problems(
     return problems
 
 
-def _grouped(points: list[tuple[float, ...]]) -> tuple[MeasuredCurve, ...]:
+def _grouped(points: list[tuple[float, ...]], in_order: bool) -> tuple[MeasuredCurve, ...]:
     groups: dict[tuple[float, ...], list[tuple[float, ...]]] = {}
     for point in points:
         groups.setdefault(point[2:], []).append(point)
     curves = []
     for key, members in groups.items():
-        ordered = np.array(sorted(members))
+        ordered = np.array(members if in_order else sorted(members))
         curves.append(MeasuredCurve(Sample(*key), ordered[:, 0], ordered[:, 1]))
     return tuple(curves)

@@ -23,7 +23,7 @@ from scipy.ndimage import label
 
 from featherfx.errors import Problem
 from featherfx.feather.types import Feather, RowPoints, Surface
-from featherfx.groom.types import FeatherKind, VaneMaterial
+from featherfx.groom.types import FeatherKind, Hooked, Splits, VaneMaterial
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, require, value
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import make_model
@@ -150,7 +150,10 @@ class HookedSample:
         """angle: degrees, of the pull to the normal of the barbs in the vane."""
         self.size, self.feather = size, size.feather()
         self.section = size.width * vane.thickness
-        model = make_model([self.feather], [replace(kind, vane_material=vane)], COEFFICIENTS)
+        # of the material: where a preset's vane is loose or split does not count
+        whole = replace(kind.leading, hooked=Hooked(), splits=Splits())
+        kind = replace(kind, leading=whole, vane_material=vane)
+        model = make_model([self.feather], [kind], COEFFICIENTS)
         model.rachis_stiffness[:] = 0.0
         self.model: Model = model._replace(held=np.zeros(1, dtype=np.bool_))
         self.way = np.array([np.cos(radians(angle)), np.sin(radians(angle)), 0.0])

@@ -24,6 +24,7 @@ from featherfx.shot.types import (
     Preen,
     Shelter,
     Shot,
+    Wet,
 )
 
 GRIP = keys_of(Grip)
@@ -31,6 +32,7 @@ FORCE = keys_of(Force)
 DETAIL = keys_of(Detail)
 SHELTER = keys_of(Shelter)
 PREEN = keys_of(Preen)
+WET = keys_of(Wet)
 
 _FILE = Key(Text(), "USD file, as seen from the shot file's folder.")
 _START = Key(
@@ -147,6 +149,11 @@ SHOT = {
     ),
     "level_of_detail": Key(
         Table(LEVEL_OF_DETAIL), "Levels of detail by frame, from what is seen.", None
+    ),
+    "wet": Key(
+        Tables(Table(WET), 10_000),
+        "Which feathers are wet, and when; the last one that fits holds.",
+        (),
     ),
     "preen": Key(Tables(Table(PREEN), 10_000), "Strokes that close what has split.", ()),
     "force": Key(Tables(Table(FORCE), 10_000), "Dead forces on points and lines.", ()),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from fnmatch import fnmatchcase
 from itertools import pairwise
@@ -35,6 +35,7 @@ from featherfx.shot.types import (
     Quality,
     Shelter,
     Shot,
+    Wet,
     Wind,
 )
 
@@ -240,15 +241,16 @@ def _preset(
 
 def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
     """Fields of a shot that are about some of its feathers; problems where these are not there."""
-    grips, forces, details, shelters, preens = (
-        parts[name] for name in ("grip", "force", "detail", "shelter", "preen")
+    grips, forces, details, shelters, preens, wets = (
+        parts[name] for name in ("grip", "force", "detail", "shelter", "preen", "wet")
     )
     _check_ids(grips, groom)
     _check_times([*grips, *preens])
     _check_ids(forces, groom)
     _check_forces(forces)
-    _check_patterns([*details, *shelters, *preens], groom)
+    _check_patterns([*details, *shelters, *preens, *wets], groom)
     _check_preens(preens, groom)
+    _check_wets(wets)
     return {
         "grips": tuple(
             Grip(**entry | {"displacement": np.array(entry["displacement"])}) for _, entry in grips
@@ -259,6 +261,7 @@ def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
         "details": tuple(Detail(**entry) for _, entry in details),
         "shelters": tuple(Shelter(**entry) for _, entry in shelters),
         "preens": tuple(Preen(**entry) for _, entry in preens),
+        "wets": tuple(Wet(**entry) for _, entry in wets),
     }
 
 
@@ -266,11 +269,28 @@ def _check_preens(entries: Entries, groom: Groom | None) -> None:
     for at, entry in entries:
         stroke = Preen(**entry)
         found = [each for each in groom.feathers if fits(stroke, each)] if groom else []
-        if found and all(each.kind.vane_material.hooks == "closed" for each in found):
+        held = [k for k in (each.kind for each in found) if k.vane_material.hooks == "closed"]
+        if found and len(held) == len(found) and not any(kind.is_split for kind in held):
             at.fail(
-                'closes nothing: vane_material.hooks is "closed" in all feathers that it fits; '
-                "allowed there: slip, open"
+                'closes nothing: vane_material.hooks is "closed" in all feathers that it fits, and '
+                "none has splits; allowed there: slip, open"
             )
+
+
+def _check_wets(entries: Entries) -> None:
+    for at, entry in entries:
+        for index, (_, wet) in enumerate(entry["keys"]):
+            if not 0.0 <= wet <= 1.0:
+                place = at.child("keys").item(index).item(1)
+                place.fail(f"{wet:g} is out of range, allowed 0 to 1")
+        _check_later(at.child("keys"), entry["keys"])
+
+
+def _check_later(at: Place, keys: Sequence[Sequence[float]]) -> None:
+    for index, (before, after) in enumerate(pairwise(keys)):
+        if after[0] <= before[0]:
+            message = f"{after[0]:g} s is not later than {before[0]:g} s of the key before"
+            at.item(index + 1).fail(message)
 
 
 def _check_times(entries: Entries) -> None:
@@ -285,10 +305,7 @@ def _check_forces(entries: Entries) -> None:
         first, last = entry["span"]
         if last <= first:
             at.child("span").fail(f"{last:g} is not above {first:g}, allowed: [first, last]")
-        for index, (before, after) in enumerate(pairwise(entry["keys"])):
-            if after[0] <= before[0]:
-                message = f"{after[0]:g} s is not later than {before[0]:g} s of the key before"
-                at.child("keys").item(index + 1).fail(message)
+        _check_later(at.child("keys"), entry["keys"])
 
 
 def _names(groom: Groom | None) -> dict[str, set[str]]:

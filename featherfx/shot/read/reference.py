@@ -14,7 +14,7 @@ from featherfx.groom.keys import groom as groom_keys
 from featherfx.groom.keys import preset as preset_keys
 from featherfx.groom.keys import regions as region_keys
 from featherfx.groom.keys.values import REQUIRED, Key, keys_of
-from featherfx.groom.types import BarbGuide, RachisShape, VaneShape
+from featherfx.groom.types import BarbGuide, Hooked, RachisShape, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
 
 _HEAD = """# Reference: every key of shots, grooms and presets
@@ -61,6 +61,7 @@ _SHOT = (
     ("### [[detail]]", shot_keys.DETAIL),
     ("### [[shelter]]", shot_keys.SHELTER),
     ("### [[preen]]", shot_keys.PREEN),
+    ("### [[wet]]", shot_keys.WET),
     ("### [level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
 )
 _GROOM = (
@@ -87,6 +88,7 @@ _FAMILIES = (
     ("### [leading] and [trailing] of a feather preset", keys_of(VaneShape)),
     ("### guides of a vane", keys_of(BarbGuide)),
     ("### [hooked] of a vane", keys_of(Hooked)),
+    ("### [splits] of a vane", keys_of(Splits)),
     *(
         (f"### {family} preset", preset_keys.FAMILIES[family].keys)
         for family in ("material/vane", "material/rachis", "quality", "wind")

@@ -14,7 +14,7 @@ from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.vane_guard_kernels import guard_total
-from featherfx.mechanics.vane_hook_kernels import hooks_energy
+from featherfx.mechanics.vane_hook_kernels import hinge_hold, hooks_energy
 
 
 @kernel
@@ -41,6 +41,29 @@ def _hinge_energy(strains, reference, stiffness, damping):
 
 
 @kernel
+def _held_hinges(strains, reference, gaps, stiffness, damping):
+    """As _hinge_energy, of hinges whose gaps may be open."""
+    total = 0.0
+    for side in range(stiffness.shape[0]):
+        for i in range(1, stiffness.shape[1] - 1):
+            for j in range(stiffness.shape[2]):
+                angle, openness = strains.hinge[side, i, j], strains.openness[side, i, j]
+                rate = angle - reference.hinge[side, i, j]
+                weight = 0.5 * stiffness[side, i, j] * hinge_hold(gaps, side, i, j)
+                total += weight * openness * openness * (angle * angle + damping * rate * rate)
+    return total
+
+
+@kernel
+def _bending_energy(model, f, strains, reference, gaps, damping):
+    """As _quadratic, of the hinges, which open gaps leave loose."""
+    stiffness = model.hinge_stiffness[f]
+    if len(gaps) == 0:
+        return _hinge_energy(strains, reference, stiffness, damping)
+    return _held_hinges(strains, reference, gaps, stiffness, damping)
+
+
+@kernel
 def _cell_energy(model, f, cell, before, gaps, damping):
     """As _quadratic, of the membrane, whose gaps may slip. cell, before: (2, n-1, m, 2, 2)."""
     if len(gaps) == 0:
@@ -62,7 +85,7 @@ def elastic_energy(model, f, strains, reference, gaps, strain_rate):
         + _quadratic(strains.barb, reference.barb, model.barb_stiffness[f], vane)
         + _cell_energy(model, f, strains.cell, reference.cell, gaps, vane)
         + guard_total(model.cell_guard[f], strains.cell)
-        + _hinge_energy(strains, reference, model.hinge_stiffness[f], vane)
+        + _bending_energy(model, f, strains, reference, gaps, vane)
     )
 
 

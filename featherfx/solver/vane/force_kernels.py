@@ -6,11 +6,22 @@ few kinds of pairs in pairs_kernels are all that triangles and hinges couple.
 """
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.vane_hook_kernels import row_of_gaps
+from featherfx.mechanics.vane_hook_kernels import hinge_hold, row_of_gaps
 from featherfx.solver.vane.cell_kernels import Strip, add_strip
 from featherfx.solver.vane.hinge_kernels import Hinges, add_hinges
 from featherfx.solver.vane.line_kernels import add_lines_to_nodes, nodes_to_lines
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
+
+
+@kernel
+def _held(stiffness, gaps, side, i, held):
+    """(m,) stiffness of the hinges on row i's barb, which open gaps leave loose: to held, or as it
+    is."""
+    if len(gaps) == 0:
+        return stiffness
+    for j in range(stiffness.shape[0]):
+        held[j] = stiffness[j] * hinge_hold(gaps, side, i, j)
+    return held
 
 
 @kernel
@@ -28,7 +39,7 @@ def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
     if wanted != FORCES_ONLY:
         vane.blocks[:] = 0.0
     for side in range(2):
-        rest = model.cell_rest[f, side]
+        rest, hinge = model.cell_rest[f, side], model.hinge_stiffness[f, side]
         for i in range(rows - 1):
             strip = Strip(
                 rest=rest[i],
@@ -44,7 +55,7 @@ def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
             hinges = Hinges(
                 above=rest[i],
                 below=rest[i - 1],
-                stiffness=model.hinge_stiffness[f, side, i],
+                stiffness=_held(hinge[i], around.gaps, side, i, vane.cells.held),
                 angle=strains.hinge[side, i],
                 openness=strains.openness[side, i],
                 reference=reference.hinge[side, i],

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.lips import Lips
+from featherfx.feather.clumps import clumped
+from featherfx.feather.lips import Lips, Parted, carried_rates
 from featherfx.feather.types import RACHIS as SHAFT
 from featherfx.feather.types import Feather, PointMap, RowMap, RowPoints, Surface, both
-from featherfx.mechanics.model import Gaps
 from featherfx.shot.types import FeatherPose
 from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
 from featherfx.usd.space import StageSpace
@@ -103,8 +103,10 @@ class PosedFeather:
     def rest(self) -> WrittenPose:
         """The rest pose; its rates are zero."""
         pose, barbs = self.new_pose(), self._entry.barbs
-        self._note_hooks(pose, ())
-        pose.finite = self._place(pose, _plain_points(self._from_origin(self._entry.rest_points)))
+        split, nodes = self._entry.feather.split, self._from_origin(self._entry.rest_points)
+        self._note_hooks(pose, np.where(split, 0.0, 1.0) if split.size else None)
+        self._surface.carry(nodes)
+        pose.finite = self._place(pose, _plain_points(nodes))
         if self.has_barbs and barbs:
             points = barbs.points if self._to_origin is None else barbs.points + self._to_origin
             pose.finite &= self._barb_points(pose, np.reshape(points, (-1, 3)))
@@ -126,7 +128,8 @@ class PosedFeather:
         rates = {"velocities": given.velocities}
         if self._accelerations:
             rates[ACCELERATIONS] = given.accelerations
-        self._note_hooks(pose, given.gaps)
+        gaps = given.gaps
+        self._note_hooks(pose, gaps.hooked if gaps else None, gaps.slip if gaps else None)
         self._surface.carry(points)
         pose.finite = self._place(pose, _mapped(own, points))
         for name, values in rates.items():
@@ -135,10 +138,25 @@ class PosedFeather:
             pose.finite &= self._rates(pose, name, _mapped(own, values))
         if not self.has_barbs or barbs is None:
             return
-        pose.finite &= self._barb_points(pose, _curves(barbs.points_map, points))
+        strands = self._strands(gaps.hooked) if gaps else None
+        curves = _curves(barbs.points_map, points)
+        if strands is not None:
+            curves = strands.joined(curves, strands.carried(points))
+        curves = clumped(barbs, curves, *given.clumped)
+        pose.finite &= self._barb_points(pose, curves)
         for name, values in rates.items():
-            out, mapped = pose.values[BARB, name].numbers, _curves(barbs.points_map, values)
-            pose.finite &= bool(surface_kernels.write_points(mapped, 1, self._to_stage, out))
+            curves, out = _curves(barbs.points_map, values), pose.values[BARB, name].numbers
+            if strands is not None:
+                second = values if name == ACCELERATIONS else None
+                rate = carried_rates(strands.carried, points, given.velocities, second)
+                curves = strands.joined(curves, rate)
+            curves = clumped(barbs, curves, *given.clumped)
+            pose.finite &= bool(surface_kernels.write_points(curves, 1, self._to_stage, out))
+
+    def _strands(self, hooked: Array) -> Parted | None:
+        """Those of its barbs' points that go along with a strip that has parted."""
+        strands = self._entry.barbs.strands if self._entry.barbs else None
+        return None if strands is None else strands.parted(hooked)
 
     def _from_origin(self, points: RowPoints) -> RowPoints:
         """Points as seen from where the root prim stands."""
@@ -191,18 +209,21 @@ class PosedFeather:
             surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, out)
             out *= self._held
 
-    def _note_hooks(self, pose: WrittenPose, gaps: Gaps | tuple[()]) -> None:
-        """Which lips are open, and hooks and slip of each face; () for hooks that all hold."""
+    def _note_hooks(
+        self, pose: WrittenPose, hooked: Array | None, slip: Array | None = None
+    ) -> None:
+        """Which lips are open, and hooks and slip of each face; None for hooks that all hold."""
         surface, values = self._surface, pose.values
-        surface.part(gaps)
+        surface.part(hooked)
         if not self._entry.hooked:
             return
-        hooked, slip = values[MESH, HOOKED].numbers, values[MESH, SLIP].numbers
-        hooked[:], slip[:] = self._held, 0.0
-        if gaps:
-            faces = len(surface.cells)
-            hooked[:faces] *= gaps.hooked.ravel()[surface.cells]
-            slip[:faces] = np.linalg.norm(gaps.slip.reshape(-1, 2)[surface.cells], axis=1)
+        held, slipped = values[MESH, HOOKED].numbers, values[MESH, SLIP].numbers
+        held[:], slipped[:] = self._held, 0.0
+        faces = len(surface.cells)
+        if hooked is not None:
+            held[:faces] *= hooked.ravel()[surface.cells]
+        if slip is not None:
+            slipped[:faces] = np.linalg.norm(slip.reshape(-1, 2)[surface.cells], axis=1)
 
     def _rates(self, pose: WrittenPose, name: str, values: RowPoints) -> bool:
         drawn, stage = self._surface.drawn, self._to_stage
@@ -243,9 +264,11 @@ class _Surface:
         self._lips = Lips.of(feather) if len(surface.lips) else None
         self.strains = np.zeros((2, len(edges)))
 
-    def part(self, gaps: Gaps | tuple[()]) -> None:
-        """Open the lips of gaps that are open, and close the others."""
-        self.drawn.parted[:] = self._lips.open(gaps.hooked) if self._lips and gaps else False
+    def part(self, hooked: Array | None) -> None:
+        """Open the lips of gaps that are open, and close the others; None where all hold."""
+        self.drawn.parted[:] = False
+        if self._lips and hooked is not None:
+            self.drawn.parted[:] = self._lips.open(hooked)
 
     def carry(self, points: RowPoints) -> None:
         """Set where open lips are; points: of the feather."""
@@ -257,7 +280,9 @@ class _Surface:
     ) -> None:
         """Set their velocities, or their accelerations where those are given."""
         if self._lips and self.drawn.parted.any():
-            self.drawn.carried[:] = self._lips.rates(points, velocities, accelerations)
+            self.drawn.carried[:] = carried_rates(
+                self._lips.carried, points, velocities, accelerations
+            )
 
     @cached_property
     def unstrained(self) -> tuple[Indices, Array]:
