@@ -19,7 +19,7 @@ from featherfx.groom.types import Groom
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.space import origin_for
 from featherfx.usd.write.instances import write_instances
-from featherfx.usd.write.options import StageOptions, WriteOptions, check_ranges
+from featherfx.usd.write.options import FEATHER, StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import check_output, output_files, unique_prim_names
 from featherfx.usd.write.write import CacheWriter
 
@@ -62,7 +62,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     entries = [replace(entry, static=True) for entry in moving]
     written = {each.name: getattr(options, each.name) for each in fields(StageOptions)}
     origin = origin_for([each.position for each in groom.feathers])
-    stage = WriteOptions(**written)
+    stage = WriteOptions(**written, group=FEATHER)
     with CacheWriter(path, entries, None, options=stage, origin=origin, metadata=metadata):
         pass
     return len(entries)

@@ -26,6 +26,7 @@ def new_writer(task: Task) -> CacheWriter:
         inputs=task.shot.inputs,
         frames_each=task.frames_each,
         root=task.root,
+        part="{}of{}".format(*task.options.feathers) if task.options.feathers else "",
         origin=task.origin,
     )
 

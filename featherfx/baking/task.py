@@ -28,6 +28,7 @@ from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import refuse_inputs, stage_space
 from featherfx.usd.space import origin_for
 from featherfx.usd.types import OutputError
+from featherfx.usd.write.grouping import chosen_group
 from featherfx.usd.write.options import StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import (
     check_output,
@@ -102,6 +103,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
     options = in_space(options, shot.groom, shot.skin)
+    options = replace(options, group=chosen_group(options.group, len(names)))
     settings = _settings(shot, frames, options)
     part, whole, numbers = _part(shot, feathers)
     refuse_too_large(part.groom, shot.quality, options, str(shot_path))

@@ -13,7 +13,8 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather.types import RACHIS
 from featherfx.groom.keys.values import nearest
 from featherfx.render.geometry import vertex_normals
-from featherfx.usd.read.read import Cache, CachedFeather
+from featherfx.usd.read.cached_feather import CachedFeather
+from featherfx.usd.read.read import Cache
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

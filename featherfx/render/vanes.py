@@ -25,7 +25,7 @@ from featherfx.feather.density import hermite_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
 from featherfx.render.light_kernels import SHAFT, SKIN, VANE
-from featherfx.usd.read.read import CachedFeather
+from featherfx.usd.read.cached_feather import CachedFeather
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

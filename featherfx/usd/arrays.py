@@ -91,6 +91,11 @@ def vec2d(values: ArrayLike) -> Any:
     return Vt.Vec2dArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float64))
 
 
+def vec2i(values: ArrayLike) -> Any:
+    """(N, 2) to Vt.Vec2iArray."""
+    return Vt.Vec2iArray.FromNumpy(np.ascontiguousarray(values, dtype=np.int32))
+
+
 def vec2f(values: ArrayLike) -> Any:
     """(N, 2) to Vt.Vec2fArray."""
     return Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))

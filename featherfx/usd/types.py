@@ -16,12 +16,21 @@ Array = NDArray[np.float64]
 
 # What may be written of a pose besides, by the names that users ask for.
 ACCELERATIONS = "accelerations"
+BARB_DIRECTION = "primvars:barbDirection"
 STRAIN_ACROSS, STRAIN_SHEAR = "primvars:strainAcross", "primvars:strainShear"
 ENERGY_DENSITY = "primvars:energyDensity"
 # of vanes whose hooks may slip, per face
 HOOKED, SLIP = "primvars:hooked", "primvars:slip"
 HOOKS = (HOOKED, SLIP)
 DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSITY,)}
+
+# The prims of a feather, or of several that share them, and what is written of these: what is a
+# rate, and what has a value for each face. All else has one for each point.
+MESH, RACHIS, BARB = "mesh", "rachis", "barbs"
+RATES = ("velocities", ACCELERATIONS)
+PER_FACE = (BARB_DIRECTION, *HOOKS, *(name for names in DIAGNOSTICS.values() for name in names))
+# tables of prims that feathers share: first and number of each feather's points, faces, curves
+RANGES = "featherRange"
 
 
 class OutputError(InputError):

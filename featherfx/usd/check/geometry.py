@@ -10,6 +10,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from featherfx.errors import InputError
+from featherfx.usd.read.members import members_of
 from featherfx.usd.read.values import (
     DEFAULT,
     EARLIEST,
@@ -25,7 +26,7 @@ from featherfx.usd.read.values import (
     times_of,
     value_of,
 )
-from featherfx.usd.types import DIAGNOSTICS, HOOKS
+from featherfx.usd.types import DIAGNOSTICS, HOOKS, RANGES
 
 Found = Iterator[tuple[str, str]]
 
@@ -127,6 +128,7 @@ class GeometryCheck:
         if self._mesh and not topology:
             yield from self._subsets()
             yield from self._flipped()
+        yield from self._shared()
 
     def habits(self) -> Found:
         """What a cache promises beyond that: extents, and which times have samples."""
@@ -379,6 +381,16 @@ class GeometryCheck:
                 yield f"subsetFamily:{family}", f"{int((use > 1).sum())} faces in several subsets"
             if kind == UsdGeom.Tokens.partition and use.min(initial=1) < 1:
                 yield f"subsetFamily:{family}", f"{int((use < 1).sum())} faces in no subset"
+
+    def _shared(self) -> Found:
+        """Tables of a prim that feathers share."""
+        members = members_of(self._prim)
+        totals = {"points": self._points, "faces": len(self._counts)}
+        for name, total in totals.items() if members else ():
+            told = sum(getattr(members[-1], name))
+            if told != total:
+                element = "curves" if self._curves and name == "faces" else name
+                yield f"{RANGES}:{element}", f"ends at {told}, but there are {total}"
 
     def _flipped(self) -> Found:
         """Windings against the normals in the rest pose; in motion a thin tube may fold."""

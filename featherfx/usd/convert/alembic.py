@@ -16,7 +16,8 @@ import numpy as np
 
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing, write_all
-from featherfx.usd.read.read import Cache, CachedFeather, CachedPose
+from featherfx.usd.read.cached_feather import CachedFeather
+from featherfx.usd.read.read import Cache, CachedPose
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import file_problems
 
@@ -84,8 +85,7 @@ def _write(abc: Any, cache: Cache, codes: Sequence[float | None], path: Path) ->
     archive = abc.Abc.OArchive(str(path))
     sampling = archive.addTimeSampling(_sampling(abc, codes, cache.frames_per_second))
     for index, feather in enumerate(cache.feathers):
-        name = feather.path.rpartition("/")[2]
-        mesh = abc.AbcGeom.OPolyMesh(archive.getTop(), name, sampling)
+        mesh = abc.AbcGeom.OPolyMesh(archive.getTop(), feather.name, sampling)
         schema = mesh.getSchema()
         _author_ids(abc, schema, feather)
         for subset, faces in feather.subsets.items():
@@ -133,8 +133,7 @@ def _verify(abc: Any, cache: Cache, codes: Sequence[float | None], path: Path) -
     if top.getNumChildren() != len(cache.feathers):
         raise OSError(f"the file read back has {top.getNumChildren()} meshes")
     for index, feather in enumerate(cache.feathers):
-        name = feather.path.rpartition("/")[2]
-        schema = abc.AbcGeom.IPolyMesh(top, name).getSchema()
+        schema = abc.AbcGeom.IPolyMesh(top, feather.name).getSchema()
         # by time: the binding takes a whole number for a time, too
         time = schema.getTimeSampling().getSampleTime(len(codes) - 1)
         written = schema.getValue(abc.Abc.ISampleSelector(float(time))).getPositions()

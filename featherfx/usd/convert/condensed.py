@@ -20,7 +20,8 @@ from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.files.whole import standing
 from featherfx.usd import arrays
-from featherfx.usd.read.read import Cache, CachedFeather
+from featherfx.usd.read.cached_feather import CachedFeather
+from featherfx.usd.read.read import Cache
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.space import StageSpace
 from featherfx.usd.write.output import check_output, prim_name
@@ -76,8 +77,7 @@ def export_condensed(path: str | Path, output: str | Path, overwrite: bool = Fal
     stage = Usd.Stage.Open(layer)
     define_root(stage, info)
     for index, (feather, grid) in enumerate(zip(cache.feathers, grids, strict=True)):
-        name = feather.path.rpartition("/")[2]
-        curve = _define(stage, root.AppendChild(name), feather, grid)
+        curve = _define(stage, root.AppendChild(feather.name), feather, grid)
         rest = cache.pose(index).points
         _author_pose(curve, grid, rest, Usd.TimeCode.Default())
         poses = [cache.pose(index, code).points for code in codes]

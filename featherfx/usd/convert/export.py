@@ -121,8 +121,7 @@ def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
             # a material of its own, because trimesh's default one needs Pillow
             material = trimesh.visual.material.PBRMaterial(baseColorFactor=COLOUR)
             mesh.visual = trimesh.visual.TextureVisuals(uv=feather.st, material=material)
-        name = feather.path.rpartition("/")[2]
-        scene.add_geometry(mesh, node_name=name, geom_name=name)
+        scene.add_geometry(mesh, node_name=feather.name, geom_name=feather.name)
     return scene
 
 

@@ -14,13 +14,13 @@ from pxr import Sdf, Tf
 from featherfx.errors import Problem
 from featherfx.files.whole import Standing
 from featherfx.usd.arrays import Floats
-from featherfx.usd.types import OutputError
+from featherfx.usd.types import RATES, OutputError
 from featherfx.usd.write.chunk import open_chunk
 from featherfx.usd.write.layout import CacheLayers, Clips, finish_layers
 from featherfx.usd.write.output import prim_name
 from featherfx.usd.write.parts import MANIFEST, ChunkRecord, Parts
 from featherfx.usd.write.publish import publish
-from featherfx.usd.write.samples import RATES, AnimatedPrims
+from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import StageInfo, new_layer
 
 
@@ -28,34 +28,33 @@ def assemble(
     layers: CacheLayers,
     info: StageInfo,
     prims: AnimatedPrims,
-    static: Sequence[bool],
     path: Path,
     parts: Parts | None,
     before: Mapping[Path, Standing],
 ) -> None:
     """Complete the layers from the chunks and publish the cache; the root is written last.
 
-    static: per feather, whether it never has samples. parts: None for a cache without time. before:
-    what stood at the cache's files when the work began; nothing else is replaced. The rest pose
-    becomes the default of everything, but of a feather that keeps one other pose throughout: it
-    has that pose as its default and no samples. Raises OutputError where a chunk is not what was
-    written, or a file cannot be.
+    parts: None for a cache without time. before: what stood at the cache's files when the work
+    began; nothing else is replaced. The rest pose becomes the default of everything, but of a group
+    of feathers that keeps one other pose throughout: it has that pose as its default and no
+    samples. Raises OutputError where a chunk is not what was written, or a file cannot be.
     """
     clips = None
     records = parts.records if parts else []
+    static = np.array([group.is_static for group in prims.groups], dtype=np.bool_)
     moving = _moving(records, static)
     corners: list[Floats] = []
     with Sdf.ChangeBlock():
-        for index, feather in enumerate(prims.feathers):
+        for index, group in enumerate(prims.groups):
             layer = layers.animation if moving[index] else layers.topology
-            rest = feather.rest()
+            rest = group.rest()
             prims.author_defaults(layer, index, rest)
             corners += rest.corners()
     low, high = np.min(corners, axis=0)[0], np.max(corners, axis=0)[1]
     if parts:
         low = np.minimum(low, np.min([record.low for record in records], axis=0))
         high = np.maximum(high, np.max([record.high for record in records], axis=0))
-        _still_poses(layers.topology, prims, ~moving & ~np.array(static), parts)
+        _still_poses(layers.topology, prims, ~moving & ~static, parts)
         if layers.layout == "clips":
             clips = _clips(path.stem, info, prims, moving, parts)
         else:
@@ -63,13 +62,13 @@ def assemble(
     publish(finish_layers(layers, info, path, (low, high), clips), before)
 
 
-def _moving(records: Sequence[ChunkRecord], static: Sequence[bool]) -> NDArray[np.bool_]:
-    """(N,) which feathers have samples: those with more than one pose over all chunks."""
+def _moving(records: Sequence[ChunkRecord], static: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(G,) which groups have samples: those with more than one pose over all chunks."""
     result = np.zeros(len(static), dtype=np.bool_)
     for record in records:
         result |= np.array([flag == "0" for flag in record.constant])
         result |= np.array(record.first) != np.array(records[0].first)
-    return result & ~np.array(static, dtype=np.bool_)
+    return result & ~static
 
 
 def _still_poses(layer: Any, prims: AnimatedPrims, still: Any, parts: Parts) -> None:

@@ -7,20 +7,20 @@ take the samples of the next, which saves the system from finding the memory aga
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Sdf
 
 from featherfx.files.whole import WrittenFile
 from featherfx.shot.types import Frame
 from featherfx.usd.arrays import Floats
 from featherfx.usd.write.parts import ChunkRecord, checksum
-from featherfx.usd.write.poses import Key, WrittenPose
+from featherfx.usd.write.posed_groups import Flags, WrittenPose
+from featherfx.usd.write.poses import Written
 from featherfx.usd.write.publish import export_beside, output_errors
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import StageInfo, new_layer
@@ -28,13 +28,13 @@ from featherfx.usd.write.stage import StageInfo, new_layer
 
 @dataclass
 class _Run:
-    """Poses of the chunk at hand.
+    """Poses of the chunk at hand, of each group of feathers.
 
-    moving: (N,) who has left the first pose. first: that pose, None for static feathers. codes:
-    of all poses. kept: per feather, poses that the layer refers to.
+    moved: (M,) which of its feathers have left their first pose. first: that pose, None for static
+    groups. codes: of all poses. kept: poses that the layer refers to.
     """
 
-    moving: NDArray[np.bool_]
+    moved: list[Flags]
     first: list[WrittenPose | None]
     kept: list[list[WrittenPose]]
     codes: list[float] = field(default_factory=list)
@@ -65,23 +65,21 @@ class WrittenChunk:
 class Samples(Protocol):
     """Poses that were written before."""
 
-    def fill(self, paths: Mapping[Key, Any], code: float, pose: WrittenPose) -> None:
-        """Write to a pose what the attributes at these paths hold at a time code."""
+    def fill(self, feather: str, code: float, out: Written) -> None:
+        """Write what is there of a feather, by its id, at a time code."""
 
 
 class ChunkWriter:
     """Collects the poses of a chunk, then writes them.
 
-    static: (N,) per feather, whether it never has samples. seconds: between two samples. Within
-    a chunk every other feather has samples at every code; one that keeps its first pose has the
-    same value at all of them, which a crate file stores once.
+    seconds: between two samples. Within a chunk every group of feathers that is not static has
+    samples at every code; one that keeps its first pose has the same value at all of them, which
+    a crate file stores once.
     """
 
-    def __init__(
-        self, info: StageInfo, prims: AnimatedPrims, static: Sequence[bool], seconds: float
-    ) -> None:
-        self._prims, self._seconds = prims, seconds
-        self._sampled = np.flatnonzero(~np.array(static, dtype=np.bool_)).tolist()
+    def __init__(self, info: StageInfo, prims: AnimatedPrims, seconds: float) -> None:
+        self._prims, self._seconds, groups = prims, seconds, prims.groups
+        self._sampled = [k for k, group in enumerate(groups) if not group.is_static]
         self._layer = new_layer(info)
         with Sdf.ChangeBlock():
             self._attributes = [
@@ -89,8 +87,8 @@ class ChunkWriter:
                 for index in self._sampled
                 for key in prims.paths[index]
             ]
-        self._spare: list[list[WrittenPose]] = [[] for _ in static]
-        self._place = {index: index for index in range(len(static))}
+        self._spare: list[list[WrittenPose]] = [[] for _ in groups]
+        self._place = {number: number for group in groups for number in group.members}
         self._taken: dict[int, Samples] = {}
         self._run = self._new_run()
 
@@ -102,67 +100,81 @@ class ChunkWriter:
     def take_over(self, earlier: Samples, feathers: Sequence[int]) -> None:
         """Have the poses of some feathers read instead of evaluated; frames come without these."""
         self._taken |= dict.fromkeys(feathers, earlier)
-        left = [index for index in range(len(self._spare)) if index not in self._taken]
-        self._place = {index: place for place, index in enumerate(left)}
+        left = [number for number in sorted(self._place) if number not in self._taken]
+        self._place |= {number: place for place, number in enumerate(left)}
 
     def add(self, code: float, frame: Frame) -> list[int]:
         """Add the pose at the next time code; returns feathers with values that are not finite.
 
         After such feathers the chunk is of no use.
         """
-        run, poses = self._run, {}
-        for index in self._sampled:
-            pose = poses[index] = self._room(index)
-            if (earlier := self._taken.get(index)) is not None:
-                earlier.fill(self._prims.paths[index], code, pose)
+        run, groups = self._run, self._prims.groups
+        poses = {index: self._room(index) for index in self._sampled}
+        for index, pose in poses.items():
+            self._evaluate(index, pose, code, frame)
+        bad = [k for index, pose in poses.items() for k in groups[index].not_finite(pose)]
+        if bad:
+            return bad
+        with Sdf.ChangeBlock():
+            for index, pose in poses.items():
+                self._author(index, code, pose)
+        run.codes.append(code)
+        return []
+
+    def _evaluate(self, index: int, pose: WrittenPose, code: float, frame: Frame) -> None:
+        """Write to a pose what a frame, or an earlier cache, has of the feathers of a group."""
+        group = self._prims.groups[index]
+        for k, number in enumerate(group.members):
+            out, feather = pose.members[k], group.feathers[k]
+            if group.static[k]:
                 continue
-            self._prims.feathers[index].evaluate(pose, frame.poses[self._place[index]])
-        bad = [index for index, pose in poses.items() if not pose.finite]
-        if not bad:
-            with Sdf.ChangeBlock():
-                for index, pose in poses.items():
-                    self._author(index, code, pose)
-            run.codes.append(code)
-            corners = [corner for pose in poses.values() for corner in pose.corners()]
-            if corners:
-                run.low = np.minimum(run.low, np.min(corners, axis=0)[0])
-                run.high = np.maximum(run.high, np.max(corners, axis=0)[1])
-        return bad
+            if (earlier := self._taken.get(number)) is not None:
+                earlier.fill(feather.id, code, out)
+            else:
+                pose.finite[k] = feather.evaluate(out, frame.poses[self._place[number]])
 
     def write(self, path: Path) -> WrittenChunk:
         """Write the chunk beside its path, read back, and start the next one."""
         run, prims, layer = self._run, self._prims, self._layer
-        constant = [not moving for moving in run.moving]
-        digests = ["" for _ in constant]
+        constant, digests = "", []
         with Sdf.ChangeBlock():
             for index, first in enumerate(run.first):
-                if constant[index] and first is not None:
+                stays, digest = not run.moved[index].any(), ""
+                if stays and first is not None:
                     prims.author_sample(layer, index, run.codes, first)
-                    digests[index] = prims.digest(index, first)
+                    group = prims.groups[index]
+                    stays, digest = group.is_at_rest(first), group.digest(first)
+                constant += "01"[stays]
+                digests.append(digest)
         layer.startTimeCode, layer.endTimeCode = run.codes[0], run.codes[-1]
         file = export_beside(layer, path)
         self._run = self._new_run()
         return WrittenChunk(
             file=file,
             codes=tuple(run.codes),
-            constant="".join("01"[same] for same in constant),
+            constant=constant,
             first=tuple(digests),
             low=tuple(run.low.tolist()),
             high=tuple(run.high.tolist()),
         )
 
     def _author(self, index: int, code: float, pose: WrittenPose) -> None:
-        run, prims = self._run, self._prims
-        first = run.first[index]
+        run, prims, group = self._run, self._prims, self._prims.groups[index]
+        first, moved = run.first[index], run.moved[index]
+        had_moved = moved.any()
         if first is None:
             run.first[index] = first = pose
             run.kept[index].append(pose)
-        if not run.moving[index]:
-            if not prims.feathers[index].changed(pose, first, self._seconds):
-                if pose is not first:
-                    self._spare[index].append(pose)
-                return
-            run.moving[index] = True
+        group.hold(pose, first, moved, self._seconds)
+        group.bound(pose)
+        corners = pose.corners()
+        run.low = np.minimum(run.low, np.min(corners, axis=0)[0])
+        run.high = np.maximum(run.high, np.max(corners, axis=0)[1])
+        if not moved.any():
+            if pose is not first:
+                self._spare[index].append(pose)
+            return
+        if not had_moved:
             prims.author_sample(self._layer, index, run.codes, first)
         if pose is not first:
             run.kept[index].append(pose)
@@ -170,7 +182,7 @@ class ChunkWriter:
 
     def _room(self, index: int) -> WrittenPose:
         spare = self._spare[index]
-        return spare.pop() if spare else self._prims.feathers[index].new_pose()
+        return spare.pop() if spare else self._prims.groups[index].new_pose()
 
     def _new_run(self) -> _Run:
         with Sdf.ChangeBlock():
@@ -179,8 +191,9 @@ class ChunkWriter:
         if hasattr(self, "_run"):
             for spare, kept in zip(self._spare, self._run.kept, strict=True):
                 spare += kept
-        count = len(self._spare)
-        return _Run(np.zeros(count, dtype=np.bool_), [None] * count, [[] for _ in range(count)])
+        groups = self._prims.groups
+        moved = [np.zeros(len(group.members), dtype=np.bool_) for group in groups]
+        return _Run(moved, [None] * len(groups), [[] for _ in groups])
 
 
 def open_chunk(path: Path) -> Any:

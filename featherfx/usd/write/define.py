@@ -16,21 +16,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
 from featherfx.usd import arrays
-from featherfx.usd.types import FeatherEntry
-from featherfx.usd.write.output import unique_prim_names
-from featherfx.usd.write.poses import BARB, MESH, RACHIS, PosedFeather
+from featherfx.usd.types import BARB, MESH, RACHIS, FeatherEntry
+from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.prims import (
-    MeshValues,
     define_barbs,
     define_materials,
     define_mesh,
-    define_rachis,
+    define_rachises,
     labels,
     replace_primvars,
-    seat,
+    seats,
 )
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import BARBS, FEATHERS, MATERIALS, RACHISES, StageInfo, define_root
@@ -79,21 +78,6 @@ def _author(scope: Any, purpose: str | None) -> None:
         scope.CreatePurposeAttr(purpose)
 
 
-def animated_prims(
-    info: StageInfo, entries: Sequence[FeatherEntry], posed: Sequence[PosedFeather]
-) -> AnimatedPrims:
-    """Where the mesh and the curves of every feather stand."""
-    names = unique_prim_names([entry.name or entry.id for entry in entries])
-
-    def paths(scope: str, suffix: str = "") -> list[Any]:
-        own = unique_prim_names([name + suffix for name in names])
-        return [info.root_path.AppendPath(f"{scope}/{name}") for name in own]
-
-    barbs = zip(paths(BARBS, "_barbs"), posed, strict=True)
-    drawn = [path if feather.has_barbs else None for path, feather in barbs]
-    return AnimatedPrims(posed, paths(FEATHERS), paths(RACHISES, "_rachis"), drawn)
-
-
 def define_prims(
     layer: Any, info: StageInfo, entries: Sequence[FeatherEntry], prims: AnimatedPrims
 ) -> None:
@@ -102,63 +86,65 @@ def define_prims(
     Rest points, topology and texture coordinates stay in memory with the layer, so this comes
     when the samples have gone to disk.
     """
-    stage, has_barbs = Usd.Stage.Open(layer), any(each.has_barbs for each in prims.feathers)
+    stage, has_barbs = Usd.Stage.Open(layer), any(BARB in own for own in prims.prims)
     define_root(stage, info)
     define_scopes(stage, info, has_barbs)
     define_representations(stage, info, has_barbs)
     materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
-    paths = [
-        {part: own[part, "points"].GetPrimPath() for part in posed.parts}
-        for own, posed in zip(prims.paths, prims.feathers, strict=True)
-    ]
     with Sdf.ChangeBlock():
         # prims stand in the order of the feathers, whichever of them is defined first
-        for path in (path for own in paths for path in own.values()):
+        for path in (path for own in prims.prims for path in own.values()):
             Sdf.CreatePrimInLayer(layer, path)
-    first: dict[Any, int] = {}  # feather of each sort that the others are copies of
-    for index, (entry, posed, at) in enumerate(zip(entries, prims.feathers, paths, strict=True)):
-        is_first = first.setdefault(_sort(entry), index) == index
-        rest = _rest(posed) if is_first or posed.has_barbs else {}
+    first: dict[Any, int] = {}  # group of each sort that the others are copies of
+    members = [[entries[k] for k in group.members] for group in prims.groups]
+    sorts = [_sort(*each) for each in zip(prims.groups, members, strict=True)]
+    for index, (group, own, at) in enumerate(zip(prims.groups, members, prims.prims, strict=True)):
+        is_first = first.setdefault(sorts[index], index) == index
+        rest = _rest(group) if is_first or BARB in at else {}
         if is_first:
-            values = MeshValues(entry.feather.surface)
-            define_mesh(stage, at[MESH], entry, values, rest[MESH], materials)
-            up = _up(info, entry)
-            define_rachis(stage, at[RACHIS], entry, rest[RACHIS], posed.widths, up, materials)
-        if posed.has_barbs:
-            define_barbs(stage, at[BARB], entry, rest[BARB], posed.barb_widths, materials)
+            define_mesh(stage, at[MESH], group, own, rest[MESH], materials)
+            ups = _ups(info, own)
+            define_rachises(stage, at[RACHIS], group, own, rest[RACHIS], ups, materials)
+        if BARB in at:
+            define_barbs(stage, at[BARB], group, own, rest[BARB], materials)
     del stage  # layers alone take copies much faster
     with Sdf.ChangeBlock():
-        for index, (entry, posed) in enumerate(zip(entries, prims.feathers, strict=True)):
-            if (like := first[_sort(entry)]) != index:
-                _copy(layer, info, paths[like], paths[index], entry, posed)
+        for index, group in enumerate(prims.groups):
+            if (like := first[sorts[index]]) != index:
+                _copy(layer, info, prims.prims[like], prims.prims[index], members[index][0], group)
 
 
-def _sort(entry: FeatherEntry) -> Any:
+def _sort(group: PosedGroup, entries: Sequence[FeatherEntry]) -> Any:
     """Equal for feathers whose meshes and shafts differ in nothing but what _copy replaces."""
-    surface = entry.feather.surface
+    surface = entries[0].feather.surface
+    if not group.alone:
+        return group.name
     shared = surface.triangles, surface.part, surface.st
-    return *map(id, shared), entry.feather.rows, entry.root is None
+    is_held = entries[0].held is None or entries[0].hooked
+    return *map(id, shared), entries[0].feather.rows, entries[0].root is None, is_held
 
 
 def _copy(
-    layer: Any, info: StageInfo, source: Any, target: Any, entry: FeatherEntry, posed: PosedFeather
+    layer: Any, info: StageInfo, source: Any, target: Any, entry: FeatherEntry, group: PosedGroup
 ) -> None:
     """Mesh and shaft of a feather as those of another of its surface, but for what is its own."""
-    rest, own = _rest(posed), labels(entry.id, entry.kind, entry.region)
+    rest, own = _rest(group), labels(entry.id, entry.kind, entry.region)
     for part in (MESH, RACHIS):
         Sdf.CopySpec(layer, source[part], layer, target[part])
         replace_primvars(layer, target[part], **own, Pref=rest[part], rest=rest[part])
     if entry.root is not None:
-        replace_primvars(layer, target[MESH], **seat(entry.root))
-    replace_primvars(layer, target[RACHIS], up=arrays.vec3f([_up(info, entry)]))
+        replace_primvars(layer, target[MESH], **seats([entry]))
+    if entry.held is not None and not entry.hooked:
+        replace_primvars(layer, target[MESH], hooked=arrays.floats(entry.held))
+    replace_primvars(layer, target[RACHIS], up=arrays.vec3f(_ups(info, [entry])))
     widths = target[RACHIS].AppendProperty(UsdGeom.Tokens.widths)
-    layer.GetAttributeAtPath(widths).default = arrays.floats(posed.widths)
+    layer.GetAttributeAtPath(widths).default = arrays.floats(group.widths)
 
 
-def _rest(posed: PosedFeather) -> dict[str, Any]:
-    pose = posed.rest()
-    return {part: pose.values[part, "points"].value for part in posed.parts}
+def _rest(group: PosedGroup) -> dict[str, Any]:
+    pose = group.rest()
+    return {part: pose.values[part, "points"].value for part in group.parts}
 
 
-def _up(info: StageInfo, entry: FeatherEntry) -> Any:
-    return info.space.directions(entry.rest_points.directors[0, 1])
+def _ups(info: StageInfo, entries: Sequence[FeatherEntry]) -> Any:
+    return info.space.directions(np.stack([e.rest_points.directors[0, 1] for e in entries]))

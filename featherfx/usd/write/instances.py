@@ -19,12 +19,14 @@ from featherfx.groom.types import Placement
 from featherfx.shot.placement import place
 from featherfx.usd import arrays
 from featherfx.usd.space import StageSpace, origin_for
-from featherfx.usd.types import FeatherEntry
+from featherfx.usd.types import MESH, FeatherEntry
+from featherfx.usd.write.grouping import Group
 from featherfx.usd.write.layout import finish_layers, new_layers
 from featherfx.usd.write.options import StageOptions
 from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
-from featherfx.usd.write.poses import MESH, posed_feathers
-from featherfx.usd.write.prims import MeshValues, define_materials, define_mesh
+from featherfx.usd.write.posed_groups import PosedGroup
+from featherfx.usd.write.poses import posed_feathers
+from featherfx.usd.write.prims import author_texts, define_materials, define_mesh
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import MATERIALS, StageInfo, define_root
@@ -104,12 +106,15 @@ def _define_prototypes(
     names = unique_prim_names([entry.id for entry in entries])
     paths = [scope.AppendChild(name) for name in names]
     posed = posed_feathers(entries, replace(info.space, origin=StageSpace.origin))
-    poses = [each.rest() for each in posed]
-    for entry, path, pose in zip(entries, paths, poses, strict=True):
-        values = MeshValues(entry.feather.surface)
-        define_mesh(stage, path, entry, values, pose.values[MESH, "points"].value, materials)
-    nothing = [None] * len(paths)
-    prims = AnimatedPrims(posed, paths, nothing, nothing)
+    groups = [
+        PosedGroup(Group(entry.id, (k,)), posed, [True] * len(entries), True)
+        for k, entry in enumerate(entries)
+    ]
+    poses = [group.rest() for group in groups]
+    for entry, path, group, pose in zip(entries, paths, groups, poses, strict=True):
+        points = pose.values[MESH, "points"].value
+        define_mesh(stage, path, group, [entry], points, materials)
+    prims = AnimatedPrims(groups, [{MESH: path} for path in paths])
     with Sdf.ChangeBlock():
         for index, pose in enumerate(poses):
             for key in prims.paths[index]:
@@ -135,19 +140,13 @@ def _author_instances(
     if hasattr(instancer, "CreateOrientationsfAttr"):
         instancer.CreateOrientationsfAttr(Vt.QuatfArray([_single(each) for each in orientations]))
     instancer.CreateIdsAttr(Vt.Int64Array([stable_number(p.id) for p in placements]))
-    api = UsdGeom.PrimvarsAPI(instancer)
     texts = {
         "featherId": [p.id for p in placements],
         "featherKind": [p.kind.name for p in placements],
         "region": [p.region for p in placements],
     }
     for name, values in texts.items():
-        primvar = api.CreatePrimvar(name, Sdf.ValueTypeNames.StringArray, "vertex")
-        known = list(dict.fromkeys(values))
-        if len(known) < len(values):
-            place_of = {value: number for number, value in enumerate(known)}
-            primvar.SetIndices(arrays.ints([place_of[value] for value in values]))
-        primvar.Set(Vt.StringArray(known))
+        author_texts(instancer.GetPrim(), name, values, UsdGeom.Tokens.vertex)
 
 
 def stable_number(name: str) -> int:

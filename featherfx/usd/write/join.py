@@ -16,6 +16,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import Problem
 from featherfx.files.whole import standing
+from featherfx.usd.read.members import members_of
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.layout import author_extents_hint
 from featherfx.usd.write.output import check_output
@@ -50,7 +51,8 @@ def join_shares(path: str | Path, shares: Sequence[Path], overwrite: bool = Fals
     root = _root_layer(layers, shares, metadata[0])
     publish([(root, path)], before)
     stage = Usd.Stage.Open(str(path))
-    return sum(prim.IsA(UsdGeom.Mesh) for prim in stage.Traverse())
+    meshes = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    return sum(len(members_of(prim)) or 1 for prim in meshes)
 
 
 def _differences(share: Path, settings: Any, first: Any) -> list[Problem]:

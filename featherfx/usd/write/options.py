@@ -15,6 +15,8 @@ from featherfx.limits import MOST_FRAMES, MOST_SUBFRAMES
 
 LAYOUTS = ("auto", "flat", "payload", "clips")
 UP_AXES = ("Y", "Z")
+FEATHER, KIND, REGION, ALL = "feather", "kind", "region", "all"
+GROUPS = (FEATHER, KIND, REGION, ALL)
 
 
 def option(default: Any, text: str, **limits: Any) -> Any:
@@ -63,6 +65,12 @@ class WriteOptions(StageOptions):
         most=MOST_FRAMES,
     )
     subframes: int = option(1, "Samples a frame, for motion blur.", least=1, most=MOST_SUBFRAMES)
+    group: str | None = option(
+        None,
+        "Feathers that share a mesh and its curves: each its own, those of a kind or region, or all"
+        "; without a region by kind.  [default: feather up to 200 feathers, region above]",
+        allowed=GROUPS,
+    )
     accelerations: bool = option(False, "Write accelerations beside velocities.")
     diagnostics: Sequence[str] = option(
         (),

@@ -37,7 +37,7 @@ from featherfx.usd.write.output import output_files, parts_folder
 
 MANIFEST = "manifest.usdc"
 
-_FORMAT = "3"
+_FORMAT = "4"
 _BLOCK = 1 << 18
 _SETTINGS = "bake.json"
 _LOCK = "lock"
@@ -52,8 +52,8 @@ Save = Callable[[Path], object]
 class ChunkRecord:
     """What is known of a chunk without opening it.
 
-    codes: its time codes. bytes, crc32: of the file. constant: per feather, "1" where all poses
-    of the chunk equal the first, else "0". first: per feather, digest of the chunk's first pose.
+    codes: its time codes. bytes, crc32: of the file. constant: per group of feathers, "1" where
+    all poses of the chunk equal the first, else "0". first: per group, digest of that pose.
     low, high: corners of everything in the chunk, stage units. state: bytes and CRC-32 of the
     solver's state at its end, None where none was saved.
     """

@@ -1,9 +1,8 @@
-"""What is written of a feather in one pose, computed by compiled code into USD's own arrays."""
+"""What is written of a feather in one pose, computed by compiled code where it is to stand."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -14,144 +13,145 @@ from featherfx.feather.lips import Lips, Parted, carried_rates
 from featherfx.feather.types import RACHIS as SHAFT
 from featherfx.feather.types import Feather, PointMap, RowMap, RowPoints, Surface, both
 from featherfx.shot.types import FeatherPose
-from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
+from featherfx.usd.arrays import Floats
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (
     ACCELERATIONS,
+    BARB,
+    BARB_DIRECTION,
     DIAGNOSTICS,
     ENERGY_DENSITY,
     HOOKED,
     HOOKS,
+    MESH,
+    PER_FACE,
+    RACHIS,
+    RATES,
     SLIP,
     STRAIN_ACROSS,
     STRAIN_SHEAR,
     FeatherEntry,
 )
 from featherfx.usd.write import surface_kernels
-from featherfx.usd.write.prims import BARB_DIRECTION
-from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenMesh
+from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenSurface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 Key = tuple[str, str]
-MESH, RACHIS, BARB = "mesh", "rachis", "barbs"
 
 _ROUNDING = float(np.finfo(np.float32).eps)
 
 
-@dataclass
-class WrittenPose:
-    """One feather at one time, stage units and axes, as it is written.
-
-    values: per prim (MESH, RACHIS, BARB) and attribute. finite: whether points and rates are.
-    Made once by PosedFeather.new_pose, then written to as often as a sample has left the layers.
-    """
-
-    values: dict[Key, InPlace]
-    finite: bool = True
-
-    def corners(self) -> Sequence[Floats]:
-        """(2, 3) extents of surface and barbs."""
-        parts = (self.values.get((part, "extent")) for part in (MESH, BARB))
-        return [part.numbers for part in parts if part is not None]
+# What is written of one feather: the elements of each attribute that are its own.
+Written = Mapping[Key, Floats]
 
 
 class PosedFeather:
     """The constant arrays of one feather of a cache, and its evaluation.
 
-    widths, barb_widths: (n,) and (B K,) stage units, diameters of shaft and barbs; those of the
-    shaft are of the circle of its section's area. parts: the prims that it has. keys: what is
-    written of them. extras: ACCELERATIONS, names of DIAGNOSTICS.
+    id: of the feather. widths, barb_widths: (n,) and (B K,) stage units, diameters of shaft and
+    barbs; those of the shaft are of the circle of its section's area. parts: the prims that it
+    has. points: of each, and faces: of its mesh. held: (faces,) share of barbules that are hooked
+    at rest. vectors, scalars: what is written of the parts.
     """
 
     def __init__(
         self, entry: FeatherEntry, surface: _Surface, space: StageSpace, extras: Collection[str]
     ) -> None:
-        self._entry, self._surface = entry, surface
+        """extras: ACCELERATIONS, names of DIAGNOSTICS."""
+        self._entry, self._surface, self.id = entry, surface, entry.id
         self._to_stage = ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y")
         self._to_origin = -np.array(space.origin) if space.is_moved else None
         self._accelerations = ACCELERATIONS in extras
-        self._held = 1.0 if entry.held is None else entry.held
         feather, barbs = entry.feather, entry.barbs
         self.widths = space.lengths(np.sqrt(feather.width * feather.height))
         self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else np.zeros(0)
-        self._half_width, self._half_barb = _padding(self.widths), _padding(self.barb_widths)
         self.has_barbs = len(self.barb_widths) > 0
         self.parts = (MESH, RACHIS, BARB) if self.has_barbs else (MESH, RACHIS)
         counts = {MESH: len(surface.drawn.row), RACHIS: feather.rows, BARB: len(self.barb_widths)}
+        self.points = {part: counts[part] for part in self.parts}
+        self.faces = len(surface.drawn.triangles)
+        self.held = np.ones(self.faces) if entry.held is None else entry.held
         each = ("points", "velocities", *([ACCELERATIONS] * self._accelerations))
-        self._sizes = {(part, name): counts[part] for part in self.parts for name in each}
-        self._sizes |= {(part, "extent"): 2 for part in self.parts}
-        self._sizes[MESH, "normals"] = counts[MESH]
-        self._sizes[MESH, BARB_DIRECTION] = len(surface.drawn.triangles)
+        self.vectors: tuple[Key, ...] = (
+            *((part, name) for part in self.parts for name in each),
+            (MESH, "normals"),
+            (MESH, BARB_DIRECTION),
+        )
         asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
         asked += HOOKS if entry.hooked else ()
-        self._scalars = {(MESH, name): len(surface.drawn.triangles) for name in asked}
-        self.keys: tuple[Key, ...] = (*self._sizes, *self._scalars)
+        self.scalars: tuple[Key, ...] = tuple((MESH, name) for name in asked)
+
+    def count(self, key: Key) -> int:
+        """Elements of an attribute."""
+        return self.faces if key[1] in PER_FACE else self.points[key[0]]
 
     @property
     def bytes_per_sample(self) -> int:
-        """Bytes of one pose."""
-        return 12 * sum(self._sizes.values()) + 4 * sum(self._scalars.values())
+        """Bytes of one pose, with an extent for each prim."""
+        vectors = sum(map(self.count, self.vectors)) + 2 * len(self.parts)
+        return 12 * vectors + 4 * sum(map(self.count, self.scalars))
 
-    def new_pose(self) -> WrittenPose:
-        """Room for one pose."""
-        room: dict[Key, InPlace] = {key: Vec3f(count) for key, count in self._sizes.items()}
-        return WrittenPose(room | {key: Scalars(count) for key, count in self._scalars.items()})
-
-    def rest(self) -> WrittenPose:
-        """The rest pose; its rates are zero."""
-        pose, barbs = self.new_pose(), self._entry.barbs
+    def rest(self, out: Written) -> bool:
+        """Write the rest pose, whose rates are zero; whether it is finite."""
+        barbs = self._entry.barbs
         split, nodes = self._entry.feather.split, self._from_origin(self._entry.rest_points)
-        self._note_hooks(pose, np.where(split, 0.0, 1.0) if split.size else None)
+        self._note_hooks(out, np.where(split, 0.0, 1.0) if split.size else None)
         self._surface.carry(nodes)
-        pose.finite = self._place(pose, _plain_points(nodes))
+        finite = self._place(out, _plain_points(nodes))
         if self.has_barbs and barbs:
             points = barbs.points if self._to_origin is None else barbs.points + self._to_origin
-            pose.finite &= self._barb_points(pose, np.reshape(points, (-1, 3)))
-        for (_, name), value in pose.values.items():
-            if name in ("velocities", ACCELERATIONS):
-                value.numbers[...] = 0.0
-        return pose
+            finite &= self._write(np.reshape(points, (-1, 3)), out[BARB, "points"])
+        for (_, name), numbers in out.items():
+            if name in RATES:
+                numbers[...] = 0.0
+        return finite
 
-    def evaluate(self, pose: WrittenPose, given: FeatherPose) -> None:
-        """Write what is given of the feather, m and per second, to pose.
+    def evaluate(self, out: Written, given: FeatherPose) -> bool:
+        """Write what is given of the feather, m and per second; whether points and rates are
+        finite.
 
         Raises ValueError for another grid.
         """
         own, barbs = self._entry.points_map, self._entry.barbs
         found, expected = np.shape(given.points.nodes), self._entry.rest_points.nodes.shape
         if own is None and found != expected:
-            raise ValueError(f"'{self._entry.id}': {found}, not {expected} nodes")
+            raise ValueError(f"'{self.id}': {found}, not {expected} nodes")
         points = self._from_origin(given.points)
         rates = {"velocities": given.velocities}
         if self._accelerations:
             rates[ACCELERATIONS] = given.accelerations
         gaps = given.gaps
-        self._note_hooks(pose, gaps.hooked if gaps else None, gaps.slip if gaps else None)
+        self._note_hooks(out, gaps.hooked if gaps else None, gaps.slip if gaps else None)
         self._surface.carry(points)
-        pose.finite = self._place(pose, _mapped(own, points))
+        finite = self._place(out, _mapped(own, points))
         for name, values in rates.items():
             second = values if name == ACCELERATIONS else None
             self._surface.carry_rates(points, given.velocities, second)
-            pose.finite &= self._rates(pose, name, _mapped(own, values))
-        if not self.has_barbs or barbs is None:
-            return
+            finite &= self._rates(out, name, _mapped(own, values))
+        return finite & self._barbs(out, points, rates, given) if self.has_barbs else finite
+
+    def _barbs(
+        self, out: Written, points: RowPoints, rates: Mapping[str, RowPoints], given: FeatherPose
+    ) -> bool:
+        """Barbs of a pose, and their rates; whether all are finite."""
+        barbs = self._entry.barbs
+        assert barbs is not None
+        gaps = given.gaps
         strands = self._strands(gaps.hooked) if gaps else None
-        curves = _curves(barbs.points_map, points)
+        curves, finite = _curves(barbs.points_map, points), True
         if strands is not None:
             curves = strands.joined(curves, strands.carried(points))
-        curves = clumped(barbs, curves, *given.clumped)
-        pose.finite &= self._barb_points(pose, curves)
+        finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB, "points"])
         for name, values in rates.items():
-            curves, out = _curves(barbs.points_map, values), pose.values[BARB, name].numbers
+            curves = _curves(barbs.points_map, values)
             if strands is not None:
                 second = values if name == ACCELERATIONS else None
                 rate = carried_rates(strands.carried, points, given.velocities, second)
                 curves = strands.joined(curves, rate)
-            curves = clumped(barbs, curves, *given.clumped)
-            pose.finite &= bool(surface_kernels.write_points(curves, 1, self._to_stage, out))
+            finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB, name])
+        return finite
 
     def _strands(self, hooked: Array) -> Parted | None:
         """Those of its barbs' points that go along with a strip that has parted."""
@@ -162,82 +162,75 @@ class PosedFeather:
         """Points as seen from where the root prim stands."""
         return points if self._to_origin is None else points.shifted(self._to_origin)
 
-    def changed(self, pose: WrittenPose, reference: WrittenPose, seconds: float) -> bool:
-        """Whether the feather, as written, differs from a reference pose, or is on its way.
+    def changed(self, now: Written, before: Written, seconds: float) -> bool:
+        """Whether the feather, as written, differs from what was written before, or is on its way.
 
         seconds: to the next sample. A velocity that until then carries no point farther than its
         rounding, at the greatest coordinate of a prim, does not count.
         """
-        now, before = pose.values, reference.values
         own = [(MESH, name) for name in HOOKS if (MESH, name) in now]
-        if any((now[key].numbers != before[key].numbers).any() for key in own):
+        if any((now[key] != before[key]).any() for key in own):
             return True
         return any(
             surface_kernels.changed(
-                now[part, "points"].numbers,
-                now[part, "velocities"].numbers,
-                before[part, "points"].numbers,
+                now[part, "points"],
+                now[part, "velocities"],
+                before[part, "points"],
                 _ROUNDING / seconds,
             )
             for part in self.parts
         )
 
-    def _place(self, pose: WrittenPose, points: RowPoints) -> bool:
+    def _place(self, out: Written, points: RowPoints) -> bool:
         """Points of mesh and shaft, and what follows from them; whether all are finite."""
-        drawn, stage, values = self._surface.drawn, self._to_stage, pose.values
-        names = ("points", "normals", BARB_DIRECTION, "extent")
-        mesh = WrittenMesh(*(values[MESH, name].numbers for name in names))
-        finite = surface_kernels.pose_surface(points, drawn, stage, mesh)
-        shaft = values[RACHIS, "points"].numbers
-        finite &= _write_shaft(points, stage, shaft)
-        surface_kernels.extent(shaft, self._half_width, values[RACHIS, "extent"].numbers)
-        if self._scalars:
-            self._diagnose(pose)
+        written = WrittenSurface(
+            out[MESH, "points"],
+            out[MESH, "normals"],
+            out[MESH, BARB_DIRECTION],
+            out[RACHIS, "points"],
+        )
+        finite = surface_kernels.pose_surface(points, self._surface.drawn, self._to_stage, written)
+        if self.scalars:
+            self._diagnose(out)
         return bool(finite)
 
-    def _diagnose(self, pose: WrittenPose) -> None:
+    def _diagnose(self, out: Written) -> None:
         """Strain and energy of the surface that was placed last."""
-        surface, values = self._surface, pose.values
+        surface = self._surface
         across, shear = surface.strains
         corners, rest = surface.unstrained
         surface_kernels.face_strains(surface.drawn.world, corners, rest, across, shear)
-        if (MESH, STRAIN_ACROSS) in values:
-            values[MESH, STRAIN_ACROSS].numbers[:] = across
-            values[MESH, STRAIN_SHEAR].numbers[:] = shear
-        if (MESH, ENERGY_DENSITY) in values:
-            out = values[MESH, ENERGY_DENSITY].numbers
-            surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, out)
-            out *= self._held
+        if (MESH, STRAIN_ACROSS) in out:
+            out[MESH, STRAIN_ACROSS][:] = across
+            out[MESH, STRAIN_SHEAR][:] = shear
+        if (MESH, ENERGY_DENSITY) in out:
+            density = out[MESH, ENERGY_DENSITY]
+            surface_kernels.energy_density(across, shear, *self._entry.vane_stiffness, density)
+            density *= self.held
 
-    def _note_hooks(
-        self, pose: WrittenPose, hooked: Array | None, slip: Array | None = None
-    ) -> None:
+    def _note_hooks(self, out: Written, hooked: Array | None, slip: Array | None = None) -> None:
         """Which lips are open, and hooks and slip of each face; None for hooks that all hold."""
-        surface, values = self._surface, pose.values
+        surface = self._surface
         surface.part(hooked)
         if not self._entry.hooked:
             return
-        held, slipped = values[MESH, HOOKED].numbers, values[MESH, SLIP].numbers
-        held[:], slipped[:] = self._held, 0.0
+        held, slipped = out[MESH, HOOKED], out[MESH, SLIP]
+        held[:], slipped[:] = self.held, 0.0
         faces = len(surface.cells)
         if hooked is not None:
             held[:faces] *= hooked.ravel()[surface.cells]
         if slip is not None:
             slipped[:faces] = np.linalg.norm(slip.reshape(-1, 2)[surface.cells], axis=1)
 
-    def _rates(self, pose: WrittenPose, name: str, values: RowPoints) -> bool:
-        drawn, stage = self._surface.drawn, self._to_stage
-        out, shaft = pose.values[MESH, name].numbers, pose.values[RACHIS, name].numbers
-        surface_kernels.combine(values, drawn)
-        finite = surface_kernels.write_points(drawn.world, 1, stage, out)
-        finite &= _write_shaft(values, stage, shaft)
-        return bool(finite)
+    def _rates(self, out: Written, name: str, values: RowPoints) -> bool:
+        drawn, shaft = self._surface.drawn, out[RACHIS, name]
+        written = surface_kernels.write_values(
+            values, drawn, self._to_stage, out[MESH, name], shaft
+        )
+        return bool(written)
 
-    def _barb_points(self, pose: WrittenPose, points: Array) -> bool:
-        out, corners = pose.values[BARB, "points"].numbers, pose.values[BARB, "extent"].numbers
-        finite = surface_kernels.write_points(points, 1, self._to_stage, out)
-        surface_kernels.extent(out, self._half_barb, corners)
-        return bool(finite)
+    def _write(self, world: Array, out: Floats) -> bool:
+        return bool(surface_kernels.write_points(world, self._to_stage, out))
 
 
 class _Surface:
@@ -357,17 +350,6 @@ def _plain_points(values: RowPoints) -> RowPoints:
 def _curves(points_map: PointMap, values: RowPoints) -> Array:
     """(K, 3) points or rates of barbs."""
     return np.ascontiguousarray(points_map(values), dtype=np.float64).reshape(-1, 3)
-
-
-def _write_shaft(values: RowPoints, stage: ToStage, out: Floats) -> bool:
-    nodes = values.nodes
-    flat = nodes.reshape(-1, 3)
-    return bool(surface_kernels.write_points(flat, nodes.shape[1], stage, out))
-
-
-def _padding(widths: Array) -> np.float32:
-    """What USD pads the extent of curves by: half the greatest width, in single precision."""
-    return np.float32(0.5) * np.float32(widths.max(initial=0.0))
 
 
 def _plain(indices: Indices) -> Indices:

@@ -1,23 +1,33 @@
-"""What never changes of a feather's prims: mesh, curves, materials, primvars.
+"""What never changes of the prims of feathers: mesh, curves, materials, primvars.
 
 Preview materials stand until look development binds others. The shaft's centre line is for grooming
 tools and constraints, and the whole feather where only rachises are drawn; purposes are those of
 the scopes above (define.py). Primvars are always arrays, since some readers drop scalars.
+
+What is one value a feather is a constant of a prim that is one feather's. On prims that feathers
+share it is uniform, a value for each face or curve, and tables tell which points, faces and curves
+are whose: featherRange:points and so on, first and number, in the order of featherId's values.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Gf, Sdf, UsdGeom, UsdShade
 
-from featherfx.feather.types import LEADING, RACHIS, TRAILING, Surface
-from featherfx.shot.motion.skin import SkinRoot
+from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.usd import arrays
-from featherfx.usd.types import FeatherEntry
+from featherfx.usd.types import BARB, HOOKED, MESH, RANGES, FeatherEntry
+from featherfx.usd.types import RACHIS as SHAFT
 
-BARB_DIRECTION = "primvars:barbDirection"
+if TYPE_CHECKING:
+    from featherfx.usd.write.posed_groups import PosedGroup
+
+Indices = NDArray[np.int64]
+
 COLOURS = {"vane": (0.80, 0.76, 0.69), "rachis": (0.42, 0.33, 0.24)}
 SUBSETS = {"leadingVane": LEADING, "trailingVane": TRAILING, "rachis": RACHIS}
 _ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
@@ -47,14 +57,25 @@ _PRIMVARS = {
 }
 
 
-def author_primvars(prim: Any, **values: Any) -> None:
-    """Author primvars of a prim, USD arrays by their names."""
+def author_primvars(prim: Any, interpolation: str = "", **values: Any) -> None:
+    """Author primvars of a prim, USD arrays by their names. interpolation: other than usual."""
     for name, value in values.items():
-        kind, interpolation, element = _PRIMVARS[name]
-        primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(name, kind, interpolation)
+        kind, usual, element = _PRIMVARS[name]
+        primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(name, kind, interpolation or usual)
         primvar.Set(value)
         if element > 1:
             primvar.SetElementSize(element)
+
+
+def author_texts(
+    prim: Any, name: str, texts: Sequence[str], interpolation: str, counts: Any = 1
+) -> None:
+    """Author a primvar of texts, each for as many elements as counts has, once in the file."""
+    place = {text: number for number, text in enumerate(dict.fromkeys(texts))}
+    author_primvars(prim, interpolation, **{name: arrays.strings(*place)})
+    indices = np.repeat([place[text] for text in texts], counts)
+    if len(indices) > len(place):
+        UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).SetIndices(arrays.ints(indices))
 
 
 def replace_primvars(layer: Any, path: Any, **values: Any) -> None:
@@ -64,13 +85,14 @@ def replace_primvars(layer: Any, path: Any, **values: Any) -> None:
         attribute.default = value
 
 
-def seat(root: SkinRoot) -> dict[str, Any]:
-    """The primvars that tell where a feather sits on a skin."""
+def seats(entries: Sequence[FeatherEntry]) -> dict[str, Any]:
+    """The primvars that tell where feathers sit on a skin; each does."""
+    roots = [entry.root for entry in entries if entry.root is not None]
     return {
-        "skinPrim": arrays.strings(root.path),
-        "skinFace": arrays.ints([root.face]),
-        "skinPoints": arrays.ints(root.points),
-        "skinBarycentric": arrays.floats(root.barycentric),
+        "skinPrim": arrays.strings(*(root.path for root in roots)),
+        "skinFace": arrays.ints([root.face for root in roots]),
+        "skinPoints": arrays.ints(np.ravel([root.points for root in roots])),
+        "skinBarycentric": arrays.floats(np.ravel([root.barycentric for root in roots])),
     }
 
 
@@ -78,6 +100,30 @@ def labels(id: str, kind: str, region: str) -> dict[str, Any]:
     """The primvars that tell whose a prim is."""
     values = {"featherId": id, "featherKind": kind, "region": region}
     return {name: arrays.strings(value) for name, value in values.items()}
+
+
+def _tell_whose(
+    prim: Any, group: PosedGroup, entries: Sequence[FeatherEntry], **starts: Indices
+) -> None:
+    """Tell whose a prim is, or which of its elements are whose.
+
+    starts: (M + 1,) of points, then of faces or curves, where each feather's begin, and all.
+    """
+    if group.alone:
+        author_primvars(prim, **labels(entries[0].id, entries[0].kind, entries[0].region))
+        return
+    *_, elements = starts.values()
+    texts = {
+        "featherId": [entry.id for entry in entries],
+        "featherKind": [entry.kind for entry in entries],
+        "region": [entry.region for entry in entries],
+    }
+    for name, values in texts.items():
+        author_texts(prim, name, values, UsdGeom.Tokens.uniform, np.diff(elements))
+    for name, first in starts.items():
+        table = prim.CreateAttribute(f"{RANGES}:{name}", Sdf.ValueTypeNames.Int2Array)
+        table.SetVariability(Sdf.VariabilityUniform)
+        table.Set(arrays.vec2i(np.stack([first[:-1], np.diff(first)], axis=1)))
 
 
 def define_materials(stage: Any, scope: Any) -> dict[str, Any]:
@@ -104,79 +150,100 @@ def _look(prim: Any, name: str, materials: Any) -> None:
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[name])
 
 
-class MeshValues:
-    """What all meshes of one surface have alike, made once: USD shares arrays between prims."""
-
-    def __init__(self, surface: Surface) -> None:
-        self.counts = arrays.ints(np.full(len(surface.triangles), 3))
-        self.indices = arrays.ints(surface.triangles.ravel())
-        self.side, self.st = arrays.ints(surface.part), arrays.vec2f(surface.st)
-        self.subsets = {
-            name: arrays.ints(faces)
-            for name, part in SUBSETS.items()
-            if len(faces := np.flatnonzero(surface.part == part))
-        }
-
-
 def define_mesh(
-    stage: Any, path: Any, entry: FeatherEntry, values: MeshValues, rest: Any, materials: Any
+    stage: Any,
+    path: Any,
+    group: PosedGroup,
+    entries: Sequence[FeatherEntry],
+    rest: Any,
+    materials: Any,
 ) -> None:
-    """Author the mesh's constant part. rest: USD array of the points, stage units."""
+    """Author the constant part of a mesh. entries: of the group. rest: USD array of the points."""
+    surfaces = [entry.feather.surface for entry in entries]
+    starts = group.points[MESH]
+    triangles = [each.triangles + start for each, start in zip(surfaces, starts, strict=False)]
+    part = np.concatenate([each.part for each in surfaces])
     mesh = UsdGeom.Mesh.Define(stage, path)
-    mesh.CreateFaceVertexCountsAttr(values.counts)
-    mesh.CreateFaceVertexIndicesAttr(values.indices)
+    mesh.CreateFaceVertexCountsAttr(arrays.ints(np.full(len(part), 3)))
+    mesh.CreateFaceVertexIndicesAttr(arrays.ints(np.concatenate(triangles).ravel()))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
     mesh.CreateDoubleSidedAttr(True)
     prim = mesh.GetPrim()
-    author_primvars(prim, **labels(entry.id, entry.kind, entry.region))
-    if entry.root is not None:
-        author_primvars(prim, **seat(entry.root))
-    author_primvars(prim, Pref=rest, rest=rest, st=values.st, side=values.side)
-    if entry.held is not None and not entry.hooked:
-        author_primvars(prim, hooked=arrays.floats(entry.held))
+    _tell_whose(prim, group, entries, points=starts, faces=group.faces)
+    if group.alone and entries[0].root is not None:
+        author_primvars(prim, **seats(entries))
+    st = arrays.vec2f(np.concatenate([each.st for each in surfaces]))
+    author_primvars(prim, Pref=rest, rest=rest, st=st, side=arrays.ints(part))
+    if any(entry.held is not None for entry in entries) and (MESH, HOOKED) not in group.keys:
+        author_primvars(prim, hooked=arrays.floats(group.held))
     _look(prim, "vane", materials)
-    # vanes and shaft as one family that covers every face once; an absent vane has no subset
+    _define_subsets(mesh, part, materials)
+
+
+def _define_subsets(mesh: Any, part: Indices, materials: Any) -> None:
+    """Vanes and shafts as one family that covers every face once; what is absent has no subset."""
     family = UsdShade.Tokens.materialBind
-    for name, faces in values.subsets.items():
-        subset = UsdGeom.Subset.CreateGeomSubset(mesh, name, UsdGeom.Tokens.face, faces, family)
-        look = materials["rachis" if SUBSETS[name] == RACHIS else "vane"]
+    for name, number in SUBSETS.items():
+        faces = np.flatnonzero(part == number)
+        if not len(faces):
+            continue
+        kind, indices = UsdGeom.Tokens.face, arrays.ints(faces)
+        subset = UsdGeom.Subset.CreateGeomSubset(mesh, name, kind, indices, family)
+        look = materials["rachis" if number == RACHIS else "vane"]
         UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(look)
     UsdGeom.Subset.SetFamilyType(mesh, family, UsdGeom.Tokens.partition)
 
 
-def define_rachis(
-    stage: Any, path: Any, entry: FeatherEntry, rest: Any, widths: Any, up: Any, materials: Any
+def define_rachises(
+    stage: Any,
+    path: Any,
+    group: PosedGroup,
+    entries: Sequence[FeatherEntry],
+    rest: Any,
+    ups: Any,
+    materials: Any,
 ) -> None:
-    """Author the curve's constant part.
+    """Author the constant part of shafts, a curve each. rest, as of define_mesh.
 
-    rest: USD array of n points. widths: (n,) diameters. up: (3,) dorsal direction of the root.
+    ups: (M, 3) dorsal directions of the roots at rest, stage axes.
     """
-    prim = _define_curves(stage, path, entry, [len(rest)], rest, widths)
-    author_primvars(prim, up=arrays.vec3f([up]))
+    starts, each = group.points[SHAFT], np.arange(len(entries) + 1)
+    prim = _define_curves(stage, path, np.diff(starts), rest, group.widths)
+    _tell_whose(prim, group, entries, points=starts, curves=each)
+    author_primvars(prim, group.interpolation, up=arrays.vec3f(ups))
+    if not group.alone and all(entry.root is not None for entry in entries):
+        author_primvars(prim, group.interpolation, **seats(entries))
     _look(prim, "rachis", materials)
 
 
 def define_barbs(
-    stage: Any, path: Any, entry: FeatherEntry, rest: Any, widths: Any, materials: Any
+    stage: Any,
+    path: Any,
+    group: PosedGroup,
+    entries: Sequence[FeatherEntry],
+    rest: Any,
+    materials: Any,
 ) -> None:
-    """Author the constant part of a feather's barbs. rest: USD array, (B K,), widths: as many."""
-    assert entry.barbs is not None
-    count, points = entry.barbs.widths.shape
-    prim = _define_curves(stage, path, entry, np.full(count, points), rest, widths)
-    st = arrays.vec2f(entry.barbs.st.reshape(-1, 2))
-    author_primvars(prim, side=arrays.ints(entry.barbs.side), st=st)
+    """Author the constant part of barbs. rest: as of define_mesh."""
+    barbs = [entry.barbs for entry in entries if entry.barbs is not None]
+    counts = np.concatenate([np.full(*each.widths.shape) for each in barbs])
+    prim = _define_curves(stage, path, counts, rest, group.barb_widths)
+    drawn = [0 if entry.barbs is None else len(entry.barbs.side) for entry in entries]
+    curves = np.concatenate([[0], np.cumsum(drawn)])
+    _tell_whose(prim, group, entries, points=group.points[BARB], curves=curves)
+    side = arrays.ints(np.concatenate([each.side for each in barbs]))
+    st = arrays.vec2f(np.concatenate([each.st.reshape(-1, 2) for each in barbs]))
+    author_primvars(prim, side=side, st=st)
     _look(prim, "vane", materials)
 
 
-def _define_curves(
-    stage: Any, path: Any, entry: FeatherEntry, counts: Any, rest: Any, widths: Any
-) -> Any:
+def _define_curves(stage: Any, path: Any, counts: Any, rest: Any, widths: Any) -> Any:
     curve = define_polylines(stage, path, counts)
     curve.CreateWidthsAttr(arrays.floats(widths))
     curve.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
     prim = curve.GetPrim()
-    author_primvars(prim, Pref=rest, rest=rest, **labels(entry.id, entry.kind, entry.region))
+    author_primvars(prim, Pref=rest, rest=rest)
     return prim
 
 

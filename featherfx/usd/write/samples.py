@@ -5,15 +5,16 @@ They are authored at Sdf level, without a composed stage: one call per attribute
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pxr import Sdf
 
-from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, HOOKS
-from featherfx.usd.write.poses import BARB, MESH, RACHIS, Key, PosedFeather, WrittenPose
-from featherfx.usd.write.prims import BARB_DIRECTION
+from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, PER_FACE, RATES
+from featherfx.usd.write.output import unique_prim_names
+from featherfx.usd.write.posed_groups import PosedGroup, WrittenPose
+from featherfx.usd.write.poses import Key
+from featherfx.usd.write.stage import SCOPES
 
 _TYPES = {
     "points": Sdf.ValueTypeNames.Point3fArray,
@@ -23,36 +24,38 @@ _TYPES = {
     BARB_DIRECTION: Sdf.ValueTypeNames.Vector3fArray,
     ACCELERATIONS: Sdf.ValueTypeNames.Vector3fArray,
 }
-_PER_FACE = [*HOOKS, *(name for names in DIAGNOSTICS.values() for name in names)]
-_TYPES |= dict.fromkeys(_PER_FACE, Sdf.ValueTypeNames.FloatArray)
-RATES = ("velocities", ACCELERATIONS)
-_INTERPOLATION = {"normals": "vertex"} | dict.fromkeys([BARB_DIRECTION, *_PER_FACE], "uniform")
+_TYPES |= {name: Sdf.ValueTypeNames.FloatArray for name in PER_FACE if name != BARB_DIRECTION}
+_INTERPOLATION = {"normals": "vertex"} | dict.fromkeys(PER_FACE, "uniform")
 
 
 class AnimatedPrims:
     """The prims of a cache that move, and how a pose becomes their values.
 
-    feathers: one per entry. meshes, rachises, barbs: prim paths, one of each per feather, None
-    for what is not drawn of it.
+    groups: the feathers of each mesh. prims: per group, the path of each part that is drawn of it.
+    paths: per group, those of what is written.
     """
 
-    def __init__(
-        self,
-        feathers: Sequence[PosedFeather],
-        meshes: Sequence[Any],
-        rachises: Sequence[Any],
-        barbs: Sequence[Any],
-    ) -> None:
-        self.feathers = feathers
-        prims = {MESH: meshes, RACHIS: rachises, BARB: barbs}
+    def __init__(self, groups: Sequence[PosedGroup], prims: Sequence[Mapping[str, Any]]) -> None:
+        self.groups, self.prims = groups, prims
         self.paths: list[dict[Key, Any]] = [
             {
-                (part, name): prims[part][index].AppendProperty(name)
-                for part, name in feather.keys
-                if prims[part][index] is not None
+                (part, name): own[part].AppendProperty(name)
+                for part, name in group.keys
+                if part in own
             }
-            for index, feather in enumerate(feathers)
+            for group, own in zip(groups, prims, strict=True)
         ]
+
+    @staticmethod
+    def of_cache(groups: Sequence[PosedGroup], root: Any) -> AnimatedPrims:
+        """Those of a cache. root: path of the prim above all."""
+        prims: list[dict[str, Any]] = [{} for _ in groups]
+        for part, (scope, end) in SCOPES.items():
+            names = unique_prim_names([group.name + end for group in groups])
+            for group, own, name in zip(groups, prims, names, strict=True):
+                if part in group.parts:
+                    own[part] = root.AppendPath(f"{scope}/{name}")
+        return AnimatedPrims(groups, prims)
 
     def create(self, layer: Any, index: int, key: Key) -> Any:
         """The attribute in a layer, as an over where the layer does not define the prim."""
@@ -67,7 +70,7 @@ class AnimatedPrims:
         return attribute
 
     def author_defaults(self, layer: Any, index: int, pose: WrittenPose) -> None:
-        """One pose of a feather as default values; a default pose has no rates."""
+        """One pose of a group as default values; a default pose has no rates."""
         for key, value in pose.values.items():
             if key[1] not in RATES:
                 self.create(layer, index, key).default = value.value
@@ -75,19 +78,9 @@ class AnimatedPrims:
     def author_sample(
         self, layer: Any, index: int, codes: Sequence[float], pose: WrittenPose
     ) -> None:
-        """One pose of a feather at time codes, in a layer that has the attributes."""
+        """One pose of a group at time codes, in a layer that has the attributes."""
         paths, store = self.paths[index], layer.SetTimeSample
         for key, value in pose.values.items():
             array = value.value
             for code in codes:
                 store(paths[key], code, array)
-
-    def digest(self, index: int, pose: WrittenPose) -> str:
-        """Short name of a feather's pose: equal poses, equal names."""
-        digest = hashlib.blake2b(digest_size=8)
-        for part in self.feathers[index].parts:
-            digest.update(pose.values[part, "points"].numbers.tobytes())
-        for name in HOOKS:
-            if (MESH, name) in pose.values:
-                digest.update(pose.values[MESH, name].numbers.tobytes())
-        return digest.hexdigest()

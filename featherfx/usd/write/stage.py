@@ -10,9 +10,12 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom
 
 from featherfx.usd.space import StageSpace
+from featherfx.usd.types import BARB, MESH, RACHIS
 
 FEATHERS, RACHISES, BARBS = "feathers", "rachises", "barbs"
 MATERIALS = "materials"
+# where the prims of feathers stand, and what their names end with
+SCOPES = {MESH: (FEATHERS, ""), RACHIS: (RACHISES, "_rachis"), BARB: (BARBS, "_barbs")}
 
 
 @dataclass(frozen=True)

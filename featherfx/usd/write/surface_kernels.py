@@ -54,13 +54,13 @@ class ToStage(NamedTuple):
     y_up: bool
 
 
-class WrittenMesh(NamedTuple):
-    """points, normals: (V, 3). directions: (T, 3) unit, of barbs. extent: (2, 3)."""
+class WrittenSurface(NamedTuple):
+    """points, normals: (V, 3). directions: (T, 3) unit, of barbs. shaft: (n, 3) points."""
 
     points: Floats
     normals: Floats
     directions: Floats
-    extent: Floats
+    shaft: Floats
 
 
 @kernel
@@ -88,11 +88,11 @@ def _axes(v, stage):
 
 
 @kernel
-def write_points(world, step, stage, out):
-    """Every step-th world point or rate (3,), to out (N, 3); True if all are finite."""
+def write_points(world, stage, out):
+    """World points or rates (3,), to out (N, 3); True if all are finite."""
     total = 0.0
     for v in range(out.shape[0]):
-        store(out[v], scale(stage.units, _axes(world[v * step], stage)))
+        store(out[v], scale(stage.units, _axes(world[v], stage)))
         total += abs(out[v, 0]) + abs(out[v, 1]) + abs(out[v, 2])
     return math.isfinite(total)
 
@@ -151,13 +151,19 @@ def extent(points, padding, out):
 
 
 @kernel
-def pose_surface(values, surface, stage, out):
-    """A mesh's pose, to out (WrittenMesh); True if the points are finite."""
+def write_values(values, surface, stage, out, shaft):
+    """Points or rates of a mesh, to out (V, 3), and of its shaft (n, 3); True if all are finite."""
     combine(values, surface)
-    finite = write_points(surface.world, 1, stage, out.points)
+    is_finite = write_points(surface.world, stage, out)
+    return write_points(values.nodes[:, 0], stage, shaft) and is_finite
+
+
+@kernel
+def pose_surface(values, surface, stage, out):
+    """A pose of mesh and shaft, to out (WrittenSurface); True if the points are finite."""
+    finite = write_values(values, surface, stage, out.points, out.shaft)
     vertex_normals(surface, stage, out.normals)
     edge_directions(surface, stage, out.directions)
-    extent(out.points, np.float32(0.0), out.extent)
     return finite
 
 

@@ -20,9 +20,10 @@ from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
 from featherfx.usd.write.assemble import assemble
 from featherfx.usd.write.chunk import ChunkWriter, WrittenChunk
-from featherfx.usd.write.define import animated_prims, define_prims
+from featherfx.usd.write.define import define_prims
+from featherfx.usd.write.grouping import chosen_group, grouped
 from featherfx.usd.write.layout import new_layers
-from featherfx.usd.write.options import UP_AXES, WriteOptions
+from featherfx.usd.write.options import FEATHER, GROUPS, UP_AXES, WriteOptions
 from featherfx.usd.write.output import (
     check_output,
     chosen_layout,
@@ -31,7 +32,9 @@ from featherfx.usd.write.output import (
     prim_name,
 )
 from featherfx.usd.write.parts import Parts, Save, unfinished_bakes
+from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import PosedFeather, posed_feathers
+from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import StageInfo
 
 # A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
@@ -61,7 +64,8 @@ class CacheWriter:
     None for a rest pose without time. frames_per_second: also the time codes per second. options:
     points, velocities and widths are converted to the unit and axis, 1 m and "Z" where they are
     None; layouts are those of usd/write/layout.py; a chunk has fewer frames where they exceed
-    chunk_bytes. root: name of the root prim, by default the file's. origin: m, world, where it
+    chunk_bytes. root: name of the root prim, by default the file's. part: in the names of groups,
+    where caches with the same groups are to be joined with this one. origin: m, world, where it
     stands (origin_for of usd/space.py); what is below it is written as seen from there. metadata:
     plain values, kept with the layout as custom data of the root layer.
 
@@ -86,6 +90,7 @@ class CacheWriter:
         options: WriteOptions = WriteOptions(),
         *,
         root: str = "",
+        part: str = "",
         origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
         metadata: Mapping[str, Any] | None = None,
         settings: Mapping[str, str] | None = None,
@@ -98,7 +103,6 @@ class CacheWriter:
         self._feathers, self._subframes = tuple(feathers), options.subframes
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
         posed = posed_feathers(self._feathers, space, extras)
-        self._static = [entry.static for entry in self._feathers]
         bytes_per_sample = sum(each.bytes_per_sample for each in posed)
         self._samples = (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
         self.chunk = (frames_each or chunk_frames(options, posed)) * self._subframes
@@ -114,8 +118,13 @@ class CacheWriter:
         own = settings or self._settings_of_stage(options.chunk)
         self._check_files(options, own)
         self._before = {file: standing(file) for file in output_files(self._path, self._layout)}
-        self._check_finite([k for k, each in enumerate(posed) if not each.rest().finite], 0.0)
-        self._prims = animated_prims(self._info, self._feathers, posed)
+        how = chosen_group(options.group, len(self._feathers))
+        groups = [
+            PosedGroup(group, posed, [entry.static for entry in self._feathers], how == FEATHER)
+            for group in grouped(self._feathers, how, part)
+        ]
+        self._check_finite([k for group in groups for k in group.not_finite(group.rest())], 0.0)
+        self._prims = AnimatedPrims.of_cache(groups, self._info.root_path)
         self._resumable = settings is not None
         self._parts: Parts | None = None
         self._earlier: list[EarlierCache] = []
@@ -123,7 +132,7 @@ class CacheWriter:
             self._parts = Parts(self._path, self._layout, own, options.resume, inputs=inputs)
             self._check_unchanged()
             step = 1.0 / (frames_per_second * self._subframes)
-            self._chunk = ChunkWriter(self._info, self._prims, self._static, step)
+            self._chunk = ChunkWriter(self._info, self._prims, step)
         self._taken_over = len(self._parts.records) if self._parts else 0
         self._committing = Background(self._commit, 1)
         self._written: list[WrittenChunk] = []
@@ -277,9 +286,7 @@ class CacheWriter:
             layers = new_layers(self._info, self._layout)
             define_prims(layers.topology, self._info, self._feathers, self._prims)
             done(1)
-            assemble(
-                layers, self._info, self._prims, self._static, self._path, self._parts, self._before
-            )
+            assemble(layers, self._info, self._prims, self._path, self._parts, self._before)
             if self._parts:
                 self._parts.finish(keep_chunks=self._layout == "clips")
 
@@ -314,8 +321,9 @@ def check_arguments(
     for key, value in {**values, "chunk": options.chunk, "subframes": options.subframes}.items():
         if value is not None and not (math.isfinite(value) and value > 0):
             wrong.append((key, f"{value} is not a finite number above 0"))
-    if options.up_axis not in (None, *UP_AXES):
-        wrong.append(("up_axis", f"'{options.up_axis}' is not one of {', '.join(UP_AXES)}"))
+    for key, allowed in {"up_axis": UP_AXES, "group": GROUPS}.items():
+        if (name := getattr(options, key)) not in (None, *allowed):
+            wrong.append((key, f"'{name}' is not one of {', '.join(allowed)}"))
     wrong += [
         ("diagnostics", f"'{name}' is not one of {', '.join(DIAGNOSTICS)}")
         for name in options.diagnostics

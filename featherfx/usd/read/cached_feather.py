@@ -1,0 +1,186 @@
+"""The feathers of a mesh, as far as they never change: itself, or those that share it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import UsdGeom
+
+from featherfx.feather.types import LEADING
+from featherfx.usd.read.animated_mesh import fans, topology_of
+from featherfx.usd.read.members import Member, members_of
+from featherfx.usd.read.values import (
+    EARLIEST,
+    INTEGERS,
+    PAIRS,
+    VECTORS,
+    Kind,
+    array_of,
+    elements,
+    fault,
+    flattened,
+    numbers_of,
+    sized_array,
+    text_of,
+)
+from featherfx.usd.types import RANGES
+
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class CachedFeather:
+    """The constant part of one feather: of a mesh, or of what is its own in one that several share.
+
+    path: of the mesh. name: its own, for prims and files: that of the mesh, or the id; a Cache
+    makes it valid and unique. id, kind, region: labels (id: the prim's name where none is
+    authored). is_feather: whether an id is authored.
+    triangles: (T, 3) point indices; faces with more sides are cut into fans. side: (T,) 0 leading,
+    1 trailing, 2 rachis (0 where unknown). face: (T,) face that the triangle was cut from.
+    subsets: name to face indices. rest: (V, 3), st: (V, 2) and colour: (V, 3), displayColor (the
+    mean of a point's faces where it is of faces), None where not authored.
+    """
+
+    path: str
+    name: str
+    id: str
+    kind: str
+    region: str
+    triangles: Indices
+    side: Indices
+    face: Indices
+    subsets: Mapping[str, Indices]
+    rest: Floats | None
+    st: Floats | None
+    colour: Floats | None
+    is_feather: bool
+
+
+def constant_parts(mesh: Any) -> list[tuple[Member, CachedFeather]]:
+    """The feathers of a mesh: itself, or those that share it."""
+    prim = mesh.GetPrim()
+    whole = _constant_part(mesh)
+    members = members_of(prim)
+    if not members:
+        return [(Member(whole.id, whole.kind, whole.region), whole)]
+    points, faces = (np.array([getattr(m, name) for m in members]) for name in ("points", "faces"))
+    ends = points[-1].sum(), faces[-1].sum()
+    total = int(whole.triangles.max(initial=-1)) + 1
+    if ends[0] < total or ends[1] <= whole.face.max(initial=-1):
+        told = f"tell of {ends[0]} points and {ends[1]} faces, fewer than the mesh has"
+        raise fault(prim.GetAttribute(f"{RANGES}:points"), told)
+    cuts = np.searchsorted(whole.face, [*faces[:, 0], ends[1]])
+    whole = replace(whole, subsets={name: np.sort(each) for name, each in whole.subsets.items()})
+    own = [_cut(whole, member, slice(*cuts[k : k + 2])) for k, member in enumerate(members)]
+    if not all(own):
+        told = "do not fit the faces, which name points of other feathers"
+        raise fault(prim.GetAttribute(f"{RANGES}:points"), told)
+    return [(member, each) for member, each in zip(members, own, strict=True) if each]
+
+
+def _cut(whole: CachedFeather, member: Member, triangles: slice) -> CachedFeather | None:
+    """What is a feather's own of a mesh; None where its faces name points of others."""
+    points, (first, count) = within(member.points), member.faces or (0, 0)
+    own = whole.triangles[triangles] - points.start
+    if own.min(initial=0) < 0 or own.max(initial=-1) >= points.stop - points.start:
+        return None
+    subsets = {
+        name: each[slice(*np.searchsorted(each, [first, first + count]))] - first
+        for name, each in whole.subsets.items()
+    }
+    rest, st, colour = (
+        None if each is None else each[points] for each in (whole.rest, whole.st, whole.colour)
+    )
+    return CachedFeather(
+        path=whole.path,
+        name=member.id,
+        id=member.id,
+        kind=member.kind,
+        region=member.region,
+        triangles=own,
+        side=whole.side[triangles],
+        face=whole.face[triangles] - first,
+        subsets={name: each for name, each in subsets.items() if len(each)},
+        rest=rest,
+        st=st,
+        colour=colour,
+        is_feather=True,
+    )
+
+
+def _constant_part(mesh: Any) -> CachedFeather:
+    """A mesh as one feather."""
+    prim = mesh.GetPrim()
+    primvars = UsdGeom.PrimvarsAPI(prim)
+    counts, indices = topology_of(mesh)
+    points = array_of(mesh.GetPointsAttr(), EARLIEST, VECTORS)
+    total = 0 if points is None else len(points)
+    inside = ((indices >= 0) & (indices < total)).all()
+    if (counts < 0).any() or counts.sum() != len(indices) or not inside:
+        raise fault(mesh.GetFaceVertexIndicesAttr(), "do not fit the mesh's points and counts")
+    corners, face = fans(counts)
+
+    def label(name: str, fallback: str) -> str:
+        return text_of(primvars.GetPrimvar(name).GetAttr()) or fallback
+
+    def own(name: str, kind: Kind, count: int) -> Any:
+        return _sized(primvars.GetPrimvar(name).GetAttr(), EARLIEST, kind, count)
+
+    side = own("side", INTEGERS, len(counts))
+    authored = text_of(primvars.GetPrimvar("featherId").GetAttr())
+    subsets = UsdGeom.Subset.GetAllGeomSubsets(mesh)
+    return CachedFeather(
+        path=str(prim.GetPath()),
+        name=prim.GetName(),
+        id=authored or prim.GetName(),
+        kind=label("featherKind", ""),
+        region=label("region", ""),
+        triangles=indices[corners],
+        side=np.full(len(face), LEADING) if side is None else side.astype(np.int64)[face],
+        face=face,
+        subsets={
+            s.GetPrim().GetName(): sized_array(s.GetIndicesAttr(), EARLIEST, INTEGERS).astype(
+                np.int64
+            )
+            for s in subsets
+        },
+        rest=own("rest", VECTORS, total),
+        st=own("st", PAIRS, total),
+        colour=_vertex_colours(
+            primvars.FindPrimvarWithInheritance("displayColor"), counts, indices, total
+        ),
+        is_feather=bool(authored),
+    )
+
+
+def _vertex_colours(primvar: Any, counts: Any, indices: Any, total: int) -> Floats | None:
+    """(V, 3) of a colour primvar of any interpolation; None where none fits the mesh."""
+    value = flattened(primvar, EARLIEST)
+    if value is None or not len(indices):
+        return None
+    colours = numbers_of(elements(value), VECTORS, primvar.GetAttr()).astype(np.float32)
+    if len(colours) == 1:
+        return np.repeat(colours, total, axis=0)
+    interpolation = str(primvar.GetInterpolation())
+    if interpolation == UsdGeom.Tokens.uniform and len(colours) == len(counts):
+        colours = np.repeat(colours, counts, axis=0)
+    elif interpolation != UsdGeom.Tokens.faceVarying or len(colours) != len(indices):
+        return colours if len(colours) == total else None
+    around = np.maximum(np.bincount(indices, minlength=total), 1)
+    sums = [np.bincount(indices, colours[:, k], total) for k in range(3)]
+    return np.asarray(np.stack(sums, axis=1) / around[:, None], dtype=np.float32)
+
+
+def within(own: tuple[int, int] | None) -> slice:
+    return slice(None) if own is None else slice(own[0], own[0] + own[1])
+
+
+def _sized(attribute: Any, code: Any, kind: Kind, count: int) -> Any:
+    """An array (count, ...); None if there is none, or not of count elements."""
+    value = array_of(attribute, code, kind)
+    return value if value is None or len(value) == count else None

@@ -1,0 +1,43 @@
+"""Which feathers of a cache stand in one mesh and one curves prim; needs no USD."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write.options import ALL, FEATHER, REGION
+from featherfx.usd.write.output import unique_prim_names
+
+# Feathers that each have prims of their own where that is left to the writer; readers are slow with
+# thousands of prims side by side.
+MOST_SINGLE = 200
+
+
+class Group(NamedTuple):
+    """Feathers of one mesh. name: of its prim. members: their numbers, in order."""
+
+    name: str
+    members: tuple[int, ...]
+
+
+def chosen_group(group: str | None, feathers: int) -> str:
+    """How a cache of so many feathers is grouped: as asked for, else by region if they are many."""
+    return group or (REGION if feathers > MOST_SINGLE else FEATHER)
+
+
+def grouped(entries: Sequence[FeatherEntry], group: str, part: str = "") -> list[Group]:
+    """The groups of a cache, in the order of their first feathers.
+
+    group: of GROUPS; feathers without a region go by their kind. part: told in the names, where
+    the cache is a part of a larger one that has the same groups.
+    """
+    if group == FEATHER:
+        names = unique_prim_names([entry.name or entry.id for entry in entries])
+        return [Group(name, (number,)) for number, name in enumerate(names)]
+    members: dict[str, list[int]] = {}
+    for number, entry in enumerate(entries):
+        label = (entry.region if group == REGION else "") or entry.kind
+        members.setdefault(ALL if group == ALL else label, []).append(number)
+    names = unique_prim_names([f"{label}_{part}" if part else label for label in members])
+    return [Group(*each) for each in zip(names, map(tuple, members.values()), strict=True)]

@@ -1,0 +1,176 @@
+"""One pose of the feathers that share a mesh, in USD's own arrays."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
+from featherfx.usd.types import BARB, HOOKED, HOOKS, MESH, PER_FACE, RACHIS, RATES
+from featherfx.usd.write import surface_kernels
+from featherfx.usd.write.grouping import Group
+from featherfx.usd.write.poses import Key, PosedFeather, Written
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass
+class WrittenPose:
+    """The feathers of a group at one time, stage units and axes, as they are written.
+
+    values: per prim (MESH, RACHIS, BARB) and attribute. members: what in them is of each feather.
+    finite: (M,) whether that is. Made once by PosedGroup.new_pose, then written to as often as a
+    sample has left the layers.
+    """
+
+    values: dict[Key, InPlace]
+    members: list[Written]
+    finite: Flags
+
+    def corners(self) -> Sequence[Floats]:
+        """(2, 3) extents of surface and barbs."""
+        parts = (self.values.get((part, "extent")) for part in (MESH, BARB))
+        return [part.numbers for part in parts if part is not None]
+
+
+class PosedGroup:
+    """The feathers of one mesh, and their evaluation.
+
+    name: of the group's prims. members: numbers of the feathers. feathers: those. alone: whether
+    the prims are those of a single feather, which they tell as a constant. is_static, static:
+    which feathers never leave their rest pose, all or (M,). parts: the prims, and keys: what is
+    written of them. points: (M + 1,) of each part where each feather's begin, and all; faces: as
+    points, of the mesh.
+    """
+
+    def __init__(
+        self, group: Group, posed: Sequence[PosedFeather], static: Sequence[bool], alone: bool
+    ) -> None:
+        self.name, self.members, self.alone = group.name, group.members, alone
+        self.feathers = [posed[k] for k in group.members]
+        self.static = np.array([static[k] for k in group.members], dtype=np.bool_)
+        self.is_static = bool(self.static.all())
+        points = {
+            part: _starts([each.points.get(part, 0) for each in self.feathers])
+            for part in (MESH, RACHIS, BARB)
+        }
+        self.points = {part: starts for part, starts in points.items() if starts[-1]}
+        self.parts = tuple(self.points)
+        self.faces = _starts([f.faces for f in self.feathers])
+        self._vectors = dict.fromkeys(key for f in self.feathers for key in f.vectors)
+        self._scalars = dict.fromkeys(key for f in self.feathers for key in f.scalars)
+        self._extents = [(part, "extent") for part in self.parts]
+        self.keys: tuple[Key, ...] = (*self._vectors, *self._extents, *self._scalars)
+        # USD pads the extent of curves by half the greatest width of the prim, in single precision
+        widths = {MESH: np.zeros(0), RACHIS: self.widths, BARB: self.barb_widths}
+        self._padding = {
+            part: np.float32(0.5) * np.float32(each.max(initial=0.0))
+            for part, each in widths.items()
+        }
+
+    @property
+    def interpolation(self) -> str:
+        """Of what is one value a feather, on curves of which each is one."""
+        return "constant" if self.alone else "uniform"
+
+    @cached_property
+    def widths(self) -> NDArray[np.float64]:
+        """(n,) stage units, diameters of all shafts."""
+        return np.concatenate([each.widths for each in self.feathers])
+
+    @property
+    def held(self) -> NDArray[np.float64]:
+        """(T,) share of barbules that are hooked at rest."""
+        return np.concatenate([each.held for each in self.feathers])
+
+    @cached_property
+    def barb_widths(self) -> NDArray[np.float64]:
+        """(K,) stage units, diameters of all barbs."""
+        return np.concatenate([each.barb_widths for each in self.feathers])
+
+    def starts(self, key: Key) -> NDArray[np.int64]:
+        """(M + 1,) where the elements of each feather begin in an attribute, and all."""
+        return self.faces if key[1] in PER_FACE else self.points[key[0]]
+
+    def new_pose(self) -> WrittenPose:
+        """Room for one pose; static feathers are in it already."""
+        values: dict[Key, InPlace] = {key: Vec3f(self._count(key)) for key in self._vectors}
+        values |= {key: Vec3f(2) for key in self._extents}
+        values |= {key: Scalars(self._count(key)) for key in self._scalars}
+        for key in self._scalars:
+            values[key].numbers[...] = self.held if key[1] == HOOKED else 0.0
+        pose = WrittenPose(values, self._shared_out(values), np.ones(len(self.members), np.bool_))
+        if not self.is_static:
+            for index in np.flatnonzero(self.static):
+                self.feathers[index].rest(pose.members[index])
+        return pose
+
+    def _count(self, key: Key) -> int:
+        return int(self.starts(key)[-1])
+
+    def _shared_out(self, values: dict[Key, InPlace]) -> list[Written]:
+        """The views of each feather on the arrays of the group."""
+        starts = {key: self.starts(key).tolist() for key in (*self._vectors, *self._scalars)}
+        return [
+            {
+                key: values[key].numbers[starts[key][index] : starts[key][index + 1]]
+                for key in (*feather.vectors, *feather.scalars)
+            }
+            for index, feather in enumerate(self.feathers)
+        ]
+
+    def rest(self) -> WrittenPose:
+        """The rest pose; its rates are zero."""
+        pose = self.new_pose()
+        for index, feather in enumerate(self.feathers):
+            pose.finite[index] = feather.rest(pose.members[index])
+        self.bound(pose)
+        return pose
+
+    def not_finite(self, pose: WrittenPose) -> list[int]:
+        """Numbers of the feathers with values that are not finite."""
+        return [self.members[k] for k in np.flatnonzero(~pose.finite)]
+
+    def bound(self, pose: WrittenPose) -> None:
+        """Set the extents of a pose whose points are there."""
+        for part in self.parts:
+            points, extent = (pose.values[part, name].numbers for name in ("points", "extent"))
+            surface_kernels.extent(points, self._padding[part], extent)
+
+    def hold(self, pose: WrittenPose, first: WrittenPose, moved: Flags, seconds: float) -> None:
+        """Mark the feathers that have left their first pose in moved (M,); the others keep it.
+
+        So what is written of a feather does not depend on those that it shares prims with.
+        seconds: as of PosedFeather.changed.
+        """
+        for index in np.flatnonzero(~(moved | self.static)):
+            now, before = pose.members[index], first.members[index]
+            if self.feathers[index].changed(now, before, seconds):
+                moved[index] = True
+            elif pose is not first:
+                for key, numbers in now.items():
+                    numbers[...] = before[key]
+
+    def is_at_rest(self, pose: WrittenPose) -> bool:
+        """Whether leaving out the rates of a pose, which is constant, loses nothing that another
+        cache might want; they may be rounding for a feather that has prims of its own."""
+        rates = (value for (_, name), value in pose.values.items() if name in RATES)
+        return self.alone or not any(value.numbers.any() for value in rates)
+
+    def digest(self, pose: WrittenPose) -> str:
+        """Short name of a pose: equal poses, equal names. Of a single feather the points tell."""
+        named = ("points", *HOOKS) if self.alone else {name for _, name in self.keys}
+        digest = hashlib.blake2b(digest_size=8)
+        for (_, name), value in pose.values.items():
+            if name in named:
+                digest.update(value.numbers.tobytes())
+        return digest.hexdigest()
+
+
+def _starts(counts: Sequence[int]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])

@@ -1,0 +1,268 @@
+"""Feathers that share prims: what is in the files, and that readers and bakes find each of them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import feathers
+import numpy as np
+import pytest
+import trimesh
+from pxr import Sdf, Usd, UsdGeom, UsdShade
+
+from featherfx.errors import InputError, SimulationError
+from featherfx.feather.types import both
+from featherfx.usd.check.check import check_usd
+from featherfx.usd.check.crossings import count_crossings
+from featherfx.usd.convert.condensed import export_condensed
+from featherfx.usd.convert.export import flatten, mesh_sequence
+from featherfx.usd.read.earlier import EarlierCache
+from featherfx.usd.read.read import Cache
+from featherfx.usd.write.grouping import chosen_group, grouped
+from featherfx.usd.write.join import join_shares
+from featherfx.usd.write.options import WriteOptions
+from featherfx.usd.write.write import CacheWriter
+
+GROUPS = ("kind", "region", "all")
+SETTINGS = {"shot": "one"}
+
+
+def write(path: Path, group: str, chosen=None, **more) -> Path:
+    """Five frames of some of the four feathers."""
+    entries = more.pop("entries", feathers.entries())
+    chosen = range(len(entries)) if chosen is None else chosen
+    given = {"settings": SETTINGS, "metadata": {"settings": SETTINGS}, **more.pop("given", {})}
+    options = WriteOptions(**{"chunk": 2, "group": group, **more})
+    own = [entries[k] for k in chosen]
+    with CacheWriter(path, own, (1, 5), 24.0, options, root="bird", **given) as writer:
+        for number in range(1, 6):
+            frame = feathers.frame(number)
+            writer.write(replace(frame, poses=tuple(frame.poses[k] for k in chosen)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory) -> Path:
+    return write(tmp_path_factory.mktemp("single") / "single.usda", "feather")
+
+
+@pytest.fixture(scope="module", params=[(g, "flat") for g in GROUPS] + [("region", "clips")])
+def shared(request, tmp_path_factory) -> Path:
+    group, layout = request.param
+    path = tmp_path_factory.mktemp("shared") / f"{group}.usda"
+    return write(path, group, layout=layout, accelerations=True, diagnostics=("strain",))
+
+
+def prims(stage, *schemas) -> list:
+    return [p for p in stage.Traverse() if any(p.IsA(each) for each in schemas)]
+
+
+@pytest.mark.parametrize(
+    ("group", "names"),
+    [
+        ("feather", ["primary_1", "primary_1_2", "covert", "tail"]),
+        ("kind", ["primary", "covert", "tail_feather"]),
+        ("region", ["left_wing", "body", "tail"]),
+        ("all", ["all"]),
+    ],
+)
+def test_prims_of_each_grouping(tmp_path, group, names):
+    stage = Usd.Stage.Open(str(write(tmp_path / "o.usda", group)))
+    assert [p.GetName() for p in prims(stage, UsdGeom.Mesh)] == names
+    curves = [p.GetName() for p in prims(stage, UsdGeom.BasisCurves)]
+    assert curves == [f"{name}_rachis" for name in names]
+
+
+def test_many_feathers_go_by_region_and_those_without_one_by_kind():
+    assert (chosen_group(None, 200), chosen_group(None, 201)) == ("feather", "region")
+    assert chosen_group("kind", 3) == "kind"
+    entries = [replace(each, region="") for each in feathers.entries()[:3]]
+    entries.append(replace(feathers.entries()[3], region="covert"))
+    # a region may have the name of a kind
+    assert grouped(entries, "region") == [("primary", (0, 1)), ("covert", (2, 3))]
+    assert all(each.name.endswith("2of3") for each in grouped(entries, "region", "2of3"))
+
+
+def test_readers_find_each_feather_as_if_it_stood_alone(single, shared):
+    one, many = Cache(single), Cache(shared)
+    assert sorted(f.id for f in many.feathers) == sorted(f.id for f in one.feathers)
+    assert len({f.name for f in many.feathers}) == 4
+    for index, feather in enumerate(many.feathers):
+        other = next(k for k, each in enumerate(one.feathers) if each.id == feather.id)
+        alone = one.feathers[other]
+        assert (feather.kind, feather.region) == (alone.kind, alone.region)
+        assert feather.is_feather
+        for name in ("triangles", "side", "face", "rest", "st", "colour"):
+            np.testing.assert_array_equal(getattr(feather, name), getattr(alone, name))
+        assert feather.subsets.keys() == alone.subsets.keys()
+        for name, faces in alone.subsets.items():
+            np.testing.assert_array_equal(feather.subsets[name], faces)
+        for code in (None, 1.0, 2.0, 2.5, 5.0):
+            mine, own = many.pose(index, code), one.pose(other, code)
+            np.testing.assert_array_equal(mine.points, own.points)
+            np.testing.assert_array_equal(mine.normals, own.normals)
+            np.testing.assert_array_equal(mine.barb_direction, own.barb_direction)
+            # what never moves has no velocities where it is alone
+            expected = 0.0 if own.velocities is None else own.velocities
+            if code is not None and mine.velocities is not None:
+                np.testing.assert_array_equal(mine.velocities, np.zeros((36, 3)) + expected)
+
+
+def test_a_plain_reader_finds_one_feather_by_its_primvar_and_its_ranges(shared):
+    """What docs/usd.md says, in plain USD."""
+    expected = {e.id: e for e in feathers.entries()}
+    stage = Usd.Stage.Open(str(shared))
+    for prim in prims(stage, UsdGeom.Mesh):
+        mesh = UsdGeom.Mesh(prim)
+        primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("featherId")
+        assert primvar.GetInterpolation() == "uniform"
+        of_face = list(primvar.ComputeFlattened())
+        assert len(of_face) == len(mesh.GetFaceVertexCountsAttr().Get())
+        ids = list(primvar.Get())
+        points = prim.GetAttribute("featherRange:points").Get()
+        faces = prim.GetAttribute("featherRange:faces").Get()
+        for id, (start, count), (first, number) in zip(ids, points, faces, strict=True):
+            assert of_face[first : first + number] == [id] * number
+            rest = np.array(mesh.GetPointsAttr().Get())[start : start + count]
+            entry = expected[id]
+            np.testing.assert_allclose(
+                rest, entry.feather.surface.points(entry.rest_points), atol=1e-8
+            )
+    for prim in prims(stage, UsdGeom.BasisCurves):
+        curves, api = UsdGeom.BasisCurves(prim), UsdGeom.PrimvarsAPI(prim)
+        assert len(curves.GetCurveVertexCountsAttr().Get()) == len(api.GetPrimvar("up").Get())
+        assert api.GetPrimvar("up").GetInterpolation() == "uniform"
+        assert len(api.GetPrimvar("featherId").ComputeFlattened()) == len(
+            prim.GetAttribute("featherRange:curves").Get()
+        )
+
+
+def test_the_page_on_usd_tells_how_one_feather_is_hidden_and_shaded(tmp_path):
+    page = (Path(__file__).resolve().parents[2] / "docs/usd.md").read_text()
+    code = {"UsdGeom": UsdGeom, "UsdShade": UsdShade}
+    exec(re.search(r"```python\n(def faces_of.*?)```", page, re.DOTALL)[1], code)
+    stage = Usd.Stage.Open(str(write(tmp_path / "o.usda", "all")))
+    (mesh,) = map(UsdGeom.Mesh, prims(stage, UsdGeom.Mesh))
+    triangles = len(feathers.surface().triangles)
+    assert code["faces_of"](mesh, "covert") == list(range(2 * triangles, 3 * triangles))
+    material = UsdShade.Material.Define(stage, "/bird/materials/red")
+    code["shade"](mesh, "covert", material)
+    assert UsdGeom.Subset.ValidateFamily(mesh, "face", "materialBind")[0]
+    subset = stage.GetPrimAtPath(mesh.GetPath().AppendChild("chosen"))
+    assert (
+        UsdShade.MaterialBindingAPI(subset).ComputeBoundMaterial()[0].GetPath()
+        == material.GetPath()
+    )
+    for feather in ("tail", "covert"):
+        code["hide"](mesh, feather)
+    assert list(mesh.GetHoleIndicesAttr().Get()) == list(range(2 * triangles, 4 * triangles))
+
+
+def test_the_checks_accept_what_is_written_and_find_damaged_tables(shared, tmp_path):
+    assert check_usd(shared) == []
+    path = flatten(shared, tmp_path / "plain.usda")
+    assert check_usd(path) == []
+    layer, stage = Sdf.Layer.FindOrOpen(str(path)), Usd.Stage.Open(str(path))
+    (mesh,) = (
+        prim
+        for prim in prims(stage, UsdGeom.Mesh)
+        if len(prim.GetAttribute("featherRange:points").Get()) > 1
+    )
+    table = layer.GetAttributeAtPath(mesh.GetPath().AppendProperty("featherRange:points"))
+    table.default = type(table.default)([(0, 30), (30, 30)])
+    layer.Save()
+    assert any("featherRange" in f"{each.key} {each.message}" for each in check_usd(path))
+    with pytest.raises(InputError, match="featherRange"):
+        Cache(path)
+
+
+def test_what_moves_has_samples_of_constant_length_and_what_rests_none(shared):
+    stage = Usd.Stage.Open(str(shared))
+    for prim in prims(stage, UsdGeom.Mesh, UsdGeom.BasisCurves):
+        points = prim.GetAttribute("points")
+        ids = set(UsdGeom.PrimvarsAPI(prim).GetPrimvar("featherId").Get())
+        moves = bool(ids & {"primary/1", "primary 1"})
+        assert points.GetTimeSamples() == ([1.0, 2.0, 3.0, 4.0, 5.0] if moves else [])
+        assert len({len(points.Get(code)) for code in range(1, 6)}) == 1
+        for name in ("faceVertexIndices", "primvars:rest", "primvars:st", "primvars:featherId"):
+            assert prim.GetAttribute(name).GetNumTimeSamples() == 0
+
+
+def test_other_forms_have_a_prim_a_feather(shared, tmp_path):
+    names = {f.name for f in Cache(shared).feathers}
+    assert export_condensed(shared, tmp_path / "condensed.usda") == 4
+    stage = Usd.Stage.Open(str(tmp_path / "condensed.usda"))
+    assert {p.GetName() for p in stage.Traverse() if p.IsA(UsdGeom.BasisCurves)} == names
+    (written,) = mesh_sequence(shared, tmp_path / "o.glb", [2.0])
+    assert set(trimesh.load(written).geometry) == names
+
+
+def test_crossings_count_pairs_of_feathers_that_share_a_mesh(tmp_path):
+    entries = feathers.entries()[:2]
+    turned = both(lambda part: part[..., [0, 2, 1]] * (1, -1, 1), entries[1].rest_points)
+    entries[1] = replace(entries[1], rest_points=turned.shifted(np.array([0.0, -0.1, 0.0])))
+    told = []
+    for group in ("feather", "all"):
+        path = tmp_path / f"{group}.usda"
+        with CacheWriter(path, entries, None, options=WriteOptions(group=group)):
+            pass
+        told.append(list(count_crossings(path)))
+    assert told[0] == told[1]
+
+
+def parts_of(tmp_path: Path, group: str, shares, **options) -> list[Path]:
+    files = []
+    for number, chosen in enumerate(shares, 1):
+        path = tmp_path / f"bird.{number}of{len(shares)}.usdc"
+        settings = {"settings": {**SETTINGS, "feathers": f"{number}"}}
+        own = {**settings, "part": f"{number}of{len(shares)}", "metadata": settings}
+        files.append(write(path, group, chosen, given=own, **options))
+    return files
+
+
+@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize("shares", [[(0, 2), (1, 3)], [(0,), (1,), (2, 3)]])
+def test_shares_are_taken_over_with_the_bytes_of_a_whole(tmp_path, group, shares):
+    whole = write(tmp_path / "whole.usdc", group)
+    files = parts_of(tmp_path, group, shares, layout="clips")
+    path = tmp_path / "merged.usdc"
+    options = WriteOptions(chunk=2, group=group)
+    given = {"settings": SETTINGS, "metadata": {"settings": SETTINGS}}
+    with CacheWriter(path, feathers.entries(), (1, 5), 24.0, options, root="bird", **given) as out:
+        for file, chosen in zip(files, shares, strict=True):
+            out.take_over(EarlierCache(file), chosen)
+        for number in range(1, 6):
+            out.write(replace(feathers.frame(number), poses=()))
+    assert path.read_bytes() == whole.read_bytes()
+
+
+def test_joined_shares_hold_every_feather_once(tmp_path, single):
+    files = parts_of(tmp_path, "region", [(0, 2), (1, 3)])
+    path = tmp_path / "bird.usda"
+    assert join_shares(path, files) == 4
+    assert sorted(f.id for f in Cache(path).feathers) == sorted(
+        f.id for f in Cache(single).feathers
+    )
+    assert check_usd(path) == []
+
+
+def test_a_feather_that_is_not_finite_is_named(tmp_path):
+    frame = feathers.frame(1)
+    bad = both(lambda part: np.where(part == 0.0, np.nan, part), frame.poses[1].points)
+    poses = (frame.poses[0], replace(frame.poses[1], points=bad), *frame.poses[2:])
+    options = WriteOptions(group="all")
+    with (
+        pytest.raises(SimulationError, match="primary 1"),
+        CacheWriter(tmp_path / "o.usda", feathers.entries(), (1, 5), 24.0, options) as writer,
+    ):
+        writer.write(replace(frame, poses=poses))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_grouping_is_refused(tmp_path):
+    with pytest.raises(InputError, match="'flock' is not one of feather, kind, region, all"):
+        CacheWriter(
+            tmp_path / "o.usda", feathers.entries(), None, options=WriteOptions(group="flock")
+        )
