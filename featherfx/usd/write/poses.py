@@ -114,7 +114,7 @@ class PosedFeather:
 
         Raises ValueError for another grid.
         """
-        own, barbs = self._entry.points_map, self._entry.barbs
+        own = self._entry.points_map
         found, expected = np.shape(given.points.nodes), self._entry.rest_points.nodes.shape
         if own is None and found != expected:
             raise ValueError(f"'{self.id}': {found}, not {expected} nodes")
