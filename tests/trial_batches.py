@@ -13,7 +13,6 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
-from featherfx.groom.presets.library import Sourced
 from featherfx.groom.presets.presets import list_presets, load_preset
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.batch import make_model
@@ -31,8 +30,6 @@ def preset_kind(name: str) -> FeatherKind:
     """The feather kind of a shipped preset, nothing overridden."""
     _, tree = load_preset(f"feather/{name}")
     problems = Problems()
-    for side in ("leading", "trailing"):  # the shapes that the bounds of these tests were set on
-        tree[side]["rounded_base"] = Sourced(0.0, "test")
     kind = kind_of(name, tree, Place("presets", name, problems))
     problems.raise_any()
     assert kind is not None

@@ -83,10 +83,10 @@ def test_nothing_passes_at_fifty_metres_a_second(order):
         shares[name] = share_above(vane_nodes(contact, _state, 1), under)
     assert shares["free"] < 0.05
     assert shares["touching"] > 0.9
-    # they share their momentum; the shafts, behind vanes that give, not yet all of it
+    # they share their momentum, and the vanes, which give, throw them apart again
     speeds = _state.velocity.nodes[:, :, 0, 2].mean(axis=1)
     assert speeds[0] < -15.0
-    assert abs(speeds[1] - speeds[0]) < 50.0 / 3.0
+    assert -50.0 / 3.0 < speeds[1] - speeds[0] < 0.5 * 50.0
 
 
 def test_both_sides_of_every_contact_feel_the_same_force():

@@ -159,14 +159,19 @@ def _meets(contact, now, x, search):
 
 @kernel
 def _press(contact, known, search):
-    """The forces of the interval before, if the contact is known, and the stiffnesses."""
+    """The forces of the interval before, if the contact is known, and the spring's stiffness.
+
+    It is the softer body's, and the same for both: with springs that differ, of which each fits
+    the other body, rounds need not end where several contacts share a body (Lions 1990 has the
+    proof for springs that are alike).
+    """
     contact.guest_force, contact.host_force = 0.0, 0.0
     if known >= 0:
         contact.guest_force = search.memory.force[known, 0]
         contact.host_force = search.memory.force[known, 1]
     impedance = search.bodies.impedance
-    contact.guest_stiffness = _of_corners(impedance[contact.host], contact)
-    contact.host_stiffness = impedance[contact.guest, contact.row, contact.point]
+    host = _of_corners(impedance[contact.host], contact)
+    contact.stiffness = min(host, impedance[contact.guest, contact.row, contact.point])
 
 
 @kernel

@@ -2,10 +2,10 @@
 
 Each feather is still solved on its own. A contact is a pair of forces, one on either body; in
 turn, each body is solved against the plane of the other with the force that the other felt last
-and a spring as stiff as the other body is (`featherfx/mechanics/contact_kernels.py`). Where the
-stiffnesses fit, one round is enough; forces of the interval before make a good start. Opposite
-forces become equal as the rounds converge. (Robin transmission conditions: Lions 1990; the fit of
-the stiffness: optimised Schwarz methods, Gander 2006.)
+and a spring about as stiff as the softer of the two (`featherfx/mechanics/contact_kernels.py`).
+Where the stiffness fits, one round is enough; forces of the interval before make a good start.
+Opposite forces become equal as the rounds converge. (Robin transmission conditions: Lions 1990; the
+fit of the stiffness: optimised Schwarz methods, Gander 2006.)
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from featherfx.solver.contact.run import Run, Team, no_colours, no_islands
 from featherfx.solver.contact.search import Found, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
     WALL_FIT,
+    carried_mass,
     elastic_stiffness,
     grids_of,
     moving_bodies,
@@ -50,7 +51,7 @@ Flags = NDArray[np.bool_]
 
 # springs of a round over the estimated stiffness of one node; of 0.5 to 8, 4 took the fewest
 # iterations in a wing beat (5.9, 4.7, 2.9, 2.3 rounds at 0.5, 1, 3, 8; stiffer ones cost Newton)
-FIT = 4.0
+FIT = 8.0
 # a body whose contacts are off by less than this, over the tolerance, is not solved again
 QUIET = 0.3
 # gap, over the margin, beyond which a contact without a force is not handed to a feather
@@ -157,12 +158,13 @@ class ContactSolver:
         self.grids = grids_of(models)
         self.surfaces = surfaces_of(models, self.grids, halves)
         self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
-        self._mass = self.grids.together([model.mass for model in models])
+        self._mass = self.grids.together([carried_mass(model) for model in models])
         bodies = self.grids.bodies
         widest = max(self.solvers, key=lambda solver: solver.jobs)
         self._searcher = Searcher(candidates, self.surfaces, widest.jobs, widest.for_each)
         self._team = Team(solvers, self.grids, widest.jobs)
         self._colours = no_colours(bodies)
+        self._thinnest = 2.0 * float(np.min(halves, initial=np.inf))
         self._touching: tuple[Indices, ByBody] | None = None
         self._free = np.ones(bodies, dtype=np.bool_)
         self.memory = no_memory(self.surfaces)
@@ -329,6 +331,7 @@ class ContactSolver:
                 quiet=QUIET * settings.tolerance,
                 reach=FAR * settings.margin,
                 friction=settings.friction > 0.0,
+                thinnest=self._thinnest,
             ),
             start=run.start,
             now=run.now,

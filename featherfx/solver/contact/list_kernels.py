@@ -104,27 +104,27 @@ def update(body, touch, listed, now):
         contact = touch[listed.items[at]]
         _measure(contact, now)
         if contact.guest == body:
-            push = contact.host_force - contact.guest_stiffness * contact.gap
+            push = contact.host_force - contact.stiffness * contact.gap
             contact.guest_force = max(0.0, push)
         else:
-            push = contact.guest_force - contact.host_stiffness * contact.gap
+            push = contact.guest_force - contact.stiffness * contact.gap
             contact.host_force = max(0.0, push)
 
 
 @kernel
-def residual(body, touch, listed):
+def residual(body, touch, listed, thinnest):
     """Largest distance of a body's contacts from complementarity, and deepest penetration, m.
 
-    A gap that is closed (g < 0) or held shut from both sides with a force counts by its size.
+    A gap that is closed (g < 0) or held shut from both sides with a force counts by its size, that
+    of thicker vanes as much less as they are thicker than the thinnest (m).
     """
     worst, depth = 0.0, 0.0
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
         force = min(contact.guest_force, contact.host_force)
-        stiffness = max(contact.guest_stiffness, contact.host_stiffness)
-        wrong = abs(min(contact.gap, force / stiffness))
-        mismatch = abs(contact.guest_force - contact.host_force) / stiffness
-        worst = max(worst, max(wrong, mismatch))
+        wrong = abs(min(contact.gap, force / contact.stiffness))
+        mismatch = abs(contact.guest_force - contact.host_force) / contact.stiffness
+        worst = max(worst, max(wrong, mismatch) * thinnest / contact.thickness)
         depth = max(depth, contact.spared - contact.gap)
     return worst, depth
 
@@ -153,8 +153,7 @@ def soften(touch, count, bodies, kept):
         if bodies[contact.guest] == 0 and (contact.host < 0 or bodies[contact.host] == 0):
             continue
         contact.guest_force, contact.host_force = 0.0, 0.0
-        contact.guest_stiffness *= kept
-        contact.host_stiffness *= kept
+        contact.stiffness *= kept
 
 
 @kernel
@@ -211,8 +210,7 @@ def _hand_to(contact, body, start, now, rules, planes, to):
     # what the other felt, or, before it is solved, what this one felt itself
     felt = is_guest == rules.beginning
     force = contact.guest_force if felt else contact.host_force
-    stiffness = contact.guest_stiffness if is_guest else contact.host_stiffness
-    stiffness *= GENTLE if rules.beginning else 1.0
+    stiffness = contact.stiffness * (GENTLE if rules.beginning else 1.0)
     for q in range(parts):
         if is_guest:
             row, p = contact.row + q, contact.point

@@ -24,7 +24,7 @@ from featherfx.solver.contact.types import (
 )
 
 # FIT for a wall, which does not yield, over that of the node
-WALL_FIT = 4.0
+WALL_FIT = 2.0
 # part of the shaft within which the clamp at its root makes contacts no stiffer: there, gaps of
 # nanometres would switch forces that Newton then hunts for, and a feather that flies has no clamp
 NEAR_ROOT = 0.4
@@ -111,6 +111,13 @@ def surfaces_of(
     half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, rows, 1 + 2 * m))
     columns = grids.own_columns()
     guests = _guests(present, columns)
+    for model, low, high in zip(models, grids.first[:-1], grids.first[1:], strict=True):
+        # nodes of barbs without length are all where the shaft is, which is the guest then
+        own = guests[low:high, : model.rows]
+        for side, barb in ((0, slice(m + 1, 2 * m + 1)), (1, slice(0, m))):
+            gone = model.segment[:, side] == 0.0
+            own[..., m] |= gone & own[..., barb].any(axis=2)
+            own[..., barb][gone] = 0
     far = np.concatenate([_far(model) for model in models])
     return VaneSurfaces(
         present, guests, exists.astype(np.int8), np.array(half, dtype=float), columns, far
@@ -165,7 +172,9 @@ def elastic_stiffness(model: Model) -> Array:
     stiffness = np.repeat(shaft[:, :, None], 1 + 2 * m, axis=2)
     if m and count:
         length = model.segment * m
-        root = model.barb_stiffness[..., 0] / np.where(length > 0.0, length, np.inf) ** 2
+        with np.errstate(divide="ignore"):
+            root = model.barb_stiffness[..., 0] / length**2
+        root[length == 0.0] = np.inf
         nodes = np.arange(1, m + 1)
         barb = np.sqrt(24.0 * m**2 / nodes**3) * root[..., None]
         for side in range(2):
@@ -174,6 +183,16 @@ def elastic_stiffness(model: Model) -> Array:
             with np.errstate(divide="ignore"):
                 part[...] = 1.0 / (1.0 / part + 1.0 / soft)
     return np.where(np.isfinite(stiffness), stiffness, 0.0)
+
+
+def carried_mass(model: Model) -> Array:
+    """(F, n, 1 + 2 m) kg, masses of the nodes; those of barbs without length, which are where the
+    shaft is, count as that."""
+    mass, m = model.mass.copy(), model.columns
+    for side in range(2):
+        part = mass[:, :, barb_slice(side, m)]
+        part[...] = np.where(model.segment[:, side, :, None] == 0.0, mass[:, :, :1], part)
+    return mass
 
 
 def no_memory(surfaces: VaneSurfaces) -> Memory:

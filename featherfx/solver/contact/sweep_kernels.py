@@ -94,13 +94,15 @@ class Colours(NamedTuple):
 class RoundRules(NamedTuple):
     """rounds: most of an island. tolerance: m, residual of a solved island. quiet: m, that of a
     body that is not solved again. reach: m, gap beyond which contacts without a force are left out
-    after the first round. friction: whether there is any."""
+    after the first round. friction: whether there is any. thinnest: m, least thickness of vanes,
+    between which the tolerance holds; others may be off by more."""
 
     rounds: int
     tolerance: float
     quiet: float
     reach: float
     friction: bool
+    thinnest: float
 
 
 class Sweep(NamedTuple):
@@ -209,7 +211,7 @@ def _judge(team, size, kind, first, sweep):
             marks.active[body] = 0
             if marks.mine[body] == 0 or sweep.islands.open[marks.island[body]] == 0:
                 continue
-            worst, depth = residual(body, sweep.touch, sweep.listed)
+            worst, depth = residual(body, sweep.touch, sweep.listed, sweep.rules.thinnest)
             again = worst > sweep.rules.quiet
             if first:
                 again = again or marks.fresh[body] != 0

@@ -17,13 +17,13 @@ Bytes = NDArray[np.int8]
 # mirror: side of the triangle on the host's own vane; corner: row and node of its corners, weight:
 # theirs. normal: unit, out of the host on the guest's side. Gaps in m: at the
 # start and now; thickness: sum of both halves; spared: of a depth that was there at the start.
-# Forces, N, that guest and host feel; stiffnesses, N/m, of what each of them is pressed against.
-# place_start, place_now: m, of the host's point.
+# Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
+# against. place_start, place_now: m, of the host's point.
 CONTACT = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
     + [(name, "f8") for name in ("start_gap", "gap", "thickness", "spared", "fraction")]
-    + [(name, "f8") for name in ("guest_force", "host_force", "guest_stiffness", "host_stiffness")]
+    + [(name, "f8") for name in ("guest_force", "host_force", "stiffness")]
     + [("place_start", "f8", (3,)), ("place_now", "f8", (3,))]
 )
 # (K,) of CONTACT

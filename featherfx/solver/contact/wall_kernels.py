@@ -134,8 +134,7 @@ def _meet(node, wall, search, touch, count):
     store(contact.place_now, new)
     set_gaps(contact, thickness, along, search.recovery)
     contact.guest_force = contact.host_force = search.memory.wall[body, i, node.column]
-    stiffness = search.wall_fit * bodies.impedance[body, i, p]
-    contact.guest_stiffness = contact.host_stiffness = stiffness
+    contact.stiffness = search.wall_fit * bodies.impedance[body, i, p]
     return count + 1
 
 
