@@ -160,6 +160,22 @@ def test_the_page_on_usd_tells_how_one_feather_is_hidden_and_shaded(tmp_path):
     assert list(mesh.GetHoleIndicesAttr().Get()) == list(range(2 * triangles, 4 * triangles))
 
 
+@pytest.mark.parametrize("hooked", [False, True])
+def test_hooks_of_a_group_are_told_for_all_of_its_faces(tmp_path, hooked):
+    triangles = len(feathers.surface().triangles)
+    held = np.linspace(0.5, 1.0, triangles)
+    entries = feathers.entries()
+    entries[0] = replace(entries[0], held=held)
+    entries[1] = replace(entries[1], hooked=hooked)
+    path = write(tmp_path / "o.usda", "all", entries=entries)
+    assert check_usd(path) == []
+    stage = Usd.Stage.Open(str(path))
+    (mesh,) = prims(stage, UsdGeom.Mesh)
+    primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("hooked")
+    assert bool(primvar.GetTimeSamples()) == hooked
+    np.testing.assert_allclose(primvar.Get(2.0), [*held, *np.ones(3 * triangles)], rtol=1e-6)
+
+
 def test_the_checks_accept_what_is_written_and_find_damaged_tables(shared, tmp_path):
     assert check_usd(shared) == []
     path = flatten(shared, tmp_path / "plain.usda")

@@ -26,7 +26,7 @@ from featherfx.usd.read.values import (
     times_of,
     value_of,
 )
-from featherfx.usd.types import DIAGNOSTICS, HOOKS, RANGES
+from featherfx.usd.types import DIAGNOSTICS, HOOKED, HOOKS, RANGES
 
 Found = Iterator[tuple[str, str]]
 
@@ -252,6 +252,8 @@ class GeometryCheck:
             if not attribute or not attribute.HasAuthoredValue():
                 if name == "extent":
                     yield name, "missing"
+            elif name == HOOKED and not self._times(name):
+                pass  # hooks that all hold, in part at rest, never change
             elif self._times(name) != self._codes:
                 yield (
                     name,
