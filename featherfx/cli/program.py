@@ -178,6 +178,10 @@ class Program(CommandGroup):
                 raise
             place = f"{error.filename}: " if error.filename else ""
             self._fail(ctx, f"{place}{error.strerror or error}", error)
+        except ModuleNotFoundError as error:
+            if error.name != "pxr":
+                raise
+            self._fail(ctx, "USD is not installed: pip install usd-core, or use a host's", error)
         except Exception as error:
             if not _came:
                 raise

@@ -10,6 +10,7 @@ from typing import Any
 from pxr import Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError, Problem
+from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.values import USD_ERRORS, described, reason_of
 from featherfx.usd.write.options import UP_AXES
 
@@ -41,6 +42,7 @@ def open_stage(path: str | Path) -> Any:
             else "no USD file"
         )
         raise InputError(Problem(str(path), "", f"is {told}, expects .usd, .usda or .usdc"))
+    refuse_unfit_usd()
     opened = str(path)
     try:
         stage = Usd.Stage.Open(opened)

@@ -15,6 +15,7 @@ from featherfx.files.background import Background
 from featherfx.files.whole import standing
 from featherfx.phases import phase
 from featherfx.shot.types import Frame, sample_number
+from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError
@@ -97,6 +98,7 @@ class CacheWriter:
         inputs: Mapping[str, str] | None = None,
         frames_each: int | None = None,
     ) -> None:
+        refuse_unfit_usd()
         self._path = check_output(path, options.overwrite or options.resume, options.layout)
         check_arguments(self._path, feathers, frames, frames_per_second, options)
         self._frames, space = frames, replace(StageSpace.of(options), origin=origin)

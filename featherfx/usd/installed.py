@@ -1,0 +1,44 @@
+"""Which USD this process has: a host's own, or the wheel `usd-core`."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+from featherfx.errors import InputError, Problem
+
+OLDEST = (0, 24, 3)
+# the library that every program with USD loads first; all in one, or with the others beside it
+_LIBRARY = re.compile(r"lib(?:\w*_)?(?:usd|pxr)_(?:ms|tf)\b[^/]*\.so[^/]*")
+_MAPS = Path("/proc/self/maps")
+
+
+@cache
+def refuse_unfit_usd() -> None:
+    """Raise InputError for a USD that is too old, and where two of them are in this process.
+
+    Two libraries of USD share neither layers nor types, and end the process sooner or later. Only
+    Linux tells which are loaded.
+    """
+    from pxr import Usd
+
+    problems = []
+    if (found := Usd.GetVersion()) < OLDEST:
+        told = "is USD {}.{}, but 24.3 is the oldest that is read and written".format(*found[1:])
+        problems.append(Problem(str(Path(Usd.__file__).parent.parent), "", told))
+    if len(loaded := loaded_libraries()) > 1:
+        told = f"is loaded beside {', '.join(loaded[1:])}: two installs of USD in one process"
+        problems.append(Problem(loaded[0], "", f"{told}; use the host's alone (docs/dcc.md)"))
+    if problems:
+        raise InputError(*problems)
+
+
+def loaded_libraries() -> list[str]:
+    """Files of USD's base library in this process, as far as the system tells."""
+    try:
+        lines = _MAPS.read_text(errors="replace").splitlines()
+    except OSError:
+        return []
+    files = {line.split(maxsplit=5)[-1] for line in lines if line.count("/")}
+    return sorted(file for file in files if _LIBRARY.fullmatch(file.rpartition("/")[2]))
