@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import weakref
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 DIGITS = 16
 _SHORT = 128  # bytes of an array that stand for themselves
 _PLAIN = frozenset((bool, int, float, str, type(None)))
+_RECORDS: set[Any] = set()  # types of records that were met
 # folders of the program whose code decides what it computes
 _CODE = ("algebra", "groom", "feather", "mechanics", "solver", "shot", "usd")
 
@@ -50,13 +52,20 @@ def program_digest() -> str:
 def members(record: Any) -> list[tuple[str, Any]]:
     """Names and values of a record's fields that count; not where it was read from."""
     kind: Any = type(record)
-    found = ((name, getattr(record, name)) for name in _names(kind))
-    return [each for each in found if each[0] != "source" or not isinstance(each[1], Path)]
+    names, values_of = _named(kind)
+    found = list(zip(names, values_of(record), strict=True))
+    if "source" in names:
+        return [each for each in found if each[0] != "source" or not isinstance(each[1], Path)]
+    return found
 
 
 @cache
-def _names(kind: Any) -> tuple[str, ...]:
-    return tuple(each.name for each in fields(kind) if not each.name.startswith("_"))
+def _named(kind: Any) -> tuple[tuple[str, ...], Callable[[Any], tuple[Any, ...]]]:
+    """Names of a record's fields, and what gets their values."""
+    names = tuple(each.name for each in fields(kind) if not each.name.startswith("_"))
+    if len(names) > 1:
+        return names, attrgetter(*names)
+    return names, lambda record: tuple(getattr(record, name) for name in names)
 
 
 class _Walk:
@@ -71,6 +80,8 @@ class _Walk:
         """Bytes of a value, of its type and size first, so that two cannot be taken for one."""
         if type(value) in _PLAIN:
             return f"{type(value).__name__} {value!r};".encode()
+        if type(value) in _RECORDS:
+            return self._record(value)
         if isinstance(value, np.generic):
             return self.of(value.item())
         if isinstance(value, np.ndarray):
@@ -95,18 +106,23 @@ class _Walk:
 
     def _fields(self, record: Any) -> bytes:
         """Bytes of a record's members, by their names."""
+        plain: list[tuple[str, Any]] = []
+        others: list[bytes] = []
         found = members(record)
-        plain = [pair for pair in found if type(pair[1]) in _PLAIN]
-        others = [pair for pair in found if type(pair[1]) not in _PLAIN]
-        parts = (name.encode() + b" " + self.of(value) for name, value in others)
-        return f"record {len(found)} {plain!r} ".encode() + b"".join(parts)
+        for name, value in found:
+            if type(value) in _PLAIN:
+                plain.append((name, value))
+            else:
+                others.append(name.encode() + b" " + self.of(value))
+        return f"record {len(found)} {plain!r} ".encode() + b"".join(others)
 
     def _record(self, value: Any) -> bytes:
         if (known := _CONSTANT.get(id(value))) is not None and known[0]() is value:
             return b"record " + known[1]
         if id(value) not in self._known:
             before = self._changing
-            if is_dataclass(value):
+            if type(value) in _RECORDS or is_dataclass(value):
+                _RECORDS.add(type(value))
                 found = self._fields(value)
             elif hasattr(value, "origin"):
                 found = self.of((*value.origin, getattr(value, "knots", None)))

@@ -14,6 +14,7 @@ from featherfx.feather import shapes
 from featherfx.feather.layout import layout
 from featherfx.shot import groups
 from featherfx.shot.contact import pairs
+from featherfx.shot.layers import stack
 
 GROOM = """
 name = "crowded"
@@ -75,6 +76,7 @@ def test_a_second_bake_computes_no_layout_shape_model_or_pair_anew(shot, monkeyp
             (groups, "make_model"),
             (groups, "with_damping"),
             (pairs, "_near_pairs"),
+            (stack, "_laps_at_rest"),
         ):
             patch.setattr(module, name, computed)
         assert baked(shot, "second") == first

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from heapq import heapify, heappop, heappush
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.layout.overlap import shingle_pairs, strips_of
+from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.feather.types import LEADING, Feather, RowPoints
+from featherfx.files.store import kept
 from featherfx.groom.types import Placement
 from featherfx.shot.layers.lap_kernels import find_laps, lift_points
 from featherfx.shot.layers.types import LAP, Array, Bytes, Indices, Laps, Pose, Stack, Vanes
@@ -37,6 +39,14 @@ def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: RowPoints) -> 
     rest: of all feathers.
     """
     strips = strips_of(placements)
+
+    def compute() -> dict[str, Any]:
+        return _seen_stack(strips, vanes, rest)._asdict()
+
+    return Stack(**kept("stack", [strips, vanes, rest], compute))
+
+
+def _seen_stack(strips: Strips, vanes: Vanes, rest: RowPoints) -> Stack:
     pairs, order = shingle_pairs(replace(strips, reach=REACH * strips.reach), FACING)
     stack = sorted_stack(pairs, order)
     laps = _laps_at_rest(stack, vanes, rest)
@@ -99,8 +109,8 @@ def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:
         for upper in above.get(f, ()):
             waiting[upper] -= 1
             heappush(queue, (int(waiting[upper]), int(rank[upper]), upper))
-    kept = over[placed[over[:, 0]] > placed[over[:, 1]]]
-    return sorted_stack(kept, np.array(found, dtype=np.int64))
+    agreeing = over[placed[over[:, 0]] > placed[over[:, 1]]]
+    return sorted_stack(agreeing, np.array(found, dtype=np.int64))
 
 
 def scratch_for(vanes: Vanes) -> Indices:
@@ -151,9 +161,9 @@ def part_of(stack: Stack, vanes: Vanes, some: Indices) -> tuple[Stack, Vanes]:
     """The stack and vanes of some feathers alone, (K,) ascending, counted in them."""
     place = np.full(len(stack.order), -1)
     place[some] = np.arange(len(some))
-    kept, order = (place[stack.pairs] >= 0).all(axis=1), place[stack.order]
+    both, order = (place[stack.pairs] >= 0).all(axis=1), place[stack.order]
     fields = {name: values[some] for name, values in vanes._asdict().items()}
-    return sorted_stack(place[stack.pairs[kept]], order[order >= 0]), Vanes(**fields)
+    return sorted_stack(place[stack.pairs[both]], order[order >= 0]), Vanes(**fields)
 
 
 def vanes_of(feathers: Sequence[Feather], halves: Array) -> Vanes:
