@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -29,6 +30,9 @@ from featherfx.usd.read.values import (
 from featherfx.usd.types import DIAGNOSTICS, HOOKED, HOOKS, RANGES
 
 Found = Iterator[tuple[str, str]]
+
+# of one attribute that are in memory together
+AT_ONCE_BYTES = 64_000_000
 
 # Relative to the size of the object: rounding of float32 in the many ways that it is summed.
 _EXTENT_TOLERANCE = 1e-5
@@ -58,9 +62,9 @@ def _time_code(code: float) -> Any:
 
 
 class Series(NamedTuple):
-    """Values of an attribute as default and at its time samples, in order; None: no value.
+    """Values of an attribute at some of its time samples, in order; None: no value.
 
-    stacked: (T, ...) the samples; None where there are none, or of different shapes.
+    stacked: (T, ...) all; None where there are none, or of different shapes.
     """
 
     codes: list[Any]
@@ -69,12 +73,11 @@ class Series(NamedTuple):
 
     @classmethod
     def of(cls, codes: list[Any], values: list[Any]) -> Series:
-        samples = values[1:]
-        shapes = {None if each is None else each.shape for each in samples}
+        shapes = {None if each is None else each.shape for each in values}
         if len(shapes) != 1 or not shapes - {None, ()}:
             return cls(codes, values, None)
-        joined = np.concatenate(samples)
-        return cls(codes, values, joined.reshape(len(samples), *samples[0].shape))
+        joined = np.concatenate(values)
+        return cls(codes, values, joined.reshape(len(values), *values[0].shape))
 
 
 def geometry_problems(prim: Any) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
@@ -104,7 +107,8 @@ class GeometryCheck:
         self._prim = prim
         self._attributes: dict[str, Any] = {}
         self._codes_of: dict[str, list[float]] = {}
-        self._series_of: dict[str, Series] = {}
+        self._windows: dict[str, tuple[int, Series]] = {}
+        self._defaults: dict[str, Any] = {}
         self._half_width: float | None = None
         self._mesh = UsdGeom.Mesh(prim) if prim.IsA(UsdGeom.Mesh) else None
         self._curves = UsdGeom.Curves(prim) if prim.IsA(UsdGeom.Curves) else None
@@ -113,6 +117,8 @@ class GeometryCheck:
         name = "faceVertexCounts" if self._mesh else "curveVertexCounts"
         self._counts = self._value(name, None)
         self._points = len(self._value("points", None))
+        # samples that are looked at together
+        self._at_once = max(1, AT_ONCE_BYTES // (12 * max(self._points, len(self._counts), 1)))
 
     def faults(self) -> Found:
         """What contradicts itself: sizes, indices, values that are not finite, windings."""
@@ -151,13 +157,25 @@ class GeometryCheck:
             self._codes_of[name] = times_of(self._attribute(name))
         return self._codes_of[name]
 
-    def _series(self, name: str) -> Series:
-        """All values of an attribute, each read once."""
-        if name not in self._series_of:
-            codes = [_time_code(code) for code in self._times(name)]
-            values = [self._read(name, DEFAULT), *self._samples(name, codes)]
-            self._series_of[name] = Series.of([DEFAULT, *codes], values)
-        return self._series_of[name]
+    def _default(self, name: str) -> Any:
+        """The default value of an attribute, read once."""
+        if name not in self._defaults:
+            self._defaults[name] = self._read(name, DEFAULT)
+        return self._defaults[name]
+
+    def _window(self, name: str, first: int) -> Series:
+        """Samples of an attribute from a number on, as many as are looked at together."""
+        known = self._windows.get(name)
+        if known is None or known[0] != first:
+            self._windows.pop(name, None)
+            chosen = self._times(name)[first : first + self._at_once]
+            codes = [_time_code(code) for code in chosen]
+            known = self._windows[name] = first, Series.of(codes, self._samples(name, codes))
+        return known[1]
+
+    def _all_windows(self, name: str) -> Iterator[Series]:
+        for first in range(0, len(self._times(name)), self._at_once):
+            yield self._window(name, first)
 
     def _samples(self, name: str, codes: Sequence[Any]) -> list[Any]:
         """As _read, of all times; a query finds its way through the layers once."""
@@ -198,14 +216,8 @@ class GeometryCheck:
         attribute = self._attribute(name)
         if not attribute or not attribute.HasAuthoredValue():
             return
-        series = self._series(name)
-        suspects: Sequence[int] = range(len(series.codes))
-        if may_fail is not None and series.stacked is not None:
-            worth = may_fail(series.stacked, series.codes[1:])
-            suspects = [0, *(1 + np.flatnonzero(worth)).tolist()] if worth.any() else [0]
         message, first, count = "", None, 0
-        for number in suspects:
-            value, code = series.values[number], series.codes[number]
+        for value, code in self._suspects(name, may_fail):
             found = test(value, code) if value is not None else ""
             if found:
                 count += 1
@@ -215,6 +227,18 @@ class GeometryCheck:
             when = "as default" if first.IsDefault() else f"at time {first.GetValue():g}"
             more = f" (and at {count - 1} more)" if count > 1 else ""
             yield name, f"{when}: {message}{more}"
+
+    def _suspects(
+        self, name: str, may_fail: Callable[[Any, Any], Any] | None
+    ) -> Iterator[tuple[Any, Any]]:
+        """Values with their time codes: the default, and the samples that are worth a test."""
+        yield self._default(name), DEFAULT
+        for series in self._all_windows(name):
+            chosen: Sequence[int] = range(len(series.codes))
+            if may_fail is not None and series.stacked is not None:
+                chosen = np.flatnonzero(may_fail(series.stacked, series.codes)).tolist()
+            for number in chosen:
+                yield series.values[number], series.codes[number]
 
     def _topology(self) -> Found:
         if self._mesh:
@@ -266,8 +290,9 @@ class GeometryCheck:
             if self._times(name):
                 yield name, f"time samples (first at {self._times(name)[0]:g}), but never changes"
         if self._codes:
-            rest, *samples = self._series("points").values
+            rest = self._default("points")
             rest = np.empty(0) if rest is None else rest
+            samples = (value for each in self._all_windows("points") for value in each.values)
             if all(np.array_equal(sample, rest) for sample in samples):
                 yield "points", f"{len(self._codes)} samples, all equal to the default value"
 
@@ -282,14 +307,17 @@ class GeometryCheck:
         return np.full(len(samples), samples.shape[1] != self._points)
 
     def _may_not_be_per_point(self, samples: Any, codes: Any) -> Any:
-        points = self._series("points")
-        counts = {len(value) for value in points.values if value is not None}
-        return np.full(len(samples), counts != {samples.shape[1]})
+        points = self._points_at(codes)
+        fits = points is not None and points.shape[1] == samples.shape[1]
+        return np.full(len(samples), not fits)
 
     def _points_at(self, codes: Any) -> Any:
         """(T, P, 3) at these codes if that is where the samples of points are; else None."""
-        points = self._series("points")
-        return points.stacked if points.codes[1:] == codes else None
+        first = bisect_left(self._times("points"), codes[0].GetValue())
+        if first % self._at_once:
+            return None
+        points = self._window("points", first)
+        return points.stacked if points.codes == codes else None
 
     def _may_not_fit(self, samples: Any, codes: Any) -> Any:
         points = self._points_at(codes)
