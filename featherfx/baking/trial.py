@@ -32,6 +32,7 @@ from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import drawn_feathers
 from featherfx.shot.types import LEVELS, Shot
+from featherfx.usd.write.grouping import chosen_group
 from featherfx.usd.write.output import unique_prim_names
 
 # feathers and frames of the first trial
@@ -165,7 +166,8 @@ def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
     part = part_of(shot, _some(shot, feathers))
     last = shot.first_frame + frames - 1
     names = unique_prim_names([each.id for each in part.groom.feathers])
-    options = BakeOptions(jobs=jobs, meters_per_unit=1.0, up_axis="Z")
+    group = chosen_group(None, len(shot.groom.feathers))
+    options = BakeOptions(jobs=jobs, meters_per_unit=1.0, up_axis="Z", group=group)
     with tempfile.TemporaryDirectory(prefix="featherfx-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         path = Path(folder) / "trial.usdc"
