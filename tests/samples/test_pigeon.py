@@ -7,15 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 
 from featherfx.api import read_groom, scene_readers
-from featherfx.baking.pipeline import check
+from featherfx.baking.pipeline import bake, check
 from featherfx.errors import InputWarning
 from featherfx.feather.layout.layout import laid_out, measured
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_faults
 from featherfx.usd.read.animated_mesh import open_mesh
+from featherfx.usd.read.read import Cache
 from featherfx.usd.read.stage import open_scene
 
 PIGEON = Path(__file__).resolve().parents[2] / "samples/pigeon"
@@ -104,3 +106,17 @@ def test_the_whole_plumage_is_laid_out():
         whole = read_groom(PIGEON / "groom.toml")
     assert len(whole.feathers) >= 2000
     assert_clear(measured(whole))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("group", "most"), [("all", 1), (None, 20)])
+def test_many_feathers_share_few_prims(tmp_path, group, most):
+    """Without being told so they are grouped by region."""
+    path = tmp_path / "pigeon.usdc"
+    with pytest.warns(InputWarning, match="layout"):
+        report = bake(PIGEON / "shot.toml", path, frames=(1, 1), group=group)
+    cache, stage = Cache(path), Usd.Stage.Open(str(path))
+    assert len({f.id for f in cache.feathers}) == report["feathers"] > 2000
+    for schema in (UsdGeom.Mesh, UsdGeom.BasisCurves):
+        assert 0 < sum(prim.IsA(schema) for prim in stage.Traverse()) <= most
+    assert check(path) == []
