@@ -73,6 +73,8 @@ class PosedFeather:
         self.points = {part: counts[part] for part in self.parts}
         self.faces = len(surface.drawn.triangles)
         self.held = np.ones(self.faces) if entry.held is None else entry.held
+        split = entry.feather.split
+        self._split = np.where(split, 0.0, 1.0) if split.size else None
         each = ("points", "velocities", *([ACCELERATIONS] * self._accelerations))
         self.vectors: tuple[Key, ...] = (
             *((part, name) for part in self.parts for name in each),
@@ -96,8 +98,8 @@ class PosedFeather:
     def rest(self, out: Written) -> bool:
         """Write the rest pose, whose rates are zero; whether it is finite."""
         barbs = self._entry.barbs
-        split, nodes = self._entry.feather.split, self._from_origin(self._entry.rest_points)
-        self._note_hooks(out, np.where(split, 0.0, 1.0) if split.size else None)
+        nodes = self._from_origin(self._entry.rest_points)
+        self._note_hooks(out, self._split)
         self._surface.carry(nodes)
         finite = self._place(out, _plain_points(nodes))
         if self.has_barbs and barbs:
@@ -123,7 +125,9 @@ class PosedFeather:
         if self._accelerations:
             rates[ACCELERATIONS] = given.accelerations
         gaps = given.gaps
-        self._note_hooks(out, gaps.hooked if gaps else None, gaps.slip if gaps else None)
+        # a feather that is not simulated in full shows the splits that it has from the start
+        hooked = gaps.hooked if gaps else self._split
+        self._note_hooks(out, hooked, gaps.slip if gaps else None)
         self._surface.carry(points)
         finite = self._place(out, _mapped(own, points))
         for name, values in rates.items():
@@ -139,7 +143,7 @@ class PosedFeather:
         barbs = self._entry.barbs
         assert barbs is not None
         gaps = given.gaps
-        strands = self._strands(gaps.hooked) if gaps else None
+        strands = None if hooked is None else self._strands(hooked)
         curves, finite = _curves(barbs.points_map, points), True
         if strands is not None:
             curves = strands.joined(curves, strands.carried(points))
