@@ -244,6 +244,18 @@ def gap_of(gaps, j, half):
 
 
 @kernel
+def holds(stiffness, strains, gaps, j, half):
+    """Whether triangle A or B (half) of cell j of a GapRow is whole and below its yield: nothing of
+    it slips. Without divisions, since most of them hold at most times."""
+    level = gaps.level[j, half]
+    first, second = gaps.limit[j, half, 0], gaps.limit[j, half, 1]
+    across = second * max(stiffness[0] * (strains[0] - gaps.slip[j, half, 0]), 0.0)
+    shear = first * stiffness[1] * (strains[1] - gaps.slip[j, half, 1])
+    bound = level * first * second
+    return gaps.hooked[j, half] == 1.0 and across * across + shear * shear <= bound * bound
+
+
+@kernel
 def gap_response(stiffness, strains, gap):
     """As hooked_response, open gaps included."""
     if gap.level <= 0.0:
@@ -268,10 +280,15 @@ def _row_energy(gaps, stiffness, cell, before, damping):
             k = stiffness[j, half, 0], stiffness[j, half, 1]
             if k[0] == 0.0:
                 continue
-            x, gap = (cell[j, half, 0], cell[j, half, 1]), gap_of(gaps, j, half)
+            x = cell[j, half, 0], cell[j, half, 1]
             across, shear = x[0] - before[j, half, 0], x[1] - before[j, half, 1]
-            rate = k[0] * across * across + k[1] * shear * shear
-            total += gap_energy(k, x, gap) + 0.5 * damping * gap.hooked * rate
+            rate = damping * (k[0] * across * across + k[1] * shear * shear)
+            if holds(k, x, gaps, j, half):
+                first, second = x[0] - gaps.slip[j, half, 0], x[1] - gaps.slip[j, half, 1]
+                total += 0.5 * (k[0] * first * first + k[1] * second * second + rate)
+            else:
+                gap = gap_of(gaps, j, half)
+                total += gap_energy(k, x, gap) + 0.5 * gap.hooked * rate
     return total
 
 

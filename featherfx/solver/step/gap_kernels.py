@@ -14,6 +14,7 @@ from featherfx.mechanics.vane_guard_kernels import area_ratio
 from featherfx.mechanics.vane_hook_kernels import (
     copy_gaps,
     gap_of,
+    holds,
     row_of_gaps,
     slip_after,
 )
@@ -44,10 +45,10 @@ def slip_of_step(model, f, cell, before, after):
             row = row_of_gaps(model.hooks, f, side, i, before)
             for j in range(cell.shape[2]):
                 for half in range(2):
-                    k, gap = stiffness[side, i, j, half], gap_of(row, j, half)
-                    x = cell[side, i, j, half]
-                    if k[0] == 0.0:
+                    k, x = stiffness[side, i, j, half], cell[side, i, j, half]
+                    if k[0] == 0.0 or holds(k, x, row, j, half):
                         continue
+                    gap = gap_of(row, j, half)
                     if gap.level <= 0.0:
                         after.level[side, i, j, half] = max(gap.nearest, _distance(x))
                         continue
@@ -66,6 +67,12 @@ def slip_of_step(model, f, cell, before, after):
 def _distance(strain):
     """n of a triangle that opens at strains (2,), or has been there while it was open."""
     return min(1.0, area_ratio(strain[0], strain[1]))
+
+
+@kernel
+def _has_slipped(slip, before):
+    """Whether a slip, (2,), is another one than before."""
+    return slip[0] != before[0] or slip[1] != before[1]
 
 
 @kernel
@@ -149,6 +156,8 @@ def _slip_row(model, f, side, i, cell, before, after):
     row = row_of_gaps(hooks, f, side, i, before)
     for j in range(after.slip.shape[2]):
         for half in range(2):
+            if not _has_slipped(after.slip[side, i, j, half], row.slip[j, half]):
+                continue
             place, gap = (side, i, j, half), gap_of(row, j, half)
             work = _slip_work(after.slip[side, i, j, half], gap)
             if work == 0.0:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
-from featherfx.mechanics.vane_hook_kernels import GapRow, gap_of, gap_response
+from featherfx.mechanics.vane_hook_kernels import GapRow, gap_of, gap_response, holds
 from featherfx.mechanics.vane_membrane_kernels import (
     membrane_geometric_stiffness,
     membrane_normal_stiffness,
@@ -81,19 +81,26 @@ def _load_cells(half, strip, damping, cells):
 
 @kernel
 def _let_slip(half, gaps, strip, damping, cells):
-    """Stresses and stiffnesses of triangles A or B (half) whose gaps slip or are open.
+    """Stresses and stiffnesses of triangles A or B (half) whose gaps slip or are open; whether any
+    does.
 
     The tangent C is that of the strains e_ww + (C_wv / C_ww) 2 e_vw, with C_ww, and 2 e_vw, with
     C_vv - C_wv^2 / C_ww: the first one's coupling is kept for _mix_strains.
     """
     if len(gaps) == 0:
-        return
+        return False
+    coupled = False
     for j in range(strip.stiffness.shape[0]):
         cells.coupling[j] = 0.0
         k = strip.stiffness[j, half, 0], strip.stiffness[j, half, 1]
         if k[0] == 0.0:
             continue
-        strain, gap = (strip.strains[j, half, 0], strip.strains[j, half, 1]), gap_of(gaps, j, half)
+        strain = strip.strains[j, half, 0], strip.strains[j, half, 1]
+        if holds(k, strain, gaps, j, half):
+            cells.stress[0, j] -= k[0] * gaps.slip[j, half, 0]
+            cells.stress[1, j] -= k[1] * gaps.slip[j, half, 1]
+            continue
+        coupled, gap = True, gap_of(gaps, j, half)
         stress, (ww, wv, vv) = gap_response(k, strain, gap)
         across, shear = damping * gap.hooked * k[0], damping * gap.hooked * k[1]
         cells.stress[0, j] = stress[0] + across * (strain[0] - strip.reference[j, half, 0])
@@ -104,6 +111,7 @@ def _let_slip(half, gaps, strip, damping, cells):
             vv -= wv * wv / ww
         cells.weight[0, 0, j], cells.weight[0, 1, j] = ww, 0.5 * ww
         cells.weight[1, 0, j], cells.weight[1, 1, j] = vv, 0.5 * vv
+    return coupled
 
 
 @kernel
@@ -217,7 +225,7 @@ def add_strip(i, side, half, strip, damping, wanted, vane):
     own, other = vane.nodes[i + half, side], vane.nodes[i + 1 - half, side]
     on_own, on_other = vane.pull[i + half, side], vane.pull[i + 1 - half, side]
     _load_cells(half, strip, damping, cells)
-    _let_slip(half, strip.gaps, strip, damping, cells)
+    slips = _let_slip(half, strip.gaps, strip, damping, cells)
     membrane_gradients(count, own, other, half, cells.rest, gradient)
     if guard.shape[0] > 0:
         _add_guard(half, guard[side, i], strip.strains, cells)
@@ -229,7 +237,8 @@ def add_strip(i, side, half, strip, damping, wanted, vane):
         return
     if wanted == STABILISING:
         _find_normal_stiffness(columns, own, other, half, cells)
-    _mix_strains(columns, cells.coupling, gradient)
+    if slips:
+        _mix_strains(columns, cells.coupling, gradient)
     low, high = vane.blocks[i, side], vane.blocks[i + 1, side]
     for strain in range(4):
         if (strain == GUARD and guard.shape[0] == 0) or (strain == NORMAL and wanted == WHOLE):
