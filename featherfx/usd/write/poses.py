@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.clumps import clumped
-from featherfx.feather.lips import Lips, Parted, carried_rates
+from featherfx.feather.lips import Lips, carried_rates
 from featherfx.feather.types import RACHIS as SHAFT
 from featherfx.feather.types import Feather, PointMap, RowMap, RowPoints, Surface, both
 from featherfx.shot.types import FeatherPose
@@ -124,10 +124,7 @@ class PosedFeather:
         rates = {"velocities": given.velocities}
         if self._accelerations:
             rates[ACCELERATIONS] = given.accelerations
-        gaps = given.gaps
-        # a feather that is not simulated in full shows the splits that it has from the start
-        hooked = gaps.hooked if gaps else self._split
-        self._note_hooks(out, hooked, gaps.slip if gaps else None)
+        self._note_hooks(out, self._hooked(given), given.gaps.slip if given.gaps else None)
         self._surface.carry(points)
         finite = self._place(out, _mapped(own, points))
         for name, values in rates.items():
@@ -142,8 +139,8 @@ class PosedFeather:
         """Barbs of a pose, and their rates; whether all are finite."""
         barbs = self._entry.barbs
         assert barbs is not None
-        gaps = given.gaps
-        strands = None if hooked is None else self._strands(hooked)
+        hooked = self._hooked(given)
+        strands = None if hooked is None or barbs.strands is None else barbs.strands.parted(hooked)
         curves, finite = _curves(barbs.points_map, points), True
         if strands is not None:
             curves = strands.joined(curves, strands.carried(points))
@@ -157,10 +154,10 @@ class PosedFeather:
             finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB, name])
         return finite
 
-    def _strands(self, hooked: Array) -> Parted | None:
-        """Those of its barbs' points that go along with a strip that has parted."""
-        strands = self._entry.barbs.strands if self._entry.barbs else None
-        return None if strands is None else strands.parted(hooked)
+    def _hooked(self, given: FeatherPose) -> Array | None:
+        """Hooks of all triangles; None where all hold. A feather that is not simulated in full
+        shows the splits that it has from the start."""
+        return given.gaps.hooked if given.gaps else self._split
 
     def _from_origin(self, points: RowPoints) -> RowPoints:
         """Points as seen from where the root prim stands."""
