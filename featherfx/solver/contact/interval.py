@@ -214,10 +214,10 @@ class ContactSolver:
             solved = self._solve(run, stale)
             rounds += int(solved.islands.rounds.max(initial=0))
             moved = _largest_moves(run.now, searched)
-            if run.failed() or moved.max() < self.settings.margin:
+            stale, before = (moved >= self.settings.margin) & ~run.failed(), self.found
+            if not stale.any():
                 break
             # the bodies did not go where they were headed: look again where they went
-            stale, before = moved >= self.settings.margin, self.found
             add_forces(*self.found, forces)
             memory = self.found.remembered(self.candidates.order, memory)
         contacts = self.found.contacts
@@ -313,7 +313,7 @@ class ContactSolver:
         settings = self.settings
         touching = self._neighbours()
         count, island = islands_of(touching)
-        island[~self._free] = -1
+        island[~self._free | run.failed()] = -1
         marks, islands = run.marks(island, stale), no_islands(count)
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         batches, held = run.batches(room)

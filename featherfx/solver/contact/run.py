@@ -168,8 +168,9 @@ class Run:
         """Of the feathers within the interval; coarse over the feather's length."""
         return self._step
 
-    def failed(self) -> bool:
-        return bool(self.report.status.any())
+    def failed(self) -> Flags:
+        """(B,) feathers that could not be solved."""
+        return np.asarray(self.report.status != 0.0)
 
     def reports(self) -> list[StepReport]:
         """Per batch, all solves of the interval as one report: counts add, the last error holds."""
@@ -184,7 +185,6 @@ def no_islands(count: int) -> Islands:
     return Islands(
         rounds=np.zeros(count, dtype=np.int64),
         worst=np.zeros(count),
-        failed=np.zeros(count, dtype=np.int8),
         open=np.ones(count, dtype=np.int8),
     )
 

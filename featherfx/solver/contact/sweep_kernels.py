@@ -4,7 +4,8 @@ In a round every body that is not done is solved anew from the interval's start,
 of what it touches and with the forces that those felt last. Bodies of one colour do not touch each
 other: the threads take them one by one, and meet before the next colour. So no result depends on
 how many threads there are. What belongs together (an island) has rounds of its own: it is done
-when all its contacts are solved, when one of its bodies cannot be, or after so many rounds.
+when all its contacts are solved, or after so many rounds. A body that cannot be solved stays where
+it was last, and the others meet it as they meet a wall.
 """
 
 from typing import NamedTuple
@@ -56,7 +57,7 @@ class Batches(NamedTuple):
 
 
 class Marks(NamedTuple):
-    """B bodies of an interval. mine: which are solved. island: (B,) of those, -1 of others. fresh:
+    """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of those, -1 of others. fresh:
     to be solved in the first round, whatever their contacts. active: to be solved in this round.
     worst, depth: m, of their contacts. solves: of each. status: of the solves."""
 
@@ -71,12 +72,10 @@ class Marks(NamedTuple):
 
 
 class Islands(NamedTuple):
-    """I islands. rounds: taken. worst: m. failed: whether a body could not be solved. open: whether
-    rounds go on."""
+    """I islands. rounds: taken. worst: m. open: whether rounds go on."""
 
     rounds: Indices
     worst: Array
-    failed: Bytes
     open: Bytes
 
 
@@ -143,6 +142,24 @@ def _put(nodes, columns, to):
 
 
 @kernel
+def _hand(body, f, planes, reach, beginning, sweep):
+    """Write the planes of a body's contacts where feather f of its batch finds them."""
+    given = sweep.handing
+    handing = Handing(
+        given.friction,
+        given.smoothing,
+        reach,
+        given.widest,
+        given.columns,
+        beginning,
+    )
+    planes.first[f] = 0
+    planes.first[f + 1] = hand_out(
+        body, sweep.touch, sweep.listed, sweep.marks.mine, sweep.start, sweep.now, handing, planes
+    )
+
+
+@kernel
 def _solve(body, thread, reach, sweep):
     """Solve one body from the interval's start, with the forces that it feels now."""
     batches, marks = sweep.batches, sweep.marks
@@ -155,24 +172,11 @@ def _solve(body, thread, reach, sweep):
     loads = viewed(batches.loads, own)
     work = viewed(batches.work, own)
     report = viewed(batches.report, g)
-    given = sweep.handing
-    planes, first = loads.contacts, old.step[f] == 0.0
-    planes.first[f] = 0
-    for beginning in range(1 if first else 0, -1, -1):
-        handing = Handing(
-            given.friction,
-            given.smoothing,
-            reach,
-            given.widest,
-            given.columns,
-            beginning == 1,
-        )
-        planes.first[f + 1] = hand_out(
-            body, sweep.touch, sweep.listed, marks.mine, sweep.start, sweep.now, handing, planes
-        )
-        if beginning == 1:
-            start_acceleration(model, loads, f, sweep.step.duration, old, work, path)
-            old.step[f] = BEGUN
+    if old.step[f] == 0.0:
+        _hand(body, f, loads.contacts, reach, True, sweep)
+        start_acceleration(model, loads, f, sweep.step.duration, old, work, path)
+        old.step[f] = BEGUN
+    _hand(body, f, loads.contacts, reach, False, sweep)
     _take(
         viewed(batches.rows_old, g),
         viewed(batches.rows_new, g),
@@ -180,11 +184,14 @@ def _solve(body, thread, reach, sweep):
     )
     report.steps[f] = report.forced[f] = report.error[f] = report.move[f] = 0.0
     advance(model, loads, f, path, new, settings_of(sweep.step, model.length[f]), work, report)
+    marks.solves[body] += 1
+    if report.status[f] != 0.0:
+        marks.mine[body] = 0
+        return
     _put(new.points.nodes[f], model.joints.shape[3], sweep.now[body])
     # the next try starts from this pose: rates that lead there
     copy_values(new.spin[f], old.spin[f])
     copy_values(new.coefficient_rate[f], old.coefficient_rate[f])
-    marks.solves[body] += 1
     update(body, sweep.touch, sweep.listed, sweep.now)
 
 
@@ -236,11 +243,9 @@ def _close(number, sweep):
             worst = np.inf
         elif anew and closed_on_led(body, sweep.touch, sweep.listed, marks.mine):
             worst, marks.active[body] = np.inf, 1
-        if marks.status[body] != 0.0:
-            islands.failed[island] = 1
         islands.worst[island] = max(islands.worst[island], worst)
     for i in range(islands.open.shape[0]):
-        if number >= rules.rounds or islands.failed[i] != 0 or islands.worst[i] < rules.tolerance:
+        if number >= rules.rounds or islands.worst[i] < rules.tolerance:
             islands.open[i] = 0
     colour_some(sweep.touching, marks, islands, sweep.colours)
 
