@@ -57,9 +57,10 @@ class Batches(NamedTuple):
 
 
 class Marks(NamedTuple):
-    """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of those, -1 of others. fresh:
-    to be solved in the first round, whatever their contacts. active: to be solved in this round.
-    worst, depth: m, of their contacts. solves: of each. status: of the solves."""
+    """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of
+    those, -1 of others. fresh: to be solved in the first round, whatever their contacts. active: to
+    be solved in this round. worst, depth: m, of their contacts. solves: of each. status: of the
+    solves."""
 
     mine: Bytes
     island: Indices
