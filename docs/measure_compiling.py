@@ -92,7 +92,7 @@ def write() -> None:
     for name in WORKS:
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, __file__, "--one", name]
-            environment = os.environ | {"FEATHERFX_CACHE": folder}
+            environment = os.environ | {"FEATHERFX_CACHE": folder, "FEATHERFX_COMPILERS": "1"}
             done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True)
         seconds: dict[str, float] = {}
         for entry, front, llvm in json.loads(done.stdout):
@@ -113,7 +113,7 @@ def main() -> None:
         return
     shot = Path(sys.argv[1]) if len(sys.argv) > 1 else SAMPLE
     with tempfile.TemporaryDirectory() as folder:
-        os.environ["FEATHERFX_CACHE"] = folder
+        os.environ |= {"FEATHERFX_CACHE": folder, "FEATHERFX_COMPILERS": "1"}
         total, entries = measured(lambda: simulated(shot))
     print(f"{'entry':24} types, lowering    LLVM")
     for name, front, llvm in sorted(entries, key=lambda each: -each[1] - each[2]):

@@ -126,7 +126,7 @@ def moves(shot):
 @pytest.mark.parametrize(
     "animate",
     [
-        by_points,
+        pytest.param(by_points, marks=pytest.mark.slow),
         pytest.param(by_transform, marks=pytest.mark.slow),
         pytest.param(by_parent, marks=pytest.mark.slow),
         by_skeleton,

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import time
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -16,23 +17,28 @@ from featherfx.lab.studies.study import (
     StudyResult,
     bounded,
     compared,
+    independent,
+    ourselves,
+    published,
     reported,
     run_study,
 )
+
+BOOK, OTHER, OWN = published("a book"), independent("another method"), ourselves("a finer mesh")
 
 
 @pytest.mark.parametrize(
     ("row", "verdict"),
     [
-        (compared("a", 1.01, 1.0, 0.02), "agrees"),
-        (compared("a", 1.03, 1.0, 0.02), "differs"),
-        (compared("a", -1.03, -1.0, 0.02), "differs"),
-        (compared("a", 1.03, 1.0, 0.05, absolute=True), "agrees"),
-        (compared("a", math.nan, 1.0, 10.0), "differs"),
-        (bounded("a", 1.0, at_most=0.5), "differs"),
-        (bounded("a", 1.0, at_least=0.5), "agrees"),
-        (bounded("a", math.nan, at_least=0.5), "differs"),
-        (bounded("a", math.nan, at_most=0.5), "differs"),
+        (compared("a", 1.01, 1.0, 0.02, BOOK), "agrees"),
+        (compared("a", 1.03, 1.0, 0.02, BOOK), "differs"),
+        (compared("a", -1.03, -1.0, 0.02, BOOK), "differs"),
+        (compared("a", 1.03, 1.0, 0.05, BOOK, absolute=True), "agrees"),
+        (compared("a", math.nan, 1.0, 10.0, BOOK), "differs"),
+        (bounded("a", 1.0, OTHER, at_most=0.5), "differs"),
+        (bounded("a", 1.0, OTHER, at_least=0.5), "agrees"),
+        (bounded("a", math.nan, OTHER, at_least=0.5), "differs"),
+        (bounded("a", math.nan, OTHER, at_most=0.5), "differs"),
         (reported("a", 7.0), "no comparison"),
     ],
 )
@@ -41,10 +47,17 @@ def test_verdict_follows_from_the_numbers(row, verdict):
 
 
 def test_one_number_that_differs_makes_a_study_differ():
-    good, bad = bounded("a", 1.0, at_most=2.0), bounded("a", 3.0, at_most=2.0)
+    good, bad = bounded("a", 1.0, OTHER, at_most=2.0), bounded("a", 3.0, OTHER, at_most=2.0)
     assert StudyResult([good, reported("b", 1.0)]).verdict == "agrees"
     assert StudyResult([good, bad]).verdict == "differs"
     assert StudyResult([reported("b", 1.0)]).verdict == "no comparison"
+
+
+def test_what_agrees_only_with_ourselves_confirms_nothing():
+    own, other = bounded("a", 1.0, OWN, at_most=2.0), bounded("a", 1.0, OTHER, at_most=2.0)
+    assert StudyResult([own, reported("b", 1.0)]).verdict == "only with itself"
+    assert StudyResult([own, other]).verdict == "agrees"
+    assert StudyResult([bounded("a", 3.0, OWN, at_most=2.0)]).verdict == "differs"
 
 
 def test_registry_names_are_unique_and_lead_to_functions():
@@ -59,7 +72,7 @@ def trial(folder):
         canvas.add_subplot().plot([0, 1], [0, 1])
 
     rows = [
-        compared("length <of> a | b", 1.0, 2.0, 0.1, unit="m", note="too short"),
+        compared("length <of> a | b", 1.0, 2.0, 0.1, BOOK, unit="m", note="too short"),
         reported("n", 3),
     ]
     return StudyResult(rows, study.draw(folder / "trial.png", "A line & more.", paint))
@@ -89,7 +102,9 @@ def test_report_holds_every_number_and_picture(tmp_path):
     assert "A line &amp; more." in page
     assert "it did not converge" in page
     studies = json.loads(files[1].read_text())["studies"]
-    assert studies["trial"]["rows"][0]["ours"] == 1.0
+    assert studies["trial"]["rows"][0]["value"] == 1.0
+    assert studies["trial"]["rows"][0]["kind"] == "published"
+    assert studies["trial"]["rows"][0]["source"] == "a book"
     assert studies["trial"]["verdict"] == studies["broken"]["verdict"] == "differs"
     assert files[2].read_text().splitlines()[1].startswith("trial,length <of> a | b,1.0,m,2.0,")
     page = tmp_path / "page.md"
@@ -98,8 +113,12 @@ def test_report_holds_every_number_and_picture(tmp_path):
     for figure in done[0].result.figures:
         assert (tmp_path / "page" / figure.file.name).exists()
         assert f"](page/{figure.file.name})" in text
-    assert "| length <of> a \\| b | 1 | m | 2 | 10 % | differs | too short |" in text
-    assert "Of 3 numbers, 0 agree, 2 differ" in text
+    assert (
+        "| length <of> a \\| b | 1 | m | 2 | 10 % | published | differs | a book | too short |"
+        in text
+    )
+    assert "Of 3 numbers, 0 agree and 1 differ with published ones" in text
+    assert "0 agree and 1 differ with ourselves, which does not count; 1 have nothing" in text
 
 
 def test_without_matplotlib_there_are_tables_and_it_says_so(tmp_path, monkeypatch):
@@ -114,6 +133,23 @@ def test_studies_are_timed_and_imported_late(tmp_path):
     result = run_study(Study("x", "x", "x", place(trial)), tmp_path / "new")
     assert 0.0 < result.seconds < 60.0
     assert len(result.rows) == 2
+
+
+def test_a_number_that_moves_by_a_tenth_of_its_tolerance_is_named(tmp_path):
+    before = report.record(entries(tmp_path, trial), "1")
+    now = entries(tmp_path, trial)
+    assert report.moved(now, before) == []
+    before["studies"]["trial"]["rows"][0]["value"] = 1.021
+    assert report.moved(now, before) == ["trial, length <of> a | b: 1.021 -> 1.0"]
+    before["studies"]["trial"]["rows"].pop()
+    assert report.moved(now, before) == ["trial: other numbers than before"]
+
+
+def test_the_page_is_of_today(tmp_path):
+    page = Path(__file__).parents[2] / "docs/validation/validation.json"
+    quick = registry.studies(["elastica", "heavy_elastica", "frequencies", "fibre_elements"])
+    now = runs.run_all(quick, tmp_path, compile_first=())
+    assert report.moved(now, json.loads(page.read_text())) == []
 
 
 def slow_then(folder):

@@ -13,7 +13,7 @@ from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import RACHIS
 from featherfx.groom.types import BarbGuide, VaneShape
 from featherfx.mechanics.batch import LEAST_HOOKED, make_model, row_frames
-from featherfx.mechanics.model import no_loads
+from featherfx.mechanics.model import no_loads, wind_of_each
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.newton_kernels import evaluate
@@ -154,3 +154,14 @@ def test_a_vane_bent_to_a_cylinder_along_its_barbs_has_the_energy_of_a_plate(ang
         area += 0.5 * np.linalg.norm(np.cross(edge, rest[3] - rest[0]))
     expected = 0.5 * kind.vane_material.bending_across / radius**2 * area
     assert energy == pytest.approx(expected, rel=2e-3)
+
+
+def test_wind_of_all_feathers_lies_in_memory_as_that_of_each():
+    """Else all kernels would be compiled anew for it."""
+    of_all = wind_of_each(no_loads(3)._replace(wind_mean=np.array([1.0, 2.0, 3.0])), 3)
+    of_each = wind_of_each(no_loads(3), 3)
+    assert of_all.wind_mean.tolist() == [[1.0, 2.0, 3.0]] * 3
+    for name, array in of_each._asdict().items():
+        if isinstance(array, np.ndarray):
+            found = getattr(of_all, name)
+            assert (found.strides, found.flags.writeable) == (array.strides, True), name

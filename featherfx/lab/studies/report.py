@@ -1,4 +1,4 @@
-"""The page of all studies: our numbers beside the published ones, with the verdict of each."""
+"""The page of all studies: our numbers beside what they are held against, with the verdicts."""
 
 from __future__ import annotations
 
@@ -10,21 +10,36 @@ import json
 import math
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from featherfx.files.whole import write_text
 from featherfx.lab.bench.report import can_plot, facts_of, machine
 from featherfx.lab.studies.runs import Entry
-from featherfx.lab.studies.study import Row, StudyResult
+from featherfx.lab.studies.study import Kind, Row, StudyResult
 
-COLUMNS = ("quantity", "ours", "unit", "published", "tolerance", "verdict", "note")
+COLUMNS = (
+    "quantity",
+    "ours",
+    "unit",
+    "reference",
+    "tolerance",
+    "kind",
+    "verdict",
+    "held against",
+    "note",
+)
+# of a row's tolerance, how far a number may be from the one on the page
+STILL = 0.1
+NUMBERS = "validation.json"
 COMMAND = "featherfx lab report"
 INTRODUCTION = (
     f"This page is what `{COMMAND}` writes; no number on it is typed in. Every study computes its"
-    " numbers anew and holds them against published values or against solutions by other means;"
-    " the note says which, and, where the two differ, why. SI units."
+    " numbers anew. The kind of a row says what they are held against: *published*, a number that"
+    " is printed in the text; *independent*, a solution by a method that shares no line with ours;"
+    " *self*, our own input, finer mesh or fit, or what is true by construction, which confirms"
+    " only that the program agrees with itself. The copies of the texts that we have carry no page"
+    " numbers, so tables, equations and sections are named. SI units."
 )
 NO_PLOTS = "There are no figures: matplotlib (the optional extra `plots`) is not installed."
 STYLE = """
@@ -52,23 +67,31 @@ def allowance(row: Row) -> str:
 
 def cells(row: Row) -> list[str]:
     """A row as texts in the order of COLUMNS."""
-    numbers = [shown(row.ours), row.unit, shown(row.published), allowance(row)]
-    return [row.quantity, *numbers, row.verdict, row.note]
+    numbers = [shown(row.ours), row.unit, shown(row.reference), allowance(row)]
+    kind, text = (row.source.kind, row.source.text) if row.source is not None else ("", "")
+    return [row.quantity, *numbers, kind, row.verdict, text, row.note]
 
 
 def facts(entries: Sequence[Entry], version: str) -> list[str]:
     """Date, machine and the sum of the verdicts, as sentences."""
-    verdicts = [row.verdict for entry in entries for row in entry.result.rows]
+    rows = [row for entry in entries for row in entry.result.rows]
     seconds = sum(s for e in entries if math.isfinite(s := e.result.processor_seconds))
     date, listed = facts_of(machine(version))
     return [
         f"Run on {date}; the studies took {seconds:.0f} s of processor time, kernels"
         f" compiled before. Machine and versions: {listed}.",
-        f"Of {len(verdicts)} numbers, {verdicts.count('agrees')} agree,"
-        f" {verdicts.count('differs')} differ by more than their tolerance and"
-        f" {verdicts.count('no comparison')} have nothing to be compared with.",
+        f"Of {len(rows)} numbers, {_sum_of(rows, 'published')} with published ones and"
+        f" {_sum_of(rows, 'independent')} with independent solutions; {_sum_of(rows, 'self')} with"
+        f" ourselves, which does not count; {sum(row.source is None for row in rows)} have nothing"
+        " to be compared with.",
         *([] if can_plot() else [NO_PLOTS]),
     ]
+
+
+def _sum_of(rows: Sequence[Row], kind: Kind) -> str:
+    """How many rows of a kind agree and differ, in words."""
+    verdicts = [row.verdict for row in rows if row.source is not None and row.source.kind == kind]
+    return f"{verdicts.count('agrees')} agree and {verdicts.count('differs')} differ"
 
 
 def taken(result: StudyResult) -> str:
@@ -85,7 +108,7 @@ def markdown(entries: Sequence[Entry], version: str, folder: str = ".") -> str:
             f"`{study.name}`, after {study.reproduces}. {result.verdict.capitalize()};"
             f" {taken(result)}."
         )
-        lines = ["| " + " | ".join(COLUMNS) + " |", "|---|---:|---|---:|---:|---|---|"]
+        lines = ["| " + " | ".join(COLUMNS) + " |", "|---|---:|---|---:|---:|---|---|---|---|"]
         lines += [
             "| " + " | ".join(cell.replace("|", "\\|") for cell in cells(row)) + " |"
             for row in result.rows
@@ -125,9 +148,9 @@ def _section(entry: Entry) -> list[str]:
     ]
     for row in result.rows:
         texts = [_text(cell) for cell in cells(row)]
-        kinds = ("", "number", "", "number", "number", row.verdict.split()[0], "")
-        pairs = zip(texts, kinds, strict=True)
-        columns = "".join(f'<td class="{kind}">{text}</td>' for text, kind in pairs)
+        styles = ("", "number", "", "number", "number", "", row.verdict.split()[0], "", "")
+        pairs = zip(texts, styles, strict=True)
+        columns = "".join(f'<td class="{style}">{text}</td>' for text, style in pairs)
         lines.append(f"<tr>{columns}</tr>")
     lines.append("</table>")
     for figure in result.figures:
@@ -167,8 +190,46 @@ def record(entries: Sequence[Entry], version: str) -> dict[str, Any]:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    numbers = {"ours": _finite(row.ours), "published": _finite(row.published)}
-    return asdict(row) | numbers | {"verdict": row.verdict}
+    return {
+        "quantity": row.quantity,
+        "value": _finite(row.ours),
+        "unit": row.unit,
+        "reference": _finite(row.reference),
+        "tolerance": row.tolerance,
+        "comparison": row.comparison,
+        "kind": row.source.kind if row.source is not None else None,
+        "verdict": row.verdict,
+        "source": row.source.text if row.source is not None else "",
+        "note": row.note,
+    }
+
+
+def moved(entries: Sequence[Entry], before: dict[str, Any]) -> list[str]:
+    """Numbers that are no longer those of an earlier record, in words.
+
+    before: of `record`. One may move by a tenth of its tolerance, or of what is left to its bound;
+    one that nothing is compared with, as it likes. Raises KeyError of a study that is not in it.
+    """
+    found = []
+    for entry in entries:
+        rows = before["studies"][entry.study.name]["rows"]
+        names = [row.quantity for row in entry.result.rows]
+        if names != [row["quantity"] for row in rows]:
+            found.append(f"{entry.study.name}: other numbers than before")
+            continue
+        for row, old in zip(entry.result.rows, rows, strict=True):
+            if row.source is not None and abs(row.ours - old["value"]) > STILL * _room(row):
+                found.append(f"{entry.study.name}, {row.quantity}: {old['value']} -> {row.ours}")
+    return found
+
+
+def _room(row: Row) -> float:
+    """How far a number may be from its reference, in its unit."""
+    assert row.reference is not None
+    if row.comparison in ("at most", "at least"):
+        return abs(row.reference)
+    share = abs(row.reference) if row.comparison == "relative" else 1.0
+    return (row.tolerance or 0.0) * share
 
 
 def _finite(value: float | None) -> float | None:
@@ -179,11 +240,11 @@ def as_csv(entries: Sequence[Entry]) -> str:
     """All rows of all studies, with all digits."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["study", "quantity", "ours", "unit", "published", "tolerance", "comparison"])
+    names = ["quantity", "value", "unit", "reference", "tolerance", "comparison", "kind", "source"]
+    writer.writerow(["study", *names])
     for entry in entries:
-        for row in entry.result.rows:
-            numbers = [row.ours, row.unit, row.published, row.tolerance, row.comparison]
-            writer.writerow([entry.study.name, row.quantity, *numbers])
+        for row in map(_row, entry.result.rows):
+            writer.writerow([entry.study.name, *(row[name] for name in names)])
     return stream.getvalue()
 
 
@@ -191,7 +252,7 @@ def write_report(folder: Path, entries: Sequence[Entry], version: str) -> list[P
     """Write validation.html, .json and .csv into the folder; returns the files."""
     files = {
         "validation.html": page(entries, version),
-        "validation.json": json.dumps(record(entries, version), indent=1) + "\n",
+        NUMBERS: json.dumps(record(entries, version), indent=1) + "\n",
         "validation.csv": as_csv(entries),
     }
     folder.mkdir(parents=True, exist_ok=True)
@@ -201,11 +262,13 @@ def write_report(folder: Path, entries: Sequence[Entry], version: str) -> list[P
 
 
 def write_markdown(file: Path, entries: Sequence[Entry], version: str) -> None:
-    """Write the page as Markdown, its figures in a folder of the same name beside it."""
+    """Write the page as Markdown, its figures and its numbers (JSON) in a folder of the same name
+    beside it."""
     folder = file.with_suffix("")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / NUMBERS, json.dumps(record(entries, version), indent=1) + "\n")
     for entry in entries:
         for figure in entry.result.figures:
-            folder.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(figure.file, folder / figure.file.name)
     file.parent.mkdir(parents=True, exist_ok=True)
     write_text(file, markdown(entries, version, folder.name))

@@ -19,14 +19,23 @@ from featherfx.lab.ribbons.experiments import (
     planar_limit,
     rod_of,
 )
-from featherfx.lab.rods.experiments import bend
+from featherfx.lab.rods.experiments import bend, enough_segments
 from featherfx.lab.rods.oracles import heavy_elastica
 from featherfx.lab.rods.rod import Rod
-from featherfx.lab.studies.study import Row, StudyResult, bounded, compared, draw, reported
+from featherfx.lab.studies.study import (
+    Row,
+    StudyResult,
+    bounded,
+    compared,
+    draw,
+    independent,
+    ourselves,
+    published,
+    reported,
+)
 
 # the published curve spans slopes from linear theory to a strip that hangs down
 LOADS = 10.0 ** np.arange(-3.0, 5.01, 0.5)
-ROD_SEGMENTS = 160
 # section 5.1: 1 cm wide, 100 g/m^2, natural curvature 60 1/m, Poisson's ratio 0.5, D = 2e-4
 CURL = Ribbon(0.5, 0.01, 2e-4, 0.1, 60.0)
 LENGTHS = (0.05, 0.10, 0.20, 0.27, 0.31, 0.35, 0.40, 0.50)
@@ -37,9 +46,11 @@ def cantilever(folder: Path) -> StudyResult:
     """Drop over reach of a strip clamped level, over the range of the load parameter."""
     exact = np.array([drop / x for x, drop in map(heavy_elastica, LOADS)])
     ribbon = cantilever_ratios(LOADS.tolist())
-    rod = []
+    rod, segments = [], []
     for load in LOADS:
-        tip = bend(Rod(1.0, 1.0, line_weight=float(load), segments=ROD_SEGMENTS)).tip
+        rough = Rod(1.0, 1.0, line_weight=float(load))
+        segments.append(enough_segments(rough, float(load)))
+        tip = bend(replace(rough, segments=segments[-1])).tip
         rod.append(-tip[2] / tip[0])
     rows = [
         compared(
@@ -47,18 +58,19 @@ def cantilever(folder: Path) -> StudyResult:
             exact[0],
             LOADS[0] / 8.0,
             1e-4,
-            note="published: linear theory, load / 8",
+            independent("linear theory, load / 8"),
         )
     ]
+    shooting = independent("planar elastica, by shooting")
     for k in range(0, len(LOADS), 2):
-        for name, found, tolerance in (("ribbon", ribbon, 5e-3), ("rod", rod, 5e-3)):
+        for name, found in (("ribbon", ribbon), (f"rod of {segments[k]} segments", rod)):
             rows.append(
                 compared(
                     f"drop / reach, {name}, load {LOADS[k]:g}",
                     found[k],
                     exact[k],
-                    tolerance,
-                    note="published: the planar elastica, by shooting",
+                    5e-3,
+                    shooting,
                 )
             )
 
@@ -67,7 +79,7 @@ def cantilever(folder: Path) -> StudyResult:
         axes.loglog(LOADS, LOADS / 8.0, "k:", label="linear theory, load / 8")
         axes.loglog(LOADS, exact, "r-", label="planar elastica, shooting")
         axes.loglog(LOADS, ribbon, "bo", mfc="none", label="ribbon, 20 elements")
-        axes.loglog(LOADS, rod, "g+", label=f"rod, {ROD_SEGMENTS} segments")
+        axes.loglog(LOADS, rod, "g+", label=f"rod, {min(segments)} to {max(segments)} segments")
         axes.set_ylim(exact[0] / 3.0, 3.0 * exact[-1])
         axes.set_xlabel("weight per length, times length^3, over bending stiffness")
         axes.set_ylabel("drop over reach of the tip")
@@ -82,22 +94,31 @@ def hanging(folder: Path) -> StudyResult:
     limit = planar_limit(CURL, "level", 0.20, 0.40)
     narrow = planar_limit(replace(CURL, finite_width=False), "level", 0.20, 0.40)
     note = (
-        "published: 29 cm, clamp not told; level here, as the published first guess. D is printed"
+        "the clamp is not told; level here, as the published first guess. D is printed"
         " with the unit N m^2, but only 2e-4 N m, the plate's rigidity, gives the published shapes."
     )
     rows = [
-        compared("length beyond which it leaves its plane", limit, 0.29, 0.02, unit="m", note=note),
+        compared(
+            "length beyond which it leaves its plane",
+            limit,
+            0.29,
+            0.02,
+            published("Charrondiere et al. 2019, section 5.1: 29 cm"),
+            unit="m",
+            note=note,
+        ),
         reported("the same in Sadowsky's limit of a narrow strip", narrow, unit="m"),
         reported("the same, hung downwards", planar_limit(CURL, "down", 0.2, 0.4), unit="m"),
     ]
+    seen = ourselves("a bound of ours; the publication shows the shapes, figure 9")
     shapes = {length: hang(replace(CURL, length=length)) for length in LENGTHS}
     for length, hung in shapes.items():
         ratio = hung.out_of_plane / length
         text = f"distance from its plane at length {length:g} m, over length"
         if length < 0.29:
-            rows.append(bounded(text, ratio, at_most=1e-6, note="published: planar below 29 cm"))
+            rows.append(bounded(text, ratio, seen, at_most=1e-6, note="shown: planar below 29 cm"))
         else:
-            rows.append(bounded(text, ratio, at_least=0.01, note="published: out of its plane"))
+            rows.append(bounded(text, ratio, seen, at_least=0.01, note="shown: out of its plane"))
     last = shapes[LENGTHS[-1]]
     rows.append(reported("seconds of the longest", last.seconds, unit="s", note="published: 2.1 s"))
     curves = {length: hung.rest.curve.points for length, hung in shapes.items()}
@@ -114,6 +135,8 @@ def hanging(folder: Path) -> StudyResult:
 def against_rod(folder: Path) -> StudyResult:
     """The same strip as a ribbon and as a rod of rectangular section, of growing length."""
     rows: list[Row] = []
+    rod = independent("a rod of directors, of the same bending stiffness")
+    apart = ourselves("a bound of ours; the publication says that they part where torsion appears")
     ribbons, rods = {}, {}
     for length in LENGTHS:
         ribbon = replace(CURL, length=length)
@@ -124,10 +147,9 @@ def against_rod(folder: Path) -> StudyResult:
         gap = float(np.linalg.norm(_extent(ribbons[length]) - _extent(rods[length]))) / length
         text = f"distance of the tips at length {length:g} m, over length"
         if length < 0.29:
-            rows.append(bounded(text, gap, at_most=0.01, note="published: they coincide"))
+            rows.append(bounded(text, gap, rod, at_most=0.01))
         else:
-            note = "published: they part where torsion appears"
-            rows.append(bounded(text, gap, at_least=0.02, note=note))
+            rows.append(bounded(text, gap, apart, at_least=0.02))
     caption = (
         "Ribbon (blue) and rod of the same bending stiffness (orange), of length 5 to 50 cm; the"
         " rod's thickness is a hundredth of its width."

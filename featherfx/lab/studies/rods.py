@@ -15,17 +15,27 @@ from featherfx.lab.rods.oracles import (
     taper_frequencies,
 )
 from featherfx.lab.rods.rod import Rod
-from featherfx.lab.studies.study import StudyResult, bounded, compared, reported
+from featherfx.lab.studies.study import (
+    StudyResult,
+    bounded,
+    compared,
+    independent,
+    published,
+    reported,
+)
 
 SEGMENTS = 40
-# Mattiasson 1981, table 1: F L^2 / EI: (shortening, deflection) / L
+TABLE = published("Mattiasson 1981, table 1")
+# F L^2 / EI: (shortening, deflection) / L
 MATTIASSON = {
     1.0: (0.05643, 0.30172),
     2.0: (0.16064, 0.49346),
     5.0: (0.38763, 0.71379),
     10.0: (0.55500, 0.81061),
 }
-# Simo and Vu-Quoc 1986, 45 degree bend with 8 elements: force: tip, out of plane last
+EIGHT_ELEMENTS = published("Simo and Vu-Quoc 1986, 45 degree bend with 8 elements")
+SHOOTING = independent("Kirchhoff's rod, by shooting")
+# force: tip, out of plane last
 BEND_TIPS = {
     300.0: (58.84, 22.33, 40.08),
     450.0: (52.32, 18.62, 48.39),
@@ -41,11 +51,14 @@ def elastica(folder: Path) -> StudyResult:
     for load, (shortening, deflection) in MATTIASSON.items():
         tip = bend(Rod(1.0, 1.0, segments=SEGMENTS), (0.0, 0.0, -load)).tip
         text = f"at F L^2 / EI = {load:g}"
-        rows.append(compared(f"shortening / L {text}", 1.0 - tip[0], shortening, 1e-3))
-        rows.append(compared(f"deflection / L {text}", -tip[2], deflection, 1e-3))
+        rows.append(compared(f"shortening / L {text}", 1.0 - tip[0], shortening, 1e-3, TABLE))
+        rows.append(compared(f"deflection / L {text}", -tip[2], deflection, 1e-3, TABLE))
         x, drop = elastica_tip(load)
         error = float(np.linalg.norm(tip - [x, 0.0, -drop]))
-        rows.append(bounded(f"tip from the closed form, over L, {text}", error, at_most=1e-4))
+        closed = independent("closed form in elliptic integrals")
+        rows.append(
+            bounded(f"tip from the closed form, over L, {text}", error, closed, at_most=1e-4)
+        )
     return StudyResult(rows)
 
 
@@ -58,7 +71,7 @@ def heavy(folder: Path) -> StudyResult:
             expected = kirchhoff_tip(1.0, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), load, taper)
             text = f"tip error / L, weight {load:g} EI / L^2, taper {taper:g}"
             error = float(np.linalg.norm(tip - expected))
-            rows.append(bounded(text, error, at_most=allowed, note="against shooting"))
+            rows.append(bounded(text, error, SHOOTING, at_most=allowed))
     return StudyResult(rows)
 
 
@@ -67,17 +80,28 @@ def bend_of_45_degrees(folder: Path) -> StudyResult:
     rows = []
     rod = Rod(ARC, ei=1e7 / 12.0, gj=0.5e7 / 6.0, rest_curvature=0.01, segments=SEGMENTS)
     stiffness = (0.5e7 / 6.0, 1e7 / 12.0, 1e7 / 12.0)
-    note = "published with 8 elements, whose own error is 0.2 % of the length"
-    for force, published in BEND_TIPS.items():
+    note = "the error of 8 elements is 0.2 % of the length"
+    for force, printed in BEND_TIPS.items():
         tip = bend(rod, (0.0, 0.0, force)).tip
         exact = kirchhoff_tip(ARC, stiffness, (0.0, 0.0, force), curvature=0.01)
-        for axis, ours, theirs in zip("xyz", tip, published, strict=True):
+        for axis, ours, theirs in zip("xyz", tip, printed, strict=True):
             text = f"tip {axis} at force {force:g}"
             rows.append(
-                compared(text, ours, theirs, 0.0025 * ARC, absolute=True, unit="m", note=note)
+                compared(
+                    text,
+                    ours,
+                    theirs,
+                    0.0025 * ARC,
+                    EIGHT_ELEMENTS,
+                    absolute=True,
+                    unit="m",
+                    note=note,
+                )
             )
         error = float(np.linalg.norm(tip - exact)) / ARC
-        rows.append(bounded(f"tip from shooting, over length, {force:g}", error, at_most=1e-3))
+        rows.append(
+            bounded(f"tip from shooting, over length, {force:g}", error, SHOOTING, at_most=1e-3)
+        )
     return StudyResult(rows)
 
 
@@ -91,11 +115,11 @@ def frequencies(folder: Path) -> StudyResult:
             exact = taper_frequencies(0.3, 2e-3, 0.01, taper, 4)
         else:
             exact = WAVE_NUMBERS**2 * np.sqrt(2e-3 / 0.01) / 0.3**2 / (2.0 * np.pi)
-        note = "against Rayleigh and Ritz" if taper else "roots of cosh x cos x = -1"
+        other = independent("Rayleigh and Ritz" if taper else "roots of cosh x cos x = -1")
         for k, (ours, theirs) in enumerate(zip(found, exact, strict=True)):
             text = f"frequency {k + 1}, taper {taper:g}"
             allowed = 2e-3 if k == 0 else 1e-2
-            rows.append(compared(text, ours, theirs, allowed, unit="Hz", note=note))
+            rows.append(compared(text, ours, theirs, allowed, other, unit="Hz"))
     return StudyResult(rows)
 
 
@@ -107,13 +131,13 @@ def released(folder: Path) -> StudyResult:
     rod = Rod(1.0, 1.0, line_mass=1.0, line_weight=10.0, segments=SEGMENTS)
     swing = release(ReleaseTest(rod, SWING, samples=30))
     error = np.linalg.norm(swing.tip[:, [0, 2]] - expected, axis=1)
-    note = "the chain is extrapolated from 8 and 16 links, and its error dominates"
+    chain = independent("chain of rigid links, extrapolated from 8 and 16; its error dominates")
     return StudyResult(
         [
             bounded(
-                "largest tip distance of the first swing, / L", error.max(), at_most=0.01, note=note
+                "largest tip distance of the first swing, / L", error.max(), chain, at_most=0.01
             ),
-            compared("lowest tip / L", swing.tip[:, 2].min(), expected[:, 1].min(), 0.01),
+            compared("lowest tip / L", swing.tip[:, 2].min(), expected[:, 1].min(), 0.01, chain),
             reported("steps", swing.steps),
             reported("seconds", swing.seconds, unit="s"),
         ]

@@ -1,7 +1,9 @@
 """A study: one thing of the literature, computed anew and put beside the published values.
 
 A study is a function of a folder for its pictures; it returns rows of numbers, each with its
-verdict, and figures. The verdict follows from the numbers and is never written by hand.
+verdict, and figures. The verdict follows from the numbers and is never written by hand. Every
+number that is compared says with what (Source): only one that is printed in a publication, or a
+solution by another method, can confirm it.
 """
 
 from __future__ import annotations
@@ -16,42 +18,73 @@ from typing import Any, Literal
 
 from featherfx.lab.bench.report import can_plot
 
-Verdict = Literal["agrees", "differs", "no comparison"]
+Verdict = Literal["agrees", "differs", "only with itself", "no comparison"]
+Kind = Literal["published", "independent", "self"]
 Comparison = Literal["relative", "absolute", "at most", "at least", "none"]
 
 
 @dataclass(frozen=True)
-class Row:
-    """One number beside the published one.
+class Source:
+    """What a number of ours is held against.
 
-    quantity: what it is, with its conditions. ours: in SI units. unit: of ours and published.
-    published: value or bound that ours is held against, or None. tolerance: how far ours may be
-    off, as a share of the published value ("relative") or in its unit ("absolute"). comparison:
-    how they are compared; "at most" and "at least" take published as a bound. note: where the
-    published value is from, and why ours differs where it does.
+    kind: "published", a number that is printed in the text; "independent", a solution by a method
+    that shares no line with ours; "self": our own input, our own finer mesh, what was fitted to, or
+    what is true by construction. text: the publication and the place in it, or the method, or what
+    of ours it is.
+    """
+
+    kind: Kind
+    text: str
+
+
+def published(text: str) -> Source:
+    """A number that is printed; text: publication, and table, equation, figure or section."""
+    return Source("published", text)
+
+
+def independent(text: str) -> Source:
+    """A solution by another method; text: which."""
+    return Source("independent", text)
+
+
+def ourselves(text: str) -> Source:
+    """Something of our own; text: what."""
+    return Source("self", text)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number beside what it is held against.
+
+    quantity: what it is, with its conditions. ours: in SI units. unit: of ours and the reference.
+    reference: value or bound that ours is held against, or None. tolerance: how far ours may be
+    off, as a share of the reference ("relative") or in its unit ("absolute"). comparison: how they
+    are compared; "at most" and "at least" take the reference as a bound. source: of the reference.
+    note: why ours differs where it does, and what else must be known.
     """
 
     quantity: str
     ours: float
     unit: str = ""
-    published: float | None = None
+    reference: float | None = None
     tolerance: float | None = None
     comparison: Comparison = "none"
+    source: Source | None = None
     note: str = ""
 
     @property
     def verdict(self) -> Verdict:
-        """Whether ours agrees with the published value; a number that is not finite never does."""
-        if self.comparison == "none" or self.published is None:
+        """Whether ours agrees with the reference; a number that is not finite never does."""
+        if self.comparison == "none" or self.reference is None:
             return "no comparison"
         if self.comparison == "at most":
-            return "agrees" if self.ours <= self.published else "differs"
+            return "agrees" if self.ours <= self.reference else "differs"
         if self.comparison == "at least":
-            return "agrees" if self.ours >= self.published else "differs"
+            return "agrees" if self.ours >= self.reference else "differs"
         allowed = self.tolerance or 0.0
         if self.comparison == "relative":
-            allowed *= abs(self.published)
-        return "agrees" if abs(self.ours - self.published) <= allowed else "differs"
+            allowed *= abs(self.reference)
+        return "agrees" if abs(self.ours - self.reference) <= allowed else "differs"
 
 
 @dataclass(frozen=True)
@@ -75,11 +108,14 @@ class StudyResult:
 
     @property
     def verdict(self) -> Verdict:
-        """That of all rows together: one that differs is enough."""
-        found = {row.verdict for row in self.rows}
-        if "differs" in found:
+        """That of all rows together: one that differs is enough, and what agrees only with
+        ourselves confirms nothing."""
+        if any(row.verdict == "differs" for row in self.rows):
             return "differs"
-        return "agrees" if "agrees" in found else "no comparison"
+        kinds = {row.source.kind for row in self.rows if row.source is not None}
+        if not kinds:
+            return "no comparison"
+        return "only with itself" if kinds == {"self"} else "agrees"
 
 
 @dataclass(frozen=True)
@@ -105,21 +141,23 @@ class Study:
 def compared(
     quantity: str,
     ours: float,
-    published: float,
+    reference: float,
     tolerance: float,
+    source: Source,
     *,
     unit: str = "",
     absolute: bool = False,
     note: str = "",
 ) -> Row:
-    """A number beside a published one; tolerance: a share of it, or absolute in its unit."""
-    kind: Comparison = "absolute" if absolute else "relative"
-    return Row(quantity, float(ours), unit, float(published), tolerance, kind, note)
+    """A number beside a reference; tolerance: a share of it, or absolute in its unit."""
+    way: Comparison = "absolute" if absolute else "relative"
+    return Row(quantity, float(ours), unit, float(reference), tolerance, way, source, note)
 
 
 def bounded(
     quantity: str,
     ours: float,
+    source: Source,
     *,
     at_most: float | None = None,
     at_least: float | None = None,
@@ -128,12 +166,12 @@ def bounded(
 ) -> Row:
     """A number beside a bound on it; exactly one of the two bounds is given."""
     bound = at_most if at_most is not None else at_least
-    kind: Comparison = "at most" if at_most is not None else "at least"
-    return Row(quantity, float(ours), unit, bound, None, kind, note)
+    way: Comparison = "at most" if at_most is not None else "at least"
+    return Row(quantity, float(ours), unit, bound, None, way, source, note)
 
 
 def reported(quantity: str, ours: float, *, unit: str = "", note: str = "") -> Row:
-    """A number of ours that nothing published stands beside."""
+    """A number of ours that nothing stands beside."""
     return Row(quantity, float(ours), unit, note=note)
 
 

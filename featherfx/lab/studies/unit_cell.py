@@ -25,7 +25,14 @@ from featherfx.lab.networks.unit_cell import (
     cell_network,
     cell_of,
 )
-from featherfx.lab.studies.study import StudyResult, bounded, compared, draw, reported
+from featherfx.lab.studies.study import (
+    StudyResult,
+    bounded,
+    compared,
+    draw,
+    ourselves,
+    reported,
+)
 
 PRESET = "swan_primary"
 SEGMENTS = (4, 8, 16, 32)
@@ -34,6 +41,7 @@ SEGMENTS = (4, 8, 16, 32)
 def elements(folder: Path) -> StudyResult:
     """Cantilever of bend triplets; a planar network in space; bounds of a cell's energy."""
     rows = []
+    closed = ourselves("closed form of the discrete cantilever, 1 / (2 n^2), derived here")
     for count in SEGMENTS:
         force = np.zeros((count + 1, 2))
         force[-1, 1] = 1.0
@@ -41,7 +49,8 @@ def elements(folder: Path) -> StudyResult:
         moved = held_displacements(fibre, np.array([0]), np.zeros((1, 2)), force)
         error = 3.0 * float(moved[-1, 1]) - 1.0
         text = f"error of a cantilever of {count} segments over 1 / (2 n^2)"
-        rows.append(compared(text, 2.0 * count**2 * error, 1.0, 1e-6, note="published: close to 1"))
+        rows.append(compared(text, 2.0 * count**2 * error, 1.0, 1e-6, closed))
+    plane = ourselves("the same network in the plane")
     flat, space = crossing_fibres(2), crossing_fibres(3)
     energies, heights = [], 0.0
     for network in (flat, space):
@@ -60,17 +69,20 @@ def elements(folder: Path) -> StudyResult:
             energies[1] / energies[0],
             1.0,
             1e-12,
+            plane,
         ),
-        bounded("height to which it leaves its plane", heights, at_most=1e-12, unit="m"),
+        bounded("height to which it leaves its plane", heights, plane, at_most=1e-12, unit="m"),
     ]
     cell = cell_of(feather_kind(PRESET))
     gradients = np.random.default_rng(5).normal(size=(20, 2, 2))
     relaxed, affine = homogenised(cell_network(cell), gradients + gradients.transpose(0, 2, 1))
     ratio = np.diag(relaxed) / np.diag(affine)
-    note = "of 20 random mean strains; published: between 0 and 1"
+    between = ourselves("0 and 1, between which it is by construction")
+    note = "of 20 random mean strains"
+    least, largest = "energy over its affine bound, least", "energy over its affine bound, largest"
     rows += [
-        bounded("energy over its affine bound, least", ratio.min(), at_least=0.0, note=note),
-        bounded("energy over its affine bound, largest", ratio.max(), at_most=1.0, note=note),
+        bounded(least, ratio.min(), between, at_least=0.0, note=note),
+        bounded(largest, ratio.max(), between, at_most=1.0, note=note),
     ]
     return StudyResult(rows)
 
@@ -126,8 +138,9 @@ def lattice(folder: Path) -> StudyResult:
         "barbules of 5 micrometres that bend are far softer than the vane that was measured; the"
         " modulus goes as the fourth power of the diameter, which the references do not tell"
     )
+    given = ourselves("the preset that the cell is of")
     rows = [
-        compared("modulus along the barbs", found.along, vane.along, 0.01, unit="Pa"),
+        compared("modulus along the barbs", found.along, vane.along, 0.01, given, unit="Pa"),
         reported("modulus across, barbules of 5 um at 45 deg", found.across, unit="Pa", note=thin),
         reported("shear modulus, the same", found.shear, unit="Pa"),
         compared(
@@ -135,23 +148,26 @@ def lattice(folder: Path) -> StudyResult:
             found.bending_along,
             vane.barb_bending_normal,
             0.01,
+            given,
             unit="N m",
         ),
         bounded(
             "contraction along over strain across",
             found.poisson,
+            ourselves("a bound of ours"),
             at_most=0.01,
-            note="measured: none",
+            note="Jouve 2024 measured none",
         ),
     ]
     fitted = fitted_cell(cell, vane.across, vane.shear)
     moduli = cell_moduli(fitted)
+    target = ourselves("what it was fitted to")
     note = "what the measured moduli across and in shear ask for"
     rows += [
         reported("barbule angle", fitted.angle, unit="deg", note=note),
         reported("barbule diameter", fitted.barbule_diameter, unit="m", note=note),
-        compared("modulus across, fitted", moduli.across, vane.across, 1e-5, unit="Pa"),
-        compared("shear modulus, fitted", moduli.shear, vane.shear, 1e-5, unit="Pa"),
+        compared("modulus across, fitted", moduli.across, vane.across, 1e-5, target, unit="Pa"),
+        compared("shear modulus, fitted", moduli.shear, vane.shear, 1e-5, target, unit="Pa"),
         reported(
             "bending across, fitted",
             moduli.bending_across,
