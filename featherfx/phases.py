@@ -132,6 +132,9 @@ class Account:
         with self._lock:
             self._spend()
             own.done = done
+            if own.total:
+                # more parts have turned up than were known
+                own.total = max(own.total, done)
         self._tell(own, left)
 
     def close(self, own: _Phase, failed: bool = False, complete: bool = True) -> None:

@@ -54,6 +54,14 @@ def test_counted_goes_through_all_parts_and_tells_of_each():
     assert list(counted("parts", "abc", 3)) == ["a", "b", "c"]
 
 
+def test_parts_that_were_not_foreseen_are_counted_in():
+    told = []
+    with Account(told.append), phase("compiling", 1) as done:
+        done(1)
+        done(2)
+    assert [(each.done, each.total) for each in told] == [(0, 1), (1, 1), (2, 2), (2, 2)]
+
+
 def test_a_phase_that_fails_is_named_and_not_complete():
     told = []
     with Account(told.append) as own:
