@@ -110,6 +110,36 @@ def test_readers_find_each_feather_as_if_it_stood_alone(single, shared):
                 np.testing.assert_array_equal(mine.velocities, np.zeros((36, 3)) + expected)
 
 
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (500.0, -300.0, 20.0)])
+@pytest.mark.parametrize("accelerations", [False, True])
+def test_feathers_posed_together_have_the_bits_of_each_alone(tmp_path, origin, accelerations):
+    entries = [replace(each, static=False) for each in feathers.entries()]
+    own = {"entries": entries, "accelerations": accelerations}
+    paths = [
+        write(tmp_path / f"{group}.usdc", group, given={"origin": origin}, **own)
+        for group in ("feather", "all")
+    ]
+    one, many = map(Cache, paths)
+    layers = [Sdf.Layer.FindOrOpen(str(path)) for path in paths]
+    names = ["points", "velocities", "normals", "primvars:barbDirection"]
+    names += ["accelerations"] * accelerations
+    for code in range(1, 6):
+        for name in names:
+            for scope, end in (("feathers", ""), ("rachises", "_rachis")):
+                if name not in ("points", "velocities", "accelerations") and end:
+                    continue
+                whole = layers[1].QueryTimeSample(f"/bird/{scope}/all{end}.{name}", code)
+                # of the two that move; the others have no samples of their own
+                each = [
+                    layers[0].QueryTimeSample(f"/bird/{scope}/{own}{end}.{name}", code)
+                    for own in ("primary_1", "primary_1_2")
+                ]
+                parts = np.concatenate([np.asarray(part) for part in each])
+                np.testing.assert_array_equal(np.asarray(whole)[: len(parts)], parts)
+    for index in range(4):
+        np.testing.assert_array_equal(many.pose(index, 3.0).points, one.pose(index, 3.0).points)
+
+
 def test_a_plain_reader_finds_one_feather_by_its_primvar_and_its_ranges(shared):
     """What docs/usd.md says, in plain USD."""
     expected = {e.id: e for e in feathers.entries()}

@@ -16,7 +16,7 @@ import numpy as np
 from pxr import Sdf
 
 from featherfx.files.whole import WrittenFile
-from featherfx.shot.types import Frame
+from featherfx.shot.types import FeatherPose, Frame
 from featherfx.usd.arrays import Floats
 from featherfx.usd.write.parts import ChunkRecord, checksum
 from featherfx.usd.write.posed_groups import Flags, WrittenPose
@@ -124,14 +124,13 @@ class ChunkWriter:
     def _evaluate(self, index: int, pose: WrittenPose, code: float, frame: Frame) -> None:
         """Write to a pose what a frame, or an earlier cache, has of the feathers of a group."""
         group = self._prims.groups[index]
+        given: list[FeatherPose | None] = []
         for k, number in enumerate(group.members):
-            out, feather = pose.members[k], group.feathers[k]
-            if group.static[k]:
-                continue
-            if (earlier := self._taken.get(number)) is not None:
-                earlier.fill(feather.id, code, out)
-            else:
-                pose.finite[k] = feather.evaluate(out, frame.poses[self._place[number]])
+            earlier = self._taken.get(number)
+            if earlier is not None and not group.static[k]:
+                earlier.fill(group.feathers[k].id, code, pose.members[k])
+            given.append(None if earlier is not None else frame.poses[self._place[number]])
+        group.evaluate(pose, given)
 
     def write(self, path: Path) -> WrittenChunk:
         """Write the chunk beside its path, read back, and start the next one."""

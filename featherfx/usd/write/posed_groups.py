@@ -10,10 +10,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.shot.types import FeatherPose
 from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
 from featherfx.usd.types import BARB, HOOKED, HOOKS, MESH, PER_FACE, RACHIS, RATES
 from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.grouping import Group
+from featherfx.usd.write.joined import JoinedFeathers
 from featherfx.usd.write.poses import Key, PosedFeather, Written
 
 Flags = NDArray[np.bool_]
@@ -123,6 +125,24 @@ class PosedGroup:
             }
             for index, feather in enumerate(self.feathers)
         ]
+
+    @cached_property
+    def _joined(self) -> JoinedFeathers | None:
+        return None if self.static.any() else JoinedFeathers.of(self.feathers)
+
+    def evaluate(self, pose: WrittenPose, given: Sequence[FeatherPose | None]) -> None:
+        """Write what is given of each feather, but for extents; None is in the pose already.
+
+        Raises ValueError for another grid.
+        """
+        pose.finite[:] = True
+        known = [each for each in given if each is not None]
+        whole = self._joined if len(known) == len(given) else None
+        if whole is not None and whole.evaluate(pose.values, known):
+            return
+        for index, each in enumerate(given):
+            if each is not None and not self.static[index]:
+                pose.finite[index] = self.feathers[index].evaluate(pose.members[index], each)
 
     def rest(self) -> WrittenPose:
         """The rest pose; its rates are zero."""

@@ -61,8 +61,8 @@ class PosedFeather:
     ) -> None:
         """extras: ACCELERATIONS, names of DIAGNOSTICS."""
         self._entry, self._surface, self.id = entry, surface, entry.id
-        self._to_stage = ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y")
-        self._to_origin = -np.array(space.origin) if space.is_moved else None
+        self.to_stage = ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y")
+        self.to_origin = -np.array(space.origin) if space.is_moved else None
         self._accelerations = ACCELERATIONS in extras
         feather, barbs = entry.feather, entry.barbs
         self.widths = space.lengths(np.sqrt(feather.width * feather.height))
@@ -90,6 +90,24 @@ class PosedFeather:
         return self.faces if key[1] in PER_FACE else self.points[key[0]]
 
     @property
+    def drawn(self) -> DrawnSurface:
+        """Its surface, as kernels take it."""
+        return self._surface.drawn
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows, and nodes of each, that its poses have."""
+        rows, nodes = self._entry.rest_points.nodes.shape[:2]
+        return rows, nodes
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether its surface is all that is written, and follows from its nodes alone."""
+        surface = self._entry.feather.surface
+        alone = self._entry.points_map is None and len(surface.lips) == 0
+        return alone and not self.has_barbs and not self.scalars
+
+    @property
     def bytes_per_sample(self) -> int:
         """Bytes of one pose, with an extent for each prim."""
         vectors = sum(map(self.count, self.vectors)) + 2 * len(self.parts)
@@ -103,7 +121,7 @@ class PosedFeather:
         self._surface.carry(nodes)
         finite = self._place(out, _plain_points(nodes))
         if self.has_barbs and barbs:
-            points = barbs.points if self._to_origin is None else barbs.points + self._to_origin
+            points = barbs.points if self.to_origin is None else barbs.points + self.to_origin
             finite &= self._write(np.reshape(points, (-1, 3)), out[BARB, "points"])
         for (_, name), numbers in out.items():
             if name in RATES:
@@ -161,7 +179,7 @@ class PosedFeather:
 
     def _from_origin(self, points: RowPoints) -> RowPoints:
         """Points as seen from where the root prim stands."""
-        return points if self._to_origin is None else points.shifted(self._to_origin)
+        return points if self.to_origin is None else points.shifted(self.to_origin)
 
     def changed(self, now: Written, before: Written, seconds: float) -> bool:
         """Whether the feather, as written, differs from what was written before, or is on its way.
@@ -190,7 +208,7 @@ class PosedFeather:
             out[MESH, BARB_DIRECTION],
             out[RACHIS, "points"],
         )
-        finite = surface_kernels.pose_surface(points, self._surface.drawn, self._to_stage, written)
+        finite = surface_kernels.pose_surface(points, self._surface.drawn, self.to_stage, written)
         if self.scalars:
             self._diagnose(out)
         return bool(finite)
@@ -225,13 +243,11 @@ class PosedFeather:
 
     def _rates(self, out: Written, name: str, values: RowPoints) -> bool:
         drawn, shaft = self._surface.drawn, out[RACHIS, name]
-        written = surface_kernels.write_values(
-            values, drawn, self._to_stage, out[MESH, name], shaft
-        )
+        written = surface_kernels.write_values(values, drawn, self.to_stage, out[MESH, name], shaft)
         return bool(written)
 
     def _write(self, world: Array, out: Floats) -> bool:
-        return bool(surface_kernels.write_points(world, self._to_stage, out))
+        return bool(surface_kernels.write_points(world, self.to_stage, out))
 
 
 class _Surface:
