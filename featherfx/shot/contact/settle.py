@@ -29,6 +29,8 @@ Flags = NDArray[np.bool_]
 STEPS, MOST_STEPS = (0.01, 0.1, 1.0), 8
 # what one that cannot be solved is cut to, and the shortest tried, s
 CUT, SHORTEST = 0.25, 1e-5
+# Newton iterations of one solve, over those of a step that is easy, in steps longer than the first
+PATIENT = 4
 # misfit of contacts, over the thickness, beyond which a step is cut as well, down to this, s
 BAD, SHORTEST_OFF = 2.0, 5e-4
 # Newton iterations of a feather after which settling ends, in balance or not
@@ -107,7 +109,8 @@ def _step(
         walls = bodies.walls(states, now, now, solver.settings.margin)
         manner = Manner(resting=resting, yielding=yielding)
         if CUT * h >= SHORTEST:
-            manner = manner._replace(iterations=EASY)
+            # what is nearly at rest is not cut for one feather that takes long
+            manner = manner._replace(iterations=EASY if h <= STEPS[0] else PATIENT * EASY)
         new, reports, contact = solver.interval(states, loads, paths, h, walls, manner)
         spent += np.concatenate([report.iterations for report in reports])
         status = np.concatenate([report.status for report in reports])
