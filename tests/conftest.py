@@ -8,7 +8,7 @@ import sys
 STEPS = """
 import tempfile
 from pathlib import Path
-from featherfx.api import bake
+from featherfx import bake
 with tempfile.TemporaryDirectory() as folder:
     shot, output = Path("samples/swan_wing/shot.toml"), Path(folder) / "wing.usdc"
     bake(shot, output, frames=(1, 2), quality="draft")
