@@ -43,6 +43,7 @@ def fixed_step(newton=1e-7):
     return Settings(tolerance=1e9, newton=newton, max_substeps=1)
 
 
+@pytest.mark.slow
 @pytest.mark.verification
 def test_both_kinematics_converge_to_one_static_shape():
     """The nodal one's error on few columns: curved barbs have none where they bend little."""
@@ -62,6 +63,7 @@ def test_both_kinematics_converge_to_one_static_shape():
     assert errors[1] < errors[0] / 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.verification
 def test_unequal_barbs_converge_where_sections_are_carried_in_both():
     """Barbs ten times stiffer within the vane than out of it."""
@@ -94,6 +96,7 @@ def test_both_kinematics_converge_to_one_motion():
     assert errors[1] < errors[0] / 2.0
 
 
+@pytest.mark.slow
 def test_improved_newton_needs_few_iterations_and_textbook_many_for_one_answer():
     model, nodal = feather_models(curved_kind(), 11, 4)
     improved = NodalSolver(model, nodal, fixed_step())
@@ -105,6 +108,7 @@ def test_improved_newton_needs_few_iterations_and_textbook_many_for_one_answer()
     assert distance(points, same) < 1e-5
 
 
+@pytest.mark.slow
 def test_inextensible_is_the_limit_of_stiff_barbs():
     model, nodal = feather_models(curved_kind(), 11, 4, stretch="inextensible")
     points, _, state = run(NodalSolver(model, nodal, fixed_step()), at_rest(model, nodal), 6)
@@ -125,6 +129,7 @@ def arrays_of(state):
     return [a for each in state for a in (each if isinstance(each, tuple) else (each,))]
 
 
+@pytest.mark.slow
 def test_a_step_leaves_its_inputs_alone_and_repeats_exactly():
     model, nodal = feather_models(curved_kind(), 11, 4)
     solver, state = NodalSolver(model, nodal, Settings()), at_rest(model, nodal)

@@ -23,6 +23,7 @@ from featherfx.lab.rods.oracles import link_chain
 ISO = StripTest("iso", 1.0 / 80.0, columns=1)
 
 
+@pytest.mark.slow
 @pytest.mark.verification
 def test_isotropic_strip_falls_as_a_chain_of_rigid_links():
     """Without Poisson effect a plate is a rod of EI = E h^3 / 12 per width. 24 links are 2 mm off;
@@ -37,6 +38,7 @@ def test_isotropic_strip_falls_as_a_chain_of_rigid_links():
     assert ours[1, [0, 2]] == pytest.approx([0.12015, -0.20899], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_steps_of_an_eightieth_keep_to_the_tip_within_six_millimetres():
     fine = run_strip(replace(ISO, dt=1.0 / 640.0), end=0.2).tip
     coarse = run_strip(ISO, end=0.2)
@@ -45,6 +47,7 @@ def test_steps_of_an_eightieth_keep_to_the_tip_within_six_millimetres():
     assert coarse.strain_max < 1e-4
 
 
+@pytest.mark.slow
 def test_both_kinematics_move_the_feather_strip_alike():
     smooth = StripTest("feather", 1.0 / 120.0, "barb-curvature", columns=3)
     first, second = run_strip(smooth, 0.2), run_strip(replace(smooth, kinematics="nodal"), 0.2)
@@ -54,6 +57,7 @@ def test_both_kinematics_move_the_feather_strip_alike():
     assert 1e-8 < second.strain_max < 1e-4
 
 
+@pytest.mark.slow
 def test_command_gives_its_keys():
     arguments = ("lab", "strip", "--scene", "iso", "--dt", "0.03", "--columns", "1", "--json")
     result = CliRunner().invoke(main, arguments)

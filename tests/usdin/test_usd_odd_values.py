@@ -301,7 +301,6 @@ def test_a_pose_that_is_not_finite_later_on(tmp_path):
         ("points", TYPES.StringArray, ["x"]),
         ("faceVertexCounts", TYPES.Float, 1.0),
         ("faceVertexCounts", TYPES.IntArray, [-3, 6]),
-        ("extent", TYPES.String, "x"),
     ],
 )
 def test_a_cache_of_odd_types(tmp_path, name, kind, value):
@@ -313,6 +312,18 @@ def test_a_cache_of_odd_types(tmp_path, name, kind, value):
     path = tmp_path / "cache.usda"
     assert "/a." in told(export, path, tmp_path / "out.ply")
     assert f"/a.{name}" in checked(path) or name == "primvars:featherId"
+
+
+def test_an_odd_extent_is_named_and_hinders_nobody(tmp_path):
+    """Nothing reads it: what is drawn or exported goes by the points."""
+    stage = new_stage(tmp_path / "cache.usda")
+    mesh = add_mesh(stage, "/a", np.eye(3), [3], [0, 1, 2])
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("featherId", TYPES.String).Set("a")
+    put(mesh.GetPrim(), "extent", TYPES.String, "x")
+    stage.Save()
+    export(tmp_path / "cache.usda", tmp_path / "out.ply")
+    assert (tmp_path / "out.ply").exists()
+    assert "/a.extent" in checked(tmp_path / "cache.usda")
 
 
 def test_more_frames_than_files_can_be(tmp_path):
