@@ -22,6 +22,7 @@ def values(kinematics):
     return json.loads(result.stdout)
 
 
+@pytest.mark.slow
 def test_nodal_gives_the_same_keys_and_nearly_the_same_feather():
     smooth, nodal = values("barb-curvature"), values("nodal")
     assert list(smooth) == list(nodal)
