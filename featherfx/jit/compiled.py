@@ -96,6 +96,11 @@ def compile_ahead(shared: Any, *arguments: Any) -> None:
     shared.linked.compile(tuple(map(shared.typeof_pyval, arguments)))
 
 
+def is_asked_for(shared: Any) -> bool:
+    """Whether others know a shared kernel already, for whatever types: called or compiled ahead."""
+    return bool(shared.linked.overloads)
+
+
 def _entry(function: Callable[..., Any], linked: Part | Shared) -> Any:
     entry: Any = Kernel(function, targetoptions=OPTIONS, pipeline_class=EntryCompiler)
     entry.linked, entry._cache = linked, KernelCache(function)

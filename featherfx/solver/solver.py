@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
-from featherfx.jit.compiled import compile_ahead
+from featherfx.jit.compiled import compile_ahead, is_asked_for
 from featherfx.limits import MOST_JOBS
 from featherfx.mechanics.model import Loads, Model, wind_of_each
 from featherfx.solver.settle.settle import settle
@@ -159,7 +159,8 @@ class Solver:
         it flutters in the wind, and the pose is one on its way) and the Newton iterations.
         """
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
-        self._compile_steps(new, loads)
+        if not is_asked_for(advance):
+            self._compile_steps(new, loads)
         status = np.zeros(self.model.feathers)
         iterations = np.zeros(self.model.feathers)
 
