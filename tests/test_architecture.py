@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -49,7 +50,16 @@ HEAVY = ("numba", "numpy", "pxr", "scipy", "trimesh", "embreex", "PIL", "distrib
 
 def imports_of(file):
     """(module, line) of all imports of a file, also those inside functions."""
-    for node in ast.walk(ast.parse(file.read_text())):
+    return imports_in(file.read_text())
+
+
+@cache
+def imports_in(text):
+    return list(_found(text))
+
+
+def _found(text):
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             yield from ((alias.name, node.lineno) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

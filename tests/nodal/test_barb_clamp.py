@@ -102,6 +102,7 @@ def test_rigid_barbs_on_elastic_clamps_turn_as_wholes() -> None:
     assert turn == pytest.approx(force * REACH**2 * compliance / (LENGTH / 2), rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.verification
 def test_both_kinematics_agree() -> None:
     columns, force = 8, 1e-6

@@ -120,6 +120,7 @@ def strained(force_per_area, modulus):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.verification
 def test_traction_across_the_barbs_is_exact():
     length, width = 0.02, 0.01
@@ -137,6 +138,7 @@ def test_traction_across_the_barbs_is_exact():
     assert tip[:, 1] == pytest.approx(nodal.rest_nodes[0, -1, :, 1], abs=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.verification
 def test_traction_along_the_barbs_is_exact():
     length, width, columns = 0.02, 0.01, 3

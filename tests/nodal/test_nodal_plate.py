@@ -48,6 +48,7 @@ def bent(elements, columns, force):
     return np.array([LENGTH + start - tip[0], tip[2]]), state.points.nodes[0]
 
 
+@pytest.mark.slow
 @pytest.mark.verification
 def test_cantilever_under_end_shear():
     """Sze, Liu and Lo 2004, first benchmark: U = 3.286, W = 6.698 at 4 N; the inextensible

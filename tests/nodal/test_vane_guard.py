@@ -127,6 +127,7 @@ def test_no_guard_leaves_every_bit_as_it_was() -> None:
     assert np.abs(force).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.verification
 def test_a_strip_pressed_across_its_barbs() -> None:
     """Beyond the largest force that the membrane alone can bear, 1 / sqrt(27) of its modulus:

@@ -123,9 +123,9 @@ except InputError as error:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no file size limit to run into")
 @pytest.mark.parametrize(
-    ("name", "layout"), [("out.usda", "flat"), ("out.usdc", "flat"), ("out.usda", "payload")]
+    ("name", "layout", "limit"),
+    [("out.usda", "flat", 0), ("out.usdc", "flat", 1500), ("out.usda", "payload", 1500)],
 )
-@pytest.mark.parametrize("limit", [0, 1500])
 def test_a_full_disk_leaves_the_old_file(tmp_path, name, layout, limit):
     """The system refuses to write beyond a limit, as it does on a full disk."""
     bake(tmp_path / name, layout=layout)

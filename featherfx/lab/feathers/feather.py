@@ -133,14 +133,16 @@ def _settings(test: FeatherTest) -> Settings:
 
 
 def _body(test: FeatherTest, feather: Feather, kind: FeatherKind) -> _FeatherBody:
-    model = with_damping(make_model([feather], [kind], test.coefficients), [kind])
+    elastic = make_model([feather], [kind], test.coefficients)
     root, settings = (np.zeros((1, 3)), np.eye(3)[None]), _settings(test)
     if test.kinematics == "barb-curvature":
+        model = with_damping(elastic, [kind])
         repeat = partial(curvature_repeat, model)
         return _FeatherBody(
             Solver(model, settings), rest_state(model, *root), model.unknowns, repeat
         )
-    nodal = nodal_model(model, [feather], [kind], section="carried")
+    nodal = nodal_model(elastic, [feather], [kind], section="carried")
+    model = with_damping(elastic, [kind])
     return _FeatherBody(
         NodalSolver(model, nodal, settings),
         nodal_rest_state(model, nodal, *root),

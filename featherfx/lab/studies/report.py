@@ -227,7 +227,7 @@ def _room(row: Row) -> float:
     """How far a number may be from its reference, in its unit."""
     assert row.reference is not None
     if row.comparison in ("at most", "at least"):
-        return abs(row.reference)
+        return abs(row.ours - row.reference)
     share = abs(row.reference) if row.comparison == "relative" else 1.0
     return (row.tolerance or 0.0) * share
 
