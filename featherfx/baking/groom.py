@@ -21,7 +21,7 @@ from featherfx.usd.space import origin_for
 from featherfx.usd.write.instances import write_instances
 from featherfx.usd.write.options import FEATHER, StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import check_output, output_files, unique_prim_names
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.write import CacheWriter, Place
 
 
 @takes(GroomOptions)
@@ -63,7 +63,8 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     written = {each.name: getattr(options, each.name) for each in fields(StageOptions)}
     origin = origin_for([each.position for each in groom.feathers])
     stage = WriteOptions(**written, group=FEATHER)
-    with CacheWriter(path, entries, None, options=stage, origin=origin, metadata=metadata):
+    place = Place(origin=origin)
+    with CacheWriter(path, entries, None, options=stage, place=place, metadata=metadata):
         pass
     return len(entries)
 

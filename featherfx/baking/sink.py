@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import Task
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.write import CacheWriter, Continuation, Place
 
 
 def new_writer(task: Task) -> CacheWriter:
@@ -22,12 +22,12 @@ def new_writer(task: Task) -> CacheWriter:
         metadata=metadata_of(shot.groom, quality)
         | scenery_of(shot, task.path)
         | {"shot": shot.name, "settings": task.settings},
-        settings=task.settings,
-        inputs=task.shot.inputs,
-        frames_each=task.frames_each,
-        root=task.root,
-        part="{}of{}".format(*task.options.feathers) if task.options.feathers else "",
-        origin=task.origin,
+        place=Place(
+            task.root,
+            "{}of{}".format(*task.options.feathers) if task.options.feathers else "",
+            task.origin,
+        ),
+        continuation=Continuation(task.settings, task.shot.inputs, task.frames_each),
     )
 
 

@@ -23,20 +23,26 @@ from featherfx.usd.read.read import Cache
 from featherfx.usd.write.grouping import chosen_group, grouped
 from featherfx.usd.write.join import join_shares
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.write import CacheWriter, Continuation, Place
 
 GROUPS = ("kind", "region", "all")
 SETTINGS = {"shot": "one"}
+
+
+def of(settings, **place):
+    """What a writer is told of a bake of these settings."""
+    place, goes_on = Place("bird", **place), Continuation(settings)
+    return {"place": place, "continuation": goes_on, "metadata": {"settings": settings}}
 
 
 def write(path: Path, group: str, chosen=None, **more) -> Path:
     """Five frames of some of the four feathers."""
     entries = more.pop("entries", feathers.entries())
     chosen = range(len(entries)) if chosen is None else chosen
-    given = {"settings": SETTINGS, "metadata": {"settings": SETTINGS}, **more.pop("given", {})}
+    given = more.pop("given", None) or of(SETTINGS)
     options = WriteOptions(**{"chunk": 2, "group": group, **more})
     own = [entries[k] for k in chosen]
-    with CacheWriter(path, own, (1, 5), 24.0, options, root="bird", **given) as writer:
+    with CacheWriter(path, own, (1, 5), 24.0, options, **given) as writer:
         for number in range(1, 6):
             frame = feathers.frame(number)
             writer.write(replace(frame, poses=tuple(frame.poses[k] for k in chosen)))
@@ -116,7 +122,7 @@ def test_feathers_posed_together_have_the_bits_of_each_alone(tmp_path, origin, a
     entries = [replace(each, static=False) for each in feathers.entries()]
     own = {"entries": entries, "accelerations": accelerations}
     paths = [
-        write(tmp_path / f"{group}.usdc", group, given={"origin": origin}, **own)
+        write(tmp_path / f"{group}.usdc", group, given=of(SETTINGS, origin=origin), **own)
         for group in ("feather", "all")
     ]
     one, many = map(Cache, paths)
@@ -262,8 +268,7 @@ def parts_of(tmp_path: Path, group: str, shares, **options) -> list[Path]:
     files = []
     for number, chosen in enumerate(shares, 1):
         path = tmp_path / f"bird.{number}of{len(shares)}.usdc"
-        settings = {"settings": {**SETTINGS, "feathers": f"{number}"}}
-        own = {**settings, "part": f"{number}of{len(shares)}", "metadata": settings}
+        own = of({**SETTINGS, "feathers": f"{number}"}, part=f"{number}of{len(shares)}")
         files.append(write(path, group, chosen, given=own, **options))
     return files
 
@@ -275,8 +280,8 @@ def test_shares_are_taken_over_with_the_bytes_of_a_whole(tmp_path, group, shares
     files = parts_of(tmp_path, group, shares, layout="clips")
     path = tmp_path / "merged.usdc"
     options = WriteOptions(chunk=2, group=group)
-    given = {"settings": SETTINGS, "metadata": {"settings": SETTINGS}}
-    with CacheWriter(path, feathers.entries(), (1, 5), 24.0, options, root="bird", **given) as out:
+    given = of(SETTINGS)
+    with CacheWriter(path, feathers.entries(), (1, 5), 24.0, options, **given) as out:
         for file, chosen in zip(files, shares, strict=True):
             out.take_over(EarlierCache(file), chosen)
         for number in range(1, 6):

@@ -21,14 +21,17 @@ from featherfx.usd.write import parts
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output, parts_folder
 from featherfx.usd.write.resume import tidy
-from featherfx.usd.write.write import CacheWriter
+from featherfx.usd.write.write import CacheWriter, Continuation
 
 SETTINGS = {"shot": "one"}
+GOES_ON = Continuation(SETTINGS)
 
 
-def bake(path: Path, last: int = 3, before_end=None, settings=None, **options) -> None:
+def bake(path: Path, last: int = 3, before_end=None, continuation=None, **options) -> None:
     written = WriteOptions(**{"chunk": 1, **options})
-    with CacheWriter(path, feathers.entries(), (1, 3), 24.0, written, settings=settings) as writer:
+    with CacheWriter(
+        path, feathers.entries(), (1, 3), 24.0, written, continuation=continuation
+    ) as writer:
         for number in range(1 + writer.samples_done, last + 1):
             writer.write(feathers.frame(number), lambda path: path.write_bytes(b"state"))
         if before_end:
@@ -38,7 +41,7 @@ def bake(path: Path, last: int = 3, before_end=None, settings=None, **options) -
 def stopped(path: Path, **options) -> Path:
     """The folder of a bake that was stopped after two of its three chunks."""
     with pytest.raises(OutputError, match="never came"):
-        bake(path, 2, settings=SETTINGS, **options)
+        bake(path, 2, continuation=GOES_ON, **options)
     (record,) = path.parent.rglob("0001.json")
     return record.parent
 
@@ -114,7 +117,7 @@ def test_what_a_bake_left_that_was_killed_when_all_was_there_is_removed(
     with monkeypatch.context() as killed:
         killed.setattr(parts.Parts, "finish", lambda self, keep_chunks: self.close())
         killed.setattr(parts.Lock, "release", lambda lock: lock._lock.release())
-        bake(path, layout=layout, settings=SETTINGS)
+        bake(path, layout=layout, continuation=GOES_ON)
     before = tree(tmp_path)
     assert ".o.usdc.lock" in before
     tidy(path, SETTINGS)
@@ -152,9 +155,9 @@ def damaged_record(file: Path) -> None:
 def test_a_resumed_bake_trusts_only_what_it_wrote(tmp_path, name, damage):
     whole, path = tmp_path / "whole" / "o.usdc", tmp_path / "o.usdc"
     whole.parent.mkdir()
-    bake(whole, settings=SETTINGS)
+    bake(whole, continuation=GOES_ON)
     damage(stopped(path) / name)
-    bake(path, resume=True, settings=SETTINGS)
+    bake(path, resume=True, continuation=GOES_ON)
     assert path.read_bytes() == whole.read_bytes()
     assert sorted(each.name for each in tmp_path.iterdir()) == ["o.usdc", "whole"]
 
@@ -166,7 +169,7 @@ def test_sound_chunks_are_taken_over(tmp_path):
     (folder / ".0002.4242.tmp.usdc").write_text("half")
     with CacheWriter(
         path, feathers.entries(), (1, 3), options=WriteOptions(chunk=1, resume=True),
-        settings=SETTINGS,
+        continuation=GOES_ON,
     ) as writer:  # fmt: skip
         assert writer.samples_done == 2
         assert (folder / "0000.usdc").stat().st_ino == kept

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -54,6 +54,34 @@ def chunk_frames(options: WriteOptions, posed: Sequence[PosedFeather]) -> int:
     return max(1, min(options.chunk, chunk_bytes(len(posed)) // frame))
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where the prims of a cache stand.
+
+    root: name of the root prim; "": the file's. part: in the names of groups, where caches with the
+    same groups are to be joined with this one. origin: m, world (origin_for of usd/space.py); what
+    is below it is written as seen from there.
+    """
+
+    root: str = ""
+    part: str = ""
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """What a bake that was stopped is gone on with.
+
+    settings: texts of all that the frames depend on; a writer with equal ones may continue. inputs:
+    what the bake's files say, to tell what another bake has changed. frames_each: of a chunk,
+    however large; None: by the options.
+    """
+
+    settings: Mapping[str, str]
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    frames_each: int | None = None
+
+
 class CacheWriter:
     """Writes feathers, and frames of them, to USD; a context manager.
 
@@ -65,17 +93,12 @@ class CacheWriter:
     None for a rest pose without time. frames_per_second: also the time codes per second. options:
     points, velocities and widths are converted to the unit and axis, 1 m and "Z" where they are
     None; layouts are those of usd/write/layout.py; a chunk has fewer frames where they exceed
-    chunk_bytes. root: name of the root prim, by default the file's. part: in the names of groups,
-    where caches with the same groups are to be joined with this one. origin: m, world, where it
-    stands (origin_for of usd/space.py); what is below it is written as seen from there. metadata:
-    plain values, kept with the layout as custom data of the root layer.
+    chunk_bytes. metadata: plain values, kept with the layout as custom data of the root layer.
 
-    settings: texts of all that the frames depend on. Where given, finished chunks stay on disk
-    when the block is left by an exception, or the process by a kill, and a writer with equal
-    settings and resume continues after them: `samples_done` tells how many samples there are,
-    `state` the file that was written with the last (None: nothing to continue from). inputs: what
-    the bake's files say, to tell what another bake has changed. frames_each: of a chunk, however
-    large; None: by the options. chunk: samples of each.
+    continuation: where given, finished chunks stay on disk when the block is left by an exception,
+    or the process by a kill, and a writer with equal settings and resume continues after them:
+    `samples_done` tells how many samples there are, `state` the file that was written with the last
+    (None: nothing to continue from). chunk: samples of each.
 
     The cache appears complete when the block ends normally; until then, and after an exception,
     its files are as before. Raises OutputError (every problem at once) where the arguments are
@@ -90,47 +113,45 @@ class CacheWriter:
         frames_per_second: float = 24.0,
         options: WriteOptions = WriteOptions(),
         *,
-        root: str = "",
-        part: str = "",
-        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        place: Place = Place(),
         metadata: Mapping[str, Any] | None = None,
-        settings: Mapping[str, str] | None = None,
-        inputs: Mapping[str, str] | None = None,
-        frames_each: int | None = None,
+        continuation: Continuation | None = None,
     ) -> None:
         refuse_unfit_usd()
         self._path = check_output(path, options.overwrite or options.resume, options.layout)
         check_arguments(self._path, feathers, frames, frames_per_second, options)
-        self._frames, space = frames, replace(StageSpace.of(options), origin=origin)
+        self._frames, space = frames, replace(StageSpace.of(options), origin=place.origin)
         self._feathers, self._subframes = tuple(feathers), options.subframes
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
         posed = posed_feathers(self._feathers, space, extras)
         bytes_per_sample = sum(each.bytes_per_sample for each in posed)
         self._samples = (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
+        frames_each = continuation.frames_each if continuation else None
         self.chunk = (frames_each or chunk_frames(options, posed)) * self._subframes
         self._layout = chosen_layout(options.layout, bytes_per_sample * self._samples)
         self._info = StageInfo(
-            prim_name(root or self._path.stem),
+            prim_name(place.root or self._path.stem),
             space,
             frames,
             frames_per_second,
             {**(metadata or {}), "layout": self._layout}
-            | ({"chunk": self.chunk} if settings and frames else {}),
+            | ({"chunk": self.chunk} if continuation and frames else {}),
         )
-        own = settings or self._settings_of_stage(options.chunk)
+        own = (continuation and continuation.settings) or self._settings_of_stage(options.chunk)
         self._check_files(options, own)
         self._before = {file: standing(file) for file in output_files(self._path, self._layout)}
         how = chosen_group(options.group, len(self._feathers))
         groups = [
             PosedGroup(group, posed, [entry.static for entry in self._feathers], how == FEATHER)
-            for group in grouped(self._feathers, how, part)
+            for group in grouped(self._feathers, how, place.part)
         ]
         self._check_finite([k for group in groups for k in group.not_finite(group.rest())], 0.0)
         self._prims = AnimatedPrims.of_cache(groups, self._info.root_path)
-        self._resumable = settings is not None
+        self._resumable = continuation is not None
         self._parts: Parts | None = None
         self._earlier: list[EarlierCache] = []
         if frames is not None:
+            inputs = continuation.inputs if continuation else None
             self._parts = Parts(self._path, self._layout, own, options.resume, inputs=inputs)
             self._check_unchanged()
             step = 1.0 / (frames_per_second * self._subframes)
