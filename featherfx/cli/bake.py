@@ -13,6 +13,7 @@ from click.core import ParameterSource
 from featherfx.baking import pipeline
 from featherfx.baking.options import BakeOptions, DrawnOptions, GroomOptions
 from featherfx.cli.farm import bake_many
+from featherfx.cli.log import tell
 from featherfx.cli.options import (
     default_jobs,
     options_of,
@@ -32,6 +33,7 @@ MOST_CHANGES = 12  # told of a bake that took over what they do not touch
 # Options of a bake that a plan sets itself, or that belong to one worker.
 PER_WORKER = (
     "--output", "--plan", "--feathers", "--resume", "--progress", "--report", "--presets",
+    "--log", "--verbose",
 )  # fmt: skip
 OF_DASK = ("scheduler", "workers", "shares")
 
@@ -136,23 +138,21 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
     options["jobs"] = options["jobs"] or default_jobs()
     with Progress("frames", style) as progress:
         result = pipeline.bake(shot, on_frame=progress, **options)
-    click.echo(
+    tell(
         f"{result['feathers']} feathers, {result['frames']} frames"
-        f" in {result['wall_seconds']:.1f} s",
-        err=True,
+        f" in {result['wall_seconds']:.1f} s"
     )
     if again := result.get("again"):
-        click.echo(
+        tell(
             f"{again['feathers_simulated']} feathers simulated again,"
-            f" {again['feathers_taken_over']} taken over from the cache that was there",
-            err=True,
+            f" {again['feathers_taken_over']} taken over from the cache that was there"
         )
         for change in again["changed"][:MOST_CHANGES]:
-            click.echo(f"  {change}", err=True)
+            tell(f"  {change}")
         if len(again["changed"]) > MOST_CHANGES:
-            click.echo(f"  and {len(again['changed']) - MOST_CHANGES} more changes", err=True)
+            tell(f"  and {len(again['changed']) - MOST_CHANGES} more changes")
     if result.get("substeps_over_tolerance"):
-        click.echo("\n".join(_over_tolerance(result)), err=True)
+        tell("\n".join(_over_tolerance(result)))
 
 
 def _over_tolerance(result: dict[str, Any]) -> Iterator[str]:

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import click
-
+from featherfx.cli.log import tell
 from featherfx.cli.options import default_jobs
 from featherfx.cli.progress import Progress
 
@@ -47,5 +46,5 @@ def bake_many(
             log.removeHandler(lines)
     for each in result["shots"]:
         told = f"{each['feathers']} feathers, {each['frames']} frames"
-        click.echo(f"{each['output']}: {told}", err=True)
-    click.echo(f"{result['workers']} workers, {result['wall_seconds']:.1f} s", err=True)
+        tell(f"{each['output']}: {told}")
+    tell(f"{result['workers']} workers, {result['wall_seconds']:.1f} s")

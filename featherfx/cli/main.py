@@ -8,12 +8,15 @@ from featherfx._version import __version__
 from featherfx.cli.bake import bake, groom, join
 from featherfx.cli.bench import bench
 from featherfx.cli.check import check
+from featherfx.cli.completion import completion
+from featherfx.cli.doctor import doctor
 from featherfx.cli.export import export
 from featherfx.cli.inspect import inspect
 from featherfx.cli.lab.group import lab
 from featherfx.cli.presets import presets
 from featherfx.cli.preview import preview
 from featherfx.cli.program import Program
+from featherfx.cli.sample import sample
 from featherfx.cli.schema import schema
 from featherfx.cli.stats import stats
 
@@ -37,8 +40,11 @@ for command in (
     schema,
     stats,
     presets,
+    sample,
     preview,
     lab,
     bench,
+    doctor,
+    completion,
 ):
     main.add_command(command)

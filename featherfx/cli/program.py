@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import io
+import logging
 import os
 import signal
 import sys
@@ -13,10 +14,12 @@ import time
 import traceback
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import click
 
+from featherfx.cli.log import LOGGER, open_log, tell
 from featherfx.errors import InputError, InputWarning, SimulationError
 from featherfx.groom.read.places import located
 
@@ -35,7 +38,7 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     text = f"featherfx: warning: {message}"
     if text not in _warned:
         _warned.add(text)
-        click.echo(text, err=True)
+        tell(text, logging.WARNING)
 
 
 def _verbose_option() -> click.Option:
@@ -45,6 +48,18 @@ def _verbose_option() -> click.Option:
         expose_value=False,
         callback=_remember_verbose,
         help="Show the traceback of an error.",
+    )
+
+
+def _log_option() -> click.Option:
+    return click.Option(
+        ["--log"],
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        is_eager=True,
+        expose_value=False,
+        callback=open_log,
+        help="Append what is done and said to a log, with times and tracebacks.",
     )
 
 
@@ -60,11 +75,11 @@ class _WithExamples(click.Command):
 
 
 class Command(_WithExamples):
-    """A command that takes --verbose."""
+    """A command that takes --log and --verbose."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
-        self.params.append(_verbose_option())
+        self.params += [_log_option(), _verbose_option()]
 
 
 class CommandGroup(_WithExamples, click.Group):
@@ -155,6 +170,8 @@ class Program(CommandGroup):
         own = not args and options.get("args") is None
         _begun[0] = _process_begin() if own else time.perf_counter()
         _secure_streams()
+        given = args[0] if args else options.get("args")
+        self.context_settings["obj"] = list(sys.argv[1:] if given is None else given)
         with _noted_interrupts():
             return super().main(*args, **options)
 
@@ -165,7 +182,10 @@ class Program(CommandGroup):
                 warnings.simplefilter("always", InputWarning)
                 warnings.showwarning = _show_warning
                 return super().invoke(ctx)
-        except (click.ClickException, click.exceptions.Exit):
+        except click.exceptions.Exit:
+            raise
+        except click.ClickException as error:
+            LOGGER.error("%s", error.format_message())
             raise
         except InputError as error:
             self._fail(ctx, "\n".join(map(located, error.problems)), error)
@@ -184,13 +204,16 @@ class Program(CommandGroup):
             self._fail(ctx, "USD is not installed: pip install usd-core, or use a host's", error)
         except Exception as error:
             if not _came:
+                LOGGER.exception("a fault of the program")
                 raise
             # a library has made another error of it
             self._fail(ctx, "interrupted", error)
 
     def _fail(self, ctx: click.Context, message: str, error: BaseException) -> None:
+        trace = "".join(traceback.format_exception(error))
+        LOGGER.info("%s", trace)
         if ctx.meta.get(_VERBOSE):
-            click.echo("".join(traceback.format_exception(error)), err=True)
+            click.echo(trace, err=True)
         for line in message.splitlines():
-            click.echo(f"featherfx: {line}", err=True)
+            tell(f"featherfx: {line}", logging.ERROR)
         ctx.exit(1)

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import click
 
+from featherfx.cli.log import LOGGER
 from featherfx.cli.program import command_begin, raise_interrupt
 from featherfx.phases import Account, Told, time_left
 
@@ -52,7 +53,7 @@ class Progress:
         self.marks: list[tuple[float, float]] = []
         self.last_line, self.last_json = float("-inf"), ("", 0.0, 0.0)
         self.announced: set[str] = set()
-        self.status = ""
+        self.status = self.logged = ""
 
     def __enter__(self) -> Self:
         self.account.__enter__()
@@ -78,6 +79,7 @@ class Progress:
         # loads what all others need
         if len(self.marks) < 3:
             self.marks.append((done, spent))
+        LOGGER.info("%s: %g of %g", self.label, done, total)
         first, since = self.marks[-1]
         left = 0.0 if done == total else time_left(first, done, total, spent - since)
         with self.lock:
@@ -101,6 +103,7 @@ class Progress:
         if threading.current_thread() is threading.main_thread():
             raise_interrupt()
         with self.lock:
+            self._log(told)
             if told.name == "compiling" and not self.json:
                 self._announce(told)
             if self.json:
@@ -115,6 +118,14 @@ class Progress:
                 if now - self.last_line >= _SECONDS_BETWEEN_PHASE_LINES:
                     self.last_line = now
                     self._line(told.name, told.done, told.total, told.left)
+
+    def _log(self, told: Told) -> None:
+        """Begin and end of phases that take time; parts of one name, as kernels are, once."""
+        if told.ended and told.seconds >= _SHORT_PHASE:
+            LOGGER.info("%s: %.2f s", told.name, told.seconds)
+        elif not told.ended and told.name != self.logged:
+            LOGGER.info("%s begins", told.name)
+        self.logged = told.name
 
     def _announce(self, told: Told) -> None:
         """Say once that there is compiling, before the first kernel."""

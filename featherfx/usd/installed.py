@@ -42,3 +42,13 @@ def loaded_libraries() -> list[str]:
         return []
     files = {line.split(maxsplit=5)[-1] for line in lines if line.count("/")}
     return sorted(file for file in files if _LIBRARY.fullmatch(file.rpartition("/")[2]))
+
+
+def usd_version() -> tuple[str, Path]:
+    """Version of this process's USD, such as "26.11", and the folder that it is in.
+
+    Raises ModuleNotFoundError where there is none.
+    """
+    from pxr import Usd
+
+    return "{}.{:02}".format(*Usd.GetVersion()[1:]), Path(Usd.__file__).parents[2]

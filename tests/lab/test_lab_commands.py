@@ -153,7 +153,7 @@ def test_options_keep_their_names(name):
     """Other programs call them."""
     options = {each for option in COMMANDS[name].params for each in option.opts}
     long = {each[2:] for each in options if each.startswith("--")}
-    assert long == {*OPTIONS[name].split(), "json", "verbose"}
+    assert long == {*OPTIONS[name].split(), "json", "log", "verbose"}
 
 
 def test_a_declaration_is_option_range_and_default():

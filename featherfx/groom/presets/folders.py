@@ -6,16 +6,16 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from featherfx.files.shipped import shipped
+
 ENVIRONMENT_VARIABLE = "FEATHERFX_PRESETS"
 # stands for the folder of shipped presets among folders that are given
 SHIPPED = "shipped"
 
 
 def shipped_folder() -> Path:
-    """The presets that come with featherfx: within the package, or beside it in a checkout."""
-    package = Path(__file__).resolve().parents[2]
-    inside = package / "_presets"
-    return inside if inside.is_dir() else package.parent / "presets"
+    """The presets that come with featherfx."""
+    return shipped("presets")
 
 
 def search_path(folders: Iterable[str | Path] = ()) -> tuple[Path, ...]:
