@@ -23,16 +23,16 @@ from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
-from featherfx.shot.loads.wet import wet_rules
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.patterns import last_fitting
 from featherfx.shot.types import Shot
 
 # of a shot, what does not count, and what counts for each feather by itself
 _NOT_COMMON = {
     "name", "groom", "last_frame", "grips", "forces", "details", "shelters", "level_of_detail",
-    "skin", "surfaces", "inputs", "colliders", "contact", "wets",
+    "skin", "surfaces", "inputs", "colliders", "contact", "wets", "frees",
 }  # fmt: skip
 # of a feather, what only the output has, or contact asks for
 _NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_uv"}
@@ -103,7 +103,10 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
     shelter = exposures(shot).tolist()
     roots = _roots(shot.skin, len(placements))
     guarded = _guarded(shot, plan)
-    wets = [shot.wets[rule] if rule >= 0 else None for rule in wet_rules(shot)]
+    rules = [
+        [each[number] if number >= 0 else None for number in last_fitting(each, placements)]
+        for each in (shot.wets, shot.frees)
+    ]
     pulls: dict[str, list[Any]] = {}
     for grip in shot.grips:
         pulls.setdefault(grip.feather, []).append(grip)
@@ -118,7 +121,7 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
             plan.resolutions[f],
             plan.table[:, f],
             guarded[f],
-            wets[f],
+            [each[f] for each in rules],
         ]
         for f, placement in enumerate(placements)
     ]

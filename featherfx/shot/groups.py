@@ -23,9 +23,10 @@ from featherfx.shot.detail.detail import CARRIED, Resolution
 from featherfx.shot.islands import ALONE
 from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
-from featherfx.shot.loads.wet import Water, wet_rules
+from featherfx.shot.loads.wet import Water
 from featherfx.shot.loads.wind import exposures, sheltered
 from featherfx.shot.motion.roots import Roots
+from featherfx.shot.patterns import last_fitting
 from featherfx.shot.types import FeatherPose, Force, Grip, Shot
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import State, rest_state
@@ -45,7 +46,8 @@ class Group:
 
     level: of detail. exposure: to the air (loads/wind.py). island: of feathers that may touch
     (islands.py). feathers: as simulated. maps: to the meshes' grid, where that is another one.
-    cycle: of a shot that repeats. water: of feathers that are wet at times.
+    cycle: of a shot that repeats. water: of feathers that are wet at times. free: s, time at which
+    they leave their roots, None: never.
     """
 
     level: str
@@ -63,11 +65,27 @@ class Group:
     loads: Loads | None = None
     cycle: Cycle | None = None
     water: Water | None = None
+    free: float | None = None
+
+    @property
+    def flying(self) -> bool:
+        """Whether the feathers have left their roots."""
+        return not self.solver.model.held.any()
+
+    def leave_roots(self) -> None:
+        """From here on the feathers are free, with the velocities that they have."""
+        model = self.solver.model
+        self.solver.model = model._replace(held=np.zeros_like(model.held))
+
+    def begin_anew(self, step: float) -> None:
+        """The next step, of `step` s, finds the accelerations first: what acts has changed."""
+        self.state = self.state.copy()
+        self.state.step[:], self.state.proposal[:] = 0.0, step
 
 
 class _Alike(NamedTuple):
     """What feathers of one batch have in common. taper: of barbs. clamp: whether it is elastic.
-    wet: number of the rule, or -1."""
+    wet, free: number of the rule, or -1."""
 
     island: int
     resolution: Resolution
@@ -76,6 +94,7 @@ class _Alike(NamedTuple):
     hooked: bool
     exposure: float
     wet: int
+    free: int
 
 
 def make_groups(
@@ -87,25 +106,27 @@ def make_groups(
     islands: NDArray[np.int64],
     time: float = 0.0,
 ) -> list[Group]:
-    """Batches of feathers of one island, grid, barb taper, clamp, hooks, exposure and wetness, at a
-    time in s.
+    """Batches of feathers of one island, grid, barb taper, clamp, hooks, exposure, wetness and
+    freedom, at a time in s.
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
     each feather ever has; it is in a batch for each at which something is solved. islands: (F,)
     numbers, or ALONE.
     """
     alike: dict[_Alike, list[int]] = {}
-    exposed, wets = exposures(shot).tolist(), wet_rules(shot)
+    exposed, placements = exposures(shot).tolist(), shot.groom.feathers
+    wets, frees = last_fitting(shot.wets, placements), last_fitting(shot.frees, placements)
     # contact reaches all batches of feathers that push in one way
     mixed = shot.contact is not None and any(may_slip(p.kind) for p in shot.groom.feathers)
-    for index, placement in enumerate(shot.groom.feathers):
+    for index, placement in enumerate(placements):
         kind = placement.kind
         for resolution in resolutions[index]:
             if resolution.level not in CARRIED:
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
                 island = int(islands[index])
                 hooked = (mixed and island != ALONE) or _slips(kind, resolution)
-                key = _Alike(island, resolution, taper, clamp, hooked, exposed[index], wets[index])
+                rules = exposed[index], wets[index], frees[index]
+                key = _Alike(island, resolution, taper, clamp, hooked, *rules)
                 alike.setdefault(key, []).append(index)
     return [
         _group(shot, drawn, np.array(members), key, motion, jobs, time)
@@ -159,6 +180,7 @@ def _group(
         state=state,
         start=state.points.nodes.copy(),
         water=None if key.wet < 0 else Water(shot.wets[key.wet], model, feathers, placements),
+        free=None if key.free < 0 else shot.time_of(shot.frees[key.free].frame),
     )
 
 
@@ -216,12 +238,13 @@ def loads_within(
     roots = None
     if shot.wind_source is not None:
         roots = motion.frames(0.5 * (start + end))[0][group.members]
+        roots = group.state.centre[:, 0] if group.flying else roots
     grips = group.grips if gripped else []
     points = list(group.start)
     loads = frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
     if group.water is not None:
         loads = group.water.through(loads)
-    if group.exposure == 1.0:
+    if group.exposure == 1.0 or group.flying:
         return loads
     before, after = (motion.frames(time)[0][group.members] for time in (start, end))
     return sheltered(loads, group.exposure, after - before, end - start)

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from featherfx.feather.types import Feather
 from featherfx.shot.contact.pairs import REACH
 from featherfx.shot.motion.roots import Roots
-from featherfx.shot.patterns import touches
+from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.meeting_kernels import meeting
@@ -62,7 +62,7 @@ def islands_of(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
 def pushing_islands(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> Indices:
     """The same of a shot with contact, but ALONE for feathers that its contact leaves out."""
     assert shot.contact is not None
-    pushes = [touches(shot.contact, each) for each in shot.groom.feathers]
+    pushes = may_touch(shot, shot.contact)
     return np.where(pushes, islands_of(shot, drawn, motion), ALONE)
 
 

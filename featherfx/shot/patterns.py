@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 from featherfx.groom.types import Placement
-from featherfx.shot.types import Contact, SomeFeathers
+from featherfx.shot.types import Contact, Shot, SomeFeathers
 
 
 def fits(entry: SomeFeathers, placement: Placement) -> bool:
@@ -15,6 +16,23 @@ def fits(entry: SomeFeathers, placement: Placement) -> bool:
         and fnmatchcase(placement.region, entry.region)
         and fnmatchcase(placement.kind.name, entry.kind)
     )
+
+
+def last_fitting(entries: Sequence[SomeFeathers], placements: Sequence[Placement]) -> list[int]:
+    """Of every feather the number of the last entry that is about it; -1 for none."""
+    found = [-1] * len(placements)
+    for number, entry in enumerate(entries):
+        for f, placement in enumerate(placements):
+            if fits(entry, placement):
+                found[f] = number
+    return found
+
+
+def may_touch(shot: Shot, contact: Contact) -> list[bool]:
+    """Of every feather whether it touches others: not those that leave their roots."""
+    placements = shot.groom.feathers
+    frees = last_fitting(shot.frees, placements)
+    return [touches(contact, p) and rule < 0 for p, rule in zip(placements, frees, strict=True)]
 
 
 def touches(contact: Contact, placement: Placement) -> bool:

@@ -27,10 +27,11 @@ from featherfx.shot.hooks import Hooks
 from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
-from featherfx.shot.loads.wet import clumping, wet_rules
+from featherfx.shot.loads.wet import clumping
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.motion.preroll import RunUp, moves_before
 from featherfx.shot.motion.roots import RootFrames, root_rates
+from featherfx.shot.patterns import last_fitting
 from featherfx.shot.settled import moving_with_roots, settled
 from featherfx.shot.together import (
     Together,
@@ -44,6 +45,9 @@ from featherfx.solver.solver import RootPath, StepReport, raise_if_failed
 
 # feathers that a report names one by one
 _MOST_NAMED = 10
+# of a frame, step in which a feather that has left its root begins to fall: the first one is of
+# first order
+FIRST_STEP = 1.0 / 32.0
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -101,15 +105,16 @@ class Simulation:
         if shot.cycle:
             for group in self._groups:
                 period, count = shot.cycle * subframes, len(group.members)
-                # what slips or dries does not repeat
-                if not group.solver.model.hooked and group.water is None:
+                # what slips, dries or leaves does not repeat
+                lasting = group.water is None and group.free is None
+                if not group.solver.model.hooked and lasting:
                     group.cycle = Cycle(period, shot.quality.tolerance, count)
         self._levels = LevelRun(
             shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
         self._islands, self._alone = islands_together(shot, self._groups, motion)
         self._hooks = Hooks(shot, self._groups)
-        self._wets, self._soaking = wet_rules(shot), list[Group]()
+        self._wets, self._soaking = last_fitting(shot.wets, shot.groom.feathers), list[Group]()
         self._index = self._first - 1
         if start is not None:
             self._take_over(start)
@@ -181,8 +186,21 @@ class Simulation:
         self._index = index
 
     def _soaked(self, group: Group, index: int) -> bool:
-        """Whether feathers of a group are wetter or drier than before, and have another model."""
-        return group.water is not None and group.water.soak(group.solver, self._time(index))
+        """Whether feathers of a group are wetter or drier than before, or have left their roots,
+        and have another model."""
+        left = self._leaves(group, index)
+        if left:
+            group.leave_roots()
+            group.begin_anew(FIRST_STEP * self._time(1))
+        soaked = group.water is not None and group.water.soak(group.solver, self._time(index))
+        return left or soaked
+
+    def _leaves(self, group: Group, index: int) -> bool:
+        """Whether feathers of a group leave their roots on the way to the sample with this index,
+        or have before, and their model does not say so yet."""
+        if group.free is None or group.flying:
+            return False
+        return index > 0 and self._time(index - 1) > group.free - 0.5 * self._time(1)
 
     def _begin(self) -> None:
         """Settle all feathers where the simulation begins, carried by their roots if these move."""
@@ -230,6 +248,8 @@ class Simulation:
         self._index = start.index
         for group, state, first in zip(self._groups, start.states, start.starts, strict=True):
             group.state, group.start = state, first
+            if self._leaves(group, start.index):
+                group.leave_roots()
             self._soaked(group, start.index)
             if start.index:
                 group.loads = self._loads(group, start.index)
@@ -290,7 +310,7 @@ class Simulation:
         self, group: Group, path: RootPath, loads: Loads, duration: float
     ) -> NDArray[np.bool_]:
         """(F,) feathers of a group that sleep or coast through a frame; the others are stepped."""
-        if not self.shot.sleep:
+        if not self.shot.sleep or group.flying:
             return np.zeros(len(group.members), dtype=np.bool_)
         tolerance = self.shot.quality.tolerance
         coast = tolerance if self.shot.coast else None

@@ -136,6 +136,18 @@ class Preen(SomeFeathers):
     ] = 2e-3
 
 
+@dataclass(frozen=True, kw_only=True)
+class Free(SomeFeathers):
+    """When some feathers leave their roots, as in moult; from then on they fall and fly alone."""
+
+    frame: Annotated[
+        int | None,
+        Number(-1_000_000, 1_000_000, whole=True),
+        "Frame at which they leave their roots, with the velocity that they have then; default: "
+        "the first. From there on nothing holds them, and they touch nothing.",
+    ] = None
+
+
 @dataclass(frozen=True)
 class LevelOfDetail:
     """How levels of detail follow what is seen (featherfx/shot/detail/levels.py).
@@ -352,7 +364,12 @@ class Shot:
     shelters: tuple[Shelter, ...] = ()
     preens: tuple[Preen, ...] = ()
     wets: tuple[Wet, ...] = ()
+    frees: tuple[Free, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
+
+    def time_of(self, frame: float | None) -> float:
+        """s since the first frame; None: the first."""
+        return 0.0 if frame is None else (frame - self.first_frame) / self.frames_per_second
 
 
 @dataclass(frozen=True)

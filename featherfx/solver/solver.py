@@ -138,7 +138,9 @@ class Solver:
 
         def one(f: int) -> None:
             if state.step[f] == 0.0:
-                start_acceleration(self.model, loads, f, float(duration), state, self._work(), path)
+                wanted = float(state.proposal[f])
+                first = wanted if 0.0 < wanted < duration else float(duration)
+                start_acceleration(self.model, loads, f, first, state, self._work(), path)
             of_frame = step_settings(self.settings, duration, self.model.length[f])
             advance(self.model, loads, f, path, state, of_frame, self._work(), report)
 

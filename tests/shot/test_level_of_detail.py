@@ -143,7 +143,7 @@ def test_a_change_adds_less_than_the_bound_however_far_levels_are_apart() -> Non
     """What is shown moves by the levels' own motion, in the shares of before, and dw (b - a)."""
     length, per_frame = 0.2, 2
     fades = Fades(
-        LevelPlan(np.array([[0]] + [[4]] * 500, dtype=np.int8), ()),
+        LevelPlan(np.array([[0]] + [[4]] * 500, dtype=np.int8), (), np.zeros(1, dtype=bool)),
         np.array([length]),
         4,
         per_frame,

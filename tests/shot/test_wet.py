@@ -15,7 +15,8 @@ from featherfx.feather.render import barb_curves
 from featherfx.mechanics.batch import make_model, vane_mass
 from featherfx.mechanics.model import no_loads
 from featherfx.shot.dependence import dependences
-from featherfx.shot.loads.wet import Water, clumping, wet_rules
+from featherfx.shot.loads.wet import Water, clumping
+from featherfx.shot.patterns import last_fitting
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Wet
@@ -101,8 +102,8 @@ def test_drying_wakes_a_feather_at_rest_and_goes_on_from_a_checkpoint_to_the_bit
 
 def test_the_last_rule_that_fits_holds_and_only_its_feathers_depend_on_it(shot):
     two = replace(shot, wets=(SOAKED, Wet(keys=((0.0, 0.5),), clump=1.0)))
-    assert wet_rules(shot) == [-1, 0]
-    assert wet_rules(two) == [1, 1]
+    assert last_fitting(shot.wets, shot.groom.feathers) == [-1, 0]
+    assert last_fitting(two.wets, two.groom.feathers) == [1, 1]
     assert clumping(two, 1, 3.0) == (0.5, 24)
     before, after = dependences(replace(shot, wets=())), dependences(shot)
     assert before[0] == after[0]

@@ -27,7 +27,7 @@ from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rachis_
 from featherfx.shot.detail.guides import GuideRule, skin_corners
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.roots import Roots, sampled_rates
-from featherfx.shot.patterns import fits
+from featherfx.shot.patterns import fits, last_fitting
 from featherfx.shot.types import Shot
 
 Array = NDArray[np.float64]
@@ -82,20 +82,25 @@ class Detailer:
         self._coefficients = barb_coefficients(shot, feathers, loads)
         self._rows = _simulated_rows(shot, feathers, loads)
         pulled, placements = _pulled(shot), shot.groom.feathers
+        self.free = np.array(last_fitting(shot.frees, placements)) >= 0
         relative = length_factor(shot)
         given = [_level(shot, placement, relative) for placement in placements]
         self.levels, self.rules = [each.level for each in given], [each.rule for each in given]
         self._hooked = [may_slip(placement.kind) for placement in placements]
         named = [each.named or p.id in pulled for each, p in zip(given, placements, strict=True)]
-        self.pinned = np.logical_or(named, self._hooked)
+        self.pinned = np.logical_or(named, self._hooked) | self.free
         problems = [
             Problem(
                 str(shot.source),
                 "detail",
-                f"feather '{placement.id}' is {level}, but a grip or a force pulls it",
+                f"feather '{placement.id}' is {level}, but {why}",
             )
-            for placement, level in zip(placements, self.levels, strict=True)
-            if level in CARRIED and placement.id in pulled
+            for placement, level, free in zip(placements, self.levels, self.free, strict=True)
+            for why in (
+                *(["a grip or a force pulls it"] if placement.id in pulled else []),
+                *(["it leaves its root"] if free else []),
+            )
+            if level in CARRIED
         ]
         if problems:
             raise InputError(*problems)
@@ -174,12 +179,13 @@ def barb_coefficients(
     quality's tolerance under the shot's load: three times gravity and inertia of the roots'
     acceleration, and the pressure of the wind with its gusts and of the roots' speed through the
     air. At least one, because the vane's shear bends barbs as well, and two where a grip or a
-    force pulls.
+    force pulls, or the air bears the whole feather.
     """
     quality = shot.quality
     if loads is None or quality.coefficients != CHOSEN_BY_SOLVER:
         return [quality.coefficients] * len(feathers)
     allowed, pulled = GRID_SCALE * quality.tolerance, _pulled(shot)
+    free = last_fitting(shot.frees, shot.groom.feathers)
     chosen: dict[tuple[int, int], int] = {}
     counts = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
@@ -191,7 +197,7 @@ def barb_coefficients(
         key = (id(feather), doublings)
         if key not in chosen:
             chosen[key] = coefficients_for(feather, kind, 2.0**doublings, allowed)
-        least = 2 if placement.id in pulled else 1
+        least = 2 if placement.id in pulled or free[f] >= 0 else 1
         counts.append(max(chosen[key], least))
     return counts
 

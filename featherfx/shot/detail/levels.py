@@ -38,10 +38,11 @@ _SEEN_BYTES = 300
 @dataclass(frozen=True)
 class LevelPlan:
     """table: (frames, F) numbers of levels; one row where none changes. resolutions: per feather,
-    of the levels that it ever has, the first frame's first."""
+    of the levels that it ever has, the first frame's first. free: (F,) which leave their roots."""
 
     table: Numbers
     resolutions: tuple[tuple[Resolution, ...], ...]
+    free: NDArray[np.bool_]
 
     @property
     def changes(self) -> bool:
@@ -54,9 +55,10 @@ class LevelPlan:
 
     @property
     def leading(self) -> Indices:
-        """Numbers of the feathers that may guide: never guided, and simulated at some level."""
-        solved = [bool(simulated(each)) for each in self.resolutions]
-        return np.setdiff1d(np.flatnonzero(solved), self.of("guided"))
+        """Numbers of the feathers that may guide: never guided nor free, and simulated at some
+        level."""
+        solved = np.array([bool(simulated(each)) for each in self.resolutions])
+        return np.setdiff1d(np.flatnonzero(solved & ~self.free), self.of("guided"))
 
     def part(self, feathers: Indices) -> LevelPlan:
         """The plan in which all others are rigid, and nothing is solved of them."""
@@ -64,7 +66,7 @@ class LevelPlan:
         others[feathers] = False
         table = np.where(others, np.int8(NUMBER["rigid"]), self.table)
         kept = zip(self.resolutions, others, strict=True)
-        return LevelPlan(table, tuple(() if other else each for each, other in kept))
+        return LevelPlan(table, tuple(() if other else each for each, other in kept), self.free)
 
     def at(self, frame: int) -> Numbers:
         """(F,) at a frame, counted from the shot's first."""
@@ -90,7 +92,7 @@ def level_plan(shot: Shot, feathers: Sequence[Feather], motion: Roots) -> LevelP
     chosen = with_guides(shot, wanted, detailer.rules)
     guides = np.flatnonzero([a != b for a, b in zip(wanted, chosen, strict=True)])
     table[:, guides] = np.where(table[:, guides] == NUMBER["guided"], 0, table[:, guides])
-    return LevelPlan(table, _resolutions(detailer, table))
+    return LevelPlan(table, _resolutions(detailer, table), detailer.free)
 
 
 def _resolutions(detailer: Detailer, table: Numbers) -> tuple[tuple[Resolution, ...], ...]:

@@ -31,7 +31,7 @@ from featherfx.shot.layers.stack import (
     vanes_of,
 )
 from featherfx.shot.layers.types import LAP, Array, Indices, Laid, Laps, Lifts
-from featherfx.shot.patterns import touches
+from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 
@@ -69,7 +69,7 @@ class Layers:
             ]
         )
         vanes = vanes_of(drawn, 0.5 * thickness)
-        touching = np.array([touches(contact, each) for each in placements])
+        touching = np.array(may_touch(shot, contact))
         stack = among(stack_of(placements, vanes, rest), touching)
         self.needed = beneath(stack, wanted)
         self.stack, self.vanes = part_of(stack, vanes, self.needed)

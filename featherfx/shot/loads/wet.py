@@ -20,21 +20,10 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import vane_mass
 from featherfx.mechanics.model import Hooks, Loads, Model
-from featherfx.shot.patterns import fits
 from featherfx.shot.types import Shot, Wet
 from featherfx.solver.solver import Solver
 
 Array = NDArray[np.float64]
-
-
-def wet_rules(shot: Shot) -> list[int]:
-    """Of every feather of a shot the number of the last rule that fits it; -1 for none."""
-    found = [-1] * len(shot.groom.feathers)
-    for number, rule in enumerate(shot.wets):
-        for f, placement in enumerate(shot.groom.feathers):
-            if fits(rule, placement):
-                found[f] = number
-    return found
 
 
 def wetness(rule: Wet, time: float) -> float:
@@ -63,7 +52,7 @@ class Water:
         changed = wet != self._wet
         if changed:
             self._wet = wet
-            solver.model = self.model
+            solver.model = self.model._replace(held=solver.model.held)
         return changed
 
     @property

@@ -18,6 +18,7 @@ from featherfx.shot.types import (
     Contact,
     Detail,
     Force,
+    Free,
     Grip,
     Layers,
     LevelOfDetail,
@@ -33,6 +34,7 @@ DETAIL = keys_of(Detail)
 SHELTER = keys_of(Shelter)
 PREEN = keys_of(Preen)
 WET = keys_of(Wet)
+FREE = keys_of(Free)
 
 _FILE = Key(Text(), "USD file, as seen from the shot file's folder.")
 _START = Key(
@@ -153,6 +155,11 @@ SHOT = {
     "wet": Key(
         Tables(Table(WET), 10_000),
         "Which feathers are wet, and when; the last one that fits holds.",
+        (),
+    ),
+    "free": Key(
+        Tables(Table(FREE), 10_000),
+        "Which feathers leave their roots, and when; the last one that fits holds.",
         (),
     ),
     "preen": Key(Tables(Table(PREEN), 10_000), "Strokes that close what has split.", ()),

@@ -28,6 +28,7 @@ from featherfx.shot.types import (
     Contact,
     Detail,
     Force,
+    Free,
     Grip,
     Layers,
     Motion,
@@ -241,16 +242,17 @@ def _preset(
 
 def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
     """Fields of a shot that are about some of its feathers; problems where these are not there."""
-    grips, forces, details, shelters, preens, wets = (
-        parts[name] for name in ("grip", "force", "detail", "shelter", "preen", "wet")
+    grips, forces, details, shelters, preens, wets, frees = (
+        parts[name] for name in ("grip", "force", "detail", "shelter", "preen", "wet", "free")
     )
     _check_ids(grips, groom)
     _check_times([*grips, *preens])
     _check_ids(forces, groom)
     _check_forces(forces)
-    _check_patterns([*details, *shelters, *preens, *wets], groom)
+    _check_patterns([*details, *shelters, *preens, *wets, *frees], groom)
     _check_preens(preens, groom)
     _check_wets(wets)
+    _check_frees(frees, parts["frames"])
     return {
         "grips": tuple(
             Grip(**entry | {"displacement": np.array(entry["displacement"])}) for _, entry in grips
@@ -262,6 +264,7 @@ def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
         "shelters": tuple(Shelter(**entry) for _, entry in shelters),
         "preens": tuple(Preen(**entry) for _, entry in preens),
         "wets": tuple(Wet(**entry) for _, entry in wets),
+        "frees": tuple(Free(**entry) for _, entry in frees),
     }
 
 
@@ -284,6 +287,15 @@ def _check_wets(entries: Entries) -> None:
                 place = at.child("keys").item(index).item(1)
                 place.fail(f"{wet:g} is out of range, allowed 0 to 1")
         _check_later(at.child("keys"), entry["keys"])
+
+
+def _check_frees(entries: Entries, frames: Any) -> None:
+    for at, entry in entries:
+        frame = entry["frame"]
+        if frames is not INVALID and frame is not None and not frames[0] <= frame <= frames[1]:
+            at.child("frame").fail(
+                f"{frame} is not of the shot, allowed {frames[0]} to {frames[1]}"
+            )
 
 
 def _check_later(at: Place, keys: Sequence[Sequence[float]]) -> None:

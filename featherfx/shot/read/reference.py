@@ -62,6 +62,7 @@ _SHOT = (
     ("### [[shelter]]", shot_keys.SHELTER),
     ("### [[preen]]", shot_keys.PREEN),
     ("### [[wet]]", shot_keys.WET),
+    ("### [[free]]", shot_keys.FREE),
     ("### [level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
 )
 _GROOM = (
