@@ -20,6 +20,7 @@ from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import may_slip
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan, level_plan
+from featherfx.shot.direction.channels import acting
 from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
@@ -32,7 +33,7 @@ from featherfx.shot.types import Shot
 # of a shot, what does not count, and what counts for each feather by itself
 _NOT_COMMON = {
     "name", "groom", "last_frame", "grips", "forces", "details", "shelters", "level_of_detail",
-    "skin", "surfaces", "inputs", "colliders", "contact", "wets", "frees",
+    "skin", "surfaces", "inputs", "colliders", "contact", "wets", "frees", "channels",
 }  # fmt: skip
 # of a feather, what only the output has, or contact asks for
 _NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_uv"}
@@ -107,6 +108,7 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
         [each[number] if number >= 0 else None for number in last_fitting(each, placements)]
         for each in (shot.wets, shot.frees)
     ]
+    directed = acting(shot)
     pulls: dict[str, list[Any]] = {}
     for grip in shot.grips:
         pulls.setdefault(grip.feather, []).append(grip)
@@ -122,6 +124,7 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
             plan.table[:, f],
             guarded[f],
             [each[f] for each in rules],
+            directed[f],
         ]
         for f, placement in enumerate(placements)
     ]

@@ -20,6 +20,7 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
+from featherfx.shot.direction.matter import Matter, blown, felt_wind, matter_of
 from featherfx.shot.islands import ALONE
 from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
@@ -45,9 +46,10 @@ class Group:
     """Feathers that share a grid: their places in the groom, solver, state and loads.
 
     level: of detail. exposure: to the air (loads/wind.py). island: of feathers that may touch
-    (islands.py). feathers: as simulated. maps: to the meshes' grid, where that is another one.
-    cycle: of a shot that repeats. water: of feathers that are wet at times. free: s, time at which
-    they leave their roots, None: never.
+    (islands.py). feathers: as simulated. maps: to the meshes' grid, where that is another one. own:
+    model of dry feathers that nothing directs. cycle: of a shot that repeats. water: of feathers
+    that are wet at times. free: s, time at which they leave their roots, None: never. matter: as
+    channels have it, and felt: the channels of wind that act (direction/matter.py).
     """
 
     level: str
@@ -60,12 +62,15 @@ class Group:
     grips: list[tuple[int, Grip]]
     forces: list[tuple[int, Force, Array]]
     solver: Solver
+    own: Model
     state: State
     start: Array
     loads: Loads | None = None
     cycle: Cycle | None = None
     water: Water | None = None
     free: float | None = None
+    matter: Matter | None = None
+    felt: tuple[tuple[int, float], ...] = ()
 
     @property
     def flying(self) -> bool:
@@ -82,10 +87,25 @@ class Group:
         self.state = self.state.copy()
         self.state.step[:], self.state.proposal[:] = 0.0, step
 
+    @property
+    def changes(self) -> bool:
+        """Whether its model is another one at times."""
+        return self.water is not None or (self.matter is not None and self.matter.changes_model)
+
+    def renew(self, time: float) -> bool:
+        """Give the solver the model at a time (s since the first frame); whether it is new."""
+        wet = self.water is not None and self.water.soak(time)
+        other = self.matter is not None and self.matter.renew(time)
+        if wet or other:
+            model = self.own if self.matter is None else self.matter.model(self.own)
+            model = model if self.water is None else self.water.model(model)
+            self.solver.model = model._replace(held=self.solver.model.held)
+        return wet or other
+
 
 class _Alike(NamedTuple):
     """What feathers of one batch have in common. taper: of barbs. clamp: whether it is elastic.
-    wet, free: number of the rule, or -1."""
+    wet, free: number of the rule, or -1. felt: of Group."""
 
     island: int
     resolution: Resolution
@@ -95,6 +115,7 @@ class _Alike(NamedTuple):
     exposure: float
     wet: int
     free: int
+    felt: tuple[tuple[int, float], ...]
 
 
 def make_groups(
@@ -106,8 +127,8 @@ def make_groups(
     islands: NDArray[np.int64],
     time: float = 0.0,
 ) -> list[Group]:
-    """Batches of feathers of one island, grid, barb taper, clamp, hooks, exposure, wetness and
-    freedom, at a time in s.
+    """Batches of feathers of one island, grid, barb taper, clamp, hooks, exposure, wetness,
+    freedom and felt wind, at a time in s.
 
     drawn: all feathers of the groom on the meshes' grid. resolutions: of the levels that
     each feather ever has; it is in a batch for each at which something is solved. islands: (F,)
@@ -116,6 +137,7 @@ def make_groups(
     alike: dict[_Alike, list[int]] = {}
     exposed, placements = exposures(shot).tolist(), shot.groom.feathers
     wets, frees = last_fitting(shot.wets, placements), last_fitting(shot.frees, placements)
+    felt = felt_wind(shot)
     # contact reaches all batches of feathers that push in one way
     mixed = shot.contact is not None and any(may_slip(p.kind) for p in shot.groom.feathers)
     for index, placement in enumerate(placements):
@@ -125,7 +147,7 @@ def make_groups(
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
                 island = int(islands[index])
                 hooked = (mixed and island != ALONE) or _slips(kind, resolution)
-                rules = exposed[index], wets[index], frees[index]
+                rules = exposed[index], wets[index], frees[index], felt[index]
                 key = _Alike(island, resolution, taper, clamp, hooked, *rules)
                 alike.setdefault(key, []).append(index)
     return [
@@ -177,10 +199,13 @@ def _group(
             if each.feather in place
         ],
         solver=Solver(model, settings, jobs),
+        own=model,
         state=state,
         start=state.points.nodes.copy(),
-        water=None if key.wet < 0 else Water(shot.wets[key.wet], model, feathers, placements),
+        water=None if key.wet < 0 else Water(shot.wets[key.wet], feathers, placements),
         free=None if key.free < 0 else shot.time_of(shot.frees[key.free].frame),
+        matter=matter_of(shot, members),
+        felt=key.felt,
     )
 
 
@@ -242,6 +267,10 @@ def loads_within(
     grips = group.grips if gripped else []
     points = list(group.start)
     loads = frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
+    if group.felt:
+        loads = blown(shot, loads, group.felt, 0.5 * (start + end))
+    if group.matter is not None:
+        loads = group.matter.weighed(loads, group.solver.model.mass, start, end)
     if group.water is not None:
         loads = group.water.through(loads)
     if group.exposure == 1.0 or group.flying:

@@ -22,6 +22,7 @@ from featherfx.shot.detail.detail import Resolution
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
+from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.groups import Group, loads_within, make_groups
 from featherfx.shot.hooks import Hooks
 from featherfx.shot.islands import ALONE, pushing_islands
@@ -105,16 +106,17 @@ class Simulation:
         if shot.cycle:
             for group in self._groups:
                 period, count = shot.cycle * subframes, len(group.members)
-                # what slips, dries or leaves does not repeat
-                lasting = group.water is None and group.free is None
+                # what slips, dries, is directed or leaves does not repeat
+                lasting = not group.changes and group.free is None
                 if not group.solver.model.hooked and lasting:
                     group.cycle = Cycle(period, shot.quality.tolerance, count)
         self._levels = LevelRun(
             shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
         self._islands, self._alone = islands_together(shot, self._groups, motion)
+        self._through = FollowThrough(shot, drawn, motion, computed)
         self._hooks = Hooks(shot, self._groups)
-        self._wets, self._soaking = last_fitting(shot.wets, shot.groom.feathers), list[Group]()
+        self._wets, self._renewed = last_fitting(shot.wets, shot.groom.feathers), list[Group]()
         self._index = self._first - 1
         if start is not None:
             self._take_over(start)
@@ -164,7 +166,7 @@ class Simulation:
         if index > 0:
             self._levels.begin(index)
             self._hooks.preen(self._time(index - 1), self._time(index))
-        self._soaking = [group for group in self._groups if self._soaked(group, index)]
+        self._renewed = [group for group in self._groups if self._renew(group, index)]
         if index == self._first:
             self._begin()
         else:
@@ -180,20 +182,19 @@ class Simulation:
         if index >= 0 and self._layers is not None:
             duration = self._time(1) if index else 0.0
             number = sample_number(self.shot.first_frame, index, self._subframes)
-            poses, time = self._levels.shown(index), self._time(index)
+            poses, time = self._shown(index), self._time(index)
             self._laid = self._layers.lay(poses, number, time, duration)
         self._hooks.note(self._number(index))
         self._index = index
 
-    def _soaked(self, group: Group, index: int) -> bool:
-        """Whether feathers of a group are wetter or drier than before, or have left their roots,
-        and have another model."""
+    def _renew(self, group: Group, index: int) -> bool:
+        """Whether feathers of a group have another model than before: wetter or drier, directed, or
+        free of their roots."""
         left = self._leaves(group, index)
         if left:
             group.leave_roots()
             group.begin_anew(FIRST_STEP * self._time(1))
-        soaked = group.water is not None and group.water.soak(group.solver, self._time(index))
-        return left or soaked
+        return group.renew(self._time(index)) or left
 
     def _leaves(self, group: Group, index: int) -> bool:
         """Whether feathers of a group leave their roots on the way to the sample with this index,
@@ -201,6 +202,11 @@ class Simulation:
         if group.free is None or group.flying:
             return False
         return index > 0 and self._time(index - 1) > group.free - 0.5 * self._time(1)
+
+    def _shown(self, index: int) -> list[FeatherPose]:
+        """What the simulation shows at a sample, before it is laid over each other."""
+        poses = self._levels.shown(index)
+        return self._through.of(poses, self._time(index - 1), self._time(index))
 
     def _begin(self) -> None:
         """Settle all feathers where the simulation begins, carried by their roots if these move."""
@@ -250,7 +256,7 @@ class Simulation:
             group.state, group.start = state, first
             if self._leaves(group, start.index):
                 group.leave_roots()
-            self._soaked(group, start.index)
+            self._renew(group, start.index)
             if start.index:
                 group.loads = self._loads(group, start.index)
         restore_contact(self._islands, start.contact)
@@ -325,7 +331,7 @@ class Simulation:
 
     def _stirred(self, group: Group) -> NDArray[np.bool_]:
         """(F,) feathers of a group that are other ones than at the last sample."""
-        every = any(group is each for each in self._soaking)
+        every = any(group is each for each in self._renewed)
         return self._hooks.stirred(group) | every
 
     def _frame(self, index: int) -> Frame:
@@ -333,7 +339,7 @@ class Simulation:
         number = self._number(index)
         self._counts.frame(*self._levels.counts())
         poses = (
-            self._levels.shown(index)
+            self._shown(index)
             if self._layers is None
             else self._layers.of(self._wanted, self._laid)
         )

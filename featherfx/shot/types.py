@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,6 +146,64 @@ class Free(SomeFeathers):
         "Frame at which they leave their roots, with the velocity that they have then; default: "
         "the first. From there on nothing holds them, and they touch nothing.",
     ] = None
+
+
+class Dial(NamedTuple):
+    """What a channel's value may be, in its unit, and the value that changes nothing."""
+
+    least: float
+    most: float
+    neutral: float
+
+
+CHANNELS = {
+    "ruffle": Dial(-120, 120, 0),
+    "sleek": Dial(-120, 120, 0),
+    "turn": Dial(-180, 180, 0),
+    "fan": Dial(-360, 360, 0),
+    "fold": Dial(0, 1, 0),
+    "puff": Dial(-0.5, 0.5, 0),
+    "stiffness": Dial(0.01, 100, 1),
+    "damping": Dial(0, 100, 1),
+    "wind": Dial(0, 10, 1),
+    "gravity": Dial(-10, 10, 1),
+    "follow": Dial(0, 3, 1),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel(SomeFeathers):
+    """What some feathers are made to do over time (featherfx/shot/direction).
+
+    factors: by feather id, of its map; None: without one.
+    """
+
+    name: Annotated[
+        str,
+        Text(tuple(CHANNELS)),
+        "ruffle: degrees by which follicles raise the shafts; sleek: press them down; turn: about "
+        "the shaft, leading vane up; fan: spread the feathers apart, in all; fold: 0 to 1, how far "
+        "all come to their mean direction; puff: m by which roots rise; stiffness, damping, wind, "
+        "gravity: times what it is; follow: share of the simulated deviation from the rest shape "
+        "that is shown, 0 rigid, 1 all, above 1 exaggerated.",
+    ]
+    keys: Annotated[
+        tuple[tuple[float, float], ...],
+        ArrayOf(ArrayOf(Number(-1e6, 1e6), 2, 2), 1, 10_000),
+        "[frame, value] in ascending frames; smooth between them, constant outside.",
+    ]
+    soft: Annotated[
+        float,
+        Number(0, 100, "m"),
+        "Border within which it fades, by the distance of a root to the nearest outside.",
+    ] = 0.0
+    map: Annotated[
+        str | None,
+        Text(),
+        "How far it acts, 0 to 1, where roots are on the shot's skin: a scalar primvar, or a grey "
+        "picture in its texture space (a name with a dot, as seen from the shot file's folder).",
+    ] = None
+    factors: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -365,6 +423,7 @@ class Shot:
     preens: tuple[Preen, ...] = ()
     wets: tuple[Wet, ...] = ()
     frees: tuple[Free, ...] = ()
+    channels: tuple[Channel, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
 
     def time_of(self, frame: float | None) -> float:

@@ -40,15 +40,10 @@ def test_water_is_mass_of_the_vane_and_weakens_hooks_and_air(shot):
     feather = build_feather(placement.kind, 11, 3)
     dry = make_model([feather], [placement.kind], 1)
     rule = Wet(keys=((0.0, 0.0), (1.0, 1.0)), water=1.5, hooks=0.4, drag=0.6)
-    water = Water(rule, dry, [feather], [placement])
-
-    class Stepped:
-        model = dry
-
-    assert not water.soak(Stepped, 0.0)
-    assert Stepped.model is dry
-    assert water.soak(Stepped, 0.5)
-    model = Stepped.model
+    water = Water(rule, [feather], [placement])
+    assert not water.soak(0.0)
+    assert water.soak(0.5)
+    model = water.model(dry)
     area = np.linalg.norm(np.cross(*_edges(feather)), axis=1).sum() / 2.0
     added = (model.mass - dry.mass).sum()
     assert added == pytest.approx(0.75 * material.surface_density * area, rel=1e-12)

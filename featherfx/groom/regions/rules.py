@@ -70,7 +70,7 @@ def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule
         return None
     name = given[0]
     if name in ("primvar", "subset", "image"):
-        found = _mapped(name, rule[name], skin, place)
+        found = painted(name, rule[name], skin.surface, skin.folder, place)
     else:
         analytic = _analytic(name, rule, skin.space, place)
         found = None if analytic is None else (analytic, None)
@@ -80,10 +80,16 @@ def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule
     return (lambda points: 1.0 - plain(points)), inputs
 
 
-def _mapped(name: str, value: str, skin: GroomSkin, place: Place) -> tuple[Rule, Any] | None:
-    surface, at = skin.surface, place.child(name)
+def painted(
+    name: str, value: str, surface: SkinSurface, folder: Path, place: Place
+) -> tuple[Rule, Any] | None:
+    """What a map on a skin says, and its values; None after adding problems.
+
+    name: primvar, subset or image; value: its name, or the picture's file as seen from the folder.
+    """
+    at = place.child(name)
     if name == "image":
-        return _image(skin.folder / value, surface, at)
+        return _image(folder / value, surface, at)
     if name == "subset":
         members = surface.source.subset(value, at)
         if members is None:

@@ -29,7 +29,7 @@ def rigid_poses(
     """
     members = np.array(list(feathers), dtype=np.int64)
     local = stacked([feather.rest for feather in feathers.values()])
-    world = [_turned(r, local).shifted(p) for p, r in _rates(motion, members, start, end)]
+    world = [_turned(r, local).shifted(p) for p, r in rates_of(motion, members, start, end)]
     return _by_number(members, world)
 
 
@@ -80,12 +80,12 @@ class Carried:
             stacked([getattr(pose, name) for pose in poses])
             for name in ("points", "velocities", "accelerations")
         ]
-        points, rates, seconds = _seen_from_roots(given, _rates(motion, self.guides, start, end))
+        points, rates, seconds = seen_from_roots(given, rates_of(motion, self.guides, start, end))
         moved = self._followers.motion(points, rates, seconds, end - start)
-        return _by_number(self.guided, _in_world(moved, _rates(motion, self.guided, start, end)))
+        return _by_number(self.guided, in_world(moved, rates_of(motion, self.guided, start, end)))
 
 
-def _rates(motion: Roots, members: Indices, start: float, end: float) -> list[RootFrames]:
+def rates_of(motion: Roots, members: Indices, start: float, end: float) -> list[RootFrames]:
     """Root frames of some feathers at end, and their first and second rates."""
     return [
         RootFrames(*(values[members] for values in each)) for each in root_rates(motion, start, end)
@@ -100,7 +100,7 @@ def _by_number(members: Indices, world: Sequence[RowPoints]) -> dict[int, Feathe
     }
 
 
-def _seen_from_roots(world: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[RowPoints]:
+def seen_from_roots(world: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[RowPoints]:
     """Points and their first and second rates in moving root frames.
 
     With x = p + R y:  R y' = x' - p' - R' y,  R y'' = x'' - p'' - R'' y - 2 R' y'.
@@ -115,8 +115,8 @@ def _seen_from_roots(world: Sequence[RowPoints], roots: Sequence[RootFrames]) ->
     return [y, y1, y2]
 
 
-def _in_world(local: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[RowPoints]:
-    """The inverse of _seen_from_roots."""
+def in_world(local: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[RowPoints]:
+    """The inverse of seen_from_roots."""
     (p, r), (p1, r1), (p2, r2) = roots
     y, y1, y2 = local
     first = _turned(r1, y).shifted(p1), _turned(r, y1)

@@ -21,7 +21,6 @@ from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import vane_mass
 from featherfx.mechanics.model import Hooks, Loads, Model
 from featherfx.shot.types import Shot, Wet
-from featherfx.solver.solver import Solver
 
 Array = NDArray[np.float64]
 
@@ -35,30 +34,20 @@ class Water:
     """The water of a batch of feathers, all wet by one rule."""
 
     def __init__(
-        self,
-        rule: Wet,
-        dry: Model,
-        feathers: Sequence[Feather],
-        placements: Sequence[Placement],
+        self, rule: Wet, feathers: Sequence[Feather], placements: Sequence[Placement]
     ) -> None:
-        self._rule, self._dry, self._wet = rule, dry, 0.0
+        self._rule, self._wet = rule, 0.0
         pairs = zip(feathers, placements, strict=True)
         self._vane = np.stack([vane_mass(feather, each.kind) for feather, each in pairs])
 
-    def soak(self, solver: Solver, time: float) -> bool:
-        """Give the batch's solver the model at a time (s since the first frame); whether that is
-        another one than before."""
-        wet = wetness(self._rule, time)
-        changed = wet != self._wet
-        if changed:
-            self._wet = wet
-            solver.model = self.model._replace(held=solver.model.held)
-        return changed
+    def soak(self, time: float) -> bool:
+        """Be as wet as at a time (s since the first frame); whether that is other than before."""
+        before, self._wet = self._wet, wetness(self._rule, time)
+        return self._wet != before
 
-    @property
-    def model(self) -> Model:
-        """Constant data at the present wetness."""
-        rule, dry, wet = self._rule, self._dry, self._wet
+    def model(self, dry: Model) -> Model:
+        """Constant data at the present wetness, from those of dry feathers."""
+        rule, wet = self._rule, self._wet
         model = dry._replace(mass=dry.mass + rule.water * wet * self._vane)
         if not isinstance(dry.hooks, Hooks):
             return model

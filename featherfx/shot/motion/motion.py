@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
+from featherfx.shot.direction.roots import directed
 from featherfx.shot.motion.flap import flapping
 from featherfx.shot.motion.joints import (
     PosesOverTime,
@@ -24,14 +25,14 @@ Array = NDArray[np.float64]
 
 
 def root_motion(shot: Shot) -> Roots:
-    """What moves the roots of a shot.
+    """What moves the roots of a shot, its channels included.
 
     Raises InputError for a flap where the groom has no shoulder on either side.
     """
     if shot.skin is not None:
-        return shot.skin
+        return directed(shot, shot.skin)
     skeleton = skeleton_of(shot.groom)
-    return joint_roots(shot.groom, skeleton, _poses(shot, skeleton))
+    return directed(shot, joint_roots(shot.groom, skeleton, _poses(shot, skeleton)))
 
 
 def _poses(shot: Shot, skeleton: Skeleton) -> PosesOverTime:

@@ -15,6 +15,7 @@ from featherfx.groom.keys.values import (
     keys_of,
 )
 from featherfx.shot.types import (
+    Channel,
     Contact,
     Detail,
     Force,
@@ -35,6 +36,7 @@ SHELTER = keys_of(Shelter)
 PREEN = keys_of(Preen)
 WET = keys_of(Wet)
 FREE = keys_of(Free)
+CHANNEL = keys_of(Channel)
 
 _FILE = Key(Text(), "USD file, as seen from the shot file's folder.")
 _START = Key(
@@ -160,6 +162,11 @@ SHOT = {
     "free": Key(
         Tables(Table(FREE), 10_000),
         "Which feathers leave their roots, and when; the last one that fits holds.",
+        (),
+    ),
+    "channel": Key(
+        Tables(Table(CHANNEL), 10_000),
+        "What feathers are made to do: angles add up, factors multiply.",
         (),
     ),
     "preen": Key(Tables(Table(PREEN), 10_000), "Strokes that close what has split.", ()),

@@ -22,9 +22,17 @@ from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
 from featherfx.shot.patterns import fits
 from featherfx.shot.read.keys import SHOT_FILE
-from featherfx.shot.read.scenes import read_colliders, read_level_of_detail, read_skin, read_wind
+from featherfx.shot.read.scenes import (
+    read_colliders,
+    read_level_of_detail,
+    read_skin,
+    read_wind,
+    with_maps,
+)
 from featherfx.shot.read.sources import SceneReaders
 from featherfx.shot.types import (
+    CHANNELS,
+    Channel,
     Contact,
     Detail,
     Force,
@@ -109,6 +117,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     if not sound or groom is None:
         return None
     scenes = _scenes(raw, parts, groom, place, readers)
+    loads["channels"] = with_maps(loads["channels"], groom, parts, place, readers)
     if len(problems):
         return None
     first, last = parts["frames"]
@@ -242,17 +251,19 @@ def _preset(
 
 def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
     """Fields of a shot that are about some of its feathers; problems where these are not there."""
-    grips, forces, details, shelters, preens, wets, frees = (
-        parts[name] for name in ("grip", "force", "detail", "shelter", "preen", "wet", "free")
+    names = ("grip", "force", "detail", "shelter", "preen", "wet", "free", "channel")
+    grips, forces, details, shelters, preens, wets, frees, channels = (
+        parts[name] for name in names
     )
     _check_ids(grips, groom)
     _check_times([*grips, *preens])
     _check_ids(forces, groom)
     _check_forces(forces)
-    _check_patterns([*details, *shelters, *preens, *wets, *frees], groom)
+    _check_patterns([*details, *shelters, *preens, *wets, *frees, *channels], groom)
     _check_preens(preens, groom)
     _check_wets(wets)
     _check_frees(frees, parts["frames"])
+    _check_channels(channels)
     return {
         "grips": tuple(
             Grip(**entry | {"displacement": np.array(entry["displacement"])}) for _, entry in grips
@@ -265,6 +276,7 @@ def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
         "preens": tuple(Preen(**entry) for _, entry in preens),
         "wets": tuple(Wet(**entry) for _, entry in wets),
         "frees": tuple(Free(**entry) for _, entry in frees),
+        "channels": tuple(Channel(**entry) for _, entry in channels),
     }
 
 
@@ -298,11 +310,22 @@ def _check_frees(entries: Entries, frames: Any) -> None:
             )
 
 
-def _check_later(at: Place, keys: Sequence[Sequence[float]]) -> None:
+def _check_channels(entries: Entries) -> None:
+    for at, entry in entries:
+        least, most, _ = CHANNELS[entry["name"]]
+        for index, (_, value) in enumerate(entry["keys"]):
+            if not least <= value <= most:
+                place = at.child("keys").item(index).item(1)
+                allowed = f"allowed of {entry['name']}: {least:g} to {most:g}"
+                place.fail(f"{value:g} is out of range, {allowed}")
+        _check_later(at.child("keys"), entry["keys"], "frame {:g}")
+
+
+def _check_later(at: Place, keys: Sequence[Sequence[float]], said: str = "{:g} s") -> None:
     for index, (before, after) in enumerate(pairwise(keys)):
         if after[0] <= before[0]:
-            message = f"{after[0]:g} s is not later than {before[0]:g} s of the key before"
-            at.item(index + 1).fail(message)
+            now, earlier = said.format(after[0]), said.format(before[0])
+            at.item(index + 1).fail(f"{now} is not later than {earlier} of the key before")
 
 
 def _check_times(entries: Entries) -> None:

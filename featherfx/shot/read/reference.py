@@ -63,6 +63,7 @@ _SHOT = (
     ("### [[preen]]", shot_keys.PREEN),
     ("### [[wet]]", shot_keys.WET),
     ("### [[free]]", shot_keys.FREE),
+    ("### [[channel]]", shot_keys.CHANNEL),
     ("### [level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
 )
 _GROOM = (

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeGuard
+
+import numpy as np
 
 from featherfx.algebra.between import Knots
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.values import Place
+from featherfx.groom.regions.rules import painted
+from featherfx.groom.skin.points import SkinSurface
+from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.motion.skin import SkinSurfaces
@@ -20,7 +27,7 @@ from featherfx.shot.read.sources import (
     TimedWind,
     WindSource,
 )
-from featherfx.shot.types import LevelOfDetail
+from featherfx.shot.types import Channel, LevelOfDetail
 
 
 def read_skin(
@@ -59,6 +66,47 @@ def read_skin(
         return None
     moving = tuple(_moving(surface, entry, checked, start) for surface in surfaces)
     return SkinSurfaces(moving, start, entry["tolerance"], at.source, at.key, entry["radius"])
+
+
+def with_maps(
+    channels: Sequence[Channel],
+    groom: Groom,
+    checked: dict[str, Any],
+    place: Place,
+    readers: SceneReaders | None,
+) -> tuple[Channel, ...]:
+    """The channels with what their maps say where the groom's roots are; problems where a map, or
+    the shot's skin, is not there."""
+    found, entry = [], checked["skin"]
+    for index, channel in enumerate(channels):
+        at = place.child("channel").item(index).child("map")
+        if channel.map is not None and entry is None:
+            at.fail("is of the shot's skin; the shot has no [skin]")
+        elif channel.map is not None and readers is not None and _has_reader(readers, at):
+            channel = replace(channel, factors=_factors(channel.map, groom, entry, at, readers))
+        found.append(channel)
+    return tuple(found)
+
+
+def _factors(
+    name: str, groom: Groom, entry: dict[str, Any], at: Place, readers: SceneReaders
+) -> dict[str, float]:
+    folder, prims = Path(at.source).parent, (entry["prim"],)
+    with warnings.catch_warnings():
+        # holes matter to what grows on it, not to what is painted on it
+        warnings.simplefilter("ignore", InputWarning)
+        skins = readers.skin(entry, prims, folder, at)
+    if skins is None:
+        return {}
+    surface = SkinSurface(skins[entry["prim"]])
+    kind = "image" if "." in name else "primvar"
+    rule = painted(kind, name, surface, folder, at)
+    if rule is None:
+        return {}
+    roots = np.array([each.position for each in groom.feathers])
+    values = rule[0](surface.at(*closest(roots, surface.corners)))
+    ids = [each.id for each in groom.feathers]
+    return dict(zip(ids, np.clip(values, 0.0, 1.0).tolist(), strict=True))
 
 
 def read_wind(

@@ -1,0 +1,1 @@
+"""Physics that takes orders: channels of a shot."""

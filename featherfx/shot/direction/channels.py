@@ -1,0 +1,115 @@
+"""Channels of a shot: what a director asks of some feathers over time.
+
+A channel's value is smooth between its keys (monotone cubic, Fritsch and Carlson 1980, so it stays
+between two neighbouring keys), starts and ends without a kick and is constant outside of them. On
+feather f it acts as
+
+    neutral + w_f (value - neutral)
+
+neutral: the value that changes nothing. w_f: 1 within the channel; with a soft border it falls
+smoothly to 0 at roots that lie nearest to feathers outside, and a map multiplies it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+
+from featherfx.groom.skin.search import search_tree
+from featherfx.shot.patterns import fits
+from featherfx.shot.types import CHANNELS, Channel, Shot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Course:
+    """A channel on the feathers of a shot.
+
+    times: (K,) s since the first frame, and values: (K,) of its keys. weights: (F,) w.
+    """
+
+    channel: Channel
+    times: Array
+    values: Array
+    weights: Array
+
+    @cached_property
+    def _curve(self) -> CubicHermiteSpline:
+        slopes = PchipInterpolator(self.times, self.values).derivative()(self.times)
+        slopes[[0, -1]] = 0.0
+        return CubicHermiteSpline(self.times, self.values, slopes)
+
+    def value(self, time: float) -> float:
+        """At a time in s."""
+        if len(self.times) == 1:
+            return float(self.values[0])
+        return float(self._curve(min(max(time, self.times[0]), self.times[-1])))
+
+    def of_each(self, time: float) -> Array:
+        """(F,) what every feather gets at a time in s."""
+        neutral = CHANNELS[self.channel.name].neutral
+        return neutral + self.weights * (self.value(time) - neutral)
+
+
+def courses(shot: Shot, names: Sequence[str]) -> list[Course]:
+    """The channels of a shot that have one of some names, in its order."""
+    chosen = [each for each in shot.channels if each.name in names]
+    return [_course(shot, each) for each in chosen]
+
+
+def _course(shot: Shot, channel: Channel) -> Course:
+    frames, values = np.array(channel.keys).T
+    times = (frames - shot.first_frame) / shot.frames_per_second
+    return Course(channel, times, values, _weights(shot, channel))
+
+
+def _weights(shot: Shot, channel: Channel) -> Array:
+    inside = np.array([fits(channel, each) for each in shot.groom.feathers], dtype=np.bool_)
+    weights = inside.astype(np.float64)
+    if channel.factors is not None:
+        weights *= [channel.factors[each.id] for each in shot.groom.feathers]
+    if channel.soft == 0.0 or inside.all():
+        return weights
+    roots = np.array([each.position for each in shot.groom.feathers])
+    distance, _ = search_tree(roots[~inside]).query(roots[inside])
+    share = np.minimum(distance / channel.soft, 1.0)
+    weights[inside] *= share * share * (3.0 - 2.0 * share)
+    return weights
+
+
+def acting(shot: Shot) -> list[list[Any]]:
+    """Of every feather of a shot what acts on it: name, times, values and weight of each channel.
+    A fan and a fold depend on all of their feathers."""
+    found = courses(shot, tuple(CHANNELS))
+    together = [
+        [
+            (each.position, each.rotation)
+            for each, weight in zip(shot.groom.feathers, course.weights, strict=True)
+            if weight > 0.0
+        ]
+        if course.channel.name in ("fan", "fold")
+        else []
+        for course in found
+    ]
+    return [
+        [
+            (each.channel.name, each.times, each.values, float(each.weights[f]), others)
+            for each, others in zip(found, together, strict=True)
+            if each.weights[f] > 0.0
+        ]
+        for f in range(len(shot.groom.feathers))
+    ]
+
+
+def product(found: Sequence[Course], name: str, time: float, members: NDArray[np.int64]) -> Array:
+    """(M,) all channels of a name, whose neutral value is 1, multiplied with each other at a time
+    in s; members: (M,) feathers."""
+    own = [each.of_each(time)[members] for each in found if each.channel.name == name]
+    return np.prod([np.ones(len(members)), *own], axis=0)

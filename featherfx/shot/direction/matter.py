@@ -1,0 +1,108 @@
+"""Feathers that are directed to be stiffer, calmer or heavier, or to feel more or less of the wind.
+
+With the values of a feather's channels, 1 where there are none:
+
+    moduli of shaft, barbs and vane     stiffness times
+    retardation times                   damping / sqrt(stiffness) times, so that the share of the
+                                        energy that a swing loses is damping times what it was
+    weight                              gravity times: dead forces (gravity - 1) m g
+    velocity of the wind                wind times, gusts included
+
+Moduli change from sample to sample; what a bent feather holds then changes with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.mechanics.model import Loads, Model
+from featherfx.shot.direction.channels import Course, courses, product
+from featherfx.shot.types import Shot
+
+Array = NDArray[np.float64]
+
+NAMES = ("stiffness", "damping", "gravity")
+# arrays of a model that are moduli
+_MODULI = (
+    "rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness", "cell_guard",
+)  # fmt: skip
+# gusts are those of a batch: feathers are put together that feel the same of them, to a part of
+_WIND_STEP = 1.0 / 8.0
+
+
+def felt_wind(shot: Shot) -> list[tuple[tuple[int, float], ...]]:
+    """Of every feather of a shot the channels of wind that act on it: number and weight, in
+    eighths."""
+    found = courses(shot, ("wind",))
+    table = [np.round(each.weights / _WIND_STEP) * _WIND_STEP for each in found]
+    return [
+        tuple((k, float(weights[f])) for k, weights in enumerate(table) if weights[f] > 0.0)
+        for f in range(len(shot.groom.feathers))
+    ]
+
+
+def blown(shot: Shot, loads: Loads, felt: tuple[tuple[int, float], ...], time: float) -> Loads:
+    """Loads of a batch that feels these channels (felt_wind), at a time in s."""
+    found = courses(shot, ("wind",))
+    share = 1.0
+    for k, weight in felt:
+        share *= 1.0 + weight * (found[k].value(time) - 1.0)
+    return loads._replace(
+        wind_mean=share * loads.wind_mean, wind_amplitude=share * loads.wind_amplitude
+    )
+
+
+def matter_of(shot: Shot, members: NDArray[np.int64]) -> Matter | None:
+    """What channels make of the matter of a batch, members: (M,) numbers of its feathers in the
+    shot; None where none does."""
+    found = [each for each in courses(shot, NAMES) if each.weights[members].any()]
+    return Matter(found, members, np.asarray(shot.gravity)) if found else None
+
+
+class Matter:
+    """The matter of a batch of feathers while channels act on it.
+
+    found: those that do. members: (M,) numbers of the feathers in the shot. gravity: (3,) m/s^2.
+    """
+
+    def __init__(self, found: Sequence[Course], members: NDArray[np.int64], gravity: Array) -> None:
+        self._found, self._members, self._gravity = tuple(found), members, gravity
+        names = {each.channel.name for each in found}
+        self.changes_model = not names.isdisjoint(("stiffness", "damping"))
+        self.changes_weight = "gravity" in names
+        self._factors = np.ones((2, len(members)))
+
+    def renew(self, time: float) -> bool:
+        """Take the moduli of a time (s since the first frame); whether they are others."""
+        before = self._factors
+        self._factors = np.stack([self._values(name, time) for name in ("stiffness", "damping")])
+        return not np.array_equal(self._factors, before)
+
+    def model(self, model: Model) -> Model:
+        """Constant data with the present moduli, from those without channels."""
+        stiffness, damping = self._factors
+        scaled = {}
+        for name in _MODULI:
+            values = getattr(model, name)
+            scaled[name] = values * stiffness.reshape(-1, *[1] * (values.ndim - 1))
+        times = model.retardation * (damping / np.sqrt(stiffness))[:, None]
+        return model._replace(retardation=times, **scaled)
+
+    def weighed(self, loads: Loads, mass: Array, start: float, end: float) -> Loads:
+        """Loads with what gravity adds from start to end (s). mass: (M, n, 1 + 2 m) kg."""
+        if not self.changes_weight:
+            return loads
+        before, after = (
+            ((self._values("gravity", time) - 1.0)[:, None, None] * mass)[..., None] * self._gravity
+            for time in (start, end)
+        )
+        force, change = before, after - before
+        if loads.force.size:
+            force, change = force + loads.force, change + loads.force_change
+        return loads._replace(force=force, force_change=change)
+
+    def _values(self, name: str, time: float) -> Array:
+        return product(self._found, name, time, self._members)
