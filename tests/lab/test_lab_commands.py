@@ -134,6 +134,9 @@ OPTIONS = {
     " sadowsky clamp planar",
     "fullfeather": "scene material distance parts rows columns nodal",
     "unitcell": "preset angle spacing diameter young hooks save presets",
+    "network": "lattice size dilution fibres density merge bend seed",
+    "precondition": "lattice size dilution fibres density merge bend seed method preconditioner"
+    " tolerance",
     "traction": "angle width height thickness along across shear strain steps elements mesh model"
     " output",
     "locking": "ratio elements output",

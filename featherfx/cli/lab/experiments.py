@@ -17,6 +17,12 @@ from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feathe
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.feathers.strip import StripTest, run_strip
 from featherfx.lab.fibres.rupture import RuptureTest, run_rupture
+from featherfx.lab.networks.experiments import (
+    NetworkTest,
+    PreconditionTest,
+    network_moduli,
+    precondition,
+)
 from featherfx.lab.networks.unit_cell import CellTest, cell_moduli, vane_of, vane_text
 from featherfx.lab.ribbons.experiments import HangTest, hang
 from featherfx.lab.rods.experiments import (
@@ -96,6 +102,11 @@ def _unit_cell(
     keys = ("along", "across", "shear", "bending_along", "bending_across", "poisson")
     own = {"crossings": 2 * cell.crossings - 1, "barbule_spacing": cell.height}
     yield {key: getattr(found, key) for key in keys} | own
+
+
+def _precondition(test: PreconditionTest) -> Iterator[Any]:
+    found = vars(precondition(test))
+    yield {name: found[name] for name in found if name != "displacements"}
 
 
 def _traction(test: Traction, output: Path | None) -> Iterator[Any]:
@@ -230,6 +241,18 @@ EXPERIMENTS = {
         "--preset swan_primary --angle 40 --diameter 12e-6 --hooks 4 --json",
         "--preset swan_primary --diameter 13e-6 --save my_vane.toml",
         more=(SAVE_CELL, PRESETS),
+    ),
+    "network": Experiment(
+        NetworkTest,
+        lambda test: [network_moduli(test.plan.layout(periodic=True))],
+        "--lattice triangular --dilution 0.8 --bend 1e-4",
+        "--lattice mikado --fibres 2000 --seed 1 --json",
+    ),
+    "precondition": Experiment(
+        PreconditionTest,
+        _precondition,
+        "--size 48 --method pcg --preconditioner P_J",
+        "--lattice mikado --method minres --preconditioner P_Db --tolerance 1e-3 --json",
     ),
     "traction": Experiment(
         Traction,

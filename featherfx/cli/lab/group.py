@@ -15,6 +15,8 @@ EXPERIMENTS = {
     "ribbon": "Hang a ribbon of natural curvature by one end.",
     "fullfeather": "Pull a whole feather in its plane, with one of three vane materials.",
     "unitcell": "Moduli of a vane from its barbs and barbules.",
+    "network": "Moduli of a lattice or a random network of fibres.",
+    "precondition": "Iterations and time of solving a network, by method and preconditioner.",
     "traction": "Pull a rectangular sample of a vane.",
     "locking": "Error of a tilted test against elements, for ratios of the moduli.",
     "mesoscale": "Barbs as stiff bands, barbules as soft ones.",

@@ -9,20 +9,25 @@ first segment alone, so its root element is half as long as the others: a cantil
 then errs by 1 / (2 n^2) of its deflection. In the plane the clamp may be another fibre. Nodes are
 hinges for fibres that cross there. Bend triplets: Houghton 2020, chapter 3. Under a mean strain e
 of a periodic cell, du = e s + difference of periodic displacements, s the segment as a vector.
+Matrices are sparse.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# an eigenvalue below this share of the largest is a mechanism, which costs no energy
-MECHANISM = 1e-12
+# springs to the ground that make the matrix of a network with mechanisms regular, as a share of its
+# diagonal; their effect is taken out by corrections, until these no longer halve the residual; a
+# residual above MOVES, as a share of the forces, means that these move a mechanism
+SHIFT, CORRECTIONS, CLOSE, MOVES = 1e-12, 30, 1e-13, 1e-7
 
 
 @dataclass(frozen=True)
@@ -44,8 +49,42 @@ class FibreNetwork:
     def dimensions(self) -> int:
         return int(self.span.shape[1])
 
+    def keeping(self, kept: NDArray[np.bool_]) -> FibreNetwork:
+        """The network with some of its segments (S,) only; nodes stay."""
+        number = np.cumsum(kept) - 1
+        whole = kept[self.pairs[:, 1]] & ((self.pairs[:, 0] < 0) | kept[self.pairs[:, 0]])
+        pairs = self.pairs[whole]
+        return replace(
+            self,
+            ends=self.ends[kept],
+            span=self.span[kept],
+            stretch=self.stretch[kept],
+            pairs=np.where(pairs < 0, pairs, number[pairs]),
+            reach=self.reach[whole],
+            bend=self.bend[whole],
+        )
 
-def strain_rows(network: FibreNetwork) -> tuple[Array, Array, Array]:
+    def carrying(self, held: Indices) -> tuple[FibreNetwork, Indices]:
+        """The network without dangling ends, which carry nothing, and its nodes (N,) in this one.
+
+        held: (H,) nodes whose fibres may end there.
+        """
+        kept = np.ones(len(self.ends), dtype=bool)
+        while True:
+            count = np.bincount(self.ends[kept].ravel(), minlength=self.nodes)
+            count[held] += 1
+            loose = kept & (count[self.ends] == 1).any(axis=1)
+            if not loose.any():
+                break
+            kept &= ~loose
+        used = np.unique(np.concatenate([self.ends[kept].ravel(), held]))
+        number = np.full(self.nodes, -1)
+        number[used] = np.arange(len(used))
+        found = self.keeping(kept)
+        return replace(found, nodes=len(used), ends=number[found.ends]), used
+
+
+def strain_rows(network: FibreNetwork) -> tuple[sparse.csr_array, Array, Array]:
     """Rows R (K, N d) and M (K, d d), weights (K,): E = 1/2 sum of weight (R u + M e)^2.
 
     u: displacements node by node. e: mean displacement gradient, row by row.
@@ -53,29 +92,79 @@ def strain_rows(network: FibreNetwork) -> tuple[Array, Array, Array]:
     size, count = network.dimensions, len(network.ends)
     length = np.linalg.norm(network.span, axis=1)
     along = network.span / length[:, None]
-    difference = np.zeros((count, size, network.nodes, size))
-    mean = np.zeros((count, size, size, size))
-    for axis in range(size):
-        # += in two statements: both ends of a periodic segment may be the same node
-        difference[np.arange(count), axis, network.ends[:, 1], axis] += 1.0
-        difference[np.arange(count), axis, network.ends[:, 0], axis] -= 1.0
-        mean[:, axis, axis] = network.span
-    both = np.concatenate(
-        [difference.reshape(count, size, -1), mean.reshape(count, size, -1)], axis=2
-    )
-    stretched = np.einsum("sa,sak->sk", along, both)
     if size == 2:
-        across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-        turned = np.einsum("sa,sak->sk", across, both)[:, None] / length[:, None, None]
+        across = np.stack([-along[:, 1], along[:, 0]], axis=1)[:, None]
     else:
-        turned = (both - along[:, :, None] * stretched[:, None]) / length[:, None, None]
+        across = np.eye(size) - along[:, :, None] * along[:, None, :]
     first, second = network.pairs[:, 0], network.pairs[:, 1]
-    bent = turned[second] - np.where((first < 0)[:, None, None], 0.0, turned[first])
-    rows = np.concatenate([stretched, bent.reshape(-1, both.shape[2])])
-    stiffness = np.repeat(2.0 * network.bend / network.reach, turned.shape[1])
-    weights = np.concatenate([network.stretch / length, stiffness])
-    split = network.nodes * size
-    return rows[:, :split], rows[:, split:], weights
+    hinge, inside = np.arange(len(second)), first >= 0
+    follow = _table(hinge, second, len(hinge), count)
+    follow -= _table(hinge[inside], first[inside], len(hinge), count)
+    turned = _blocks(across / length[:, None, None])
+    each = np.arange(count)
+    difference = _table(each, network.ends[:, 1], count, network.nodes)
+    difference -= _table(each, network.ends[:, 0], count, network.nodes)
+    strains = sparse.vstack(
+        [_blocks(along[:, None]), sparse.kron(follow, np.eye(across.shape[1])) @ turned]
+    )
+    mean = np.einsum("sb,ac->sacb", network.span, np.eye(size)).reshape(count * size, size * size)
+    stiffness = np.repeat(2.0 * network.bend / network.reach, across.shape[1])
+    rows = (strains @ sparse.kron(difference, np.eye(size))).tocsr()
+    return rows, strains @ mean, np.concatenate([network.stretch / length, stiffness])
+
+
+def _table(rows: Indices, columns: Indices, height: int, width: int) -> sparse.csr_array:
+    """Ones at the given places."""
+    return sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(height, width))
+
+
+def _blocks(matrices: Array) -> sparse.csr_array:
+    """Matrices (S, a, b) along the diagonal of one of S a rows and S b columns."""
+    count, height, width = matrices.shape
+    place = np.arange(count + 1)
+    shape = (count * height, count * width)
+    return sparse.bsr_array((matrices, place[:-1], place), shape=shape).tocsr()
+
+
+def stiffness_matrix(network: FibreNetwork) -> sparse.csr_array:
+    """(N d, N d), of all nodes."""
+    rows, _, weights = strain_rows(network)
+    return _squared(rows, weights)
+
+
+def _squared(rows: sparse.csr_array, weights: Array) -> sparse.csr_array:
+    return (rows.T @ (sparse.diags_array(weights) @ rows)).tocsr()
+
+
+def factor_of(matrix: sparse.csr_array) -> SuperLU:
+    """Sparse factors of a symmetric positive definite matrix."""
+    return splu(
+        matrix.tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
+def equilibrium(matrix: sparse.csr_array, right: Array) -> Array:
+    """Displacements u (n,) or (n, m) of matrix u = right (the same shape).
+
+    Mechanisms that the forces do not move stay nearly as they are. Raises ValueError where the
+    forces move one.
+    """
+    diagonal = matrix.diagonal()
+    ground = SHIFT * np.where(diagonal > 0.0, diagonal, 1.0)
+    factor = factor_of(matrix + sparse.diags_array(ground))
+    found, left = np.zeros_like(right), 1.0
+    for _ in range(CORRECTIONS):
+        found, before = found + factor.solve(right - matrix @ found), left
+        rest = np.linalg.norm(right - matrix @ found)
+        left = float(rest / (np.linalg.norm(right) or 1.0))
+        if left <= CLOSE or left > 0.5 * before:
+            break
+    if left > MOVES:
+        raise ValueError("the forces move a mechanism of the network")
+    return found
 
 
 def homogenised(network: FibreNetwork, gradients: Array) -> tuple[Array, Array]:
@@ -84,32 +173,41 @@ def homogenised(network: FibreNetwork, gradients: Array) -> tuple[Array, Array]:
     form, and with the mean strain in the affine one, which bounds it from above."""
     rows, mean, weights = strain_rows(network)
     applied = mean @ gradients.reshape(len(gradients), -1).T
-    affine = applied.T @ (weights[:, None] * applied)
-    matrix = rows.T @ (weights[:, None] * rows)
-    right = -rows.T @ (weights[:, None] * applied)
-    values, vectors = np.linalg.eigh(matrix)
-    there = values > MECHANISM * values[-1]
-    moved = vectors[:, there] @ ((vectors[:, there].T @ right) / values[there, None])
-    strains = rows @ moved + applied
-    return strains.T @ (weights[:, None] * strains), affine
+    weighted = weights[:, None] * applied
+    strains = rows @ equilibrium(_squared(rows, weights), -(rows.T @ weighted)) + applied
+    return strains.T @ (weights[:, None] * strains), applied.T @ weighted
 
 
 def held_displacements(network: FibreNetwork, held: Indices, moved: Array, force: Array) -> Array:
     """(N, d) m, displacements of a network with nodes held (H,) at moved (H, d) m under forces
-    (N, d) N on the others. ValueError where a mechanism is left."""
-    rows, _, weights = strain_rows(network)
+    (N, d) N on the others. ValueError where they move a mechanism."""
+    system = held_system(network, held, moved)
+    result = np.zeros(network.nodes * network.dimensions)
+    right = system.right + force.ravel()[system.free]
+    result[system.free] = equilibrium(system.matrix, right)
+    places = result.reshape(-1, network.dimensions)
+    places[held] = moved
+    return places
+
+
+@dataclass(frozen=True)
+class HeldSystem:
+    """matrix: (n, n) N/m, of the free unknowns. right: (n,) N, from what is held. free: (n,) their
+    places among all N d."""
+
+    matrix: sparse.csr_array
+    right: Array
+    free: Indices
+
+
+def held_system(network: FibreNetwork, held: Indices, moved: Array) -> HeldSystem:
+    """Equations of a network with nodes held (H,) at moved (H, d) m."""
     size = network.dimensions
-    matrix = rows.T @ (weights[:, None] * rows)
+    matrix = stiffness_matrix(network)
     fixed = (held[:, None] * size + np.arange(size)).ravel()
     free = np.setdiff1d(np.arange(network.nodes * size), fixed)
-    result = np.zeros(network.nodes * size)
-    result[fixed] = moved.ravel()
-    right = force.ravel()[free] - matrix[np.ix_(free, fixed)] @ moved.ravel()
-    values = np.linalg.eigvalsh(matrix[np.ix_(free, free)])
-    if values[0] < MECHANISM * values[-1]:
-        raise ValueError("the network has a mechanism")
-    result[free] = np.linalg.solve(matrix[np.ix_(free, free)], right)
-    return result.reshape(-1, size)
+    lines = matrix[free]
+    return HeldSystem(lines[:, free], -(lines[:, fixed] @ moved.ravel()), free)
 
 
 def network_energy(network: FibreNetwork, displacements: Array) -> float:

@@ -117,6 +117,24 @@ STUDIES: tuple[Study, ...] = (
         "featherfx.lab.studies.unit_cell:elements",
     ),
     Study(
+        "fibre_lattice",
+        "Triangular lattices, whole and diluted, and their iterative solution",
+        "Houghton 2020, section 5.3, tables 5.4 and 5.5; section 2.2.4",
+        "featherfx.lab.studies.networks:lattice",
+    ),
+    Study(
+        "fibre_random",
+        "Random networks: rigidity, affinity, iterative solution",
+        "Houghton 2020, section 5.4, figure 5.14 and table 5.6; section 2.2.4",
+        "featherfx.lab.studies.networks:random",
+    ),
+    Study(
+        "fibre_merging",
+        "What merging of near crossings costs",
+        "Houghton 2020, section 5.2.4, tables 5.1 to 5.3",
+        "featherfx.lab.studies.networks:merging",
+    ),
+    Study(
         "fibre_rupture",
         "A membrane of fibres is pulled until it tears",
         "Jacquemoud 2007, sections 4.5 and 4.6",

@@ -1,0 +1,397 @@
+"""Fibre networks: lattices, random ones, merged crossings, and how their equations are solved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from featherfx.lab.networks.experiments import (
+    SHEAR,
+    NetworkModuli,
+    NetworkPlan,
+    network_moduli,
+    sheared,
+    sheared_system,
+)
+from featherfx.lab.networks.krylov import Method, Preconditioner, solve
+from featherfx.lab.networks.layouts import FibreSection, Layout, triangular
+from featherfx.lab.networks.network import (
+    FibreNetwork,
+    equilibrium,
+    held_displacements,
+    network_energy,
+    strain_rows,
+)
+from featherfx.lab.studies.study import (
+    Row,
+    StudyResult,
+    compared,
+    draw,
+    independent,
+    published,
+)
+
+HOUGHTON = "Houghton 2020"
+# bisections of a threshold, and networks that it is looked for in
+HALVINGS, TRIALS = 8, 10
+# errors of two means of random networks add up by squares; three of them are allowed
+ERRORS = 3.0 * np.sqrt(2.0)
+
+
+def lattice(folder: Path) -> StudyResult:
+    """The triangular lattice: moduli, iterations of table 5.4, dilution."""
+    whole = network_moduli(NetworkPlan().layout(periodic=True))
+    closed = independent("closed form of a triangular lattice of springs")
+    rows = [
+        compared(
+            "shear modulus of the whole lattice",
+            whole.shear_modulus,
+            np.sqrt(3.0) / 4.0,
+            1e-9,
+            published(f"{HOUGHTON}, equation 5.35"),
+            unit="N/m",
+        ),
+        compared(
+            "Young's modulus", whole.young_modulus, 2 / np.sqrt(3.0), 1e-9, closed, unit="N/m"
+        ),
+        compared("Poisson's ratio", whole.poisson, 1.0 / 3.0, 1e-9, closed),
+        *_counts(),
+        *_diluted(),
+    ]
+    for name, bend, reference in (("springs", 0.0, 0.651), ("fibres that bend", 1.0, 0.445)):
+        found = _threshold(partial(NetworkPlan, "triangular", 40, bend=bend), (0.3, 0.8))
+        source = published(f"{HOUGHTON}, section 2.2.4, of Broedersz et al. 2011")
+        note = f"mean of {TRIALS} lattices of 40 by 40 nodes; standard error {found[1]:.2g}"
+        text = f"share of segments at which a lattice of {name} becomes rigid"
+        rows.append(compared(text, found[0], reference, 0.02, source, note=note))
+    kept = np.linspace(0.4, 1.0, 31)
+    caption = (
+        "Shear modulus of diluted triangular lattices of 40 by 40 nodes against the share of"
+        " segments that are left, for four bending stiffnesses; dots: Houghton 2020, table 5.5."
+    )
+
+    def paint(canvas: Any) -> None:
+        axes = canvas.add_subplot()
+        for bend in (0.0, 1e-6, 1e-4, 1e-2):
+            plan = NetworkPlan(size=40, bend=bend)
+            found = [_modulus(replace(plan, dilution=each)) for each in kept]
+            axes.semilogy(kept, found, label=f"{bend:g} N m$^2$")
+        axes.semilogy(PRINTED_SHARES, PRINTED_MODULI, "ko")
+        axes.set_ylim(1e-7, 1.0)
+        axes.set_xlabel("share of segments left")
+        axes.set_ylabel("shear modulus, N/m")
+        axes.legend()
+
+    return StudyResult(rows, draw(folder / "fibre_lattice.png", caption, paint))
+
+
+# Houghton 2020, table 5.4: nodes in a row, unknowns, iterations
+TABLE_5_4 = ((6, 48, 37, 18), (12, 240, 79, 22), (24, 1056, 147, 22), (48, 4416, 293, 21))
+# table 5.5: share of segments; modulus, over 9 lattices of which some count as nothing
+PRINTED_SHARES = (0.99, 0.94, 0.90, 0.84, 0.79)
+PRINTED_MODULI = (0.4330, 0.3735, 0.3183, 0.1294 * 9 / 5, 0.0764 * 9 / 4)
+
+
+def _counts() -> list[Row]:
+    source = published(f"{HOUGHTON}, table 5.4")
+    rows = []
+    for size, unknowns, *printed in TABLE_5_4:
+        system = sheared_system(NetworkPlan(size=size).layout(periodic=False))
+        text = f"unknowns of {size} by {size} nodes"
+        rows.append(compared(text, len(system.right), unknowns, 0.0, source))
+        choices: tuple[Preconditioner, ...] = ("P_J", "P_Db")
+        for choice, count in zip(choices, printed, strict=True):
+            found = solve(system, "pcg", choice).iterations
+            text = f"iterations of PCG with {choice}, {size} by {size} nodes"
+            rows.append(compared(text, found, count, 1.0, source, absolute=True))
+    return rows
+
+
+def _diluted() -> list[Row]:
+    source = published(f"{HOUGHTON}, table 5.5")
+    rows = []
+    for share, printed in zip(PRINTED_SHARES, PRINTED_MODULI, strict=True):
+        mean, error = _sheared_moduli(share)
+        beside = _sheared_moduli(share + 0.01)[0]
+        note = f"at {share + 0.01:.2f} ours is {beside:.4f}"
+        if share < 0.9:
+            note += "; the printed mean counts lattices that were not solved as 0, taken out here"
+        text = f"shear modulus with {share:.2f} of the segments, springs"
+        allowed = ERRORS * error
+        rows.append(
+            compared(text, mean, printed, allowed, source, unit="N/m", absolute=True, note=note)
+        )
+    return rows
+
+
+def _sheared_moduli(share: float) -> tuple[float, float]:
+    """Mean and standard error of 9 lattices of springs, 24 by 24, held above and below."""
+    found = []
+    for seed in range(9):
+        section = FibreSection(1.0, 0.0)
+        layout = triangular(24, 24, section, "x", share, seed).carrying()
+        found.append(2.0 * _held_energy(layout) / (layout.area * SHEAR**2))
+    return float(np.mean(found)), float(np.std(found, ddof=1) / 3.0)
+
+
+def _held_energy(layout: Layout) -> float:
+    system, moved = sheared_system(layout), sheared(layout).ravel()
+    moved[system.free] = equilibrium(system.matrix, system.right)
+    return network_energy(layout.network, moved)
+
+
+def _modulus(plan: NetworkPlan) -> float:
+    return network_moduli(plan.layout(periodic=True)).shear_modulus
+
+
+def _random_plan(density: float) -> NetworkPlan:
+    return NetworkPlan(
+        "mikado", fibres=round(144 * density), density=density, merge=1e-3, bend=1e-3
+    )
+
+
+def _threshold(
+    plan_of: Callable[[float], NetworkPlan], between: tuple[float, float]
+) -> tuple[float, float]:
+    """Mean and standard error of where networks become rigid, which those that hold them are."""
+    found = []
+    for seed in range(TRIALS):
+        below, above = between
+        for _ in range(HALVINGS):
+            middle = 0.5 * (below + above)
+            if _modulus(replace(plan_of(middle), seed=seed)) > 0.0:
+                above = middle
+            else:
+                below = middle
+        found.append(0.5 * (below + above))
+    return float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(TRIALS))
+
+
+def crosslinks(density: float) -> float:
+    """l / l_c: length of a random fibre over the mean distance of neighbouring crossings on it.
+
+    density: fibres in a square as long as a fibre. Crossings on a fibre are a Poisson process of
+    mean c = 2 density / pi; a fibre of n has n - 1 segments and spans (n - 1) / (n + 1) of itself.
+    """
+    c = 2.0 * density / np.pi
+    none = np.exp(-c)
+    return float((c - 1.0 + none) / (1.0 + none - 2.0 * (1.0 - none) / c))
+
+
+def affine_modulus(density: float) -> float:
+    """G l / mu of a random network without dangling ends, nodes moving with the strain: 1/8 of the
+    stretching stiffness of all that lies between the outer crossings of a fibre."""
+    c = 2.0 * density / np.pi
+    none = np.exp(-c)
+    return float(density / 8.0 * (1.0 + none - 2.0 * (1.0 - none) / c))
+
+
+def random(folder: Path) -> StudyResult:
+    """Random networks: density of crossings, threshold of rigidity, affinity, table 5.6."""
+    ours = published(f"{HOUGHTON}, section 2.2.4, of Wilhelm and Frey and of Head et al.")
+    note = "from the density that is printed beside it, by the closed form of this study"
+    rows = [
+        compared("l / l_c at density 5.71", crosslinks(5.71), 5.42, 2e-3, ours, note=note),
+        compared("l / l_c at density 6.68", crosslinks(6.68), 5.932, 2e-3, ours, note=note),
+    ]
+    closed = independent("closed form for random fibres, derived here")
+    dense = NetworkPlan("mikado", fibres=4000, merge=0.0, bend=1e-4)
+    layout = dense.layout(periodic=True)
+    found = network_moduli(layout)
+    rows += [
+        compared(
+            "l / l_c of 4000 fibres at density 25",
+            found.crosslink_density,
+            crosslinks(25.0),
+            0.02,
+            closed,
+        ),
+        compared(
+            "affine shear modulus, over stretching stiffness and length, the same",
+            found.shear_modulus / found.affinity,
+            affine_modulus(25.0),
+            0.03,
+            closed,
+        ),
+    ]
+    limit = _threshold(_random_plan, (5.0, 8.0))
+    source = published(f"{HOUGHTON}, section 2.2.4, of Latva-Kokko and Timonen")
+    note = f"mean of {TRIALS} networks of 12 by 12 fibre lengths; standard error {limit[1]:.2g}"
+    rows += [
+        compared(
+            "density at which it becomes rigid",
+            limit[0],
+            6.68,
+            2.0 * limit[1],
+            source,
+            absolute=True,
+            note=note,
+        ),
+        compared(
+            "l / l_c there",
+            crosslinks(limit[0]),
+            5.9,
+            0.03,
+            published(f"{HOUGHTON}, section 5.4.1 and figure 5.14"),
+        ),
+        *_table_5_6(),
+    ]
+    families = {ratio: _affinities(ratio) for ratio in (6e-3, 2e-3, 6e-4)}
+    caption = (
+        "Random networks. Left: shear modulus against the density of crossings; dotted: where it"
+        " vanishes as published. Right: over that of affine nodes, against fibre length over the"
+        " length lambda of Head et al., for three bending lengths l_b."
+    )
+
+    def paint(canvas: Any) -> None:
+        left, right = canvas.subplots(1, 2)
+        for ratio, points in families.items():
+            density, modulus, scaled, affinity = np.array(points).T
+            left.semilogy(density, modulus, "o-", ms=3, label=f"$l_b$ / l = {ratio:g}")
+            right.loglog(scaled, affinity, "o-", ms=3)
+        left.axvline(5.9, color="k", ls=":")
+        left.set_xlabel("$l$ / $l_c$")
+        left.set_ylabel(r"$G l / \mu$")
+        left.legend()
+        right.axhline(1.0, color="k", lw=0.8)
+        right.set_xlabel(r"$l$ / $\lambda$")
+        right.set_ylabel("$G$ over affine")
+
+    figure = draw(folder / "fibre_random.png", caption, paint, (9.0, 4.2))
+    return StudyResult(rows, figure)
+
+
+def _affinities(ratio: float) -> list[tuple[float, float, float, float]]:
+    """l / l_c, G l / mu, l / lambda and affinity of networks. ratio: l_b / l."""
+    points = []
+    for density in (7.5, 9.0, 12.0, 17.0, 25.0, 35.0, 50.0):
+        plan = NetworkPlan(
+            "mikado", fibres=round(36 * density), density=density, merge=2e-3, bend=ratio**2
+        )
+        found: NetworkModuli = network_moduli(plan.layout(periodic=True))
+        apart = 1.0 / crosslinks(density)
+        scaled = (ratio / apart**4) ** (1.0 / 3.0)
+        points.append((1.0 / apart, found.shear_modulus, scaled, found.affinity))
+    return points
+
+
+# Houghton 2020, table 5.6, of 100 and 200 fibres: iterations to 1e-3, and their standard errors
+TABLE_5_6: tuple[tuple[Method, Preconditioner, tuple[tuple[float, float], ...]], ...] = (
+    ("minres", "P_J", ((300.2, 54.0), (480.8, 67.3))),
+    ("minres", "P_Db", ((8.0, 0.8), (8.5, 0.5))),
+    ("minres", "P_S", ((12.3, 1.1), (14.6, 1.2))),
+    ("gmres", "P_Ab", ((5.3, 0.2), (5.4, 0.2))),
+)
+NOTES = {
+    "P_J": "the last steps depend on the few shortest segments, so on how crossings are merged",
+    "P_Ab": "ours stops by the true residual, MATLAB's GMRES earlier, by the preconditioned one",
+}
+
+
+def _table_5_6() -> list[Row]:
+    source = published(f"{HOUGHTON}, table 5.6")
+    rows = []
+    for place, fibres in enumerate((100, 200)):
+        systems = []
+        for seed in range(10):
+            plan = NetworkPlan("mikado", fibres=fibres, bend=4e-4, seed=seed)
+            systems.append(sheared_system(plan.layout(periodic=False)))
+        for method, choice, printed in TABLE_5_6:
+            counts = [solve(each, method, choice, 1e-3).iterations for each in systems]
+            mean, error = float(np.mean(counts)), np.std(counts, ddof=1) / np.sqrt(10)
+            text = f"iterations of {method.upper()} with {choice}, {fibres} random fibres"
+            allowed = 3.0 * float(np.hypot(error, printed[place][1]))
+            rows.append(
+                compared(
+                    text,
+                    mean,
+                    printed[place][0],
+                    allowed,
+                    source,
+                    absolute=True,
+                    note=NOTES.get(choice, ""),
+                )
+            )
+    return rows
+
+
+# Houghton 2020, tables 5.1 to 5.3: relative errors of bending and of whole energy of two merged
+# nodes, displacement of the third node and bending energy of one merged, bending of one against two
+MERGED_TWO = (
+    (7.674e-3, 1.934e-9),
+    (3.741e-3, 9.416e-10),
+    (3.154e-3, 8.173e-10),
+    (1.868e-3, 6.248e-10),
+    (1.757e-4, 1.912e-10),
+)
+MERGED_ONE = (5.881e-3, 6.570e-4, 6.407e-5, 5.001e-6)
+ONE_AGAINST_TWO = (5.000e-8, 5.000e-9, 5.000e-10)
+
+
+def merging(folder: Path) -> StudyResult:
+    """What it costs to merge crossings: two fibres and a strut near where they meet."""
+    rows = []
+    # fixed: ends below left and right, end above; then where the two fibres meet
+    places = [(1.0, 0.0), (3.0, 0.0), (1.0, 2.0), (2.0, 1.0)]
+    for place, (bending, energy) in enumerate(MERGED_TWO):
+        near = 10.0 ** -(place + 1)
+        ends = [(2.0 - near, 1.0 - near), (2.0 + 0.1 * near, 1.0 - 0.1 * near)]
+        whole = _lambda([*places, *ends], [[3, 4, 0], [1, 5, 3, 2], [4, 5]])
+        two = _lambda(places, [[3, 0], [1, 3, 2]])
+        one = _lambda([*places, ends[0]], [[3, 4, 0], [1, 3, 2], [4, 3]])
+        text = f"nodes {near:g} and {near / 10:g} off"
+
+        def against(table: str, name: str, ours: float, printed: float, text: str = text) -> None:
+            source = published(f"{HOUGHTON}, table {table}")
+            rows.append(compared(f"{name}, {text}", ours, printed, 0.01, source))
+
+        against("5.1", "error of the bending energy, both merged", _off(two, whole, 1), bending)
+        against("5.1", "error of the energy, both merged", _off(two, whole, 2), energy)
+        against("5.2", "error of the bending energy, one merged", _off(one, whole, 1), bending)
+        if place < len(MERGED_ONE):
+            moved = np.linalg.norm(one[0] - whole[0]) / np.linalg.norm(whole[0])
+            name = "error of the strut's displacement, one merged"
+            against("5.2", name, float(moved), MERGED_ONE[place])
+        if place < len(ONE_AGAINST_TWO):
+            name = "bending energy, one merged against both"
+            against("5.3", name, _off(two, one, 1), ONE_AGAINST_TWO[place])
+    return StudyResult(rows)
+
+
+Lambda = tuple[np.ndarray, float, float]
+
+
+def _off(ours: Lambda, whole: Lambda, which: Literal[1, 2]) -> float:
+    return abs(ours[which] / whole[which] - 1.0)
+
+
+def _lambda(places: Sequence[tuple[float, float]], fibres: Sequence[Sequence[int]]) -> Lambda:
+    """Displacement (2,) of the fifth node, bending energy and energy of a sheared network whose
+    first three nodes are held. fibres: their nodes in turn; radius 1e-3."""
+    points = np.array(places)
+    ends = np.array([pair for nodes in fibres for pair in pairwise(nodes)])
+    fibre = np.repeat(np.arange(len(fibres)), [len(nodes) - 1 for nodes in fibres])
+    joint = np.flatnonzero(fibre[1:] == fibre[:-1])
+    span = points[ends[:, 1]] - points[ends[:, 0]]
+    length = np.linalg.norm(span, axis=1)
+    network = FibreNetwork(
+        nodes=len(points),
+        ends=ends,
+        span=span,
+        stretch=np.ones(len(ends)),
+        pairs=np.stack([joint, joint + 1], axis=1),
+        reach=length[joint] + length[joint + 1],
+        bend=np.full(len(joint), 1e-6 / 4.0),
+    )
+    held = np.arange(3)
+    top = np.stack([SHEAR * points[held, 1], np.zeros(3)], axis=1)
+    moved = held_displacements(network, held, top, np.zeros_like(points))
+    lines, _, weights = strain_rows(network)
+    energies = 0.5 * weights * (lines @ moved.ravel()) ** 2
+    return moved[min(4, len(points) - 1)], float(energies[len(ends) :].sum()), float(energies.sum())
