@@ -159,6 +159,19 @@ def interpolated(first: Array, last: Array, fraction: Array) -> Array:
     return np.asarray(first @ rotations)
 
 
+def shared_turns(first: Array, second: Array, shares: Array) -> Array:
+    """(n, 3, 3) rotations on the shortest way from first to second, (n, 3, 3), by shares (n,)."""
+    from scipy.spatial.transform import Rotation
+
+    turning = np.flatnonzero(shares)
+    result = first.copy()
+    if len(turning):
+        ways = rotation_vectors(np.swapaxes(first[turning], -1, -2) @ second[turning])
+        part = Rotation.from_rotvec(shares[turning, None] * ways).as_matrix()
+        result[turning] = first[turning] @ part
+    return result
+
+
 def _axis(rotation: Array, angle: float) -> Array:
     """Unit axis of a rotation, also for half turns, where the skew part vanishes."""
     skew = (rotation - rotation.T)[[2, 0, 1], [1, 2, 0]]

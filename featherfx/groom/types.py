@@ -309,7 +309,8 @@ class Joint:
     """A node of the skeleton that carries roots.
 
     position: (3,). side: +1 on the bird's left, -1 on its right, 0 in the middle (mirrors the
-    flap).
+    flap). hinge: (3,) rad, rotation vector against the parent from open (fold 0) to folded (1);
+    None where it does not fold. fold: at rest.
     """
 
     name: Annotated[str, "Name, unique in the groom."]
@@ -321,6 +322,21 @@ class Joint:
     side: Annotated[
         int, Text(("left", "right", "middle")), "Side of the bird.", Default("middle")
     ] = 0
+    hinge: Array | None = None
+    fold: float = 0.0
+
+
+@dataclass(frozen=True)
+class Turning:
+    """How a follicle turns between two joints, while the feather's joint carries its anchor.
+
+    joints: names. share: 0 turns with the first, 1 with the second. anchor: (3,) m, in the groom's
+    frame at rest; the root turns about it.
+    """
+
+    joints: tuple[str, str]
+    share: float
+    anchor: Array
 
 
 @dataclass(frozen=True)
@@ -341,6 +357,7 @@ class Placement:
         where there was none.
     stack: within a region's layer, a higher stack lies over a lower one; 0: where roots lie tells.
     grown: whether a region made it; a layout may shorten or drop such a feather.
+    turning: how the root turns where it does not go with its joint alone.
     """
 
     id: str
@@ -358,6 +375,7 @@ class Placement:
     stack: int = 0
     rank: int = -1
     grown: bool = False
+    turning: Turning | None = None
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from featherfx.groom.keys.places import POINT, SPACE
-from featherfx.groom.keys.preset import DIALS, FEATHER, names_or_list
+from featherfx.groom.keys.preset import DIALS, FAMILIES, FEATHER, names_or_list
 from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN
 from featherfx.groom.keys.values import (
     ArrayOf,
@@ -182,6 +182,28 @@ TABLE = {
     "mirror": _MIRROR,
 }
 
+WING = {
+    "id": Key(Text(), "Start of the ids of its feathers and joints."),
+    "type": Key(FAMILIES["wing"], "Wing preset, or a table that starts from one."),
+    "shoulder": Key(POINT, "Joint of the wing with the body."),
+    "elbow": Key(POINT, "Joint of upper arm and forearm; default: as the type has it.", None),
+    "wrist": Key(POINT, "Joint of forearm and hand.", None),
+    "tip": Key(POINT, "End of the bones of the hand.", None),
+    "fold": Key(
+        Number(0, 1),
+        "Spread (0) to folded (1), with the bones' lengths of the landmarks, or of the type; "
+        "default: the wing is as its landmarks have it.",
+        None,
+    ),
+    "forward": Key(Direction(), "Where the body looks.", (1.0, 0.0, 0.0)),
+    "up": Key(Direction(), "The body's upper side.", (0.0, 0.0, 1.0)),
+    "scale": Key(_FACTOR, "Factor of all lengths of the type.", 1.0),
+    "layer": REGION["layer"],
+    "joint": Key(_LABEL, "Joint that carries the shoulder; empty: the groom itself.", ""),
+    "side": Key(Text(("left", "right")), "Side of the bird.", "right"),
+    "mirror": _MIRROR,
+}
+
 USD_NAMES = {name: Key(Text(), "Primvar that holds it.", None) for name in DEFAULT_NAMES}
 
 USD = {
@@ -235,6 +257,7 @@ GROOM = {
     "joint": Key(Tables(Table(JOINT), 10_000), "Joints of the skeleton.", ()),
     "feather": Key(Tables(Table(FEATHER_ENTRY), MOST_FEATHERS), "Feathers placed one by one.", ()),
     "row": Key(Tables(Table(ROW), 10_000), "Rows of feathers.", ()),
+    "wing": Key(Tables(Table(WING), 1000), "Whole wings.", ()),
     "table": Key(
         Tables(Table(TABLE), 1000, single=True), "Feathers from files, one table or several.", ()
     ),

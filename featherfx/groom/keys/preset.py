@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.groom.keys.anatomy import WingType
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.values import (
     REQUIRED,
@@ -134,6 +135,11 @@ KEYFRAME = {
     ),
 }
 
+FOLD = {
+    "time": Key(Number(-1e4, 1e5, "s"), "Time since the first frame."),
+    "fold": Key(Number(0, 1), "0 spread, 1 folded."),
+}
+
 
 def _angle(meaning: str, default: Any = REQUIRED) -> Key:
     return Key(Number(-180, 180, "deg"), meaning, default)
@@ -160,6 +166,15 @@ MOTIONS: dict[str, dict[str, Key]] = {
         "wrist_phase": Key(Number(-1, 1), "Share of a beat by which the wrist lags.", 0.0),
         "twist": _angle("Half the turning of the wing about its span.", 0.0),
     },
+    "fold": {
+        "folds": Key(
+            ArrayOf(Table(FOLD, "table of a fold"), 1, 100_000),
+            "Folds in the order of their times; between two, and at rest in each, smoothly.",
+        ),
+        "joints": Key(
+            Text(), "Joints of wings, tails and crests that fold, with * and ? as wild cards.", "*"
+        ),
+    },
     "keys": {
         "keyframes": Key(
             ArrayOf(Table(KEYFRAME, "table of a keyframe"), 1, 100_000),
@@ -181,6 +196,7 @@ FAMILIES = {
         Preset("quality", keys_of(Quality)),
         Preset("wind", keys_of(Wind)),
         Preset("motion", _MOTION, _KINDS),
+        Preset("wing", keys_of(WingType)),
     )
 }
 

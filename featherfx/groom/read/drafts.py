@@ -18,6 +18,7 @@ from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.rachis_curve import FittedCurve
 from featherfx.groom.read.space import Space
+from featherfx.groom.types import Turning
 
 Array = NDArray[np.float64]
 
@@ -44,8 +45,8 @@ class Draft:
 
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
     scale, width, stiffness, weight: factors. place: where it was written, for problems. shape: of
-    a drawn feather. skin, skin_uv, layer, stack, grown: as in Placement. curl, hollow: deg, added
-    to the camber of the shaft and of the barbs.
+    a drawn feather. skin, skin_uv, layer, stack, grown, turning: as in Placement. curl, hollow:
+    deg, added to the camber of the shaft and of the barbs.
     """
 
     id: str
@@ -69,6 +70,7 @@ class Draft:
     grown: bool = False
     stiffness: float = 1.0
     weight: float = 1.0
+    turning: Turning | None = None
 
 
 def other_side(name: str) -> str | None:
@@ -97,9 +99,17 @@ def with_mirror_images(drafts: list[Draft], place: Place, mirror: Mirror | None)
                 rotation=mirror.frames(draft.rotation),
                 joint=other_side(draft.joint) or draft.joint,
                 left=not draft.left,
+                turning=_mirrored(draft.turning, mirror),
             )
         )
     return drafts + images
+
+
+def _mirrored(turning: Turning | None, mirror: Mirror) -> Turning | None:
+    if turning is None:
+        return None
+    first, second = (other_side(name) or name for name in turning.joints)
+    return Turning((first, second), turning.share, mirror.points(turning.anchor))
 
 
 def _changes(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[int, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import about_x
+from featherfx.groom.anatomy.grown import grown_wings
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.values import INVALID, Place, Problems
 from featherfx.groom.presets.kind_store import KindStore
@@ -32,7 +33,7 @@ from featherfx.groom.types import FeatherKind, Groom, Joint, Placement
 from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
 
 _SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
-_FEATHER_KEYS = {"feather", "row", "table", "usd", "region"}  # of which every groom has one
+_FEATHER_KEYS = {"feather", "row", "wing", "table", "usd", "region"}  # of which every groom has one
 SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 # changes of feathers by id pattern
 Overrides = dict[str, dict[str, Any]]
@@ -95,18 +96,19 @@ def groom_of(
     if readers is not None:
         readers = replace(readers, skin=kept_skins(readers.skin))
     space = in_groom(parts, place, None if readers is None else readers.skin)
-    joints = _joints(parts["joint"], space)
     store = KindStore(library)
+    grown = grown_wings(parts, store, library, space)
+    joints = _joints(parts["joint"], grown.joints, space)
     plumage = plumage_of(raw, parts, place, store, readers, space)
     written = _drafts(parts, path.parent, store, readers, space) if _may_be(parts, place) else ()
-    drafts = [*islice(written, MOST_FEATHERS + 1), *plumage.drafts]
+    drafts = [*islice(written, MOST_FEATHERS + 1), *grown.drafts, *plumage.drafts]
     if len(drafts) > MOST_FEATHERS:
         place.fail(f"holds more than {MOST_FEATHERS} feathers")
         return None
     if not drafts and not len(library.problems):
         place.fail(
-            "there are no feathers; expects a [[feather]], [[row]], [[table]], [[usd]] or "
-            "[[region]]"
+            "there are no feathers; expects a [[feather]], [[row]], [[wing]], [[table]], [[usd]] "
+            "or [[region]]"
         )
     for rules, at in ((parts["overrides"], place), *above):
         drafts = _overridden(rules, drafts, at.child("overrides"), store)
@@ -146,14 +148,19 @@ def _drafts(
         yield from drawn_drafts(entry, folder, at, store, readers.feathers if readers else None)
 
 
-def _joints(entries: list[tuple[Place, dict[str, Any]]], space: Space) -> tuple[Joint, ...]:
+def _joints(
+    entries: list[tuple[Place, dict[str, Any]]],
+    grown: Sequence[tuple[Joint, Place]],
+    space: Space,
+) -> tuple[Joint, ...]:
+    """Those written, then those of wings and the like."""
     found: dict[str, tuple[Joint, Place]] = {}
-    for at, entry in entries:
-        for joint in _joint_pair(entry, at, space):
-            if joint.name in found:
-                at.child("name").fail(f"'{joint.name}' is taken by {found[joint.name][1].key}")
-            else:
-                found[joint.name] = joint, at
+    written = [(each, at) for at, entry in entries for each in _joint_pair(entry, at, space)]
+    for joint, at in [*written, *grown]:
+        if joint.name in found:
+            at.child("name").fail(f"'{joint.name}' is taken by {found[joint.name][1].key}")
+        else:
+            found[joint.name] = joint, at
     for joint, at in found.values():
         if joint.parent and joint.parent not in found:
             at.child("parent").unknown(f"no joint '{joint.parent}'", joint.parent, found)
@@ -335,6 +342,7 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
                 layer=draft.layer,
                 stack=draft.stack,
                 grown=draft.grown,
+                turning=draft.turning,
             )
         )
     return tuple(placements)

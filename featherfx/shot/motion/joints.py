@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import smooth_step
+from featherfx.algebra.rotation import shared_turns, smooth_step
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.roots import RootFrames
 
@@ -72,12 +72,16 @@ def skeleton_of(groom: Groom) -> Skeleton:
 class JointRoots:
     """The F roots of a groom on its joints.
 
-    joints: (F,) number of each feather's joint. at_rest: the roots in the groom's frame. poses: of
-    the joints over time.
+    joints: (F,) number of each feather's joint. between: (F, 2) of those that it turns between,
+    and shares: (F,) how far with the second. anchors: (F, 3) m, what the joint carries, about which
+    the root turns. at_rest: the roots in the groom's frame. poses: of the joints over time.
     """
 
     skeleton: Skeleton
     joints: Indices
+    between: Indices
+    shares: Array
+    anchors: Array
     at_rest: RootFrames
     poses: PosesOverTime
 
@@ -88,16 +92,27 @@ class JointRoots:
         keyframe's for keys.
         """
         rotations, shifts = self.skeleton.carriers(self.poses(time))
-        carriers = rotations[self.joints]
-        positions = _applied(carriers, self.at_rest.positions) + shifts[self.joints]
-        return RootFrames(positions, carriers @ self.at_rest.rotations)
+        turns = shared_turns(
+            rotations[self.between[:, 0]], rotations[self.between[:, 1]], self.shares
+        )
+        positions = _applied(rotations[self.joints], self.anchors) + shifts[self.joints]
+        positions += _applied(turns, self.at_rest.positions - self.anchors)
+        return RootFrames(positions, turns @ self.at_rest.rotations)
 
 
 def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> JointRoots:
     """The roots of a groom on its joints, which move by poses."""
     index = {name: number for number, name in enumerate(skeleton.names)}
     joints = np.array([index[feather.joint] for feather in groom.feathers], dtype=np.int64)
-    return JointRoots(skeleton, joints, roots_at_rest(groom), poses)
+    between = np.column_stack([joints, joints])
+    at_rest = roots_at_rest(groom)
+    shares, anchors = np.zeros(len(joints)), at_rest.positions.copy()
+    for number, feather in enumerate(groom.feathers):
+        if feather.turning is not None:
+            between[number] = [index[name] for name in feather.turning.joints]
+            shares[number] = feather.turning.share
+            anchors[number] = feather.turning.anchor
+    return JointRoots(skeleton, joints, between, shares, anchors, at_rest, poses)
 
 
 def roots_at_rest(groom: Groom) -> RootFrames:

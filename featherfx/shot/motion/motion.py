@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
 from featherfx.shot.direction.roots import directed
 from featherfx.shot.motion.flap import flapping
+from featherfx.shot.motion.fold import folding
 from featherfx.shot.motion.joints import (
     PosesOverTime,
     Skeleton,
@@ -44,6 +45,8 @@ def _poses(shot: Shot, skeleton: Skeleton) -> PosesOverTime:
             return shaken(joints, values["amplitude"], values["frequency"], values["direction"])
         case "flap":
             return flapping(shot.groom, values, str(shot.source))
+        case "fold":
+            return folding(shot.groom, values, str(shot.source))
         case "keys":
             return keyed(values["keyframes"], skeleton)
         case kind:

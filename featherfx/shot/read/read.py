@@ -181,7 +181,12 @@ def _check_frames(frames: Any, place: Place) -> None:
 
 
 def _check_keyframes(motion: Motion | None, groom: Groom | None, place: Place) -> None:
-    """Joints exist, times of one joint differ, quaternions are not zero."""
+    """Joints exist, times of one joint differ, quaternions are not zero; folds are in order."""
+    if motion is not None and motion.kind == "fold":
+        for index, (before, after) in enumerate(pairwise(motion.values["folds"]), 1):
+            if not after["time"] > before["time"]:
+                at = place.child("folds").item(index).child("time")
+                at.fail(f"{after['time']:g} s is not after {before['time']:g} s, the one before")
     if motion is None or motion.kind != "keys":
         return
     joints = {joint.name for joint in groom.joints} if groom is not None else set()

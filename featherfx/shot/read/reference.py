@@ -13,6 +13,7 @@ from featherfx import limits
 from featherfx.groom.keys import groom as groom_keys
 from featherfx.groom.keys import preset as preset_keys
 from featherfx.groom.keys import regions as region_keys
+from featherfx.groom.keys.anatomy import CovertRow, FlightRow
 from featherfx.groom.keys.values import REQUIRED, Key, keys_of
 from featherfx.groom.types import BarbGuide, Hooked, RachisShape, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
@@ -72,6 +73,7 @@ _GROOM = (
     ("### [[feather]]", groom_keys.FEATHER_ENTRY),
     ("### [[row]]", groom_keys.ROW),
     ("### first and last of a [[row]]", groom_keys.ROOT),
+    ("### [[wing]]", groom_keys.WING),
     ("### [[table]]", groom_keys.TABLE),
     ("### [[usd]]", groom_keys.USD),
     ("### names of [[usd]]", groom_keys.USD_NAMES),
@@ -97,7 +99,11 @@ _FAMILIES = (
     ),
     ("### motion preset", {"kind": preset_keys.KIND}),
     *((f"### motion of kind {kind}", keys) for kind, keys in preset_keys.MOTIONS.items() if keys),
+    ("### folds of a motion", preset_keys.FOLD),
     ("### keyframes of a motion", preset_keys.KEYFRAME),
+    ("### wing preset", preset_keys.FAMILIES["wing"].keys),
+    ("### flight feathers of a wing", keys_of(FlightRow)),
+    ("### coverts of a wing", keys_of(CovertRow)),
 )
 
 

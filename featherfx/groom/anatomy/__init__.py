@@ -1,0 +1,1 @@
+"""Grooms that know birds: wings, tails, crests and whole plumages from a few landmarks."""

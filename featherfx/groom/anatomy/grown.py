@@ -1,0 +1,58 @@
+"""What anatomy grows in a groom: the feathers and joints of its wings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from featherfx.algebra.rotation import frames_from, parallel
+from featherfx.groom.anatomy.wing import wing
+from featherfx.groom.frames import Mirror
+from featherfx.groom.keys.values import Place
+from featherfx.groom.presets.kind_store import KindStore
+from featherfx.groom.presets.library import Library
+from featherfx.groom.read.drafts import Draft, mirror_of, other_side, with_mirror_images
+from featherfx.groom.read.space import Space
+from featherfx.groom.types import Joint
+
+
+@dataclass(frozen=True)
+class Grown:
+    """joints: each with the table that asks for it."""
+
+    drafts: tuple[Draft, ...]
+    joints: tuple[tuple[Joint, Place], ...]
+
+
+def grown_wings(parts: dict[str, Any], store: KindStore, library: Library, space: Space) -> Grown:
+    """The feathers and joints of all [[wing]]s of a groom; problems go to their places."""
+    drafts: list[Draft] = []
+    joints: list[tuple[Joint, Place]] = []
+    for at, entry in parts["wing"]:
+        if parallel(entry["forward"], entry["up"]):
+            at.child("up").fail("is parallel to forward")
+            continue
+        axes = frames_from(entry["forward"], entry["up"])
+        own, bones = wing(entry, at, store, library, axes)
+        mirror = mirror_of(entry, space)
+        drafts += with_mirror_images(own, at, mirror)
+        joints += [(each, at) for each in bones]
+        if mirror is not None:
+            joints += [(_mirrored(each, mirror), at) for each in bones if other_side(each.name)]
+    return Grown(tuple(drafts), tuple(joints))
+
+
+def _mirrored(joint: Joint, mirror: Mirror) -> Joint:
+    hinge = joint.hinge
+    if hinge is not None:  # of rotations, mirrored vectors change their sense
+        hinge = 2.0 * (hinge @ mirror.normal) * mirror.normal - hinge
+    return replace(
+        joint,
+        name=other_side(joint.name) or joint.name,
+        position=mirror.points(np.asarray(joint.position)),
+        parent=other_side(joint.parent) or joint.parent,
+        side=-joint.side,
+        hinge=hinge,
+    )

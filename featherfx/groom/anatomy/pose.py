@@ -1,0 +1,122 @@
+"""The bones of a wing: where they are spread, folded and as landmarks have them.
+
+A bone's frame: x along it, outwards, z dorsal. Angles within the wing count from a bone backwards,
+so that a hand folds by a positive one; `turn` is +1 on the left, where that is about z, else -1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import frames_from, from_rotation_vector, rotation_vectors
+from featherfx.groom.keys.anatomy import WingType
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WingBones:
+    """Upper arm, forearm and hand.
+
+    points: (4, 3) m, shoulder, elbow, wrist and tip. frames: (3, 3, 3) of the bones. hinges:
+    (3, 3) rad, rotation vectors in the groom's frame that turn each bone against the one before it
+    from spread to folded. fold: (3,) how far each is on that way.
+    """
+
+    points: Array
+    frames: Array
+    hinges: Array
+    fold: Array
+    left: bool
+
+    @property
+    def turn(self) -> float:
+        return 1.0 if self.left else -1.0
+
+    @property
+    def lengths(self) -> Array:
+        """(3,) m."""
+        return np.asarray(np.linalg.norm(np.diff(self.points, axis=0), axis=1))
+
+    @property
+    def bend(self) -> float:
+        """deg, of the hand against the forearm."""
+        x, y = self.frames[1].T[:2] @ self.frames[2][:, 0]
+        return float(np.degrees(np.arctan2(self.turn * y, x)))
+
+
+def about_dorsal(degrees: float) -> Array:
+    """(3, 3) rotation about z."""
+    return from_rotation_vector(np.array([0.0, 0.0, np.radians(degrees)]))
+
+
+def upper_arms(kind: WingType, axes: Array, left: bool) -> Array:
+    """(2, 3, 3) frames of the upper arm, spread and folded. axes: (3, 3) body, x forward, z up."""
+    turn = 1.0 if left else -1.0
+    forward, sideways, up = axes[:, 0], turn * axes[:, 1], axes[:, 2]
+    found = []
+    for back, roof in zip(kind.shoulder, kind.roof, strict=True):
+        down = np.radians(roof)
+        outwards = np.cos(down) * sideways - np.sin(down) * up
+        dorsal = np.cos(down) * up + np.sin(down) * sideways
+        angle = np.radians(back)
+        found.append(frames_from(np.cos(angle) * outwards - np.sin(angle) * forward, dorsal))
+    return np.stack(found)
+
+
+def _turns(kind: WingType) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Angles of forearm and hand against the bone before, deg backwards, spread and folded."""
+    elbow, wrist = kind.elbow, kind.wrist
+    return (elbow[0] - 180.0, elbow[1] - 180.0), (180.0 - wrist[0], 180.0 - wrist[1])
+
+
+def _joined(shoulder: Array, lengths: Array, frames: Array) -> Array:
+    """(4, 3) m."""
+    return np.vstack([shoulder, shoulder + np.cumsum(lengths[:, None] * frames[:, :, 0], axis=0)])
+
+
+def folded(
+    kind: WingType, shoulder: Array, lengths: Array, axes: Array, left: bool, fold: float
+) -> WingBones:
+    """A wing between spread (0) and folded (1). lengths: (3,) m. axes: as of upper_arms."""
+    turn = 1.0 if left else -1.0
+    spread, closed = upper_arms(kind, axes, left)
+    swing = rotation_vectors(closed @ spread.T)
+    frames = [from_rotation_vector(fold * swing) @ spread]
+    hinges = [swing]
+    for first, last in _turns(kind):
+        frames.append(frames[-1] @ about_dorsal(turn * (first + fold * (last - first))))
+        hinges.append(turn * np.radians(last - first) * frames[0][:, 2])
+    posed = np.stack(frames)
+    points = _joined(shoulder, lengths, posed)
+    return WingBones(points, posed, np.stack(hinges), np.full(3, fold), left)
+
+
+def as_placed(kind: WingType, points: Array, axes: Array, left: bool) -> WingBones | None:
+    """A wing whose joints and tip stand at points (4, 3) m; None where they are on one line."""
+    turn = 1.0 if left else -1.0
+    bones = np.diff(points, axis=0)
+    bend = np.cross(bones[1], bones[2]) - np.cross(bones[0], bones[1])
+    sizes = np.linalg.norm(bones, axis=1)
+    if np.linalg.norm(bend) <= 1e-3 * sizes.prod() ** (2.0 / 3.0):
+        return None
+    frames = frames_from(bones, np.tile(turn * bend, (3, 1)))
+    spread, closed = upper_arms(kind, axes, left)
+    hinges, shares = [rotation_vectors(closed @ spread.T)], []
+    for number, (first, last) in enumerate(_turns(kind), 1):
+        x, y = frames[number - 1].T[:2] @ frames[number][:, 0]
+        angle = np.degrees(np.arctan2(turn * y, x))
+        shares.append((angle - first) / (last - first) if last != first else 0.0)
+        hinges.append(turn * np.radians(last - first) * frames[number][:, 2])
+    fold = np.array([np.mean(shares), *shares])
+    return WingBones(points, frames, np.stack(hinges), fold, left)
+
+
+def spread_plan(kind: WingType, lengths: Array) -> Array:
+    """(4, 2) m, the joints of the spread wing from above: outwards, backwards."""
+    angles = np.cumsum([kind.shoulder[0], *(first for first, _ in _turns(kind))])
+    ways = np.column_stack([np.cos(np.radians(angles)), np.sin(np.radians(angles))])
+    return np.vstack([np.zeros(2), np.cumsum(lengths[:, None] * ways, axis=0)])

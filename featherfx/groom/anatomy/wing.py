@@ -1,0 +1,403 @@
+"""[[wing]]: a whole wing from its joints and a type.
+
+Every flight feather stands on a bone, and its follicle turns with the angle of the wrist: between
+forearm and hand, by a share that grows from feather to feather outwards, so that the fan closes
+like a hand of cards. A row of coverts has a feather for each flight feather, parallel to it and
+curved alike, farther up its shaft and farther from the bone. Inner feathers lie over outer ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import frames_from, from_rotation_vector
+from featherfx.groom.anatomy.pose import WingBones, as_placed, folded, spread_plan
+from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingType
+from featherfx.groom.keys.values import Place
+from featherfx.groom.presets.kind_store import KindChoice, KindStore
+from featherfx.groom.presets.library import Library, plain, sourced
+from featherfx.groom.read.drafts import Draft
+from featherfx.groom.types import Joint, Turning
+
+Array = NDArray[np.float64]
+
+_ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
+_BONES = ("shoulder", "elbow", "wrist")
+_SINGULAR = {"tertials": "tertial", "secondaries": "secondary", "primaries": "primary"}
+# of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
+_TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
+_ALULA = (0.02, 0.2)
+_QUILL_ROOM = 0.4  # of a quill's diameter, at least from root to root
+
+
+@dataclass(frozen=True)
+class _Remiges:
+    """The flight feathers of a wing from the innermost outwards.
+
+    rows: the row that each belongs to. numbers: in it, as ornithology counts them: primaries and
+    secondaries from the wrist. bone: of each. roots: (N, 3) m, on the bones. angles: (N,) deg
+    against the forearm as the wing is. shares: (N,) of the hand's turn that each takes. lengths:
+    (N,) m. forward: (N,) m, from the root to the leading edge.
+    """
+
+    rows: tuple[str, ...]
+    numbers: tuple[int, ...]
+    bone: NDArray[np.int64]
+    roots: Array
+    angles: Array
+    shares: Array
+    lengths: Array
+    forward: Array
+
+
+@dataclass(frozen=True)
+class _Wing:
+    """A wing on its way into a groom. axes: (3, 3) of the body. scale: of the feathers."""
+
+    entry: dict[str, Any]
+    place: Place
+    kind: WingType
+    bones: WingBones
+    store: KindStore
+    scale: float
+
+    @property
+    def longest(self) -> float:
+        rows = [getattr(self.kind, name) for name in _ROWS]
+        return self.scale * max(max(row.lengths) for row in rows)
+
+    def joint(self, bone: int) -> str:
+        return f"{self.entry['id']}_{_BONES[bone]}"
+
+
+def wing(
+    entry: dict[str, Any], place: Place, store: KindStore, library: Library, axes: Array
+) -> tuple[list[Draft], list[Joint]]:
+    """The drafts of one [[wing]] and its joints, both empty after adding problems.
+
+    entry: checked keys. axes: (3, 3) of the body, x forward, y to its left, z up.
+    """
+    kind = wing_type(entry["type"], place.child("type"), library)
+    bones = None if kind is None else _bones(entry, place, kind, axes)
+    if kind is None or bones is None:
+        return [], []
+    found = _Wing(entry, place, kind, bones, store, entry["scale"])
+    remiges = _remiges(found)
+    if not _sound(found, remiges, axes):
+        return [], []
+    drafts = list(_flight(found, remiges))
+    for number in range(len(kind.coverts)):
+        drafts += _coverts(found, remiges, number)
+    drafts += _alula(found, remiges)
+    return drafts, _joints(found)
+
+
+def wing_type(given: Any, place: Place, library: Library) -> WingType | None:
+    """A type as it is written, with its bases; None after adding problems."""
+    tree = library.merged("wing", sourced(given, place.source), place)
+    if tree is None:
+        return None
+    values = plain(tree)
+    values |= {name: FlightRow(**values[name]) for name in (*_ROWS, "alula")}
+    values["coverts"] = tuple(CovertRow(**each) for each in values["coverts"])
+    return WingType(**values)
+
+
+def _bones(entry: dict[str, Any], place: Place, kind: WingType, axes: Array) -> WingBones | None:
+    names = ("elbow", "wrist", "tip")
+    missing = [name for name in names if entry[name] is None]
+    left, fold, scale = entry["side"] == "left", entry["fold"], entry["scale"]
+    shoulder = np.array(entry["shoulder"])
+    lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
+    if missing and (len(missing) < len(names) or fold is None):
+        place.child(missing[0]).fail("missing: expects elbow, wrist and tip, or fold without them")
+        return None
+    if missing:
+        return folded(kind, shoulder, lengths, axes, left, fold)
+    points = np.array([entry[name] for name in ("shoulder", *names)])
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    if lengths.min() < 1e-4:
+        name = names[int(np.argmin(lengths))]
+        place.child(name).fail("is where the joint before it is; a bone has a length")
+        return None
+    if fold is not None:
+        return folded(kind, shoulder, lengths, axes, left, fold)
+    bones = as_placed(kind, points, axes, left)
+    if bones is None:
+        place.child("tip").fail("shoulder, elbow, wrist and tip are on one line; give fold")
+    return bones
+
+
+def _remiges(wing: _Wing) -> _Remiges:
+    kind, bones = wing.kind, wing.bones
+    counts = [getattr(kind, name).count for name in _ROWS]
+    shoulder, elbow, wrist, tip = bones.points
+    half = 0.5 / max(counts[1], 1)
+    spots = (
+        _along(elbow, shoulder, _TERTIALS, counts[0])[::-1],
+        _along(elbow, wrist, (half, 1.0 - half), counts[1]),
+        _along(wrist, tip, _PRIMARIES, counts[2]),
+    )
+    spread, closed = 180.0 - kind.wrist[0], 180.0 - kind.wrist[1]
+    inner, middle = np.array(kind.innermost), np.array(kind.middle)
+    outer = np.array(kind.outermost) + np.array([spread, closed])
+    arm = np.linspace(0.0, 1.0, counts[0] + counts[1])[:, None]
+    hand = np.linspace(0.0, 1.0, counts[2] + 1)[1:, None]
+    ends = np.concatenate([inner + arm * (middle - inner), middle + hand * (outer - middle)])
+    shares = (ends[:, 1] - ends[:, 0]) / ((closed - spread) or 1.0)
+    lengths = [
+        _spread_evenly(getattr(kind, name).lengths, count)
+        for name, count in zip(_ROWS, counts, strict=True)
+    ]
+    rows = [name for name, count in zip(_ROWS, counts, strict=True) for _ in range(count)]
+    numbers = [
+        *range(counts[0], 0, -1),
+        *range(counts[1], 0, -1),
+        *range(1, counts[2] + 1),
+    ]
+    return _Remiges(
+        rows=tuple(rows),
+        numbers=tuple(numbers),
+        bone=np.repeat(np.arange(3), counts),
+        roots=np.concatenate(spots),
+        angles=ends[:, 0] + shares * (bones.bend - spread),
+        shares=shares,
+        lengths=wing.scale * np.concatenate(lengths),
+        forward=_to_leading_edge(kind, bones.lengths, counts, ends[:, 0]),
+    )
+
+
+def _along(first: Array, last: Array, between: tuple[float, float], count: int) -> Array:
+    """(count, 3) evenly between two shares of the way."""
+    return np.asarray(first + np.linspace(*between, count)[:, None] * (last - first))
+
+
+def _spread_evenly(values: tuple[float, ...], count: int) -> Array:
+    """(count,) values between those given, these evenly spread."""
+    places = np.linspace(0.0, 1.0, len(values)) if len(values) > 1 else np.zeros(1)
+    return np.interp(np.linspace(0.0, 1.0, count), places, values)
+
+
+def _to_leading_edge(kind: WingType, lengths: Array, counts: list[int], angles: Array) -> Array:
+    """(N,) m, against the shafts of the spread wing to the line from shoulder to wrist.
+
+    On the hand, and where that is nearer, `depth` lengths of the hand. angles: (N,) deg.
+    """
+    plan = spread_plan(kind, lengths)
+    least = kind.depth * lengths[2]
+    shoulder, elbow, wrist, _ = plan
+    roots = np.concatenate(
+        [
+            _along(elbow, shoulder, _TERTIALS, counts[0])[::-1],
+            _along(elbow, wrist, (0.0, 1.0), counts[1]),
+        ]
+    )
+    forearm = np.degrees(np.arctan2(*(wrist - elbow)[::-1]))
+    turned = np.radians(angles[: len(roots)] + forearm)
+    back = np.column_stack([np.cos(turned), np.sin(turned)])
+    edge = wrist - shoulder
+    square = back[:, 0] * edge[1] - back[:, 1] * edge[0]
+    away = roots - shoulder
+    distance = (away[:, 0] * edge[1] - away[:, 1] * edge[0]) / np.where(square == 0, 1, square)
+    result = np.full(sum(counts), least)
+    result[: len(roots)] = np.clip(distance, least, lengths[1])
+    return result
+
+
+def _sound(wing: _Wing, remiges: _Remiges, axes: Array) -> bool:
+    """Whether feathers fit their bones and point backwards; False after adding problems."""
+    count = len(wing.place.problems)
+    for number, name in enumerate(_ROWS):
+        own = remiges.bone == number
+        row = getattr(wing.kind, name)
+        kind = wing.store.kind(_choice(wing, row.kind))
+        if kind is None or own.sum() < 2:
+            continue
+        apart = float(np.linalg.norm(np.diff(remiges.roots[own], axis=0), axis=1).min())
+        quill = kind.rachis.diameter_base * float(remiges.lengths[own].max()) / kind.length
+        if apart < _QUILL_ROOM * quill:
+            wing.place.child(f"type.{name}.count").fail(
+                f"{row.count} feathers with quills of {1e3 * quill:.3g} mm stand {1e3 * apart:.3g} "
+                f"mm apart on a bone of {1e3 * wing.bones.lengths[number]:.3g} mm"
+            )
+    middle = remiges.bone == 1
+    ways = _frames(wing, remiges.angles[middle])[:, :, 0]
+    if len(ways) and float((ways.mean(axis=0)) @ axes[:, 0]) > 0.5:
+        wing.place.child("wrist").fail(
+            "the feathers would point forwards: are landmarks, or the sides, exchanged?"
+        )
+    return len(wing.place.problems) == count
+
+
+def _choice(wing: _Wing, name: str) -> KindChoice:
+    return KindChoice((name,), 0.0, (), wing.place.child("type"))
+
+
+def _frames(wing: _Wing, angles: Array) -> Array:
+    """(n, 3, 3) frames of feathers at angles (n,) deg against the forearm."""
+    forearm, turned = wing.bones.frames[1], np.radians(angles)[:, None]
+    ways = np.cos(turned) * forearm[:, 0] + wing.bones.turn * np.sin(turned) * forearm[:, 1]
+    return frames_from(ways, np.tile(forearm[:, 2], (len(ways), 1)))
+
+
+def about_y(angle: float) -> Array:
+    """(3, 3) rotation about y; positive lowers x. angle: rad."""
+    return from_rotation_vector(np.array([0.0, angle, 0.0]))
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Feathers of a wing that are of one sort; arrays are over all of the row.
+
+    own: which remiges they belong to. height: m, of roots above the bones. forward: (n,) m.
+    """
+
+    kind: str
+    name: str
+    region: str
+    width: float
+    layer: int
+    height: float
+    own: NDArray[np.int64]
+    lengths: Array
+    forward: Array
+    numbers: tuple[int, ...]
+
+
+def _flight(wing: _Wing, remiges: _Remiges) -> Iterator[Draft]:
+    for number, name in enumerate(_ROWS):
+        row, own = getattr(wing.kind, name), np.flatnonzero(remiges.bone == number)
+        part = _Row(
+            kind=row.kind,
+            name=_SINGULAR[name],
+            region=name,
+            width=row.width,
+            layer=0,
+            height=0.0,
+            own=own,
+            lengths=remiges.lengths[own],
+            forward=np.zeros(len(own)),
+            numbers=tuple(remiges.numbers[k] for k in own),
+        )
+        yield from _feathers(wing, remiges, part)
+
+
+def _coverts(wing: _Wing, remiges: _Remiges, number: int) -> Iterator[Draft]:
+    """number: of the row in the type."""
+    row = wing.kind.coverts[number]
+    level, height = _stacked(wing, row.side, number + 1)
+    sign = 1 if row.side == "above" else -1
+    count = len(remiges.rows)
+    part = _Row(
+        kind=row.kind,
+        name=row.name,
+        region=f"{row.name}s",
+        width=row.width,
+        layer=sign * level,
+        height=sign * height,
+        own=np.arange(count),
+        lengths=row.length * remiges.lengths,
+        forward=row.place * remiges.forward,
+        numbers=tuple(range(1, count + 1)),
+    )
+    yield from _feathers(wing, remiges, part)
+
+
+def _stacked(wing: _Wing, side: str, count: int) -> tuple[int, float]:
+    """How many of the first rows of coverts are on a side, and their height, m."""
+    gaps = [each.gap for each in wing.kind.coverts[:count] if each.side == side]
+    return len(gaps), wing.scale * sum(gaps)
+
+
+def _alula(wing: _Wing, remiges: _Remiges) -> Iterator[Draft]:
+    """Feathers of the thumb, along the leading edge of the hand and over its coverts."""
+    row, bones = wing.kind.alula, wing.bones
+    if not row.count:
+        return
+    level, height = _stacked(wing, "above", len(wing.kind.coverts))
+    # beside the primaries, not over them
+    across = wing.kind.depth * bones.lengths[2] * np.linspace(0.5, 1.0, row.count)
+    edge = -bones.turn * across[:, None] * bones.frames[2][:, 1]
+    spots = edge + _along(bones.points[2], bones.points[3], _ALULA, row.count)
+    outer = float(wing.kind.outermost[0])
+    alula = _Remiges(
+        rows=("alula",) * row.count,
+        numbers=tuple(range(1, row.count + 1)),
+        bone=np.full(row.count, 2),
+        roots=spots,
+        angles=np.full(row.count, bones.bend) + outer,
+        shares=np.ones(row.count),
+        lengths=wing.scale * _spread_evenly(row.lengths, row.count),
+        forward=np.zeros(row.count),
+    )
+    part = _Row(
+        kind=row.kind,
+        name="alula",
+        region="alula",
+        width=row.width,
+        layer=level + 1,
+        height=height,
+        own=np.arange(row.count),
+        lengths=alula.lengths,
+        forward=alula.forward,
+        numbers=alula.numbers,
+    )
+    yield from _feathers(wing, alula, part)
+
+
+def _feathers(wing: _Wing, remiges: _Remiges, row: _Row) -> Iterator[Draft]:
+    entry, scale = wing.entry, wing.scale
+    choice = _choice(wing, row.kind)
+    kind = wing.store.kind(choice)
+    if kind is None:
+        return
+    frames = _frames(wing, remiges.angles[row.own])
+    curvature = math.radians(wing.kind.camber) / wing.longest
+    below = np.arange(len(remiges.rows)) - sum(each != "primaries" for each in remiges.rows)
+    for k, remex in enumerate(row.own):
+        length, forward = float(row.lengths[k]), float(row.forward[k])
+        # on the flight feather's own arc, carried on towards the leading edge
+        raised = curvature * forward
+        height = row.height - scale * wing.kind.lift * below[remex] - 0.5 * raised * forward
+        shift = height * frames[k][:, 2] - forward * frames[k][:, 0]
+        rotation = frames[k] @ about_y(-raised)
+        root = remiges.roots[remex]
+        yield Draft(
+            id=f"{entry['id']}_{row.name}_{row.numbers[k]:02d}",
+            choice=choice,
+            position=root + shift,
+            rotation=rotation,
+            region=row.region,
+            joint=wing.joint(int(remiges.bone[remex])),
+            left=wing.bones.left,
+            scale=length / kind.length,
+            width=row.width,
+            roll=wing.kind.roll,
+            place=wing.place,
+            curl=math.degrees(curvature * length) - kind.rachis.camber,
+            layer=entry["layer"] + row.layer,
+            stack=len(remiges.rows) - int(remex),
+            turning=Turning((wing.joint(1), wing.joint(2)), float(remiges.shares[remex]), root),
+        )
+
+
+def _joints(wing: _Wing) -> list[Joint]:
+    side = 1 if wing.bones.left else -1
+    return [
+        Joint(
+            name=wing.joint(number),
+            position=wing.bones.points[number],
+            parent=wing.joint(number - 1) if number else wing.entry["joint"],
+            role=role,
+            side=side,
+            hinge=wing.bones.hinges[number],
+            fold=float(wing.bones.fold[number]),
+        )
+        for number, role in enumerate(_BONES)
+    ]

@@ -1,0 +1,102 @@
+"""Keys of wings, tails, crests and birds, and of the presets of wings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from featherfx.groom.keys.values import ArrayOf, Number, Table, Text, keys_of
+
+_LENGTH = Number(1e-3, 5, "m")
+_SPREAD_FOLDED = ArrayOf(Number(-180, 180, "deg"), 2, 2)
+MOST_IN_A_ROW = 200
+
+
+@dataclass(frozen=True)
+class FlightRow:
+    """Flight feathers side by side."""
+
+    count: Annotated[int, Number(0, MOST_IN_A_ROW, whole=True), "How many feathers."]
+    lengths: Annotated[
+        tuple[float, ...],
+        ArrayOf(_LENGTH, 1, MOST_IN_A_ROW),
+        "Lengths from the innermost to the outermost, spread evenly over the row.",
+    ]
+    kind: Annotated[str, Text(), "Feather preset."]
+    width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
+
+
+@dataclass(frozen=True)
+class CovertRow:
+    """A row of coverts, one for each flight feather and parallel to it."""
+
+    name: Annotated[str, Text(), "Part of ids and, with `s`, label: greater_covert."]
+    kind: Annotated[str, Text(), "Feather preset."]
+    length: Annotated[float, Number(0.01, 2), "Length as a share of the flight feather's."]
+    place: Annotated[
+        float,
+        Number(0, 1),
+        "Where the roots stand between the bone (0) and the leading edge (1).",
+    ]
+    gap: Annotated[float, Number(0, 0.1, "m"), "Distance from the row that it covers."]
+    side: Annotated[str, Text(("above", "below")), "Upper or lower side of the wing."] = "above"
+    width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
+
+
+_FLIGHT = Table(keys_of(FlightRow), "table of flight feathers")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WingType:
+    """A wing as a species has it, spread and folded. Angles in deg, lengths in m.
+
+    Pairs are values of the spread and of the folded wing. Directions of feathers between innermost,
+    middle and outermost are interpolated, and each turns with the wrist in proportion, as tracked
+    feathers of pigeons do (Chang et al. 2020, Science Robotics 5: eaay1246).
+    """
+
+    humerus: Annotated[float, _LENGTH, "Length of the upper arm."]
+    forearm: Annotated[float, _LENGTH, "Length of the forearm."]
+    hand: Annotated[float, _LENGTH, "Length of the hand, wrist to the tip of its bones."]
+    primaries: Annotated[FlightRow, _FLIGHT, "Flight feathers of the hand."]
+    secondaries: Annotated[FlightRow, _FLIGHT, "Flight feathers of the forearm."]
+    tertials: Annotated[FlightRow, _FLIGHT, "Flight feathers of the upper arm."]
+    alula: Annotated[FlightRow, _FLIGHT, "Feathers of the thumb."]
+    coverts: Annotated[
+        tuple[CovertRow, ...],
+        ArrayOf(Table(keys_of(CovertRow), "table of a row of coverts"), 0, 40),
+        "Rows of coverts; on either side each lies over the one before it.",
+    ] = ()
+    shoulder: Annotated[
+        tuple[float, float], _SPREAD_FOLDED, "Upper arm, turned back from sideways."
+    ]
+    elbow: Annotated[tuple[float, float], _SPREAD_FOLDED, "Angle between both arm bones."]
+    wrist: Annotated[tuple[float, float], _SPREAD_FOLDED, "Angle between forearm and hand."]
+    roof: Annotated[
+        tuple[float, float],
+        _SPREAD_FOLDED,
+        "Turn of the wing about the body's long axis, down along the flank.",
+    ]
+    innermost: Annotated[
+        tuple[float, float], _SPREAD_FOLDED, "Innermost feather, against the forearm."
+    ]
+    middle: Annotated[
+        tuple[float, float], _SPREAD_FOLDED, "Feathers at the wrist, against the forearm."
+    ]
+    outermost: Annotated[
+        tuple[float, float], _SPREAD_FOLDED, "Outermost primary, against the hand."
+    ]
+    depth: Annotated[
+        float, Number(0, 1), "From the bones of the hand to its leading edge, in lengths of it."
+    ] = 0.15
+    roll: Annotated[
+        float, Number(-90, 90, "deg"), "How far leading vanes are lifted over the next feather."
+    ] = 4.0
+    lift: Annotated[
+        float, Number(0, 0.1, "m"), "How much deeper each feather's root is than the next inner."
+    ] = 2e-4
+    camber: Annotated[
+        float,
+        Number(-360, 360, "deg"),
+        "Turning of the longest feather's shaft; all others are as curved, so that they nest.",
+    ] = 6.0
