@@ -2,7 +2,8 @@
 
 `featherfx.bake`, `bake_many`, `check`, `export`, `export_groom`, `join` and `plan` do what the
 commands of the same kind do; `read_groom`, `read_shot`, `build` and `simulate` are the steps
-between. All are loaded when first asked for, so that `import featherfx` stays light.
+between; `expand` makes meshes and barbs of condensed feathers. All are loaded when first asked for,
+so that `import featherfx` stays light.
 docs/usd_in.md, docs/dcc.md and docs/farm.md show them at work.
 """
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
     from featherfx.baking.pipeline import bake, check, export, export_groom, join, plan
     from featherfx.farm.bake_many import bake_many
+    from featherfx.usd.read.expand import expand
 
 _HOMES = dict.fromkeys(
     ("build", "read_groom", "read_quality", "read_shot", "simulate"), "featherfx.api"
@@ -24,12 +26,14 @@ _HOMES = dict.fromkeys(
     ("bake", "check", "export", "export_groom", "join", "plan"), "featherfx.baking.pipeline"
 )
 _HOMES["bake_many"] = "featherfx.farm.bake_many"
+_HOMES["expand"] = "featherfx.usd.read.expand"
 __all__ = [
     "__version__",
     "bake",
     "bake_many",
     "build",
     "check",
+    "expand",
     "export",
     "export_groom",
     "join",

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from featherfx._version import __version__
-from featherfx.baking.options import DrawnOptions
+from featherfx.baking.options import BakeOptions, DrawnOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.hooked import hooked_share
-from featherfx.feather.render import barb_curves, render_feather
+from featherfx.feather.render import barb_curves, barb_diameters, render_feather
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Array, Feather, RowMap
 from featherfx.groom.types import FeatherKind, Groom, Placement
@@ -27,6 +27,7 @@ from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.placement import place
 from featherfx.shot.types import Quality, Shot
 from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write.options import BOTH, CONDENSED, CURVES
 
 # bytes of a mesh point and of a barb, measured: while one feather is built, of a feather and of its
 # map from the simulated grid, which feathers of one shape share, and of its poses on their way
@@ -47,6 +48,9 @@ def entries_of(
             rest_points=place(feather.rest, placement.position, placement.rotation),
             static=static,
             root=None if skin is None else skin.roots[index],
+            barb_widths=barb_diameters(
+                placement.kind, np.linspace(0.0, 1.0, feather.columns + 1)[1:]
+            ),
             vane_stiffness=_vane_stiffness(placement.kind),
             held=_held(placement.kind, feather, static),
             hooked=not static and may_slip(placement.kind),
@@ -93,6 +97,27 @@ def refuse_splits_elsewhere(
         )
         for name, parts in names.items()
     ]
+    if problems:
+        raise InputError(*problems)
+
+
+def refuse_unfit_form(groom: Groom, options: BakeOptions, source: str) -> None:
+    """Raise InputError where feathers cannot be written in the form that is asked for."""
+    problems = []
+    if options.form == CURVES and not options.barbs:
+        problems.append(Problem(source, "as", "curves needs barbs (--barbs N)"))
+    if options.form == CURVES and options.diagnostics:
+        problems.append(Problem(source, "as", "curves has no faces for diagnostics"))
+    if options.form == CONDENSED and (options.barbs or options.diagnostics):
+        problems.append(Problem(source, "as", "condensed has no barbs and diagnostics besides"))
+    if options.form in (CONDENSED, BOTH):
+        names = dict.fromkeys(p.kind.name for p in groom.feathers if p.kind.may_part)
+        told = "may split, which condensed feathers have no place for; use --as mesh or curves"
+        problems += [
+            Problem(source, "groom", f"vanes of the kind '{name}' {told}") for name in names
+        ]
+    if options.velocities == "none" and options.accelerations:
+        problems.append(Problem(source, "velocities", "none leaves no accelerations either"))
     if problems:
         raise InputError(*problems)
 

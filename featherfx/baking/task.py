@@ -12,7 +12,7 @@ from typing import TypeVar
 from featherfx._version import __version__
 from featherfx.api import read_quality, read_shot
 from featherfx.baking.again import TakenOver, taken_over
-from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large
+from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
 from featherfx.baking.options import BakeOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.files.content import program_digest
@@ -107,6 +107,7 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     settings = _settings(shot, frames, options)
     part, whole, numbers = _part(shot, feathers)
     refuse_too_large(part.groom, shot.quality, options, str(shot_path))
+    refuse_unfit_form(part.groom, options, str(shot_path))
     refuse_splits_elsewhere(part.groom, shot.quality, options, str(shot_path))
     names = [names[k] for k in numbers]
 
@@ -126,7 +127,8 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
         try:
             finished = is_finished(path, settings, shot.inputs, options.overwrite)
         except OutputError:
-            taken = taken_over(path, settings, shot.inputs, names, own_dependences())
+            if options.can_be_taken_over:
+                taken = taken_over(path, settings, shot.inputs, names, own_dependences())
             if taken is None:
                 raise
     return Task(

@@ -66,7 +66,7 @@ OF_DASK = ("scheduler", "workers", "shares")
 @options_of(BakeOptions, "quality")
 @presets_option
 @options_of(BakeOptions, "report", "resume", "feathers", "chunk", "subframes")
-@options_of(BakeOptions, "group", *DRAWN, "accelerations", "diagnostics")
+@options_of(BakeOptions, "form", "group", *DRAWN, "velocities", "accelerations", "diagnostics")
 @progress_option
 @click.option(
     "--plan",

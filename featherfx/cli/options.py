@@ -117,13 +117,14 @@ def options_of(options: type, *names: str) -> Callable[[Decorated], Decorated]:
 
 def _option(declared: Field[Any], hint: Any) -> Callable[[Decorated], Decorated]:
     told, default = declared.metadata, declared.default
-    flag = "--" + declared.name.replace("_", "-")
+    flag = told.get("flag", "--" + declared.name.replace("_", "-"))
     if hint is bool:
         return click.option(flag, is_flag=True, help=told["text"])
     if hint == bool | None:
         return click.option(f"{flag}/--no-{flag[2:]}", default=None, help=told["text"])
     return click.option(
         flag,
+        declared.name,
         type=_click_type(told, hint),
         default="" if default == () else default,
         show_default=default not in (None, ()),

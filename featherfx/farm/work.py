@@ -109,7 +109,7 @@ def _prepared(order: Order, output: Path, **changed: Any) -> Task:
 def _look(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
     """What there is to do for a shot, after all that can be known to be wrong with it."""
     task = _prepared(order, Path(order.output))
-    shares = share_count(task.shot, order.shares)
+    shares = share_count(task.shot, order.shares) if task.options.can_be_taken_over else 1
     # most of the feathers are taken over from the cache that is there
     if task.finished or task.taken is not None:
         shares = 1

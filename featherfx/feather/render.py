@@ -62,7 +62,6 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
         [row[:, None] * len(nodes) + barb for row, barb in zip(grown, barbs, strict=True)]
     )
     along = np.linspace(0.0, 1.0, BARB_SEGMENTS + 1)
-    thinning = np.maximum((1.0 - along) ** (0.25 * kind.vane_material.barb_taper), _THINNEST)
     station = (dense.station / dense.station[-1])[np.concatenate(grown)]
     sign = np.repeat([1.0, -1.0], [len(row) for row in grown])
     u = 0.5 + 0.5 * sign[:, None] * along
@@ -77,12 +76,19 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
         points = _at_rest(feather, points_map, strands)
     return BarbCurves(
         points=points,
-        widths=np.tile(kind.vane_material.thickness * thinning, (len(picked), 1)),
+        widths=np.tile(barb_diameters(kind, along), (len(picked), 1)),
         side=side,
         st=np.stack([u, np.broadcast_to(station[:, None], u.shape)], axis=-1),
         points_map=points_map,
         strands=strands,
     )
+
+
+def barb_diameters(kind: FeatherKind, along: Array) -> Array:
+    """(K,) m, diameters of a barb at places (K,) from 0, its root, to 1."""
+    material = kind.vane_material
+    thinning = np.maximum((1.0 - along) ** (0.25 * material.barb_taper), _THINNEST)
+    return np.asarray(material.thickness * thinning)
 
 
 def _without_splits(kind: FeatherKind) -> FeatherKind:

@@ -48,11 +48,11 @@ class InPlace:
 
     __slots__ = ("_kind", "_value", "numbers")
 
-    def __init__(self, kind: Any, shape: tuple[int, ...]) -> None:
+    def __init__(self, kind: Any, shape: tuple[int, ...], number: Any = np.float32) -> None:
         self._kind = kind
         self._value = kind(shape[0]) if _IN_PLACE else None
         self.numbers: Floats = (
-            np.empty(shape, np.float32) if self._value is None else np.asarray(_Memory(self._value))
+            np.empty(shape, number) if self._value is None else np.asarray(_Memory(self._value))
         )
 
     @property
@@ -77,6 +77,15 @@ class Scalars(InPlace):
 
     def __init__(self, count: int) -> None:
         super().__init__(Vt.FloatArray, (count,))
+
+
+class Quath(InPlace):
+    """count rotations in half precision; numbers: (count, 4), the real part last, as USD has it."""
+
+    __slots__ = ()
+
+    def __init__(self, count: int) -> None:
+        super().__init__(Vt.QuathArray, (count, 4), np.float16)
 
 
 def vec3f(values: ArrayLike) -> Any:

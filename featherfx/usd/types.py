@@ -24,6 +24,11 @@ HOOKED, SLIP = "primvars:hooked", "primvars:slip"
 HOOKS = (HOOKED, SLIP)
 DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSITY,)}
 
+# of condensed feathers, on the points of shafts: their barbs' nodes, left and right (P_BARB), and
+# the rotation that turns x, y and z to along the shaft, its d2 and dorsal
+P_BARB = ("primvars:P_barbl", "primvars:P_barbr")
+ORIENT = "primvars:barborient"
+
 # The prims of a feather, or of several that share them, and what is written of these: what is a
 # rate, and what has a value for each face. All else has one for each point.
 MESH, RACHIS, BARB = "mesh", "rachis", "barbs"
@@ -55,6 +60,7 @@ class FeatherEntry:
     barbs: drawn as curves besides; their points are at rest in the world frame.
     vane_stiffness: N/m, thickness times modulus across the barbs and in shear, for the energy.
     held: per triangle, share of barbules that are hooked at rest; None: all.
+    barb_widths: (m,) m, diameters of a barb at its nodes, root to end, the root left out.
     hooked: whether the state of its hooks is written: the share that holds to 0 (open), and their
         slip. Else `held` is, where it is given.
     """
@@ -72,3 +78,4 @@ class FeatherEntry:
     vane_stiffness: tuple[float, float] = (0.0, 0.0)
     held: Array | None = None
     hooked: bool = False
+    barb_widths: Array | None = None

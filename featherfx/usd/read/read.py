@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,10 @@ from featherfx.usd.read.values import (
     times_of,
 )
 from featherfx.usd.write.output import unique_prim_names
+from featherfx.usd.write.prims import SUBSETS
+
+if TYPE_CHECKING:
+    from featherfx.usd.read.expand import Expansion
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -76,17 +80,48 @@ class _Mesh:
             self.values[name] = found
         return found
 
+    def matrix(self, code: Any) -> Array:
+        """(4, 4) from the space of its points to the world."""
+        return self.drawn.matrix(code)
+
+    def times(self) -> list[float]:
+        """Time codes at which it has points."""
+        return times_of(self.drawn.mesh.GetPointsAttr())
+
+
+class _Expanded:
+    """What condensed feathers are as meshes: points alone, in world space."""
+
+    def __init__(self, expansion: Expansion) -> None:
+        self._expansion = expansion
+        self._code: Any = None
+        self._points = np.zeros((0, 3), np.float32)
+
+    def read(self, name: str, code: Any, kind: Kind) -> Any:
+        if name != "points":
+            return None
+        if self._code != code:
+            self._code, self._points = code, self._expansion.points(code).astype(np.float32)
+        return self._points
+
+    def matrix(self, code: Any) -> Array:
+        return np.eye(4)
+
+    def times(self) -> list[float]:
+        return self._expansion.codes()
+
 
 class _Own(NamedTuple):
     """Where the values of a feather stand: points and faces of a mesh."""
 
-    mesh: _Mesh
+    mesh: _Mesh | _Expanded
     points: slice
     faces: slice
 
 
 class Cache:
-    """A USD file with its meshes; purposes other than default and render are left out.
+    """A USD file with its meshes, or, where it has none, its condensed feathers as such; purposes
+    other than default and render are left out.
 
     feathers: one entry per mesh, or instance of one, or feather of one that several share, in the
     order of the stage. frames: start and end time code. scenery: skins and colliders of its shot:
@@ -105,6 +140,7 @@ class Cache:
         with reading(self._stage.GetPseudoRoot()):
             self.scenery = tuple(_scenery(self._stage))
         found = [(own, feather) for each in _drawn(self._stage) for own, feather in each]
+        found = found or list(_expanded(self._stage))
         if not found:
             raise InputError(Problem(str(path), "", "holds no visible mesh"))
         self._own = [own for own, _ in found]
@@ -117,8 +153,8 @@ class Cache:
         """All time codes at which any mesh has points; whole frames where none has samples."""
         if not self.has_frames:
             return []
-        meshes = {id(own.mesh): own.mesh.drawn.mesh for own in self._own}.values()
-        found = {code for mesh in meshes for code in times_of(mesh.GetPointsAttr())}
+        meshes = {id(own.mesh): own.mesh for own in self._own}.values()
+        found = {code for mesh in meshes for code in mesh.times()}
         first, last = self.frames
         return sorted(code for code in found if first <= code <= last) or self.whole_frames()
 
@@ -174,7 +210,7 @@ class Cache:
         code = DEFAULT if time is None else Usd.TimeCode(time)
         if time is None and own.mesh.read("points", code, VECTORS) is None:
             code = EARLIEST
-        matrix = own.mesh.drawn.matrix(code)
+        matrix = own.mesh.matrix(code)
         points = own.mesh.read("points", code, VECTORS)
         if points is None:
             raise InputError(Problem(self._path, f"{feather.path}.points", f"no value {at(code)}"))
@@ -212,6 +248,41 @@ def _drawn(stage: Any) -> Iterator[list[tuple[_Own, CachedFeather]]]:
             )
             for member, feather in known[path]
         ]
+
+
+def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
+    """The condensed feathers of a stage as meshes; none where it has none."""
+    # what interpolates takes its time to load
+    from featherfx.usd.read import expand
+
+    if not expand.condensed_prims(stage):
+        return
+    expansion = expand.expand(stage)
+    mesh, rest = _Expanded(expansion), expansion.points()
+    for each in expansion.feathers:
+        own = _Own(mesh, each.points, slice(0, 0))
+        yield (
+            own,
+            CachedFeather(
+                path=expansion.path,
+                name=each.id,
+                id=each.id,
+                kind=each.kind,
+                region=each.region,
+                triangles=each.triangles,
+                side=each.side,
+                face=np.arange(len(each.triangles)),
+                subsets={
+                    name: np.flatnonzero(each.side == part)
+                    for name, part in SUBSETS.items()
+                    if (each.side == part).any()
+                },
+                rest=rest[each.points].astype(np.float32),
+                st=each.st.astype(np.float32),
+                colour=None,
+                is_feather=True,
+            ),
+        )
 
 
 def _scenery(stage: Any) -> Iterator[dict[str, Any]]:

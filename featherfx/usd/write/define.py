@@ -13,17 +13,20 @@ above them change. Both are inherited, so that nothing is said of single feather
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
+from featherfx.feather.types import LEADING, TRAILING, Feather
 from featherfx.usd import arrays
-from featherfx.usd.types import BARB, MESH, RACHIS, FeatherEntry
+from featherfx.usd.types import BARB, MESH, P_BARB, RACHIS, FeatherEntry
 from featherfx.usd.write.posed_groups import PosedGroup
+from featherfx.usd.write.poses import left_leads
 from featherfx.usd.write.prims import (
     define_barbs,
+    define_condensed,
     define_materials,
     define_mesh,
     define_rachises,
@@ -32,12 +35,20 @@ from featherfx.usd.write.prims import (
     seats,
 )
 from featherfx.usd.write.samples import AnimatedPrims
-from featherfx.usd.write.stage import BARBS, FEATHERS, MATERIALS, RACHISES, StageInfo, define_root
+from featherfx.usd.write.stage import (
+    BARBS,
+    FEATHERS,
+    MATERIALS,
+    RACHISES,
+    SCOPES,
+    StageInfo,
+    define_root,
+)
 
 
-def define_scopes(stage: Any, info: StageInfo, with_barbs: bool) -> None:
+def define_scopes(stage: Any, info: StageInfo, parts: Collection[str]) -> None:
     """The groups under the root."""
-    for name in (FEATHERS, RACHISES, *([BARBS] if with_barbs else []), MATERIALS):
+    for name in (*(SCOPES[part][0] for part in SCOPES if part in parts), MATERIALS):
         UsdGeom.Scope.Define(stage, info.root_path.AppendChild(name))
 
 
@@ -86,10 +97,11 @@ def define_prims(
     Rest points, topology and texture coordinates stay in memory with the layer, so this comes
     when the samples have gone to disk.
     """
-    stage, has_barbs = Usd.Stage.Open(layer), any(BARB in own for own in prims.prims)
+    stage, parts = Usd.Stage.Open(layer), {part for own in prims.prims for part in own}
     define_root(stage, info)
-    define_scopes(stage, info, has_barbs)
-    define_representations(stage, info, has_barbs)
+    define_scopes(stage, info, parts)
+    if MESH in parts:  # else all that there is is drawn
+        define_representations(stage, info, BARB in parts)
     materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
     with Sdf.ChangeBlock():
         # prims stand in the order of the feathers, whichever of them is defined first
@@ -102,9 +114,13 @@ def define_prims(
         is_first = first.setdefault(sorts[index], index) == index
         rest = _rest(group) if is_first or BARB in at else {}
         if is_first:
-            define_mesh(stage, at[MESH], group, own, rest[MESH], materials)
+            if MESH in at:
+                define_mesh(stage, at[MESH], group, own, rest[MESH], materials)
             ups = _ups(info, own)
             define_rachises(stage, at[RACHIS], group, own, rest[RACHIS], ups, materials)
+            if group.is_condensed:
+                values = condensed_values(info, own, rest)
+                define_condensed(stage, at[RACHIS], group, values)
         if BARB in at:
             define_barbs(stage, at[BARB], group, own, rest[BARB], materials)
     del stage  # layers alone take copies much faster
@@ -129,21 +145,58 @@ def _copy(
 ) -> None:
     """Mesh and shaft of a feather as those of another of its surface, but for what is its own."""
     rest, own = _rest(group), labels(entry.id, entry.kind, entry.region)
-    for part in (MESH, RACHIS):
+    for part in (part for part in (MESH, RACHIS) if part in target):
         Sdf.CopySpec(layer, source[part], layer, target[part])
         replace_primvars(layer, target[part], **own, Pref=rest[part], rest=rest[part])
-    if entry.root is not None:
+    if entry.root is not None and MESH in target:
         replace_primvars(layer, target[MESH], **seats([entry]))
-    if entry.held is not None and not entry.hooked:
+    if entry.held is not None and not entry.hooked and MESH in target:
         replace_primvars(layer, target[MESH], hooked=arrays.floats(entry.held))
     replace_primvars(layer, target[RACHIS], up=arrays.vec3f(_ups(info, [entry])))
+    if group.is_condensed:
+        replace_primvars(layer, target[RACHIS], **condensed_values(info, [entry], rest))
     widths = target[RACHIS].AppendProperty(UsdGeom.Tokens.widths)
     layer.GetAttributeAtPath(widths).default = arrays.floats(group.widths)
 
 
 def _rest(group: PosedGroup) -> dict[str, Any]:
     pose = group.rest()
-    return {part: pose.values[part, "points"].value for part in group.parts}
+    found = {part: pose.values[part, "points"].value for part in group.parts}
+    barbs = P_BARB if group.is_condensed else ()
+    return found | {name: pose.values[RACHIS, name].value for name in barbs}
+
+
+def condensed_values(
+    info: StageInfo, entries: Sequence[FeatherEntry], rest: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What never changes of condensed feathers, USD arrays by the names of their primvars."""
+    values = []
+    for entry in entries:
+        feather = entry.feather
+        along = feather.station / feather.station[-1]
+        across = 0.5 + 0.5 * np.arange(1, feather.columns + 1) / feather.columns
+        own = np.ones(feather.columns) if entry.barb_widths is None else entry.barb_widths
+        sides = [LEADING, TRAILING]
+        st = [np.stack(np.broadcast_arrays(u, along[:, None]), -1) for u in (across, 1.0 - across)]
+        widths = [(feather.barb_length[side] > 0.0)[:, None] * own for side in sides]
+        left = slice(None) if left_leads(feather) else slice(None, None, -1)
+        values.append((st[left], widths[left], np.stack([feather.width, feather.height], -1)))
+    uv, widths, section = zip(*values, strict=True)
+    made: dict[str, Any] = {"section": arrays.vec2f(info.space.lengths(np.concatenate(section)))}
+    for side, end in enumerate("lr"):
+        made[f"uv_barb{end}"] = arrays.vec2f(np.concatenate([v[side].reshape(-1, 2) for v in uv]))
+        diameters = np.concatenate([each[side].ravel() for each in widths])
+        made[f"width_barb{end}"] = arrays.floats(info.space.lengths(diameters))
+        made[f"rest_barb{end}"] = rest[P_BARB[side]]
+    made["leadingIsRight"] = arrays.ints([not left_leads(each.feather) for each in entries])
+    made["firstVaneRow"] = arrays.ints([first_vane_row(each.feather) for each in entries])
+    return made
+
+
+def first_vane_row(feather: Feather) -> int:
+    """The row at which calamus and vane meet; the last one where there is no vane."""
+    rows = np.flatnonzero(feather.cell.any(axis=(0, 2, 3)))
+    return int(rows[0]) if len(rows) else feather.rows - 1
 
 
 def _ups(info: StageInfo, entries: Sequence[FeatherEntry]) -> Any:

@@ -26,18 +26,26 @@ def chosen_group(group: str | None, feathers: int) -> str:
     return group or (REGION if feathers > MOST_SINGLE else FEATHER)
 
 
-def grouped(entries: Sequence[FeatherEntry], group: str, part: str = "") -> list[Group]:
+def grouped(
+    entries: Sequence[FeatherEntry], group: str, part: str = "", condensed: bool = False
+) -> list[Group]:
     """The groups of a cache, in the order of their first feathers.
 
     group: of GROUPS; feathers without a region go by their kind. part: told in the names, where
-    the cache is a part of a larger one that has the same groups.
+    the cache is a part of a larger one that has the same groups. condensed: feathers of one group
+    must have as many barb nodes, since a primvar has one element size; others are told by these.
     """
     if group == FEATHER:
         names = unique_prim_names([entry.name or entry.id for entry in entries])
         return [Group(name, (number,)) for number, name in enumerate(names)]
     members: dict[str, list[int]] = {}
+    first: dict[str, int] = {}
     for number, entry in enumerate(entries):
         label = (entry.region if group == REGION else "") or entry.kind
-        members.setdefault(ALL if group == ALL else label, []).append(number)
+        label = ALL if group == ALL else label
+        columns = entry.feather.columns
+        if condensed and columns != first.setdefault(label, columns):
+            label = f"{label}_{columns}"
+        members.setdefault(label, []).append(number)
     names = unique_prim_names([f"{label}_{part}" if part else label for label in members])
     return [Group(*each) for each in zip(names, map(tuple, members.values()), strict=True)]

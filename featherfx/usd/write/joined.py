@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from featherfx.feather.types import RowPoints
 from featherfx.shot.types import FeatherPose
 from featherfx.usd.arrays import InPlace
-from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, MESH, RACHIS
+from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, MESH, ORIENT, P_BARB, RACHIS
 from featherfx.usd.write import surface_kernels
-from featherfx.usd.write.poses import Key, PosedFeather
+from featherfx.usd.write.poses import Key, PosedFeather, condense
 from featherfx.usd.write.surface_kernels import DrawnSurface, WrittenSurface
 
 
@@ -29,6 +29,9 @@ class JoinedFeathers:
         surfaces = [each.drawn for each in feathers]
         self._grids = [each.grid for each in feathers]
         self._stage, self._origin = feathers[0].to_stage, feathers[0].to_origin
+        self._form = feathers[0].form
+        counts = [grid[0] for grid in self._grids]
+        self._left_leads = np.repeat([each.left_leads for each in feathers], counts)
         rows = np.cumsum([0, *(grid[0] for grid in self._grids)])
         starts = np.cumsum([0, *(len(each.row) for each in surfaces)])
         count = int(starts[-1])
@@ -64,6 +67,9 @@ class JoinedFeathers:
         names = (MESH, "points"), (MESH, "normals"), (MESH, BARB_DIRECTION), (RACHIS, "points")
         written = WrittenSurface(*(values[key].numbers for key in names))
         finite = surface_kernels.pose_surface(points, self._drawn, self._stage, written)
+        if self._form.condensed:
+            numbers = [values[RACHIS, name].numbers for name in (*P_BARB, ORIENT)]
+            finite &= condense(points, self._left_leads, self._stage, numbers)
         rates = {"velocities": [pose.velocities for pose in given]}
         if (MESH, ACCELERATIONS) in values:
             rates[ACCELERATIONS] = [pose.accelerations for pose in given]

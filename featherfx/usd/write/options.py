@@ -17,6 +17,8 @@ LAYOUTS = ("auto", "flat", "payload", "clips")
 UP_AXES = ("Y", "Z")
 FEATHER, KIND, REGION, ALL = "feather", "kind", "region", "all"
 GROUPS = (FEATHER, KIND, REGION, ALL)
+MESH, CONDENSED, CURVES, BOTH = "mesh", "condensed", "curves", "both"
+FORMS = (MESH, CONDENSED, CURVES, BOTH)
 
 
 def option(default: Any, text: str, **limits: Any) -> Any:
@@ -24,7 +26,7 @@ def option(default: Any, text: str, **limits: Any) -> Any:
 
     text: its meaning with unit, for help. limits: least, most, above: what a number is at least, at
     most, or more than; allowed: names; form: of two numbers in one text, "A-B" or "I/N"; metavar:
-    in help.
+    in help; flag: on the command line, where it is not the name.
     """
     return field(default=default, metadata={"text": text, **limits})
 
@@ -71,6 +73,16 @@ class WriteOptions(StageOptions):
         "; without a region by kind.  [default: feather up to 200 feathers, region above]",
         allowed=GROUPS,
     )
+    form: str = option(
+        MESH,
+        "What is written of a feather: its mesh and shaft; its shaft with its barbs as arrays, as"
+        " Houdini's condensed feathers; shaft and --barbs as curves; or mesh and condensed.",
+        allowed=FORMS,
+        flag="--as",
+    )
+    velocities: str = option(
+        "full", "Velocities, and accelerations, at every sample, or none.", allowed=("full", "none")
+    )
     accelerations: bool = option(False, "Write accelerations beside velocities.")
     diagnostics: Sequence[str] = option(
         (),
@@ -80,6 +92,11 @@ class WriteOptions(StageOptions):
     resume: bool = option(
         False, "Continue after the frames that an earlier bake of this shot left, killed or not."
     )
+
+    @property
+    def can_be_taken_over(self) -> bool:
+        """Whether what is written has all that another bake takes a feather's samples over by."""
+        return self.form == MESH and self.velocities != "none"
 
 
 def check_ranges(options: StageOptions, source: str) -> None:

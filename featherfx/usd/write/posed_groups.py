@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.shot.types import FeatherPose
-from featherfx.usd.arrays import Floats, InPlace, Scalars, Vec3f
-from featherfx.usd.types import BARB, HOOKED, HOOKS, MESH, PER_FACE, RACHIS, RATES
+from featherfx.usd.arrays import Floats, InPlace, Quath, Scalars, Vec3f
+from featherfx.usd.types import BARB, HOOKED, HOOKS, MESH, P_BARB, PER_FACE, RACHIS, RATES
 from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.grouping import Group
 from featherfx.usd.write.joined import JoinedFeathers
@@ -66,14 +66,26 @@ class PosedGroup:
         self.faces = _starts([f.faces for f in self.feathers])
         self._vectors = dict.fromkeys(key for f in self.feathers for key in f.vectors)
         self._scalars = dict.fromkeys(key for f in self.feathers for key in f.scalars)
+        self._turns = dict.fromkeys(key for f in self.feathers for key in f.turns)
+        self.columns = self.feathers[0].columns
         self._extents = [(part, "extent") for part in self.parts]
-        self.keys: tuple[Key, ...] = (*self._vectors, *self._extents, *self._scalars)
+        self.keys: tuple[Key, ...] = (
+            *self._vectors,
+            *self._extents,
+            *self._scalars,
+            *self._turns,
+        )
         # USD pads the extent of curves by half the greatest width of the prim, in single precision
         widths = {MESH: np.zeros(0), RACHIS: self.widths, BARB: self.barb_widths}
         self._padding = {
             part: np.float32(0.5) * np.float32(each.max(initial=0.0))
             for part, each in widths.items()
         }
+
+    @property
+    def is_condensed(self) -> bool:
+        """Whether the shafts carry their barbs."""
+        return self.feathers[0].form.condensed
 
     @property
     def interpolation(self) -> str:
@@ -97,13 +109,16 @@ class PosedGroup:
 
     def starts(self, key: Key) -> NDArray[np.int64]:
         """(M + 1,) where the elements of each feather begin in an attribute, and all."""
-        return self.faces if key[1] in PER_FACE else self.points[key[0]]
+        if key[1] in PER_FACE:
+            return self.faces
+        return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)
 
     def new_pose(self) -> WrittenPose:
         """Room for one pose; static feathers are in it already."""
         values: dict[Key, InPlace] = {key: Vec3f(self._count(key)) for key in self._vectors}
         values |= {key: Vec3f(2) for key in self._extents}
         values |= {key: Scalars(self._count(key)) for key in self._scalars}
+        values |= {key: Quath(self._count(key)) for key in self._turns}
         for key in self._scalars:
             values[key].numbers[...] = self.held if key[1] == HOOKED else 0.0
         pose = WrittenPose(values, self._shared_out(values), np.ones(len(self.members), np.bool_))
@@ -117,11 +132,12 @@ class PosedGroup:
 
     def _shared_out(self, values: dict[Key, InPlace]) -> list[Written]:
         """The views of each feather on the arrays of the group."""
-        starts = {key: self.starts(key).tolist() for key in (*self._vectors, *self._scalars)}
+        own = (*self._vectors, *self._scalars, *self._turns)
+        starts = {key: self.starts(key).tolist() for key in own}
         return [
             {
                 key: values[key].numbers[starts[key][index] : starts[key][index + 1]]
-                for key in (*feather.vectors, *feather.scalars)
+                for key in (*feather.vectors, *feather.scalars, *feather.turns)
             }
             for index, feather in enumerate(self.feathers)
         ]

@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.rotation import frames_to_quats
 from featherfx.feather.clumps import clumped
 from featherfx.feather.lips import Lips, carried_rates
+from featherfx.feather.types import (
+    LEADING,
+    TRAILING,
+    Feather,
+    PointMap,
+    RowMap,
+    RowPoints,
+    Surface,
+    barb_slice,
+    both,
+)
 from featherfx.feather.types import RACHIS as SHAFT
-from featherfx.feather.types import Feather, PointMap, RowMap, RowPoints, Surface, both
 from featherfx.shot.types import FeatherPose
 from featherfx.usd.arrays import Floats
 from featherfx.usd.space import StageSpace
@@ -24,6 +36,8 @@ from featherfx.usd.types import (
     HOOKED,
     HOOKS,
     MESH,
+    ORIENT,
+    P_BARB,
     PER_FACE,
     RACHIS,
     RATES,
@@ -33,6 +47,7 @@ from featherfx.usd.types import (
     FeatherEntry,
 )
 from featherfx.usd.write import surface_kernels
+from featherfx.usd.write.forms import Form
 from featherfx.usd.write.surface_kernels import DrawnSurface, ToStage, WrittenSurface
 
 Array = NDArray[np.float64]
@@ -53,13 +68,20 @@ class PosedFeather:
     id: of the feather. widths, barb_widths: (n,) and (B K,) stage units, diameters of shaft and
     barbs; those of the shaft are of the circle of its section's area. parts: the prims that it
     has. points: of each, and faces: of its mesh. held: (faces,) share of barbules that are hooked
-    at rest. vectors, scalars: what is written of the parts.
+    at rest. vectors, scalars, turns: what is written of the parts. form: what of that is written.
     """
 
     def __init__(
-        self, entry: FeatherEntry, surface: _Surface, space: StageSpace, extras: Collection[str]
+        self,
+        entry: FeatherEntry,
+        surface: _Surface,
+        space: StageSpace,
+        extras: Collection[str],
+        form: Form = Form(),
     ) -> None:
         """extras: ACCELERATIONS, names of DIAGNOSTICS."""
+        self.form, self.columns = form, entry.feather.columns
+        self.left_leads = left_leads(entry.feather)
         self._entry, self._surface, self.id = entry, surface, entry.id
         self.to_stage = ToStage(1.0 / space.meters_per_unit, space.up_axis == "Y")
         self.to_origin = -np.array(space.origin) if space.is_moved else None
@@ -80,14 +102,18 @@ class PosedFeather:
             *((part, name) for part in self.parts for name in each),
             (MESH, "normals"),
             (MESH, BARB_DIRECTION),
+            *((RACHIS, name) for name in P_BARB if form.condensed),
         )
         asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
         asked += HOOKS if entry.hooked else ()
         self.scalars: tuple[Key, ...] = tuple((MESH, name) for name in asked)
+        self.turns: tuple[Key, ...] = ((RACHIS, ORIENT),) if form.condensed else ()
 
     def count(self, key: Key) -> int:
         """Elements of an attribute."""
-        return self.faces if key[1] in PER_FACE else self.points[key[0]]
+        if key[1] in PER_FACE:
+            return self.faces
+        return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)
 
     @property
     def drawn(self) -> DrawnSurface:
@@ -110,8 +136,11 @@ class PosedFeather:
     @property
     def bytes_per_sample(self) -> int:
         """Bytes of one pose, with an extent for each prim."""
-        vectors = sum(map(self.count, self.vectors)) + 2 * len(self.parts)
-        return 12 * vectors + 4 * sum(map(self.count, self.scalars))
+        kinds = (self.vectors, 12), (self.scalars, 4), (self.turns, 8)
+        extents = 24 * len(set(self.parts) & set(self.form.parts))
+        return extents + sum(
+            size * self.count(key) for keys, size in kinds for key in keys if self.form.writes(key)
+        )
 
     def rest(self, out: Written) -> bool:
         """Write the rest pose, whose rates are zero; whether it is finite."""
@@ -211,6 +240,9 @@ class PosedFeather:
         finite = surface_kernels.pose_surface(points, self._surface.drawn, self.to_stage, written)
         if self.scalars:
             self._diagnose(out)
+        if self.form.condensed:
+            numbers = [out[RACHIS, name] for name in (*P_BARB, ORIENT)]
+            finite &= condense(points, self.left_leads, self.to_stage, numbers)
         return bool(finite)
 
     def _diagnose(self, out: Written) -> None:
@@ -302,7 +334,10 @@ class _Surface:
 
 
 def posed_feathers(
-    entries: Sequence[FeatherEntry], space: StageSpace, extras: Collection[str] = ()
+    entries: Sequence[FeatherEntry],
+    space: StageSpace,
+    extras: Collection[str] = (),
+    form: Form = Form(),
 ) -> list[PosedFeather]:
     """All feathers of a cache; arrays of entries that share a Feather are made once."""
     shapes: dict[int, _Surface] = {}
@@ -315,7 +350,43 @@ def posed_feathers(
             edges[topology] = barb_edges(surface, surface.points(feather.rest))
         if id(feather) not in shapes:
             shapes[id(feather)] = _Surface(feather, edges[topology])
-    return [PosedFeather(entry, shapes[id(entry.feather)], space, extras) for entry in entries]
+    return [
+        PosedFeather(entry, shapes[id(entry.feather)], space, extras, form) for entry in entries
+    ]
+
+
+def left_leads(feather: Feather) -> bool:
+    """Whether the leading barbs are the left ones, as seen from dorsal with the tip ahead."""
+    nodes, columns = feather.rest.nodes[..., 1], feather.columns
+    leading, trailing = (nodes[:, barb_slice(side, columns)] for side in (LEADING, TRAILING))
+    return bool(leading.sum() >= trailing.sum())
+
+
+def condense(points: RowPoints, left: Any, stage: ToStage, out: Sequence[Any]) -> bool:
+    """Barbs and orientations of shafts of N rows; whether all are finite.
+
+    left: whether the leading barb is the left one, one for all or (N,). out: (N m, 3) nodes of left
+    and right barbs, (N, 4) rotations.
+    """
+    columns = points.nodes.shape[1] // 2
+    barbs = [points.nodes[:, barb_slice(side, columns)] for side in (LEADING, TRAILING)]
+    is_left, finite = np.reshape(left, (-1, 1, 1)), True
+    for pair, numbers in ((barbs, out[0]), (barbs[::-1], out[1])):
+        world = np.ascontiguousarray(np.where(is_left, *pair)).reshape(-1, 3)
+        finite &= bool(surface_kernels.write_points(world, stage, numbers))
+    lateral, dorsal = (stage_axes(points.directors[:, k], stage) for k in range(2))
+    # those of a mapped grid are not quite orthonormal
+    lateral = lateral / np.linalg.norm(lateral, axis=1, keepdims=True)
+    dorsal = dorsal - lateral * np.einsum("rc,rc->r", lateral, dorsal)[:, None]
+    dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
+    frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
+    out[2][...] = np.roll(frames_to_quats(frames), -1, axis=1)
+    return finite
+
+
+def stage_axes(vectors: Array, stage: ToStage) -> Array:
+    """Directions, not scaled."""
+    return StageSpace(1.0, "Y" if stage.y_up else "Z").directions(vectors)
 
 
 def barb_edges(surface: Surface, points: Array) -> NDArray[np.int32]:

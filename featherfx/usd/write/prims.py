@@ -11,7 +11,7 @@ are whose: featherRange:points and so on, first and number, in the order of feat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,6 +52,15 @@ _PRIMVARS = {
     "side": (_TYPES.IntArray, UsdGeom.Tokens.uniform, 1),
     # share of barbules that are hooked, of vanes whose hooks all hold
     "hooked": (_TYPES.FloatArray, UsdGeom.Tokens.uniform, 1),
+    # of condensed feathers, at the nodes of left and right barbs, as many a point as P_barbl has; a
+    # diameter of 0 says that there is no barb
+    **dict.fromkeys(("uv_barbl", "uv_barbr"), (_TYPES.TexCoord2fArray, UsdGeom.Tokens.vertex, 1)),
+    **dict.fromkeys(("width_barbl", "width_barbr"), (_TYPES.FloatArray, UsdGeom.Tokens.vertex, 1)),
+    **dict.fromkeys(("rest_barbl", "rest_barbr"), (_TYPES.Point3fArray, UsdGeom.Tokens.vertex, 1)),
+    # width and height of the shaft
+    "section": (_TYPES.Float2Array, UsdGeom.Tokens.vertex, 1),
+    # of the feather: whether its leading vane is the right one, and where the calamus ends
+    **dict.fromkeys(("leadingIsRight", "firstVaneRow"), (_TYPES.IntArray, _CONSTANT, 1)),
     # for viewers that ignore materials
     "displayColor": (_TYPES.Color3fArray, _CONSTANT, 1),
 }
@@ -215,6 +224,16 @@ def define_rachises(
     if not group.alone and all(entry.root is not None for entry in entries):
         author_primvars(prim, group.interpolation, **seats(entries))
     _look(prim, "rachis", materials)
+
+
+def define_condensed(stage: Any, path: Any, group: PosedGroup, values: Mapping[str, Any]) -> None:
+    """Author what never changes of condensed feathers on their shafts. values: by primvar."""
+    prim = stage.GetPrimAtPath(path)
+    for name, value in values.items():
+        each = name in ("leadingIsRight", "firstVaneRow")
+        author_primvars(prim, group.interpolation if each else "", **{name: value})
+        if name.endswith(("_barbl", "_barbr")):
+            UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).SetElementSize(group.columns)
 
 
 def define_barbs(

@@ -10,7 +10,8 @@ from typing import Any
 
 from pxr import Sdf
 
-from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, PER_FACE, RATES
+from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, ORIENT, P_BARB, PER_FACE, RATES
+from featherfx.usd.write.forms import Form
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.posed_groups import PosedGroup, WrittenPose
 from featherfx.usd.write.poses import Key
@@ -23,39 +24,48 @@ _TYPES = {
     "velocities": Sdf.ValueTypeNames.Vector3fArray,
     BARB_DIRECTION: Sdf.ValueTypeNames.Vector3fArray,
     ACCELERATIONS: Sdf.ValueTypeNames.Vector3fArray,
+    ORIENT: Sdf.ValueTypeNames.QuathArray,
+    **dict.fromkeys(P_BARB, Sdf.ValueTypeNames.Point3fArray),
 }
 _TYPES |= {name: Sdf.ValueTypeNames.FloatArray for name in PER_FACE if name != BARB_DIRECTION}
-_INTERPOLATION = {"normals": "vertex"} | dict.fromkeys(PER_FACE, "uniform")
+_INTERPOLATION = dict.fromkeys(("normals", ORIENT, *P_BARB), "vertex")
+_INTERPOLATION |= dict.fromkeys(PER_FACE, "uniform")
 
 
 class AnimatedPrims:
     """The prims of a cache that move, and how a pose becomes their values.
 
-    groups: the feathers of each mesh. prims: per group, the path of each part that is drawn of it.
-    paths: per group, those of what is written.
+    groups: the feathers of each mesh, or of curves where there is none. prims: per group, the path
+    of each part that is drawn of it. form: what of these is written. paths: per group, those
+    of what is written.
     """
 
-    def __init__(self, groups: Sequence[PosedGroup], prims: Sequence[Mapping[str, Any]]) -> None:
-        self.groups, self.prims = groups, prims
+    def __init__(
+        self,
+        groups: Sequence[PosedGroup],
+        prims: Sequence[Mapping[str, Any]],
+        form: Form = Form(),
+    ) -> None:
+        self.groups, self.prims, self.form = groups, prims, form
         self.paths: list[dict[Key, Any]] = [
             {
                 (part, name): own[part].AppendProperty(name)
                 for part, name in group.keys
-                if part in own
+                if part in own and form.writes((part, name))
             }
             for group, own in zip(groups, prims, strict=True)
         ]
 
     @staticmethod
-    def of_cache(groups: Sequence[PosedGroup], root: Any) -> AnimatedPrims:
+    def of_cache(groups: Sequence[PosedGroup], root: Any, form: Form) -> AnimatedPrims:
         """Those of a cache. root: path of the prim above all."""
         prims: list[dict[str, Any]] = [{} for _ in groups]
         for part, (scope, end) in SCOPES.items():
             names = unique_prim_names([group.name + end for group in groups])
             for group, own, name in zip(groups, prims, names, strict=True):
-                if part in group.parts:
+                if part in group.parts and part in form.parts:
                     own[part] = root.AppendPath(f"{scope}/{name}")
-        return AnimatedPrims(groups, prims)
+        return AnimatedPrims(groups, prims, form)
 
     def create(self, layer: Any, index: int, key: Key) -> Any:
         """The attribute in a layer, as an over where the layer does not define the prim."""
@@ -67,20 +77,22 @@ class AnimatedPrims:
         attribute = layer.GetAttributeAtPath(path)
         if name in _INTERPOLATION:
             attribute.SetInfo("interpolation", _INTERPOLATION[name])
+        if name in P_BARB:
+            attribute.SetInfo("elementSize", self.groups[index].columns)
         return attribute
 
     def author_defaults(self, layer: Any, index: int, pose: WrittenPose) -> None:
         """One pose of a group as default values; a default pose has no rates."""
-        for key, value in pose.values.items():
+        for key in self.paths[index]:
             if key[1] not in RATES:
-                self.create(layer, index, key).default = value.value
+                self.create(layer, index, key).default = pose.values[key].value
 
     def author_sample(
         self, layer: Any, index: int, codes: Sequence[float], pose: WrittenPose
     ) -> None:
         """One pose of a group at time codes, in a layer that has the attributes."""
         paths, store = self.paths[index], layer.SetTimeSample
-        for key, value in pose.values.items():
-            array = value.value
+        for key, path in paths.items():
+            array = pose.values[key].value
             for code in codes:
-                store(paths[key], code, array)
+                store(path, code, array)

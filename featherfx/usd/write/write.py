@@ -22,6 +22,7 @@ from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, Output
 from featherfx.usd.write.assemble import assemble
 from featherfx.usd.write.chunk import ChunkWriter, WrittenChunk
 from featherfx.usd.write.define import define_prims
+from featherfx.usd.write.forms import Form
 from featherfx.usd.write.grouping import chosen_group, grouped
 from featherfx.usd.write.layout import new_layers
 from featherfx.usd.write.options import FEATHER, GROUPS, UP_AXES, WriteOptions
@@ -123,7 +124,8 @@ class CacheWriter:
         self._frames, space = frames, replace(StageSpace.of(options), origin=place.origin)
         self._feathers, self._subframes = tuple(feathers), options.subframes
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
-        posed = posed_feathers(self._feathers, space, extras)
+        form = Form.of(options)
+        posed = posed_feathers(self._feathers, space, extras, form)
         bytes_per_sample = sum(each.bytes_per_sample for each in posed)
         self._samples = (frames[1] - frames[0]) * self._subframes + 1 if frames else 0
         frames_each = continuation.frames_each if continuation else None
@@ -143,10 +145,10 @@ class CacheWriter:
         how = chosen_group(options.group, len(self._feathers))
         groups = [
             PosedGroup(group, posed, [entry.static for entry in self._feathers], how == FEATHER)
-            for group in grouped(self._feathers, how, place.part)
+            for group in grouped(self._feathers, how, place.part, form.condensed)
         ]
         self._check_finite([k for group in groups for k in group.not_finite(group.rest())], 0.0)
-        self._prims = AnimatedPrims.of_cache(groups, self._info.root_path)
+        self._prims = AnimatedPrims.of_cache(groups, self._info.root_path, form)
         self._resumable = continuation is not None
         self._parts: Parts | None = None
         self._earlier: list[EarlierCache] = []

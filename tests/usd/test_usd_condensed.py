@@ -1,0 +1,204 @@
+"""Condensed feathers as a bake writes them, and meshes and barbs made of them again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import feathers
+import numpy as np
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+import featherfx
+from featherfx.algebra.rotation import about_x
+from featherfx.baking.entries import entries_of
+from featherfx.errors import InputError
+from featherfx.feather.shapes import feathers_of
+from featherfx.feather.types import RowPoints, both
+from featherfx.usd.check.check import check_usd
+from featherfx.usd.read.expand import expand
+from featherfx.usd.read.read import Cache
+from featherfx.usd.write.options import WriteOptions
+from featherfx.usd.write.write import CacheWriter
+
+SAMPLES = Path(__file__).resolve().parents[2] / "samples"
+GRID = 11, 4
+CODES = (None, 1.0, 2.0)
+
+
+@pytest.fixture(scope="module")
+def entries():
+    """Wing feathers of both sides."""
+    groom = featherfx.read_groom(SAMPLES / "swan_wing/groom.toml")
+    chosen = replace(groom, feathers=groom.feathers[::6])
+    assert {each.mirrored for each in chosen.feathers} == {True, False}
+    return entries_of(chosen, feathers_of(chosen.feathers, *GRID), static=False)
+
+
+def bent(rest: RowPoints, number: int) -> RowPoints:
+    """A feather whose rows turn about x the more the farther they are from its root."""
+    start = rest.nodes[0, 0]
+    along = np.linalg.norm(rest.nodes[:, 0] - start, axis=1)
+    turns = np.stack([about_x(60.0 * number * each) for each in along])
+    nodes = np.einsum("rkc,rdc->rkd", rest.nodes - start, turns) + start
+    return RowPoints(nodes, np.einsum("rkc,rdc->rkd", rest.directors, turns))
+
+
+def write(path: Path, entries, **options) -> Path:
+    options = WriteOptions(up_axis="Y", meters_per_unit=0.01, **options)
+    with CacheWriter(path, entries, (1, 2), 24.0, options) as writer:
+        for number in (1, 2):
+            points = [bent(each.rest_points, number) for each in entries]
+            still = [both(np.zeros_like, each) for each in points]
+            writer.write(feathers.frame_of(number, (number - 1) / 24, points, still))
+    return path
+
+
+@pytest.fixture(scope="module")
+def baked(entries, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("forms")
+    return {
+        (form, group): write(folder / f"{form}_{group}.usdc", entries, form=form, group=group)
+        for form, group in (
+            ("mesh", "feather"),
+            ("both", "feather"),
+            ("condensed", "feather"),
+            ("condensed", "all"),
+        )
+    }
+
+
+def prims(stage, schema) -> list:
+    return [each for each in stage.Traverse() if each.IsA(schema)]
+
+
+@pytest.mark.parametrize(
+    "form", [("both", "feather"), ("condensed", "feather"), ("condensed", "all")]
+)
+def test_condensed_feathers_expand_to_what_a_mesh_bake_writes(baked, form):
+    meshes, expanded = Cache(baked["mesh", "feather"]), expand(baked[form])
+    known = {each.id: number for number, each in enumerate(meshes.feathers)}
+    assert {each.id for each in expanded.feathers} == set(known)
+    for code in CODES:
+        points = expanded.points(code)
+        for own in expanded.feathers:
+            mesh, wanted = meshes.feathers[known[own.id]], meshes.points(known[own.id], code)
+            length = np.ptp(wanted, axis=0).max()
+            np.testing.assert_array_equal(own.triangles, mesh.triangles)
+            np.testing.assert_array_equal(own.side, mesh.side)
+            np.testing.assert_allclose(own.st, mesh.st, atol=1e-3)
+            assert (own.kind, own.region) == (mesh.kind, mesh.region)
+            assert np.abs(points[own.points] - wanted).max() < 1e-4 * length
+
+
+def test_a_cache_of_condensed_feathers_is_read_as_meshes_and_found_sound(baked):
+    for form in (("both", "feather"), ("condensed", "feather"), ("condensed", "all")):
+        assert check_usd(baked[form]) == []
+    one, other = Cache(baked["condensed", "all"]), Cache(baked["mesh", "feather"])
+    assert one.codes() == other.codes() == [1.0, 2.0]
+    assert [each.id for each in one.feathers] == [each.id for each in other.feathers]
+    np.testing.assert_allclose(one.points(2, 2.0), other.points(2, 2.0), atol=1e-3)
+    assert set(one.feathers[0].subsets) == set(other.feathers[0].subsets)
+
+
+def test_what_a_shaft_carries(baked, entries):
+    stage = Usd.Stage.Open(str(baked["condensed", "all"]))
+    (curves,) = prims(stage, UsdGeom.BasisCurves)
+    assert not prims(stage, UsdGeom.Mesh)
+    primvars, rows = UsdGeom.PrimvarsAPI(curves), GRID[0] * len(entries)
+    for end in "lr":
+        for name in (f"P_barb{end}", f"uv_barb{end}", f"width_barb{end}", f"rest_barb{end}"):
+            primvar = primvars.GetPrimvar(name)
+            assert primvar.GetElementSize() == GRID[1]
+            assert primvar.GetInterpolation() == "vertex"
+            assert len(primvar.Get()) == rows * GRID[1]
+        assert primvars.GetPrimvar(f"P_barb{end}").GetTimeSamples() == [1.0, 2.0]
+        assert primvars.GetPrimvar(f"P_barb{end}").GetTypeName() == Sdf.ValueTypeNames.Point3fArray
+    assert len(primvars.GetPrimvar("barborient").Get(1.0)) == rows
+    assert list(primvars.GetPrimvar("featherId").Get()) == [each.id for each in entries]
+    # seen from dorsal with the tip ahead, the left barbs are on the left
+    shaft = np.array(UsdGeom.BasisCurves(curves).GetPointsAttr().Get()).reshape(-1, GRID[0], 3)
+    left = np.array(primvars.GetPrimvar("P_barbl").Get()).reshape(-1, GRID[0], GRID[1], 3)
+    ups = np.array(primvars.GetPrimvar("up").Get())
+    ahead = shaft[:, -1] - shaft[:, 0]
+    apart = (left[:, :, -1] - shaft).sum(axis=1)
+    assert (np.einsum("fc,fc->f", np.cross(ups, ahead), apart) > 0.0).all()
+
+
+def test_velocities_may_be_left_out(entries, tmp_path):
+    path = write(tmp_path / "still.usdc", entries, form="condensed", velocities="none")
+    stage = Usd.Stage.Open(str(path))
+    assert not any(
+        each.GetAttribute("velocities").HasValue() for each in prims(stage, UsdGeom.Curves)
+    )
+    assert check_usd(path) == []
+
+
+def test_other_densities_keep_shafts_and_outline(baked):
+    fine = expand(baked["condensed", "all"], rows=41, columns=8, barbs=30)
+    own, meshes = expand(baked["condensed", "all"]), Cache(baked["mesh", "feather"])
+    for code in CODES:
+        points, barbs, same = fine.points(code), fine.barbs(code), own.points(code)
+        assert np.isfinite(points).all()
+        for each, coarse in zip(fine.feathers, own.feathers, strict=True):
+            mine, wanted = points[each.points], same[coarse.points]
+            length = np.ptp(wanted, axis=0).max()
+            assert len(each.barb_side) > 50
+            # a point of the coarse mesh has a point of the fine one nearby
+            nearest = np.linalg.norm(wanted[:, None] - mine[None], axis=2).min(axis=1)
+            assert nearest.max() < 0.04 * length
+            roots = barbs[each.barbs][:, 0]
+            shaft = meshes.points([f.id for f in meshes.feathers].index(each.id), code)
+            nearest = np.linalg.norm(roots[:, None] - shaft[None], axis=2).min(axis=1)
+            assert nearest.max() < 0.1 * length
+
+
+def test_a_rigid_motion_is_kept_at_every_density(entries, tmp_path):
+    path = tmp_path / "rigid.usdc"
+    turn, way = about_x(40.0), np.array([0.3, -0.2, 0.1])
+    with CacheWriter(path, entries, (1, 2), 24.0, WriteOptions(form="condensed")) as writer:
+        for number, matrix, shift in ((1, np.eye(3), 0 * way), (2, turn, way)):
+            points = [
+                both(lambda part, m=matrix: part @ m.T, each.rest_points).shifted(shift)
+                for each in entries
+            ]
+            still = [both(np.zeros_like, each) for each in points]
+            writer.write(feathers.frame_of(number, (number - 1) / 24, points, still))
+    for density in ({}, {"rows": 23, "columns": 7, "barbs": 9}):
+        fine = expand(path, **density)
+        for made in (fine.points, lambda code, own=fine: own.barbs(code).reshape(-1, 3)):
+            np.testing.assert_allclose(made(2.0), made(1.0) @ turn.T + way, atol=2e-6)
+
+
+def test_densities_out_of_range_and_other_files_are_refused(baked, tmp_path):
+    with pytest.raises(InputError, match=r"rows: 2; allowed: 3 to") as caught:
+        expand(baked["condensed", "all"], rows=2, barbs=0)
+    assert len(caught.value.problems) == 2
+    with pytest.raises(InputError, match="holds no condensed feathers"):
+        expand(baked["mesh", "feather"])
+    stage = Usd.Stage.Open(str(baked["condensed", "all"]))
+    (curves,) = prims(stage, UsdGeom.BasisCurves)
+    UsdGeom.PrimvarsAPI(curves).GetPrimvar("P_barbr").Set([(0, 0, 0)], 2.0)
+    with pytest.raises(InputError, match=r"P_barbr: .*too many or few"):
+        expand(stage).points(2.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"form": "curves"}, "curves needs barbs"),
+        ({"form": "condensed", "barbs": 9}, "condensed has no barbs"),
+        ({"form": "condensed", "diagnostics": ("strain",)}, "condensed has no barbs and diagnost"),
+        ({"velocities": "none", "accelerations": True}, "none leaves no accelerations"),
+    ],
+)
+def test_forms_that_do_not_fit_are_refused_before_any_work(tmp_path, options, told):
+    with pytest.raises(InputError, match=told):
+        featherfx.bake(SAMPLES / "breeze/shot.toml", tmp_path / "no.usdc", **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_vanes_that_may_split_have_no_condensed_form(tmp_path):
+    with pytest.raises(InputError, match="may split, which condensed feathers have no place for"):
+        featherfx.bake(SAMPLES / "torn_feather/shot.toml", tmp_path / "no.usdc", form="condensed")
