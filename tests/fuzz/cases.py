@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,15 +44,34 @@ class Kind:
     modules: tuple[str, ...] = ()
 
 
-def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -> Counter[str]:
-    """Outcomes of all commands by name; prints what is not fine.
+class Failure(NamedTuple):
+    """A case that did not end as it should, by its number, and what it said."""
+
+    case: int
+    said: str
+
+
+class Found(NamedTuple):
+    """What became of some cases: outcomes by name, and those that are not fine."""
+
+    outcomes: Counter[str]
+    failures: list[Failure]
+
+    def fail(self, case: int, seed: int, said: str) -> None:
+        """Note, and print, a case that is not fine."""
+        self.failures.append(Failure(case, said))
+        print(f"--- case {case} of seed {seed}\n{said}", flush=True)
+
+
+def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -> Found:
+    """Outcomes of all commands; prints what is not fine.
 
     done: exit code 0. refused: 1 with a message. traceback, crash (a signal), hang, memory,
     silent (1 without a message), stray (a file that no output was to be), unfit (the case itself
     could not be made).
     keep: folder that takes the inputs of cases that are not fine.
     """
-    outcomes: Counter[str] = Counter()
+    result = Found(Counter(), [])
     for name in ("featherfx.cli.main", *kind.modules):
         importlib.import_module(name)
     with tempfile.TemporaryDirectory() as name:
@@ -77,15 +97,15 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
                     _execute(command, folder, log)
 
             end = _child(log, one)
-            found = _outcomes(log.read_text(errors="replace"), end)
-            outcomes.update(found[0])
-            if set(found[0]) - set(FINE):
-                print(f"--- case {number} of seed {seed}\n{found[1]}", flush=True)
+            ended, said = _outcomes(log.read_text(errors="replace"), end)
+            result.outcomes.update(ended)
+            if set(ended) - set(FINE):
+                result.fail(number, seed, said)
                 if keep is not None:
                     shutil.copytree(folder, keep / f"{seed}_{number}", dirs_exist_ok=True)
             shutil.rmtree(folder)
             log.unlink()
-    return outcomes
+    return result
 
 
 def _child(log: Path, work: Callable[[int], None]) -> int:

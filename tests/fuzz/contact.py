@@ -22,6 +22,8 @@ from featherfx.api import read_shot
 from featherfx.errors import InputError, SimulationError
 from featherfx.shot.simulate import simulate
 
+from .cases import Found
+
 KINDS = ("body_contour", "covert", "swan_secondary", "tail_feather")
 FRAMES = 4
 # the worst that are printed
@@ -39,17 +41,19 @@ class Case(NamedTuple):
     said: str
 
 
-def run(cases: Sequence[int], seed: int) -> Counter[str]:
+def run(cases: Sequence[int], seed: int) -> Found:
     """Outcomes by name, and the worst scenes, printed.
 
     done: all frames are finite. named: an error that names feather, frame and reason. broken: any
     other.
     """
-    found = []
+    found, result = [], Found(Counter(), [])
     with tempfile.TemporaryDirectory() as name:
         for number in cases:
             found.append(_ended(_scene(random.Random(f"{seed} {number}"), Path(name)), number))
-            if found[-1].outcome != "done":
+            if found[-1].outcome == "broken":
+                result.fail(number, seed, found[-1].said)
+            elif found[-1].said:
                 print(f"case {number} of seed {seed}: {found[-1].said}")
     for what, key in (("deepest", Case.depth), ("slowest", Case.seconds)):
         order = sorted(found, key=key.__get__, reverse=True)[:MOST_NAMED]
@@ -59,7 +63,8 @@ def run(cases: Sequence[int], seed: int) -> Counter[str]:
                 f"  case {each.number}: {each.feathers} feathers, {1e3 * each.depth:.2f} mm,"
                 f" {each.seconds:.1f} s, {each.outcome} {each.said}"
             )
-    return Counter(each.outcome for each in found)
+    result.outcomes.update(each.outcome for each in found)
+    return result
 
 
 def _scene(chance: random.Random, folder: Path) -> tuple[Path, int]:

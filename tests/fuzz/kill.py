@@ -15,20 +15,23 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from .cases import Found
+
 SHOT = Path(__file__).resolve().parents[2] / "samples/feather_pull/shot.toml"
 LAYOUTS = ("clips", "flat", "payload")
 MOST_KILLS = 3  # of one bake before it is left in peace
 SECONDS = 120  # beyond which a bake hangs
 
 
-def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Counter[str]:
+def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Found:
     """Outcomes by name; prints what is not fine.
 
     done: a bake that was killed and resumed is the same, byte by byte, with no file more. killed:
     bakes that a kill hit. differs, stray, refused, hang: what must not be. keep: takes the folders
     of such cases.
     """
-    outcomes: Counter[str] = Counter()
+    result = Found(Counter(), [])
+    outcomes = result.outcomes
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name)
         expected, seconds = {}, {}
@@ -52,11 +55,11 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Counter[st
             end = _end(folder, layout, expected[layout])
             outcomes[end] += 1
             if end != "done":
-                print(f"--- case {number} of seed {seed}: {layout}, {end}", flush=True)
+                result.fail(number, seed, f"{layout}: {end}")
                 if keep is not None:
                     shutil.copytree(folder, keep / f"{seed}_{number}", dirs_exist_ok=True)
             shutil.rmtree(folder)
-    return outcomes
+    return result
 
 
 def _command(folder: Path, layout: str) -> list[str]:
