@@ -114,6 +114,9 @@ def test_readers_find_each_feather_as_if_it_stood_alone(single, shared):
             expected = 0.0 if own.velocities is None else own.velocities
             if code is not None and mine.velocities is not None:
                 np.testing.assert_array_equal(mine.velocities, np.zeros((36, 3)) + expected)
+    for chosen in (range(4), [3, 0, 1, 2], [2], [1, 1, 3]):
+        for index, points in zip(chosen, many.points_of(chosen, 2.0), strict=True):
+            np.testing.assert_allclose(points, many.pose(index, 2.0).points, atol=1e-6)
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (500.0, -300.0, 20.0)])

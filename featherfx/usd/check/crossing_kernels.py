@@ -115,19 +115,49 @@ def near_patches(order, bounds, owner, low, high, found):
 
 
 @kernel
-def crossings_between(points, patches, boxes, pairs, low, high, counts):
+def _common(first, second, low, high):
+    """Corners low and high (3,) of what two boxes (6,) have in common."""
+    for k in range(3):
+        low[k], high[k] = max(first[k], second[k]), min(first[3 + k], second[3 + k])
+
+
+@kernel
+def _chosen(boxes, start, end, low, high):
+    """Bits, from 0, of the boxes from start to end - 1 that meet the one from low to high."""
+    bits = 0
+    for t in range(start, end):
+        apart = False
+        for k in range(3):
+            apart = apart or boxes[t, k] > high[k] or boxes[t, 3 + k] < low[k]
+        if not apart:
+            bits |= 1 << (t - start)
+    return bits
+
+
+@kernel
+def crossings_between(points, patches, boxes, bounds, pairs, low, high, corners, counts):
     """Triangles that cross, of the pairs of patches from low to high - 1.
 
-    counts: (K, 2), by pair: those between vanes, and those of which one at least is of a shaft.
+    boxes, bounds: of fit_boxes. corners: (2, 3), overwritten. counts: (K, 2), by pair: those
+    between vanes, and those of which one at least is of a shaft. A patch has 63 triangles at most.
     """
     for k in range(low, high):
         first, second = pairs[k, 0], pairs[k, 1]
         counts[k, 0] = counts[k, 1] = 0
+        # only triangles where both patches are may meet
+        _common(bounds[first], bounds[second], corners[0], corners[1])
+        start, end = patches.first[first], patches.first[first + 1]
         other = patches.first[second], patches.first[second + 1]
-        for t in range(patches.first[first], patches.first[first + 1]):
+        mine = _chosen(boxes, start, end, corners[0], corners[1])
+        others = _chosen(boxes, other[0], other[1], corners[0], corners[1])
+        if mine == 0 or others == 0:
+            continue
+        for t in range(start, end):
+            if not mine >> (t - start) & 1:
+                continue
             p = _corners(points, patches.triangles[t])
             for s in range(other[0], other[1]):
-                if not _meet(boxes[t], boxes[s]):
+                if not others >> (s - other[0]) & 1 or not _meet(boxes[t], boxes[s]):
                     continue
                 if triangles_cross(p, _corners(points, patches.triangles[s])):
                     shaft = patches.shaft[t] or patches.shaft[s]

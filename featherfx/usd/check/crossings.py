@@ -25,7 +25,7 @@ from featherfx.usd.read.read import Cache
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# triangles of a patch at most; pieces of work for each thread
+# triangles of a patch at most (63 is what the kernel can take); pieces of work for each thread
 PATCH, PIECES = 48, 8
 # pairs that are named
 MOST_NAMED = 10
@@ -61,9 +61,13 @@ def patches_of(meshes: Sequence[tuple[Array, Indices, NDArray[np.bool_], int]]) 
     """Patches of meshes: points (V, 3), triangles (T, 3), shaft (T,) and owner of each; points
     are counted on through all meshes."""
     triangles, shafts, sizes, owners = [], [], [], []
-    offset = 0
+    offset, cuts = 0, dict[bytes, list[Indices]]()
     for points, corners, shaft, owner in meshes:
-        for part in _cut(points[corners].mean(axis=1), np.arange(len(corners))):
+        # what is faced alike is cut alike
+        key = corners.tobytes()
+        if key not in cuts:
+            cuts[key] = list(_cut(points[corners].mean(axis=1), np.arange(len(corners))))
+        for part in cuts[key]:
             triangles.append(corners[part] + offset)
             shafts.append(shaft[part])
             sizes.append(len(part))
@@ -99,7 +103,8 @@ def crossings_of(points: Array, patches: Patches, jobs: int = 1) -> Crossings:
         counts = np.zeros((len(pairs), 2), dtype=np.int64)
 
         def look(low: int, high: int) -> None:
-            crossings_between(points, patches, boxes, pairs, low, high, counts)
+            corners = np.empty((2, 3))
+            crossings_between(points, patches, boxes, bounds, pairs, low, high, corners, counts)
 
         _in_pieces(pool, len(pairs), jobs, look)
     crossed = np.flatnonzero(counts.any(axis=1))
@@ -142,11 +147,11 @@ class _Scene(NamedTuple):
     first: float = 0.0
     rate: float = 1.0
 
-    def points(self, code: float | None) -> Iterator[Array]:
+    def points(self, code: float | None) -> list[Array]:
         """(V, 3) m, of each mesh at a time code of the cache; None: at rest."""
         own = None if code is None else self.start + self.rate * (code - self.first)
-        for index in self.chosen:
-            yield self.cache.points(index, own).astype(np.float64) * self.cache.meters_per_unit
+        unit = self.cache.meters_per_unit
+        return [unit * each for each in self.cache.points_of(self.chosen, own)]
 
 
 def count_crossings(
@@ -174,11 +179,20 @@ def count_crossings(
     patches = patches_of(list(_meshes(scenes, codes[0])))
     names = [feather.id for feather in cache.feathers]
     on_frame(0, len(codes))
-    for done, code in enumerate(codes):
-        points = np.concatenate([each for scene in scenes for each in scene.points(code)])
-        found = crossings_of(points, patches, jobs)
-        on_frame(done + 1, len(codes))
-        yield _told(found, names, code)
+
+    def read(code: float | None) -> Array:
+        return np.concatenate([each for scene in scenes for each in scene.points(code)])
+
+    # the next frame is read while one is looked at
+    with ThreadPoolExecutor(1) as reader:
+        following = reader.submit(read, codes[0])
+        for done, code in enumerate(codes, 1):
+            points = following.result()
+            if done < len(codes):
+                following = reader.submit(read, codes[done])
+            found = crossings_of(points, patches, jobs)
+            on_frame(done, len(codes))
+            yield _told(found, names, code)
 
 
 def _skins(cache: Cache, path: Path) -> Iterator[_Scene]:
