@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +36,13 @@ class DrawnPose:
 class DrawnScene:
     """The constant part of the meshes that are drawn.
 
-    chosen: (N,) feathers of the cache. feathers: those. starts: (N + 1,) first point of each, and
+    cache: where it stands. chosen: (N,) feathers of it. feathers: those. starts: (N + 1,) first point of each, and
     V. triangles: (T, 3). rachis: (T,) bool. owner: (T,) feather, of N. regions: per feather.
     along_feather: (T,) fraction of the feather's length, from st. to_world: (3, 3), row vectors,
-    stage to metres and z up. rest: rest pose.
+    stage to metres and z up.
     """
 
+    cache: Cache
     chosen: Indices
     feathers: tuple[CachedFeather, ...]
     starts: Indices
@@ -50,7 +52,15 @@ class DrawnScene:
     regions: tuple[str, ...]
     along_feather: Array
     to_world: Array
-    rest: DrawnPose
+
+    @cached_property
+    def rest(self) -> DrawnPose:
+        """The rest pose, which only colours of values ask for."""
+        rest = load_pose(self.cache, self, None)
+        if any(f.rest is None for f in self.feathers):
+            return rest
+        authored = np.concatenate([np.asarray(f.rest, dtype=float) for f in self.feathers])
+        return replace(rest, points=authored @ self.to_world)
 
 
 def world_of(cache: Cache) -> Array:
@@ -90,7 +100,7 @@ def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
     chosen = np.arange(len(cache.feathers)) if chosen is None else chosen
     feathers = tuple(cache.feathers[k] for k in chosen)
     to_world = world_of(cache)
-    counts = [len(cache.points(k)) for k in chosen]
+    counts = [len(points) for points in cache.points_of(chosen.tolist())]
     starts = np.cumsum([0, *counts])
     triangles = np.concatenate(
         [f.triangles + offset for f, offset in zip(feathers, starts[:-1], strict=True)]
@@ -98,11 +108,8 @@ def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
     heights = [
         np.zeros(n) if f.st is None else f.st[:, 1] for f, n in zip(feathers, counts, strict=True)
     ]
-    rest = _pose(cache, chosen, triangles, to_world, None)
-    if all(f.rest is not None for f in feathers):
-        authored = np.concatenate([np.asarray(f.rest, dtype=float) for f in feathers])
-        rest = DrawnPose(authored @ to_world, rest.normals, rest.barbs, rest.hooked)
     return DrawnScene(
+        cache=cache,
         chosen=chosen,
         feathers=feathers,
         starts=starts,
@@ -112,7 +119,6 @@ def load_scene(cache: Cache, chosen: Indices | None = None) -> DrawnScene:
         regions=tuple(f.region for f in feathers),
         along_feather=np.concatenate(heights).astype(float)[triangles].mean(axis=1),
         to_world=to_world,
-        rest=rest,
     )
 
 
@@ -124,7 +130,7 @@ def load_pose(cache: Cache, scene: DrawnScene, time: float | None) -> DrawnPose:
 
 def load_points(cache: Cache, scene: DrawnScene, time: float | None) -> Array:
     """(V, 3) points alone, much faster than load_pose."""
-    return np.concatenate([cache.points(k, time) for k in scene.chosen]) @ scene.to_world
+    return np.concatenate(cache.points_of(scene.chosen.tolist(), time)) @ scene.to_world
 
 
 def _pose(

@@ -245,8 +245,10 @@ def _strips(grid: Array, colours: Array, heights: Array, places: Array, group: _
     inner = np.linspace(0.0, 1.0 - taper, stations)
     sheet = _patch(grid, (heights, edges), (places, inner))
     tips = _patch(grid, (heights, middles), (places, np.ones(1)))
-    shades = _patch(colours, (heights, edges), (places, inner))[0].clip(0.0, 1.0)
-    tip_shades = _patch(colours, (heights, middles), (places, np.ones(1)))[0].clip(0.0, 1.0)
+    shades, tip_shades = (
+        _blend(colours, _weights(heights, along)[0], _weights(places, across)[0]).clip(0.0, 1.0)
+        for along, across in ((edges, inner), (middles, np.ones(1)))
+    )
 
     def of_strips(between: Array, ends: Array) -> Floats:
         both = np.stack([between[:, :-1], between[:, 1:]], axis=2)
@@ -286,13 +288,29 @@ def _patch(
 
     rows, columns: knots of the grid, and places to evaluate at.
     """
-    along, along_slopes = hermite_weights(*rows)
-    across, across_slopes = hermite_weights(*columns)
+    (along, along_slopes), (across, across_slopes) = _weights(*rows), _weights(*columns)
+    values = _blend(grid, along, np.concatenate([across, across_slopes]))
+    count = len(across)
+    return values[:, :, :count], _blend(grid, along_slopes, across), values[:, :, count:]
 
-    def product(first: Array, second: Array) -> Array:
-        return np.asarray(np.einsum("tr,nrcx,sc->ntsx", first, grid, second, optimize=True))
 
-    return product(along, across), product(along_slopes, across), product(along, across_slopes)
+def _blend(grid: Array, along: Array, across: Array) -> Array:
+    """(n, T, S, 3) of grids (n, R, C, 3) with weights along rows (T, R) and columns (S, C)."""
+    count, rows, columns, _ = grid.shape
+    # few large products of matrices
+    by_row = grid.swapaxes(2, 3).reshape(count, rows, 3 * columns)
+    between = (along @ by_row).reshape(count, len(along), 3, columns)
+    return np.asarray((between @ across.T).swapaxes(2, 3))
+
+
+def _weights(knots: Array, places: Array) -> tuple[Array, Array]:
+    """hermite_weights, kept from pose to pose."""
+    return _kept_weights(knots.tobytes(), places.tobytes())
+
+
+@lru_cache(maxsize=4096)
+def _kept_weights(knots: bytes, places: bytes) -> tuple[Array, Array]:
+    return hermite_weights(np.frombuffer(knots), np.frombuffer(places))
 
 
 def _tubes(rings: Array, heights: Array, barbs: int, colour: Array) -> Geometry:
@@ -300,12 +318,11 @@ def _tubes(rings: Array, heights: Array, barbs: int, colour: Array) -> Geometry:
     count, rows, sides = rings.shape[:3]
     around = int(np.clip(barbs // 4, 4, 16))
     places = np.linspace(heights[0], heights[-1], int(np.clip(barbs // 2, 4, 3 * rows - 2)))
-    along, along_slopes = hermite_weights(heights, places)
+    along, along_slopes = _weights(heights, places)
     circle, circle_slopes = _circle_weights(sides, around)
 
     def product(first: Array, second: Array) -> Floats:
-        whole = np.einsum("tr,nrmx,am->ntax", first, rings, second, optimize=True)
-        return whole.reshape(-1, 3).astype(np.float32)
+        return _blend(rings, first, second).reshape(-1, 3).astype(np.float32)
 
     tangents = product(along_slopes, circle)
     ring = np.arange(around)
