@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -59,26 +60,26 @@ def measured(work: Callable[[], None]) -> tuple[float, list[tuple[str, float, fl
     from featherfx.jit.told import name_of
 
     entries: list[tuple[str, float, float]] = []
-    stack: list[list[float]] = []
+    own = threading.local()  # threads of a bake wait for each other's compiling
     compile_entry, finalize = Kernel.compile, JITCodeLibrary.finalize
 
     def compile_timed(self: Any, signature: Any) -> Any:
-        begin = time.process_time()
+        stack, begin = vars(own).setdefault("stack", []), time.thread_time()
         # of this entry: LLVM's seconds, and those of entries compiled meanwhile
         stack.append([0.0, 0.0])
         code = compile_entry(self, signature)
-        passed, (llvm, inner) = time.process_time() - begin, stack.pop()
+        passed, (llvm, inner) = time.thread_time() - begin, stack.pop()
         if stack:
             stack[-1][1] += passed
-        if passed > 1e-3:  # else it was there
+        if llvm:  # else it was there
             entries.append((name_of(self.py_func), passed - llvm - inner, llvm))
         return code
 
     def finalize_timed(self: Any) -> None:
-        begin = time.process_time()
+        begin = time.thread_time()
         finalize(self)
-        if stack:
-            stack[-1][0] += time.process_time() - begin
+        if stack := getattr(own, "stack", None):
+            stack[-1][0] += time.thread_time() - begin
 
     Kernel.compile, JITCodeLibrary.finalize = compile_timed, finalize_timed
     begin = time.process_time()

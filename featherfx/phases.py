@@ -48,7 +48,8 @@ Listener = Callable[[Told], object]
 
 @dataclass
 class _Phase:
-    """An open phase. first: parts done when it began. silent: timed, not told."""
+    """An open phase. first: parts done when it began. silent: timed, not told. at_most: as of
+    phase."""
 
     name: str
     total: float
@@ -56,6 +57,7 @@ class _Phase:
     done: float
     seconds: float = 0.0
     silent: bool = False
+    at_most: bool = False
 
 
 def time_left(first: float, done: float, total: float, seconds: float) -> float | None:
@@ -118,11 +120,13 @@ class Account:
         first: float = 0.0,
         silent: bool = False,
         left: float | None = None,
+        at_most: bool = False,
     ) -> _Phase:
-        """Begin a phase within those that are open; of any thread. left: as of advance."""
+        """Begin a phase within those that are open; of any thread. left: as of advance. The rest:
+        as of phase."""
         with self._lock:
             self._spend()
-            own = _Phase(name, total, first, first, silent=silent)
+            own = _Phase(name, total, first, first, silent=silent, at_most=at_most)
             self._open.append(own)
         self._tell(own, left)
         return own
@@ -158,7 +162,7 @@ class Account:
     def _tell(self, own: _Phase, left: float | None = None, ended: bool = False) -> None:
         if self._listener is None or own.silent:
             return
-        if left is None:
+        if left is None and not own.at_most:
             left = time_left(own.first, own.done, own.total, own.seconds)
         self._listener(Told(own.name, own.done, own.total, own.seconds, left, ended))
 
@@ -179,17 +183,22 @@ def accounts() -> tuple[Account, ...]:
 
 @contextmanager
 def phase(
-    name: str, total: float = 0.0, first: float = 0.0, silent: bool = False
+    name: str,
+    total: float = 0.0,
+    first: float = 0.0,
+    silent: bool = False,
+    at_most: bool = False,
 ) -> Iterator[Done]:
     """Work under a name; call what this gives with the parts done so far.
 
-    total: parts, 0: not known. first: those done before. silent: timed, not told.
+    total: parts, 0: not known. first: those done before. silent: timed, not told. at_most: whether
+    the work may be over long before the total, so that parts say nothing of the time left.
     """
     current = _current.get()
     if current is None:
         yield lambda done, left=None: None
         return
-    own = current.open(name, total, first, silent)
+    own = current.open(name, total, first, silent, at_most=at_most)
     try:
         yield lambda done, left=None: current.advance(own, done, left)
     except BaseException:

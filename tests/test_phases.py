@@ -46,6 +46,14 @@ def test_what_is_told_of_a_phase():
     assert told[2].left == 7.0
 
 
+def test_the_most_parts_that_there_may_be_say_nothing_of_the_time_left():
+    told = []
+    with Account(told.append), phase("settling", total=24, at_most=True) as done:
+        done(3)
+        done(4, left=2.0)
+    assert [each.left for each in told] == [None, None, 2.0, None]
+
+
 def test_counted_goes_through_all_parts_and_tells_of_each():
     told = []
     with Account(told.append):

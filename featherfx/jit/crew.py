@@ -21,11 +21,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
+from numba.core import event
+
 from featherfx.errors import InputError, Problem
 
 # more would mostly wait for the largest kernel
 MOST_COMPILERS = 4
 VARIABLE = "FEATHERFX_COMPILERS"
+# numba's event of this name lasts while somebody waits for what a helper compiles; its data: Need
+WAITING = "featherfx:waiting"
 # s that a helper waits for more to do before it ends, so that it does not hold memory
 PATIENCE = 5.0
 # are told of every kernel that a helper has compiled
@@ -78,7 +82,7 @@ class Crew:
     def __init__(self, helpers: int, folder: Path) -> None:
         self._most, self._folder = helpers, folder
         self._changed = threading.Condition()
-        self._asked: set[Need] = set()
+        self._asked: dict[Need, None] = {}
         self._waiting: list[Need] = []
         self._begun: set[Need] = set()
         self._helpers = self._idle = 0
@@ -90,12 +94,17 @@ class Crew:
         for each in tuple(self._processes):
             self._end(each)
 
+    @property
+    def asked(self) -> list[Need]:
+        """All that were not stored when they were first needed, done since or not."""
+        return list(self._asked)
+
     def ask(self, need: Need) -> None:
         """Have it compiled; each kernel is asked for once."""
         with self._changed:
             if need in self._asked:
                 return
-            self._asked.add(need)
+            self._asked[need] = None
             self._waiting.append(need)
             if self._idle < len(self._waiting) and self._helpers < self._most:
                 self._helpers += 1
@@ -107,11 +116,18 @@ class Crew:
 
         compile_here: does so with another one, while a helper is at this one.
         """
+        with self._changed:
+            self._asked[need] = None
+            if need in self._waiting:
+                self._waiting.remove(need)
+            if need not in self._begun:
+                return
+        with event.trigger_event(WAITING, need):
+            self._wait(need, compile_here)
+
+    def _wait(self, need: Need, compile_here: Callable[[Need], None]) -> None:
         while True:
             with self._changed:
-                self._asked.add(need)
-                if need in self._waiting:
-                    self._waiting.remove(need)
                 if need not in self._begun:
                     return
                 if not self._waiting:

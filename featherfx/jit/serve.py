@@ -18,6 +18,8 @@ from featherfx.jit.crew import Need, received, send
 class Upstream:
     """The crew, as a helper sees it: what it needs, it tells those that it works for."""
 
+    asked: tuple[Need, ...] = ()
+
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
 

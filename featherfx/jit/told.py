@@ -2,8 +2,9 @@
 
 How many kernels are still to come, and how long they take, follows from seconds.json: what
 docs/measure_compiling.py has measured of the kernels of a layout, of a bake and of one with
-contact. Those whose code is stored need no compiling. Seconds of another machine become those of
-this one by what has been compiled so far.
+contact. Those whose code is stored need no compiling, unless for other types, for which the crew is
+asked then. Waiting for what another process compiles is compiling, too. Seconds of another machine
+become those of this one by what has been compiled so far.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from typing import Any
 from numba.core import event
 
 from featherfx.jit.cache import ROOT, cache_folder
-from featherfx.jit.crew import LISTENERS, Need
+from featherfx.jit.crew import LISTENERS, WAITING, Need
+from featherfx.jit.parts import crew
 from featherfx.phases import Account, accounts
 
 COMPILING = "compiling"
@@ -97,7 +99,8 @@ class Compiling(event.Listener):
             self._depth -= 1
             now = time.perf_counter()
             self._spent, self._since = self._spent + now - self._since, now
-            to_come = self._one_done(_name_of(event))
+            name = _name_of(event)
+            to_come = self._to_come(name) if event.kind == WAITING else self._one_done(name)
             for account, own in self._phases if self._depth == 0 else ():
                 account.close(own, complete=not to_come)
 
@@ -116,8 +119,7 @@ class Compiling(event.Listener):
 
     def _numbered(self, name: str) -> str:
         """Name of a kernel that is yet to be done, numbered where it is not the first of it."""
-        before = sum(each.partition("#")[0] == name for each in self._done)
-        return f"{name}#{before + 1}" if before else name
+        return _numbered(name, self._done)
 
     def _to_come(self, name: str) -> dict[str, float]:
         """Seconds by kernel of what is to be compiled, a named one among them."""
@@ -131,7 +133,8 @@ class Compiling(event.Listener):
         ]
         known = {k: s for each in measured_seconds().values() for k, s in each.items()}
         missing = _missing(each for each in works if each)
-        to_come = {k: s for k, s in missing.items() if k not in self._done}
+        asked = {each: known.get(each.partition("#")[0], _UNKNOWN) for each in _asked_for()}
+        to_come = {k: s for k, s in (asked | missing).items() if k not in self._done}
         return {name: known.get(name, _UNKNOWN), **to_come}
 
     def _left(self, to_come: dict[str, float]) -> float:
@@ -141,9 +144,27 @@ class Compiling(event.Listener):
 
 
 def _name_of(event: Any) -> str:
+    if event.kind == WAITING:
+        return f"{event.data.module}.{event.data.name}"
     return name_of(event.data["dispatcher"].py_func)
+
+
+def _asked_for() -> list[str]:
+    """Names of the shared kernels that were not stored when they were needed, numbered where one is
+    for several types."""
+    names: list[str] = []
+    for name in (f"{need.module}.{need.name}" for need in crew().asked):
+        names.append(_numbered(name, names))
+    return names
+
+
+def _numbered(name: str, before: Iterable[str]) -> str:
+    """Name of a kernel, numbered where others of it come before."""
+    count = sum(each.partition("#")[0] == name for each in before)
+    return f"{name}#{count + 1}" if count else name
 
 
 TELLER = Compiling()
 event.register("numba:compile", TELLER)
+event.register(WAITING, TELLER)
 LISTENERS.append(TELLER.compiled_elsewhere)

@@ -143,6 +143,8 @@ class Simulation:
         with ExitStack() as solvers:
             for group in self._groups:
                 solvers.enter_context(group.solver)
+            if self._index < self._first < 0:
+                self._reach(self._first)  # settles, which is a phase of its own
             preroll = range(self._index + 1, 0)
             for index in counted("preroll", preroll, len(preroll)) if preroll else ():
                 self._reach(index)

@@ -171,7 +171,7 @@ class Laid(NamedTuple):
 def _laid(groom: Groom, layout: Layout) -> Laid:
     skin = None if groom.skin is None else SkinPlanes(groom.skin)
     feathers = arrangement_of(groom.feathers)
-    with phase("layout", _Solving.most_sweeps(layout)) as done:
+    with phase("layout", _Solving.most_sweeps(layout), at_most=True) as done:
         pairs, order = _Solving(feathers, skin, layout, done).solve(strips_of(groom.feathers))
     return _result(feathers, np.argsort(order), pairs, skin)
 

@@ -63,7 +63,7 @@ def settled_together(
     rest_depth, depth = None, 0.0
     spent, resting = np.zeros(len(names)), np.zeros(len(names), dtype=np.bool_)
     quiet = resting
-    with phase("settling", len(STEPS) * MOST_STEPS) as done:
+    with phase("settling", len(STEPS) * MOST_STEPS, at_most=True) as done:
         for stage, longest in enumerate(STEPS):
             h = longest
             resting[:] = False
