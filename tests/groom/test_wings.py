@@ -183,10 +183,57 @@ def test_folding_without_a_hinge_is_refused(tmp_path: Path) -> None:
         folding(groom, {"joints": "*", "folds": [{"time": 0.0, "fold": 0.0}]}, "shot.toml")
 
 
+TAIL = """
+[[tail]]
+id = "tail"
+position = [-0.1, 0, 0.1]
+kind = "rectrix"
+lengths = [0.118, 0.112]
+root_width = 0.02
+fan = {}
+"""
+CREST = """
+[[crest]]
+id = "crest"
+path = [[0.15, 0, 0.3], [0.13, 0, 0.31], [0.11, 0, 0.305]]
+lengths = [0.03, 0.05, 0.035]
+count = 9
+raise = {}
+"""
+
+
+@pytest.mark.parametrize("text", [TAIL, CREST])
+def test_fans_open_in_a_shot_as_in_the_groom(tmp_path: Path, text: str) -> None:
+    closed, opened = (groom_of(tmp_path, text.format(value)) for value in (0.0, 1.0))
+    keys = [{"time": 0.0, "fold": 1.0}, {"time": 1.0, "fold": 0.0}]
+    poses = folding(closed, {"joints": "*", "folds": keys}, "shot.toml")
+    frames = joint_roots(closed, skeleton_of(closed), poses).frames(1.0)
+    for k, feather in enumerate(opened.feathers):
+        np.testing.assert_allclose(frames.rotations[k], feather.rotation, atol=1e-9)
+
+
+def test_tail_is_the_fan_that_it_says_on_both_sides(tmp_path: Path) -> None:
+    text = TAIL.format(1) + "angles = [12, 100]\n"
+    tail = {f.id: f for f in groom_of(tmp_path, text).feathers}
+    assert len(tail) == 12
+    outer = [tail[f"tail_{side}_06"].rotation[:, 0] for side in ("right", "left")]
+    # feathers stand in the middle of their sixths of half the fan
+    assert np.degrees(np.arccos(outer[0] @ outer[1])) == pytest.approx(100 * 11 / 12)
+    assert outer[0][1] < 0 < outer[1][1]
+
+
+def test_a_tail_has_pairs(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="11 is odd, a tail has pairs of feathers"):
+        groom_of(tmp_path, TAIL.format(0) + "count = 11\n")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("fold", [0, 0.25, 0.5, 1])
-def test_no_vane_passes_through_another(tmp_path: Path, fold: float) -> None:
-    groom_of(tmp_path, WING + f"fold = {fold}\n")
+@pytest.mark.parametrize(
+    "text",
+    [*(WING + f"fold = {fold}\n" for fold in (0, 0.25, 0.5, 1)), TAIL.format(0), TAIL.format(1)],
+)
+def test_no_vane_passes_through_another(tmp_path: Path, text: str) -> None:
+    groom_of(tmp_path, text)
     export_groom(tmp_path / "groom.toml", tmp_path / "wing.usdc", quality="draft", instances=False)
     (found,) = count_crossings(tmp_path / "wing.usdc")
     assert found["crossings"] == 0, found["worst"]

@@ -1,4 +1,4 @@
-"""What anatomy grows in a groom: the feathers and joints of its wings."""
+"""What anatomy grows in a groom: the feathers and joints of wings, tails and crests."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.rotation import frames_from, parallel
+from featherfx.groom.anatomy.fans import crest, tail
 from featherfx.groom.anatomy.wing import wing
 from featherfx.groom.frames import Mirror
 from featherfx.groom.keys.values import Place
@@ -26,8 +27,8 @@ class Grown:
     joints: tuple[tuple[Joint, Place], ...]
 
 
-def grown_wings(parts: dict[str, Any], store: KindStore, library: Library, space: Space) -> Grown:
-    """The feathers and joints of all [[wing]]s of a groom; problems go to their places."""
+def grown_parts(parts: dict[str, Any], store: KindStore, library: Library, space: Space) -> Grown:
+    """What the [[wing]], [[tail]] and [[crest]] tables grow; problems go to their places."""
     drafts: list[Draft] = []
     joints: list[tuple[Joint, Place]] = []
     for at, entry in parts["wing"]:
@@ -41,6 +42,11 @@ def grown_wings(parts: dict[str, Any], store: KindStore, library: Library, space
         joints += [(each, at) for each in bones]
         if mirror is not None:
             joints += [(_mirrored(each, mirror), at) for each in bones if other_side(each.name)]
+    for name, grow in (("tail", tail), ("crest", crest)):
+        for at, entry in parts[name]:
+            own, bones = grow(entry, at, store)
+            drafts += own
+            joints += [(each, at) for each in bones]
     return Grown(tuple(drafts), tuple(joints))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from featherfx.groom.keys.anatomy import MOST_IN_A_ROW
 from featherfx.groom.keys.places import POINT, SPACE
 from featherfx.groom.keys.preset import DIALS, FAMILIES, FEATHER, names_or_list
 from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN
@@ -204,6 +205,50 @@ WING = {
     "mirror": _MIRROR,
 }
 
+_FAN_LENGTHS = ArrayOf(Number(1e-3, 5, "m"), 1, MOST_IN_A_ROW)
+_FAN_ANGLES = ArrayOf(Number(-360, 360, "deg"), 2, 2)
+
+TAIL = {
+    "id": Key(Text(), "Start of the ids of its feathers and joints."),
+    "position": Key(POINT, "Middle of the roots."),
+    "direction": Key(Direction(), "Where the tail points.", (-1.0, 0.0, 0.0)),
+    "up": Key(Direction(), "Its upper side.", (0.0, 0.0, 1.0)),
+    "kind": Key(Text(), "Feather preset.", "tail_feather"),
+    "count": Key(Number(2, MOST_IN_A_ROW, whole=True), "Feathers of both sides.", 12),
+    "lengths": Key(_FAN_LENGTHS, "Lengths from the central to the outermost, spread evenly."),
+    "width": _FACTORS["width"],
+    "root_width": Key(Number(0, 1, "m"), "From the outermost root to the other."),
+    "angles": Key(_FAN_ANGLES, "Angle of the whole fan, closed and open.", (10.0, 110.0)),
+    "fan": Key(Number(0, 1), "Closed (0) to open (1).", 0.0),
+    "roll": Key(Number(-90, 90, "deg"), "Lift of the outermost's leading vane.", 0.0),
+    "lift": Key(Number(0, 0.1, "m"), "How much deeper each root is than the next inner.", 8e-4),
+    "layer": REGION["layer"],
+    "region": Key(_LABEL, "Free label, written to USD.", "tail"),
+    "joint": Key(_LABEL, "Joint that carries the tail; empty: the groom itself.", ""),
+}
+
+CREST = {
+    "id": Key(Text(), "Start of the ids of its feathers and joints."),
+    "path": Key(ArrayOf(POINT, 2, 1000), "Polyline of the roots, from front to back."),
+    "direction": Key(Direction(), "Where flat feathers point.", (-1.0, 0.0, 0.0)),
+    "up": Key(Direction(), "Upper side of the head.", (0.0, 0.0, 1.0)),
+    "kind": Key(Text(), "Feather preset.", "body_contour"),
+    "count": Key(Number(1, MOST_IN_A_ROW, whole=True), "Number of feathers."),
+    "lengths": Key(_FAN_LENGTHS, "Lengths from front to back, spread evenly."),
+    "width": _FACTORS["width"],
+    "angles": Key(
+        _FAN_ANGLES,
+        "Angle of the foremost feather above `direction`, flat and raised.",
+        (8.0, 80.0),
+    ),
+    "raise": Key(Number(0, 1), "Flat (0) to raised (1).", 0.0),
+    "aside": Key(Number(0, 90, "deg"), "By how much feathers point left and right.", 4.0),
+    "roll": Key(Number(-90, 90, "deg"), "Lean of the vanes to either side.", 0.0),
+    "layer": REGION["layer"],
+    "region": Key(_LABEL, "Free label, written to USD.", "crest"),
+    "joint": Key(_LABEL, "Joint that carries the crest; empty: the groom itself.", ""),
+}
+
 USD_NAMES = {name: Key(Text(), "Primvar that holds it.", None) for name in DEFAULT_NAMES}
 
 USD = {
@@ -258,6 +303,8 @@ GROOM = {
     "feather": Key(Tables(Table(FEATHER_ENTRY), MOST_FEATHERS), "Feathers placed one by one.", ()),
     "row": Key(Tables(Table(ROW), 10_000), "Rows of feathers.", ()),
     "wing": Key(Tables(Table(WING), 1000), "Whole wings.", ()),
+    "tail": Key(Tables(Table(TAIL), 1000), "Tails that fan.", ()),
+    "crest": Key(Tables(Table(CREST), 1000), "Crests that rise.", ()),
     "table": Key(
         Tables(Table(TABLE), 1000, single=True), "Feathers from files, one table or several.", ()
     ),

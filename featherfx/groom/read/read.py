@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import about_x
-from featherfx.groom.anatomy.grown import grown_wings
+from featherfx.groom.anatomy.grown import grown_parts
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.values import INVALID, Place, Problems
 from featherfx.groom.presets.kind_store import KindStore
@@ -33,7 +33,16 @@ from featherfx.groom.types import FeatherKind, Groom, Joint, Placement
 from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
 
 _SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
-_FEATHER_KEYS = {"feather", "row", "wing", "table", "usd", "region"}  # of which every groom has one
+_FEATHER_KEYS = {
+    "feather",
+    "row",
+    "wing",
+    "tail",
+    "crest",
+    "table",
+    "usd",
+    "region",
+}  # of which every groom has one
 SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 # changes of feathers by id pattern
 Overrides = dict[str, dict[str, Any]]
@@ -97,7 +106,7 @@ def groom_of(
         readers = replace(readers, skin=kept_skins(readers.skin))
     space = in_groom(parts, place, None if readers is None else readers.skin)
     store = KindStore(library)
-    grown = grown_wings(parts, store, library, space)
+    grown = grown_parts(parts, store, library, space)
     joints = _joints(parts["joint"], grown.joints, space)
     plumage = plumage_of(raw, parts, place, store, readers, space)
     written = _drafts(parts, path.parent, store, readers, space) if _may_be(parts, place) else ()
@@ -107,8 +116,8 @@ def groom_of(
         return None
     if not drafts and not len(library.problems):
         place.fail(
-            "there are no feathers; expects a [[feather]], [[row]], [[wing]], [[table]], [[usd]] "
-            "or [[region]]"
+            "there are no feathers; expects a [[feather]], [[row]], [[wing]], [[tail]], "
+            "[[crest]], [[table]], [[usd]] or [[region]]"
         )
     for rules, at in ((parts["overrides"], place), *above):
         drafts = _overridden(rules, drafts, at.child("overrides"), store)

@@ -74,6 +74,8 @@ _GROOM = (
     ("### [[row]]", groom_keys.ROW),
     ("### first and last of a [[row]]", groom_keys.ROOT),
     ("### [[wing]]", groom_keys.WING),
+    ("### [[tail]]", groom_keys.TAIL),
+    ("### [[crest]]", groom_keys.CREST),
     ("### [[table]]", groom_keys.TABLE),
     ("### [[usd]]", groom_keys.USD),
     ("### names of [[usd]]", groom_keys.USD_NAMES),

@@ -1,0 +1,140 @@
+"""[[tail]] and [[crest]]: feathers that open and close about one joint, each by its share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import about_x, frames_from, from_rotation_vector, parallel
+from featherfx.groom.frames import along_polyline
+from featherfx.groom.keys.values import Place
+from featherfx.groom.presets.kind_store import KindChoice, KindStore
+from featherfx.groom.read.drafts import Draft
+from featherfx.groom.types import FeatherKind, Joint, Turning
+
+Array = NDArray[np.float64]
+
+
+def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Draft], list[Joint]]:
+    """The drafts of one [[tail]] and its joints, both empty after adding problems.
+
+    Pairs count from the middle, where they lie uppermost; the right feather of a pair over the
+    left one. A feather stands at its share of half the width of the root and of half the fan.
+    """
+    kind = _kind(entry, place, store)
+    if kind is None:
+        return [], []
+    if entry["count"] % 2:
+        place.child("count").fail(f"{entry['count']} is odd, a tail has pairs of feathers")
+        return [], []
+    frame = frames_from(entry["direction"], entry["up"])
+    base, pairs = np.array(entry["position"]), entry["count"] // 2
+    closed, opened = (0.5 * np.radians(angle) for angle in entry["angles"])
+    lengths = _lengths(entry["lengths"], pairs)
+    drafts: list[Draft] = []
+    joints = [Joint(entry["id"], base, entry["joint"])]
+    for sign, side in ((1.0, "right"), (-1.0, "left")):
+        # right of a tail that points backwards is y of its frame
+        hinge = sign * (closed - opened) * frame[:, 2]
+        bone = f"{entry['id']}_{side}"
+        joints.append(Joint(bone, base, entry["id"], "body", 0, hinge, 1.0 - entry["fan"]))
+        for number in range(pairs):
+            share = (number + 0.5) / pairs
+            angle = sign * share * (closed + entry["fan"] * (opened - closed))
+            turned = from_rotation_vector(angle * frame[:, 2]) @ frame
+            depth = entry["lift"] * (number + (0.0 if sign > 0.0 else 0.5))
+            root = base + sign * share * 0.5 * entry["root_width"] * frame[:, 1]
+            drafts.append(
+                _draft(
+                    entry,
+                    place,
+                    kind,
+                    id=f"{bone}_{number + 1:02d}",
+                    position=root - depth * frame[:, 2],
+                    rotation=turned,
+                    scale=float(lengths[number]) / kind.length,
+                    roll=entry["roll"] * share,
+                    left=sign < 0.0,
+                    stack=2 * (pairs - number) + int(sign > 0.0),
+                    turning=Turning((entry["id"], bone), share, base),
+                )
+            )
+    return drafts, joints
+
+
+def crest(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Draft], list[Joint]]:
+    """The drafts of one [[crest]] and its joint, both empty after adding problems.
+
+    Feathers stand along a path from front to back, by turns left and right of it; those in front
+    turn by the whole angle, the last by half of it, and lie over those behind.
+    """
+    kind = _kind(entry, place, store)
+    if kind is None:
+        return [], []
+    path = np.array(entry["path"])
+    frame = frames_from(entry["direction"], entry["up"])
+    count = entry["count"]
+    roots = along_polyline(path, np.linspace(0.0, 1.0, count) if count > 1 else np.zeros(1))
+    flat, raised = (np.radians(angle) for angle in entry["angles"])
+    hinge = (raised - flat) * frame[:, 1]  # raising turns the other way
+    name = entry["id"]
+    joints = [
+        Joint(f"{name}_base", path[-1], entry["joint"]),
+        Joint(name, path[-1], f"{name}_base", "body", 0, hinge, 1.0 - entry["raise"]),
+    ]
+    shares = np.linspace(1.0, 0.5, count)
+    lengths = _lengths(entry["lengths"], count)
+    drafts = []
+    for number, (root, share) in enumerate(zip(roots, shares, strict=True)):
+        sign = -1.0 if number % 2 else 1.0
+        angle = -share * (flat + entry["raise"] * (raised - flat))
+        turned = from_rotation_vector(angle * frame[:, 1]) @ frame
+        aside = from_rotation_vector(np.radians(sign * entry["aside"]) * turned[:, 2])
+        drafts.append(
+            _draft(
+                entry,
+                place,
+                kind,
+                id=f"{name}_{number + 1:02d}",
+                position=root,
+                rotation=aside @ turned @ about_x(sign * entry["roll"]),
+                scale=float(lengths[number]) / kind.length,
+                roll=0.0,
+                left=sign < 0.0,
+                stack=count - number,
+                turning=Turning((f"{name}_base", name), float(share), root),
+            )
+        )
+    return drafts, joints
+
+
+def _kind(entry: dict[str, Any], place: Place, store: KindStore) -> FeatherKind | None:
+    """None after adding problems."""
+    if parallel(entry["direction"], entry["up"]):
+        place.child("up").fail("is parallel to direction")
+        return None
+    return store.kind(KindChoice((entry["kind"],), 0.0, (), place))
+
+
+def _lengths(values: tuple[float, ...], count: int) -> Array:
+    """(count,) lengths spread evenly between those given."""
+    places = np.linspace(0.0, 1.0, len(values)) if len(values) > 1 else np.zeros(1)
+    return np.interp(np.linspace(0.0, 1.0, count), places, values)
+
+
+def _draft(entry: dict[str, Any], place: Place, kind: FeatherKind, **own: Any) -> Draft:
+    longest = max(entry["lengths"])
+    length = own["scale"] * kind.length
+    return Draft(
+        choice=KindChoice((entry["kind"],), 0.0, (), place),
+        region=entry["region"],
+        joint=own["turning"].joints[0],
+        width=entry["width"],
+        place=place,
+        # all are curved alike, so that they nest
+        curl=kind.rachis.camber * (length / longest - 1.0),
+        layer=entry["layer"],
+        **own,
+    )
