@@ -15,6 +15,7 @@ from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, DrawnOptions
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import repeated_shapes
+from featherfx.feather.colours import colours_of
 from featherfx.feather.hooked import hooked_share
 from featherfx.feather.render import barb_curves, barb_diameters, render_feather
 from featherfx.feather.shapes import feathers_of
@@ -39,6 +40,7 @@ def entries_of(
     groom: Groom, feathers: Sequence[Feather], static: bool, skin: BoundSkin | None = None
 ) -> list[FeatherEntry]:
     """What the writer takes, for every feather of a groom."""
+    coloured = _coloured(groom)
     return [
         FeatherEntry(
             id=placement.id,
@@ -54,9 +56,15 @@ def entries_of(
             vane_stiffness=_vane_stiffness(placement.kind),
             held=_held(placement.kind, feather, static),
             hooked=not static and may_slip(placement.kind),
+            colours=colours_of(placement.kind, feather, None, placement.id) if coloured else None,
         )
         for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
     ]
+
+
+def _coloured(groom: Groom) -> bool:
+    """Whether any feather has colours; then all are written with theirs."""
+    return any(each.kind.colour.base is not None for each in groom.feathers)
 
 
 def refuse_too_large(
@@ -177,6 +185,9 @@ def drawn_entries(
             barbs = barb_curves(placement.kind, grid, count, placement.mirrored)
             points = barbs.points @ placement.rotation.T + placement.position
             barbs = replace(barbs, points=points)
+            if entries[index].colours is not None:
+                of_barbs = colours_of(placement.kind, built[index][0], barbs, placement.id)
+                entries[index] = replace(entries[index], colours=of_barbs)
         entries[index] = replace(
             entries[index], name=names[index], points_map=built[index][1], barbs=barbs
         )

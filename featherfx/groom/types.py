@@ -8,7 +8,8 @@ dorsal (the upper side of the vane).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -263,6 +264,52 @@ class RachisMaterial:
     loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
 
 
+_COLOUR = ArrayOf(Number(0, 1), 3, 3)
+Shade = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pattern:
+    """A mark on both vanes, over those before it (featherfx/feather/colours.py)."""
+
+    kind: Annotated[
+        str,
+        Text(("bars", "spots", "fringe", "gradient", "eye", "streak")),
+        "bars across the feather; spots, a row on either vane; fringe along the edge; gradient "
+        "from base to tip; eye, round about the shaft; streak along the shaft.",
+    ]
+    colour: Annotated[Shade, _COLOUR, "Red, green and blue as displays show them (sRGB)."]
+    start: Annotated[float, _PLACE, "Where it begins, a share of the vane's length."] = 0.0
+    end: Annotated[float, _PLACE, "Where it ends; later than start."] = 1.0
+    number: Annotated[int, Number(1, 1000, whole=True), "Of bars, or of spots of a row."] = 6
+    size: Annotated[
+        float,
+        Number(0.001, 1),
+        "Of bars the share of their distance that is dark; of spots and eye the radius, of fringe "
+        "and streak the width, a share of the feather's length.",
+    ] = 0.4
+    soft: Annotated[float, _PLACE, "Share of the size over which its border fades."] = 0.3
+    strength: Annotated[float, _PLACE, "How far it covers what is below."] = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Colour:
+    """How a feather is coloured; colours are sRGB. base: None: as a preview draws keratin."""
+
+    base: Annotated[
+        Shade | None, _COLOUR, "Of the vanes; without it the feather has no colour of its own."
+    ] = None
+    shaft: Annotated[Shade | None, _COLOUR, "Of the shaft; default: darker than the vanes."] = None
+    patterns: Annotated[
+        tuple[Pattern, ...],
+        ArrayOf(Table(keys_of(Pattern), "table of a pattern"), 0, 50),
+        "Marks, each over those before it.",
+    ] = ()
+    vary: Annotated[
+        float, Number(0, 1), "Deviation of the brightness from feather to feather, a share."
+    ] = 0.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class FeatherKind:
     """A feather at rest, with its materials; every preset and override is already merged."""
@@ -292,6 +339,12 @@ class FeatherKind:
     rachis: Annotated[RachisShape, "Shape of the shaft at rest."]
     leading: Annotated[VaneShape, "The leading vane."]
     trailing: Annotated[VaneShape, "The trailing vane."]
+    colour: Annotated[Colour, "How it is coloured.", Default({})] = Colour()
+
+    @cached_property
+    def uncoloured(self) -> FeatherKind:
+        """The same without its colours, which nothing that moves or touches depends on."""
+        return self if self.colour == Colour() else replace(self, colour=Colour())
 
     @property
     def is_split(self) -> bool:

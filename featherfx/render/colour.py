@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.feather.colours import linear
 from featherfx.render.scene import DrawnPose, DrawnScene
 
 Array = NDArray[np.float64]
@@ -76,12 +77,6 @@ def value_colours(
     ]
     title = "Green-Lagrange strain across barbs (%)"
     return _by_value(scene, values, title, _DIVERGING, symmetric=True)
-
-
-def linear(colour: Array) -> Array:
-    """Light of colours as displays show them (sRGB, IEC 61966-2-1)."""
-    low = colour <= 0.04045
-    return np.where(low, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4)
 
 
 def ramp_colours(ramp: Array, fraction: Array) -> Array:

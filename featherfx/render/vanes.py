@@ -164,7 +164,8 @@ class Plumage:
                 yield _strips(mine, colours, heights, places, group)
             if group.topology.shaft is not None:
                 rings, heights = group.topology.shaft
-                yield _tubes(points[at[:, None, None] + rings], heights, group.barbs, self.shaft)
+                shafts = self._shafts(group.members, rings)
+                yield _tubes(points[at[:, None, None] + rings], heights, group.barbs, shafts)
 
     def _colours(self, members: Indices, grid: Indices) -> Array:
         """(n, R, C, 3) linear colours of a vane's vertices."""
@@ -175,6 +176,16 @@ class Plumage:
                 if colour is None
                 else colour[grid]
                 for k, colour in zip(members, own, strict=True)
+            ]
+        )
+
+    def _shafts(self, members: Indices, rings: Indices) -> Array:
+        """(n, 3) linear colours of shafts: the feather's, where it is not of one colour."""
+        own = [self.feathers[k].colour for k in members]
+        return np.stack(
+            [
+                self.shaft if c is None or (c == c[0]).all() else c[rings].mean(axis=(0, 1))
+                for c in own
             ]
         )
 
@@ -313,8 +324,11 @@ def _kept_weights(knots: bytes, places: bytes) -> tuple[Array, Array]:
     return hermite_weights(np.frombuffer(knots), np.frombuffer(places))
 
 
-def _tubes(rings: Array, heights: Array, barbs: int, colour: Array) -> Geometry:
-    """Shafts of n feathers, from rings (n, R, M, 3) of vertices, as fine as the barbs are many."""
+def _tubes(rings: Array, heights: Array, barbs: int, colours: Array) -> Geometry:
+    """Shafts of n feathers, from rings (n, R, M, 3) of vertices, as fine as the barbs are many.
+
+    colours: (n, 3) linear.
+    """
     count, rows, sides = rings.shape[:3]
     around = int(np.clip(barbs // 4, 4, 16))
     places = np.linspace(heights[0], heights[-1], int(np.clip(barbs // 2, 4, 3 * rows - 2)))
@@ -337,7 +351,8 @@ def _tubes(rings: Array, heights: Array, barbs: int, colour: Array) -> Geometry:
     triangles = (start.reshape(-1, 1, 1) * around + cell).reshape(-1, 3)
     shape = geometry_of(
         product(along, circle), triangles, SHAFT,
-        np.cross(tangents, product(along, circle_slopes)), colour,
+        np.cross(tangents, product(along, circle_slopes)),
+        np.repeat(colours, len(places) * around, axis=0),
     )  # fmt: skip
     return replace(shape, tangents=tangents)
 

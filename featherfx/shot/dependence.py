@@ -9,6 +9,7 @@ rate. One that follows guides depends on theirs as well, one that pushes others 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,11 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
 
 def _shape_and_root(placement: Placement) -> list[Any]:
     kind = placement.kind
+    placement = replace(
+        placement,
+        kind=kind.uncoloured,
+        prototype=placement.prototype and placement.prototype.uncoloured,
+    )
     if placement.prototype is None:
         return [value for name, value in members(placement) if name not in _NOT_MOVING]
     # the kind has the prototype's shape in its size, and materials of its own

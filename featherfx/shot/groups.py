@@ -233,7 +233,10 @@ def _model(
         model = make_model(some, kinds, resolution.coefficients, hooked)
         return with_damping(model, kinds).arrays()
 
-    sizes = [(each.kind, each.prototype, each.size, each.mirrored) for each in own]
+    shapes_of = [
+        (each.kind.uncoloured, each.prototype and each.prototype.uncoloured) for each in own
+    ]
+    sizes = [(*pair, each.size, each.mirrored) for pair, each in zip(shapes_of, own, strict=True)]
     return Model.of(kept("models", [sizes, resolution, hooked], compute)).some(chosen)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError
+from featherfx.feather.colours import Colours
 from featherfx.feather.types import BarbCurves, Feather, RowMap, RowPoints
 from featherfx.shot.motion.skin import SkinRoot
 
@@ -63,6 +64,7 @@ class FeatherEntry:
     barb_widths: (m,) m, diameters of a barb at its nodes, root to end, the root left out.
     hooked: whether the state of its hooks is written: the share that holds to 0 (open), and their
         slip. Else `held` is, where it is given.
+    colours: linear; None where no feather of the cache has any.
     """
 
     id: str
@@ -79,3 +81,4 @@ class FeatherEntry:
     held: Array | None = None
     hooked: bool = False
     barb_widths: Array | None = None
+    colours: Colours | None = None

@@ -140,7 +140,8 @@ def _shapes(placements: Sequence[Placement]) -> list[Placement]:
             vane = replace(kind.vane_material, **none)
             none = dict.fromkeys(_SHAFT_STRENGTHS, 0.0)
             shaft = replace(kind.rachis_material, **none)
-            known[id(kind)] = replace(kind, vane_material=vane, rachis_material=shaft)
+            plain = replace(kind.uncoloured, vane_material=vane, rachis_material=shaft)
+            known[id(kind)] = plain
         return known[id(kind)]
 
     return [

@@ -15,8 +15,10 @@ from featherfx.groom.presets.scaling import dialled, materials_resized
 from featherfx.groom.splits import split_faults
 from featherfx.groom.types import (
     BarbGuide,
+    Colour,
     FeatherKind,
     Hooked,
+    Pattern,
     RachisMaterial,
     RachisShape,
     Splits,
@@ -46,6 +48,11 @@ def _vane(values: dict[str, Any]) -> VaneShape:
     )
 
 
+def _colour(values: dict[str, Any]) -> Colour:
+    patterns = (Pattern(**each) for each in values["patterns"])
+    return Colour(**{**values, "patterns": tuple(patterns)})
+
+
 def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
     """The kind that a finished feather tree describes; None after adding problems."""
     values = plain(tree)
@@ -60,8 +67,15 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
         trailing=_vane(values["trailing"]),
         vane_material=VaneMaterial(**values["vane_material"]),
         rachis_material=RachisMaterial(**values["rachis_material"]),
+        colour=_colour(values["colour"]),
     )
     count = len(place.problems)
+    for index, pattern in enumerate(kind.colour.patterns):
+        if pattern.end <= pattern.start:
+            file = _source(tree, "colour", "patterns")
+            key = place.child(f"colour.patterns[{index}].end").key
+            where = Place(place.source if file == "default" else file, key, place.problems)
+            where.fail(f"{pattern.end:g} is not above start = {pattern.start:g}")
     for side, vane in (("leading", kind.leading), ("trailing", kind.trailing)):
         for key, message in _vane_faults(kind, vane):
             source = _source(tree, side, *key.partition("[")[0].split("."))

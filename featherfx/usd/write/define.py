@@ -33,6 +33,7 @@ from featherfx.usd.write.prims import (
     labels,
     replace_primvars,
     seats,
+    shades_of,
 )
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import (
@@ -102,7 +103,8 @@ def define_prims(
     define_scopes(stage, info, parts)
     if MESH in parts:  # else all that there is is drawn
         define_representations(stage, info, BARB in parts)
-    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
+    coloured = all(entry.colours is not None for entry in entries)
+    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS), coloured)
     with Sdf.ChangeBlock():
         # prims stand in the order of the feathers, whichever of them is defined first
         for path in (path for own in prims.prims for path in own.values()):
@@ -137,7 +139,8 @@ def _sort(group: PosedGroup, entries: Sequence[FeatherEntry]) -> Any:
         return group.name
     shared = surface.triangles, surface.part, surface.st
     is_held = entries[0].held is None or entries[0].hooked
-    return *map(id, shared), entries[0].feather.rows, entries[0].root is None, is_held
+    alike = entries[0].root is None, is_held, entries[0].colours is None
+    return *map(id, shared), entries[0].feather.rows, *alike
 
 
 def _copy(
@@ -152,6 +155,11 @@ def _copy(
         replace_primvars(layer, target[MESH], **seats([entry]))
     if entry.held is not None and not entry.hooked and MESH in target:
         replace_primvars(layer, target[MESH], hooked=arrays.floats(entry.held))
+    for part, name in ((MESH, "points"), (RACHIS, "shaft")):
+        if entry.colours is not None and part in target:
+            count = len(rest[part]) if part == MESH else 1
+            shades = shades_of([entry], name, [count])
+            replace_primvars(layer, target[part], displayColor=arrays.vec3f(shades))
     replace_primvars(layer, target[RACHIS], up=arrays.vec3f(_ups(info, [entry])))
     if group.is_condensed:
         replace_primvars(layer, target[RACHIS], **condensed_values(info, [entry], rest))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from featherfx.algebra.rotation import frames_to_quats
+from featherfx.feather.colours import colours_of, uniform
 from featherfx.feather.types import Feather
 from featherfx.files.whole import standing
 from featherfx.groom.types import Placement
@@ -82,15 +83,18 @@ def _entries(
     first: dict[int, Placement] = {}
     for placement, shape in zip(placements, chosen, strict=True):
         first.setdefault(shape, placement)
-    kinds = [first[number].kind.name for number in range(len(shapes))]
+    kinds = [first[number].kind for number in range(len(shapes))]
+    coloured = any(kind.colour.base is not None for kind in kinds)
     return [
         FeatherEntry(
-            id=f"{kind}_{number:04d}",
-            kind=kind,
+            id=f"{kind.name}_{number:04d}",
+            kind=kind.name,
             region="",
             feather=shape,
             rest_points=place(shape.rest, np.zeros(3), np.eye(3)),
             static=True,
+            # instances of one shape are equally bright
+            colours=colours_of(uniform(kind), shape, None, "") if coloured else None,
         )
         for number, (shape, kind) in enumerate(zip(shapes, kinds, strict=True))
     ]
@@ -100,7 +104,8 @@ def _define_prototypes(
     stage: Any, layer: Any, info: StageInfo, at: Any, entries: Sequence[FeatherEntry]
 ) -> list[Any]:
     """Meshes below the instancer, where nothing draws them but instances."""
-    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS))
+    coloured = entries[0].colours is not None
+    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS), coloured)
     scope = at.AppendChild(PROTOTYPES)
     UsdGeom.Scope.Define(stage, scope)
     names = unique_prim_names([entry.id for entry in entries])

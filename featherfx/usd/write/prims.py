@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, UsdGeom, UsdShade
 
+from featherfx.feather import colours
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.usd import arrays
 from featherfx.usd.types import BARB, HOOKED, MESH, RANGES, FeatherEntry
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 Indices = NDArray[np.int64]
 
-COLOURS = {"vane": (0.80, 0.76, 0.69), "rachis": (0.42, 0.33, 0.24)}
+COLOURS = {"vane": colours.VANE, "rachis": colours.SHAFT}
 SUBSETS = {"leadingVane": LEADING, "trailingVane": TRAILING, "rachis": RACHIS}
 _ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
 
@@ -135,28 +136,63 @@ def _tell_whose(
         table.Set(arrays.vec2i(np.stack([first[:-1], np.diff(first)], axis=1)))
 
 
-def define_materials(stage: Any, scope: Any) -> dict[str, Any]:
-    """UsdPreviewSurface materials "vane" and "rachis" under the path scope."""
+def define_materials(stage: Any, scope: Any, coloured: bool) -> dict[str, Any]:
+    """UsdPreviewSurface materials "vane" and "rachis" under the path scope.
+
+    coloured: whether they take the primvar displayColor; else they are of keratin.
+    """
     UsdGeom.Scope.Define(stage, scope)
-    return {name: _define_material(stage, scope.AppendChild(name), name) for name in COLOURS}
+    return {
+        name: _define_material(stage, scope.AppendChild(name), name, coloured) for name in COLOURS
+    }
 
 
-def _define_material(stage: Any, path: Any, name: str) -> Any:
+def _define_material(stage: Any, path: Any, name: str, coloured: bool) -> Any:
     material = UsdShade.Material.Define(stage, path)
     shader = UsdShade.Shader.Define(stage, path.AppendChild("surface"))
     shader.CreateIdAttr("UsdPreviewSurface")
     colour = shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
-    colour.Set(Gf.Vec3f(*COLOURS[name]))
+    if coloured:
+        colour.ConnectToSource(_display_colour(stage, path, COLOURS[name]))
+    else:
+        colour.Set(Gf.Vec3f(*COLOURS[name]))
     shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(_ROUGHNESS[name])
     output = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
     material.CreateSurfaceOutput().ConnectToSource(output)
     return material
 
 
-def _look(prim: Any, name: str, materials: Any) -> None:
-    """Display colour and material "vane" or "rachis"."""
-    author_primvars(prim, displayColor=arrays.vec3f([COLOURS[name]]))
+def _display_colour(stage: Any, path: Any, fallback: tuple[float, float, float]) -> Any:
+    """What reads the primvar displayColor where a renderer shades."""
+    reader = UsdShade.Shader.Define(stage, path.AppendChild("displayColor"))
+    reader.CreateIdAttr("UsdPrimvarReader_float3")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("displayColor")
+    reader.CreateInput("fallback", Sdf.ValueTypeNames.Float3).Set(Gf.Vec3f(*fallback))
+    return reader.CreateOutput("result", Sdf.ValueTypeNames.Float3)
+
+
+def _look(
+    prim: Any, name: str, materials: Any, shades: Any = None, interpolation: str = ""
+) -> None:
+    """Display colour and material "vane" or "rachis". shades: (K, 3) linear, where there are."""
+    plain = [COLOURS[name]] if shades is None else shades
+    author_primvars(prim, interpolation, displayColor=arrays.vec3f(plain))
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[name])
+
+
+def shades_of(
+    entries: Sequence[FeatherEntry], name: str, counts: Sequence[int]
+) -> NDArray[np.float64] | None:
+    """(K, 3) linear colours of feathers that share a prim; None where they have none.
+
+    name: of Colours' points, shaft or barbs. counts: of each feather's elements.
+    """
+    found = [getattr(entry.colours, name) for entry in entries if entry.colours is not None]
+    if len(found) < len(entries):
+        return None
+    return np.concatenate(
+        [np.broadcast_to(each, (count, 3)) for each, count in zip(found, counts, strict=True)]
+    )
 
 
 def define_mesh(
@@ -186,7 +222,8 @@ def define_mesh(
     author_primvars(prim, Pref=rest, rest=rest, st=st, side=arrays.ints(part))
     if any(entry.held is not None for entry in entries) and (MESH, HOOKED) not in group.keys:
         author_primvars(prim, hooked=arrays.floats(group.held))
-    _look(prim, "vane", materials)
+    shades = shades_of(entries, "points", np.diff(starts).tolist())
+    _look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
     _define_subsets(mesh, part, materials)
 
 
@@ -223,7 +260,8 @@ def define_rachises(
     author_primvars(prim, group.interpolation, up=arrays.vec3f(ups))
     if not group.alone and all(entry.root is not None for entry in entries):
         author_primvars(prim, group.interpolation, **seats(entries))
-    _look(prim, "rachis", materials)
+    shades = shades_of(entries, "shaft", [1] * len(entries))
+    _look(prim, "rachis", materials, shades, "" if shades is None else group.interpolation)
 
 
 def define_condensed(stage: Any, path: Any, group: PosedGroup, values: Mapping[str, Any]) -> None:
@@ -254,7 +292,9 @@ def define_barbs(
     side = arrays.ints(np.concatenate([each.side for each in barbs]))
     st = arrays.vec2f(np.concatenate([each.st.reshape(-1, 2) for each in barbs]))
     author_primvars(prim, side=side, st=st)
-    _look(prim, "vane", materials)
+    drawn = np.diff(group.points[BARB]).tolist()
+    shades = shades_of(entries, "barbs", drawn)
+    _look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
 
 
 def _define_curves(stage: Any, path: Any, counts: Any, rest: Any, widths: Any) -> Any:
