@@ -36,8 +36,9 @@ class DrawnPose:
 class DrawnScene:
     """The constant part of the meshes that are drawn.
 
-    cache: where it stands. chosen: (N,) feathers of it. feathers: those. starts: (N + 1,) first point of each, and
-    V. triangles: (T, 3). rachis: (T,) bool. owner: (T,) feather, of N. regions: per feather.
+    cache: where it stands. chosen: (N,) feathers of it. feathers: those. starts: (N + 1,) first
+    point of each, and V. triangles: (T, 3). rachis: (T,) bool. owner: (T,) feather, of N. regions:
+    per feather.
     along_feather: (T,) fraction of the feather's length, from st. to_world: (3, 3), row vectors,
     stage to metres and z up.
     """

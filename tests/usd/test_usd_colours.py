@@ -87,7 +87,8 @@ def test_without_colours_all_is_as_keratin(tmp_path):
         f'name = "s"\ngroom = "{SWAN.as_posix()}"\nframes = [1, 1]\nquality = "draft"\n'
     )
     featherfx.bake(shot, tmp_path / "swan.usdc")
-    mesh = display(Usd.Stage.Open(str(tmp_path / "swan.usdc")), "/swan/feathers/right_primary_01")
+    stage = Usd.Stage.Open(str(tmp_path / "swan.usdc"))
+    mesh = display(stage, "/swan/feathers/right_primary_01")
     assert mesh.GetInterpolation() == "constant"
 
 

@@ -33,7 +33,6 @@ from featherfx.usd.write.prims import (
     labels,
     replace_primvars,
     seats,
-    shades_of,
 )
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import (
@@ -157,8 +156,7 @@ def _copy(
         replace_primvars(layer, target[MESH], hooked=arrays.floats(entry.held))
     for part, name in ((MESH, "points"), (RACHIS, "shaft")):
         if entry.colours is not None and part in target:
-            count = len(rest[part]) if part == MESH else 1
-            shades = shades_of([entry], name, [count])
+            shades = np.atleast_2d(getattr(entry.colours, name))
             replace_primvars(layer, target[part], displayColor=arrays.vec3f(shades))
     replace_primvars(layer, target[RACHIS], up=arrays.vec3f(_ups(info, [entry])))
     if group.is_condensed:
