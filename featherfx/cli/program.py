@@ -198,6 +198,8 @@ class Program(CommandGroup):
                 raise
             place = f"{error.filename}: " if error.filename else ""
             self._fail(ctx, f"{place}{error.strerror or error}", error)
+        except MemoryError as error:
+            self._fail(ctx, f"{ctx.invoked_subcommand}: there is not enough memory", error)
         except ModuleNotFoundError as error:
             if error.name != "pxr":
                 raise

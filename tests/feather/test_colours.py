@@ -12,6 +12,7 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.colours import colours_of, linear
 from featherfx.feather.render import barb_curves
 from featherfx.feather.types import RACHIS
+from featherfx.groom.presets.kinds import blended
 from featherfx.groom.types import Colour, Pattern
 
 WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
@@ -111,3 +112,17 @@ def test_brightness_goes_by_the_id_alone():
     plain = float(linear(np.array(0.5)))
     assert np.mean(light) == pytest.approx(plain, rel=0.02)
     assert np.std(light) == pytest.approx(0.1 * plain, rel=0.1)
+
+
+def test_halfway_kinds_have_halfway_colours():
+    first = replace(KIND, colour=Colour(base=WHITE, patterns=(bar(number=4, size=0.2),)))
+    second = replace(KIND, colour=Colour(base=(0.0, 0.5, 1.0), patterns=(bar(number=4, size=0.6),)))
+    middle = blended(first, second, 0.25).colour
+    assert middle.base == pytest.approx((0.75, 0.875, 1.0))
+    assert middle.patterns == (bar(number=4, size=pytest.approx(0.3)),)
+    # what only one has, and marks of other sorts, come from the nearer
+    plain = blended(first, KIND, 0.25)
+    assert plain.colour.base == WHITE
+    assert blended(first, KIND, 0.75).colour == Colour()
+    spots = replace(first, colour=replace(first.colour, patterns=(bar(kind="spots"),)))
+    assert blended(first, spots, 0.75).colour.patterns == (bar(kind="spots"),)

@@ -102,7 +102,10 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
             if set(ended) - set(FINE):
                 result.fail(number, seed, said)
                 if keep is not None:
-                    shutil.copytree(folder, keep / f"{seed}_{number}", dirs_exist_ok=True)
+                    pipes = shutil.ignore_patterns("pipe")
+                    shutil.copytree(
+                        folder, keep / f"{seed}_{number}", ignore=pipes, dirs_exist_ok=True
+                    )
             shutil.rmtree(folder)
             log.unlink()
     return result

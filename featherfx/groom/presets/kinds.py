@@ -229,6 +229,8 @@ def blended(first: Any, second: Any, weight: float) -> Any:
         return first if weight < 0.5 else second
     if isinstance(first, Splits):
         return first if weight < 0.5 else second  # half of a split is none
+    if isinstance(first, Colour):
+        return _blended_colour(first, second, weight)
     if isinstance(first, Hooked):
         return Hooked(
             _blended_curve(first.shaft, second.shaft, weight),
@@ -244,6 +246,22 @@ def blended(first: Any, second: Any, weight: float) -> Any:
             }
         )
     return (1.0 - weight) * first + weight * second
+
+
+def _blended_colour(first: Colour, second: Colour, weight: float) -> Colour:
+    """Halfway colours; those that only one has, and marks of other sorts, from the nearer."""
+    nearer = first if weight < 0.5 else second
+    found: dict[str, Any] = {"vary": blended(first.vary, second.vary, weight)}
+    for name in ("base", "shaft"):
+        ends = getattr(first, name), getattr(second, name)
+        found[name] = getattr(nearer, name) if None in ends else blended(*ends, weight)
+    sorts = [[(p.kind, p.number) for p in each.patterns] for each in (first, second)]
+    found["patterns"] = nearer.patterns
+    if sorts[0] == sorts[1]:
+        halfway = blended(first.patterns, second.patterns, weight)
+        marks = zip(halfway, nearer.patterns, strict=True)
+        found["patterns"] = tuple(replace(mark, number=own.number) for mark, own in marks)
+    return Colour(**found)
 
 
 def _blended_curve(first: Curve, second: Curve, weight: float) -> Curve:

@@ -102,7 +102,8 @@ def _grid(path: str | Path, feather: CachedFeather, pose: Any) -> _Grid:
     steps = np.unique(np.round(np.abs(across[np.abs(across) > 1e-5]), 6))
     columns = round(0.5 / steps[0]) if len(steps) else 0
     node = np.round(across * 2 * columns).astype(int)
-    if columns == 0 or not np.allclose(node / (2.0 * columns), across, atol=1e-4):
+    whole = columns > 0 and np.allclose(node / (2.0 * columns), across, atol=1e-4)
+    if not whole or np.abs(node).max() > columns:
         raise InputError(problem)
     stations, row = np.unique(feather.st[tube, 1], return_inverse=True)
     row_of_vane = np.searchsorted(stations, feather.st[vane, 1])

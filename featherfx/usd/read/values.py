@@ -24,6 +24,8 @@ DEFAULT, EARLIEST = Usd.TimeCode.Default(), Usd.TimeCode.EarliestTime()
 USD_ERRORS = (Tf.ErrorException, UnicodeDecodeError, RuntimeError, OverflowError)
 
 _TEXTS = (Sdf.ValueTypeNames.String, Sdf.ValueTypeNames.Token)
+# characters of what USD says of an error
+_MOST_TOLD = 2000
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,8 @@ def reason_of(error: BaseException) -> str:
         told = str(error.args[0].commentary) if error.args else "it does not say why"
     except UnicodeDecodeError:
         return "holds bytes that are no UTF-8 text"
-    return " ".join(told.split())
+    # of a damaged file it may quote gigabytes
+    return " ".join(told[:_MOST_TOLD].split())
 
 
 @contextmanager
