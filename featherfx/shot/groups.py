@@ -26,7 +26,7 @@ from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.loads.wet import Water
 from featherfx.shot.loads.wind import exposures, sheltered
-from featherfx.shot.motion.roots import Roots
+from featherfx.shot.motion.roots import Roots, arrived
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.types import FeatherPose, Force, Grip, Shot
 from featherfx.solver.solver import Settings, Solver
@@ -278,8 +278,9 @@ def loads_within(
         loads = group.water.through(loads)
     if group.exposure == 1.0 or group.flying:
         return loads
-    before, after = (motion.frames(time)[0][group.members] for time in (start, end))
-    return sheltered(loads, group.exposure, after - before, end - start)
+    before, after = arrived(motion, start), motion.frames(end)
+    way = (after.positions - before.positions)[group.members]
+    return sheltered(loads, group.exposure, way, end - start)
 
 
 def pose_of(group: Group, k: int) -> FeatherPose:

@@ -29,6 +29,7 @@ from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.loads.wet import clumping
+from featherfx.shot.motion.cuts import cut_roots
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.motion.preroll import RunUp, moves_before
 from featherfx.shot.motion.roots import RootFrames, root_rates
@@ -83,7 +84,7 @@ class Simulation:
             motion, self._first = RunUp(motion, preroll), -shot.preroll * subframes
             colliders = tuple(replace(each, run_up=preroll) for each in shot.colliders)
             self.shot = shot = replace(shot, colliders=colliders)
-        self._motion = motion
+        self._motion = motion = cut_roots(shot, motion)
         drawn = drawn_feathers(shot)
         chosen = range(len(drawn)) if wanted is None else wanted
         self._wanted: Indices = np.array(chosen, dtype=np.int64)
@@ -166,6 +167,7 @@ class Simulation:
     def _go_to(self, index: int) -> None:
         """Bring all feathers to the sample with this index; those of the preroll are below 0."""
         if index > 0:
+            self._say_cuts(index - 1)
             self._levels.begin(index)
             self._hooks.preen(self._time(index - 1), self._time(index))
         self._renewed = [group for group in self._groups if self._renew(group, index)]
@@ -188,6 +190,15 @@ class Simulation:
             self._laid = self._layers.lay(poses, number, time, duration)
         self._hooks.note(self._number(index))
         self._index = index
+
+    def _say_cuts(self, index: int) -> None:
+        """Say what is somewhere else right after the sample with this index."""
+        frame, between = divmod(index, self._subframes)
+        if not between:
+            number = self._number(index + self._subframes)
+            self._motion.warn(frame, [each.id for each in self.shot.groom.feathers], number)
+            if self._islands:
+                self._islands[0].contact.bodies.warn(frame, number)
 
     def _renew(self, group: Group, index: int) -> bool:
         """Whether feathers of a group have another model than before: wetter or drier, directed, or

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.shot.motion.cuts import cut_surfaces
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.types import Wall
 from featherfx.solver.contact.wall import outward, wall_of
@@ -28,11 +29,16 @@ class Bodies:
     """
 
     def __init__(self, shot: Shot, longest: float) -> None:
-        self._bodies = shot.colliders
-        surfaces = [body.surface for body in self._bodies]
+        self._bodies = cut_surfaces(shot, longest)
+        surfaces = [body.surface for body in shot.colliders]
         self._triangles = [outward(surface.triangles, surface.rest) for surface in surfaces]
         self._depth = DEPTH * longest
         self.begun = False
+
+    def warn(self, k: int, number: float) -> None:
+        """Say which bodies are cut from frame k to k + 1, whose number is given."""
+        for body in self._bodies:
+            body.warn(k, number)
 
     def approach(self, states: Sequence[State], start: float, end: float, margin: float) -> bool:
         """Whether a body that moves between start and end (s) comes near any feather at rest.
@@ -61,9 +67,11 @@ class Bodies:
         fastest = max(float(np.abs(state.velocity.nodes).max()) for state in states)
         walls = []
         for body, triangles in zip(self._bodies, self._triangles, strict=True):
-            before, after = body.points(start), body.points(end)
+            cut = end > start and body.is_cut(start)
+            before, after = body.after(start) if cut else body.points(start), body.points(end)
             own = float(np.abs(after - before).max(initial=0.0))
             way = np.sqrt(3.0) * (fastest * (end - start) + own)
             reach = margin + self._depth + float(way)
-            walls.append(wall_of(before, after, triangles, reach, not self.begun))
+            # what a body lands on has grown into it as well
+            walls.append(wall_of(before, after, triangles, reach, cut or not self.begun))
         return walls

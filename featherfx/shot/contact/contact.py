@@ -115,7 +115,7 @@ class ShotContact:
         self._at_rest = len(candidates.pairs)
         self._encounters = Encounters(candidates.pairs, len(placements))
         self.tally = Tally()
-        self._bodies = Bodies(shot, float(rest.lengths.max()))
+        self.bodies = Bodies(shot, float(rest.lengths.max()))
         self._rules = self._step_rules()
         self._proposal = 0.0
         self._unresolved: list[dict[str, Any]] = []
@@ -152,7 +152,7 @@ class ShotContact:
         rest on which nothing acts anew; they are stepped when others push them.
         """
         steps = FrameSteps(self._rules, start, end, self._proposal)
-        around = Surroundings(loads_of, paths_of, self._bodies)
+        around = Surroundings(loads_of, paths_of, self.bodies)
         stepper = Stepper(self.solver, self._rules, around, steps.spend, steps.tired)
         current, parts, resting = list(states), [], resting.copy()
         while steps.left():
@@ -162,7 +162,7 @@ class ShotContact:
             steps.accepted(done.reports, done.contact[0][1], done.tries > 0)
             current = _slept(done.states, done.reports, paths_of(span.start, span.end), span.length)
             resting &= np.concatenate([report.steps for report in done.reports]) == 0.0
-            self._bodies.begun = True
+            self.bodies.begun = True
             for length, contact in done.contact:
                 self.tally.add(contact, length, self._rules.wrong(contact))
             self.tally.repeated += done.tries
@@ -179,11 +179,11 @@ class ShotContact:
 
     def stirred(self, states: Sequence[State], start: float, end: float) -> bool:
         """Whether a moving body comes near any feather from start to end (s)."""
-        return self._bodies.approach(states, start, end, self.solver.settings.margin)
+        return self.bodies.approach(states, start, end, self.solver.settings.margin)
 
     def settle(self, states: Sequence[State], loads: Sequence[Loads]) -> list[State]:
         """Bring layered feathers to rest against each other by long damped steps."""
-        found = settled_together(self.solver, self._bodies, states, loads, self.names)
+        found = settled_together(self.solver, self.bodies, states, loads, self.names)
         self.tally.rest_depth, self.tally.settled_depth = found.rest_depth, found.depth
         self._unresolved = self._still_deep()
         return found.states
@@ -243,7 +243,7 @@ class ShotContact:
             self.solver.add_pairs(memory["met"])
             self._encounters.know(memory["met"])
         self.go_on(memory)
-        self._bodies.begun = True
+        self.bodies.begun = True
 
     def go_on(self, memory: dict[str, Any]) -> None:
         """Go on as after an earlier step of this run, whose `memory` it was; pairs that have met

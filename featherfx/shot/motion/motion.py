@@ -18,7 +18,7 @@ from featherfx.shot.motion.joints import (
     skeleton_of,
 )
 from featherfx.shot.motion.keys import keyed
-from featherfx.shot.motion.roots import SAMPLES, Roots
+from featherfx.shot.motion.roots import SAMPLES, Roots, arrived
 from featherfx.shot.types import Shot
 from featherfx.solver.step.root_path import RootPath
 
@@ -55,7 +55,8 @@ def _poses(shot: Shot, skeleton: Skeleton) -> PosesOverTime:
 
 def root_path(motion: Roots, members: NDArray[np.int64], start: float, end: float) -> RootPath:
     """Paths of the roots with indices members (F,) from start to end (s)."""
-    frames = [motion.frames(time) for time in np.linspace(start, end, SAMPLES)]
+    times = np.linspace(start, end, SAMPLES)[1:]
+    frames = [arrived(motion, start), *(motion.frames(time) for time in times)]
     positions = np.stack([each.positions[members] for each in frames], axis=1)
     rotations = np.stack([each.rotations[members] for each in frames], axis=1)
     relative = np.einsum("fkij,flj->fkil", rotations, rotations[:, 0])

@@ -6,7 +6,7 @@ whose poses come from a wing beat (flap.py), from keyframes (keys.py), or are he
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,19 @@ class Roots(Protocol):
         """Where the roots are at a time, s since the first frame."""
 
 
+@runtime_checkable
+class RootsWithCuts(Roots, Protocol):
+    """Roots that are somewhere else in no time where the animation is cut (cuts.py)."""
+
+    def after(self, time: float) -> RootFrames:
+        """Where the roots are from a time on; frames tells where they were until then."""
+
+
+def arrived(motion: Roots, time: float) -> RootFrames:
+    """Roots from a time (s) on: after a cut, where there is one."""
+    return motion.after(time) if isinstance(motion, RootsWithCuts) else motion.frames(time)
+
+
 def root_rates(motion: Roots, start: float, end: float) -> tuple[RootFrames, ...]:
     """Root frames at end (s), then their first and second rates.
 
@@ -43,7 +56,8 @@ def root_rates(motion: Roots, start: float, end: float) -> tuple[RootFrames, ...
         none = RootFrames(*(np.zeros_like(each) for each in now))
         return now, none, none
     times = np.linspace(start, end, SAMPLES)
-    samples = [motion.frames(float(time)) for time in times[:-1]] + [now]
+    samples = [motion.frames(float(time)) for time in times[1:-1]]
+    samples = [arrived(motion, start), *samples, now]
     positions, rotations = (
         np.stack([values - values_now for values in column])
         for column, values_now in zip(zip(*samples, strict=True), now, strict=True)

@@ -1,0 +1,134 @@
+"""Roots and colliders that are somewhere else in no time."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherfx.algebra.between import Knots
+from featherfx.errors import InputWarning
+from featherfx.shot.contact.bodies import Bodies
+from featherfx.shot.motion.cuts import CutRoots
+from featherfx.shot.motion.roots import RootFrames, arrived, root_rates
+from featherfx.shot.read.read import read_shot
+from featherfx.shot.read.sources import TimedSurface
+from featherfx.shot.simulate import simulate
+
+SAMPLE = Path(__file__).parents[2] / "samples" / "flapping_bird" / "shot.toml"
+FRAME = 1.0 / 30.0
+SPEED = np.array([3.0, 0.5, 0.0])
+AWAY = np.array([-4.0, 2.0, 1.0])
+CUT = 5  # between this frame and the next
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Roots that fly straight on at one speed, through samples at whole frames, and from one frame
+    to the next are somewhere else."""
+
+    at_rest: RootFrames
+    away: np.ndarray
+
+    def frames(self, time: float) -> RootFrames:
+        stencil = Knots(0.0, FRAME, 0, 40).stencil(time)
+        samples = [SPEED * t + self.away * (t > (CUT + 0.5) * FRAME) for t in stencil.times]
+        return RootFrames(
+            self.at_rest.positions + stencil.place(np.array(samples)), self.at_rest[1]
+        )
+
+
+def roots(away, lengths=0.2):
+    at_rest = RootFrames(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)))
+    return CutRoots(Flight(at_rest, away), np.full(2, lengths), FRAME, 40)
+
+
+def test_a_cut_has_no_speed_and_leaves_no_trace_in_the_curves_beside_it():
+    cut, straight = roots(AWAY), roots(np.zeros(3)).motion
+    assert [k for k in range(40) if cut.finder.cut(k).any()] == [CUT]
+    for time in np.arange(0.0, 12.0, 0.25) * FRAME:
+        passed = AWAY * (time > (CUT + 1e-3) * FRAME)
+        expected = straight.frames(time).positions + passed
+        np.testing.assert_allclose(cut.frames(time).positions, expected, atol=1e-12)
+    at = CUT * FRAME
+    there = straight.frames(at).positions + AWAY
+    np.testing.assert_allclose(arrived(cut, at).positions, there, atol=1e-12)
+    _, first, second = root_rates(cut, at, at + FRAME)
+    np.testing.assert_allclose(first.positions, [SPEED, SPEED], atol=1e-9)
+    np.testing.assert_allclose(second.positions, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("away", "lengths"), [(0.5 * SPEED * FRAME, 0.01), (AWAY, 6.0)])
+def test_what_is_slow_or_within_a_feathers_length_is_no_cut(away, lengths):
+    cut = roots(away, lengths)
+    assert not any(cut.finder.cut(k).any() for k in range(40))
+    time = (CUT + 0.5) * FRAME
+    assert np.array_equal(cut.frames(time).positions, cut.motion.frames(time).positions)
+
+
+def flight(away):
+    """Two feathers that touch each other, on roots that fly."""
+    shot = read_shot(SAMPLE)
+    kept = tuple(f for f in shot.groom.feathers if f.id in ("right_primary_02", "right_primary_03"))
+    at_rest = RootFrames(
+        *(np.stack([getattr(f, n) for f in kept]) for n in ("position", "rotation"))
+    )
+    return replace(
+        shot,
+        groom=replace(shot.groom, feathers=kept),
+        skin=Flight(at_rest, away),
+        quality=replace(shot.quality, rows=7, columns=2, coefficients=1),
+        wind=replace(shot.wind, air_density=0.0),
+        layers=None,
+        preroll=0,
+    )
+
+
+def test_feathers_go_through_a_cut_as_if_there_were_none():
+    with pytest.warns(InputWarning, match=r"root of feather 'right_primary_0\d' and 1 more: cut"):
+        cut = list(simulate(flight(AWAY), 1, (1, 9)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        whole = list(simulate(flight(np.zeros(3)), 1, (1, 9)))
+    for number, (own, other) in enumerate(zip(cut, whole, strict=True)):
+        passed = AWAY * (number > CUT)
+        for f in range(2):
+            moved = own.points[f] - other.points[f]
+            assert np.abs(moved[:, [0]] - passed).max() < 1e-6
+            assert np.abs(own.velocities[f] - other.velocities[f]).max() < 1e-3
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board that is a metre away, until it stands within the wing."""
+
+    path = "/board"
+    rest = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    time_codes_per_second = 1.0
+
+    def points(self, code: float) -> np.ndarray:
+        return self.rest - np.array([0.0, 0.0, 1.0]) * (code < (CUT + 0.5) * FRAME)
+
+
+def test_a_collider_that_is_elsewhere_is_no_wall_that_moves():
+    shot = flight(np.zeros(3))
+    bodies = Bodies(replace(shot, colliders=(TimedSurface(Board(), 0.0),)), 0.3)
+    bodies.begun = True
+    states = next(iter(simulate_states(shot)))
+    for k in range(10):
+        (wall,) = bodies.walls(states, k * FRAME, (k + 1) * FRAME, 1e-3)
+        assert np.array_equal(wall.start, wall.end)
+        assert wall.beginning == (k == CUT)
+        level = 0.0 if k >= CUT else -1.0
+        assert np.all(wall.end[:, 2] == level)
+    with pytest.warns(InputWarning, match="collider /board: cut to another place at frame 7, 1 m"):
+        bodies.warn(CUT, 7.0)
+
+
+def simulate_states(shot):
+    simulation = simulate(shot, 1, (1, 1))
+    yield [group.state for group in simulation._groups]
