@@ -26,6 +26,7 @@ ORDER = (
     "shot",
     "usd",
     "render",
+    "view",
     "api",
     "baking",
     "farm",

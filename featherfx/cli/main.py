@@ -19,6 +19,7 @@ from featherfx.cli.program import Program
 from featherfx.cli.sample import sample
 from featherfx.cli.schema import schema
 from featherfx.cli.stats import stats
+from featherfx.cli.view import view
 
 
 @click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
@@ -42,6 +43,7 @@ for command in (
     presets,
     sample,
     preview,
+    view,
     lab,
     bench,
     doctor,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +19,14 @@ VANE, SHAFT, SKIN = (0.80, 0.76, 0.69), (0.47, 0.36, 0.22), (0.31, 0.25, 0.22)
 COLLIDER = (0.24, 0.26, 0.29)
 _MUTED = (0.45, 0.45, 0.45)
 # Anchors of perceptually even ramps: viridis, and a blue-white-red diverging one.
-_SEQUENTIAL = np.array(
+SEQUENTIAL = np.array(
     [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]]
 ) / 255  # fmt: skip
-_DIVERGING = np.array(
+DIVERGING = np.array(
     [[33, 102, 172], [146, 197, 222], [245, 245, 245], [244, 165, 130], [178, 24, 43]]
 ) / 255  # fmt: skip
 # open, weak, whole
-_HOOKS = np.array([[178, 24, 43], [244, 165, 130], [203, 194, 176]]) / 255
+HOOKS = np.array([[178, 24, 43], [244, 165, 130], [203, 194, 176]]) / 255
 _CATEGORIES = np.array(
     [[68, 119, 170], [238, 102, 119], [34, 136, 51], [204, 187, 68], [102, 204, 238],
      [170, 51, 119], [187, 187, 187], [238, 153, 51]]
@@ -66,17 +67,17 @@ def value_colours(
     """Colours (T, 3) of each pose by values ("barb", "strain" or "hooked"), 0 to 1, and the key."""
     if mode == "hooked":
         shares = [pose.hooked for pose in poses]
-        return _coloured(scene, shares, Bar("hooks that hold", 0.0, 1.0, _HOOKS))
+        return _coloured(scene, shares, Bar("hooks that hold", 0.0, 1.0, HOOKS))
     if mode == "barb":
-        values = [_barb_angle(scene, pose) for pose in poses]
-        return _by_value(scene, values, "barb angle (deg)", _SEQUENTIAL, symmetric=False)
+        values = [barb_angle(scene, pose) for pose in poses]
+        return _by_value(scene, values, "barb angle (deg)", SEQUENTIAL, symmetric=False)
     rest = scene.rest
     values = [
         100 * strain_across_barbs(rest.points, pose.points, scene.triangles, rest.barbs)
         for pose in poses
     ]
     title = "Green-Lagrange strain across barbs (%)"
-    return _by_value(scene, values, title, _DIVERGING, symmetric=True)
+    return _by_value(scene, values, title, DIVERGING, symmetric=True)
 
 
 def ramp_colours(ramp: Array, fraction: Array) -> Array:
@@ -89,7 +90,7 @@ def _by_value(
     scene: DrawnScene, values: list[Array], title: str, ramp: Array, symmetric: bool
 ) -> tuple[list[Array], Bar]:
     shown = _shown(scene)
-    low, high = _limits(np.concatenate([v[shown] for v in values]), symmetric)
+    low, high = value_limits(np.concatenate([v[shown] for v in values]), symmetric)
     return _coloured(scene, values, Bar(title, low, high, ramp))
 
 
@@ -106,7 +107,7 @@ def _shown(scene: DrawnScene) -> NDArray[np.bool_]:
     return ~scene.rachis & np.asarray(scene.rest.barbs.any(axis=1))
 
 
-def _limits(values: Array, symmetric: bool) -> tuple[float, float]:
+def value_limits(values: Array, symmetric: bool) -> tuple[float, float]:
     """The range of a bar: 99 % of the values, so that one odd triangle does not grey the rest."""
     if len(values) == 0:
         return 0.0, 1.0
@@ -117,17 +118,17 @@ def _limits(values: Array, symmetric: bool) -> tuple[float, float]:
     return (low, high) if high - low > 0.1 else (low - 1.0, high + 1.0)
 
 
-def _barb_angle(scene: DrawnScene, pose: DrawnPose) -> Array:
+def barb_angle(scene: DrawnScene, pose: DrawnPose) -> Array:
     """(T,) deg, between the barb and the shaft at the same height of the feather."""
     angle = np.zeros(len(scene.triangles))
-    for feather in range(len(scene.regions)):
-        mine = scene.owner == feather
-        shaft = mine & scene.rachis
+    ends = np.searchsorted(scene.owner, np.arange(len(scene.regions) + 1))
+    for mine in (slice(*own) for own in pairwise(ends)):
+        shaft = scene.rachis[mine]
         if not shaft.any():
             continue
-        heights, place = np.unique(scene.along_feather[shaft], return_inverse=True)
+        heights, place = np.unique(scene.along_feather[mine][shaft], return_inverse=True)
         tangent = np.zeros((len(heights), 3))
-        np.add.at(tangent, place, pose.barbs[shaft])
+        np.add.at(tangent, place, pose.barbs[mine][shaft])
         at = scene.along_feather[mine]
         here = np.stack([np.interp(at, heights, tangent[:, k]) for k in range(3)], axis=1)
         here /= np.maximum(np.linalg.norm(here, axis=1, keepdims=True), 1e-300)

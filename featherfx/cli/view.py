@@ -1,0 +1,128 @@
+"""`featherfx view`: a cache, groom or shot in a browser."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+import webbrowser
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from featherfx.baking import pipeline
+from featherfx.cli.log import tell
+from featherfx.cli.options import default_jobs, progress_option, readable_path
+from featherfx.cli.program import Command
+from featherfx.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from featherfx.view.played import Played
+
+_QUALITY = "draft"
+
+
+@click.command(
+    cls=Command,
+    short_help="Play a cache, groom or shot in a browser, or write it as one HTML file.",
+    epilog="""
+    featherfx view swan_wing.usdc
+    featherfx view swan_wing.usdc --html swan_wing.html
+    featherfx view samples/breeze/shot.toml --html breeze.html --megabytes 20
+    """,
+)
+@click.argument("file", metavar="CACHE|GROOM|SHOT", type=readable_path())
+@click.option(
+    "--html",
+    type=click.Path(path_type=Path),
+    metavar="OUT.html",
+    help="Write one file that loads nothing else, and open no browser.",
+)
+@click.option(
+    "--megabytes",
+    type=click.FloatRange(0.1, 10_000.0),
+    default=64.0,
+    show_default=True,
+    help="Of all frames of a file before they are packed, or of those of a second that a server"
+    " gives: above, points, then frames of a file, are left out, and the page says so.",
+)
+@click.option("--port", type=click.IntRange(1, 65535), help="Of the server.  [default: a free one]")
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@click.option("--quality", metavar="NAME", help=f"Of grooms and shots.  [default: {_QUALITY}]")
+@progress_option
+@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+def view(
+    file: Path,
+    html: Path | None,
+    megabytes: float,
+    port: int | None,
+    no_browser: bool,
+    quality: str | None,
+    style: str,
+    overwrite: bool,
+) -> None:
+    """Play CACHE (USD), or a GROOM at rest, or a SHOT (TOML), which is baked for it.
+
+    Drag turns, the wheel zooms, a click picks a feather, space plays, f looks at the feather, h at
+    the whole. The server is on this machine alone, gives only this cache, and only to who has the
+    address with its token; Ctrl-C ends it.
+    """
+    if quality and file.suffix != ".toml":
+        raise click.UsageError("--quality is for grooms and shots")
+    budget = int(1e6 * megabytes)
+    with contextlib.ExitStack() as stack:
+        with Progress("drawing", style):
+            cache = stack.enter_context(_cache_of(file, quality or _QUALITY))
+            if html is not None:
+                # reads USD and draws, which takes its time to load
+                from featherfx.view.page import write_page
+
+                played = write_page(cache, html, budget, overwrite)
+            else:
+                played = _opened(cache, budget)
+        for told in played.told():
+            tell(told)
+        if html is not None:
+            click.echo(str(html))
+        else:
+            _serve(played, port or 0, no_browser)
+
+
+def _opened(cache: Path, budget: int) -> Played:
+    """A cache of which a second can be given."""
+    from featherfx.view.page import fitting_second
+
+    return fitting_second(cache, budget)
+
+
+def _serve(played: Played, port: int, no_browser: bool) -> None:
+    from featherfx.view.serve import Server
+
+    with Server(played, port) as server:
+        click.echo(server.address)
+        if not no_browser and not webbrowser.open(server.address):
+            tell("no browser was found; open the address above in one of this machine")
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve_forever()
+
+
+@contextlib.contextmanager
+def _cache_of(file: Path, quality: str) -> Iterator[Path]:
+    """A USD file of what is to be seen; of grooms and shots one that is removed afterwards."""
+    if file.suffix != ".toml":
+        yield file
+        return
+    from featherfx.groom.keys.values import Problems
+    from featherfx.groom.read.toml_file import load_toml
+
+    problems = Problems()
+    keys = load_toml(file, problems) or {}
+    problems.raise_any()
+    with tempfile.TemporaryDirectory(prefix="featherfx-") as folder:
+        cache = Path(folder) / f"{file.parent.name}_{file.stem}.usdc"
+        if "groom" in keys:
+            pipeline.bake(file, cache, quality=quality, jobs=default_jobs())
+        else:
+            pipeline.export_groom(file, cache, quality=quality, instances=False)
+        yield cache

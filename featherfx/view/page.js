@@ -1,0 +1,335 @@
+// Plays a cache: frames come from the page itself (base64 of gzip) or from the server beside it.
+"use strict";
+(async () => {
+  const header = JSON.parse(document.getElementById("header").textContent);
+  const byId = (id) => document.getElementById(id);
+  const told = (text) => { byId("told").textContent = text; };
+  const state = (window.featherfx = {
+    frames: header.frames.length, frame: 0, feathers: header.feathers, ready: false, playing: false,
+    header, setFrame, setColour, pick, problem: "",
+  });
+
+  async function embedded(name) {
+    const text = byId(`data-${name}`).textContent.trim();
+    const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Response(stream).arrayBuffer();
+  }
+
+  async function served(name) {
+    const answer = await fetch(name, { cache: "no-store" });
+    if (!answer.ok) throw new Error(await answer.text());
+    return answer.arrayBuffer();
+  }
+
+  const load = header.embedded ? embedded : served;
+
+  // Frames that were played last stay in memory.
+  const kept = new Map();
+  async function frameOf(number) {
+    if (!kept.has(number)) {
+      kept.set(number, load(`frame-${number}`).then(unpacked));
+      const most = Math.max(8, Math.floor(header.keptBytes / (16 * header.points)));
+      while (kept.size > most) kept.delete(kept.keys().next().value);
+    }
+    const found = kept.get(number);
+    kept.delete(number);
+    kept.set(number, found);
+    try {
+      return await found;
+    } catch (error) {
+      kept.delete(number);
+      throw error;
+    }
+  }
+
+  function unpacked(buffer) {
+    const box = new Float32Array(buffer, 0, 6), count = header.points;
+    const places = new Uint16Array(buffer, 24, 3 * count), points = new Float32Array(3 * count);
+    for (let k = 0; k < points.length; k++) points[k] = box[k % 3] + (places[k] / 65535) * box[3 + (k % 3)];
+    let start = 24 + 4 * Math.ceil((6 * count) / 4);
+    const values = {};
+    for (const value of header.values) {
+      values[value.name] = new Uint8Array(buffer, start, count);
+      start += 4 * Math.ceil(count / 4);
+    }
+    return { points, values };
+  }
+
+  const toLight = (c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+  function table(ramp) {
+    const colours = new Float32Array(256 * 3);
+    for (let k = 0; k < 256; k++) {
+      const at = (k / 255) * (ramp.length - 1), low = Math.min(Math.floor(at), ramp.length - 2);
+      for (let c = 0; c < 3; c++) {
+        colours[3 * k + c] = toLight(ramp[low][c] + (at - low) * (ramp[low + 1][c] - ramp[low][c]));
+      }
+    }
+    return colours;
+  }
+
+  // The scene.
+  const constant = await load("constant");
+  const corners = new Uint32Array(constant, 0, 3 * header.triangles);
+  const base = {};
+  ["pattern", "region", "barb angle at rest"].forEach((name, k) => {
+    base[name] = new Uint8Array(constant, 12 * header.triangles + 3 * k * header.points, 3 * header.points);
+  });
+  const modes = [...Object.keys(base), ...header.values.map((v) => v.name)];
+  if (state.frames > 1) modes.push("velocity");
+  const ramps = Object.fromEntries(header.values.map((v) => [v.name, table(v.ramp)]));
+  ramps.velocity = table(header.ramp);
+
+  const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+  renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+  document.body.prepend(renderer.domElement);
+  const scene = new THREE.Scene();
+  scene.background = new THREE.Color(0x4a4f57);
+  const camera = new THREE.PerspectiveCamera(35, 1, 0.001, 1000);
+  camera.up.set(0, 0, 1);
+  scene.add(new THREE.HemisphereLight(0xe8eefc, 0x6b5c4c, 1.6));
+  const sun = new THREE.DirectionalLight(0xfff3e0, 2.2);
+  camera.add(sun);
+  sun.position.set(1, 1.5, 2);
+  scene.add(camera);
+  const geometry = new THREE.BufferGeometry();
+  const position = new THREE.BufferAttribute(new Float32Array(3 * header.points), 3);
+  const colour = new THREE.BufferAttribute(new Float32Array(3 * header.points), 3);
+  position.usage = colour.usage = 35048; // changes often
+  geometry.setAttribute("position", position);
+  geometry.setAttribute("color", colour);
+  geometry.setIndex(new THREE.BufferAttribute(corners, 1));
+  const material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide, flatShading: true });
+  const mesh = new THREE.Mesh(geometry, material);
+  mesh.frustumCulled = false;
+  scene.add(mesh);
+  const controls = new THREE.OrbitControls(camera, renderer.domElement);
+  controls.addEventListener("change", draw);
+
+  function draw() {
+    renderer.render(scene, camera);
+  }
+
+  function resize() {
+    camera.aspect = innerWidth / innerHeight;
+    camera.updateProjectionMatrix();
+    renderer.setSize(innerWidth, innerHeight, false);
+    draw();
+  }
+
+  // A box around some points, seen from the front, left and above.
+  function look(first, count) {
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    for (let k = 3 * first; k < 3 * (first + count); k++) {
+      const value = position.array[k];
+      if (value < low[k % 3]) low[k % 3] = value;
+      if (value > high[k % 3]) high[k % 3] = value;
+    }
+    const size = Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) || 1;
+    controls.target.set(...low.map((value, k) => 0.5 * (value + high[k])));
+    const way = new THREE.Vector3(...header.from), away = nearest(first, count, way, size);
+    camera.position.copy(controls.target).add(way.multiplyScalar(away));
+    camera.near = size / 1000;
+    camera.far = 100 * size;
+    camera.updateProjectionMatrix();
+    controls.update();
+    draw();
+  }
+
+  // How near a camera may come that still sees these points, with a margin for the bar below.
+  function nearest(first, count, way, size) {
+    const right = new THREE.Vector3(0, 0, 1).cross(way).normalize(), up = way.clone().cross(right);
+    const high = Math.tan((Math.PI / 180) * 0.5 * camera.fov) * 0.84, wide = high * camera.aspect, p = new THREE.Vector3();
+    let away = 0.01 * size;
+    for (let k = first; k < first + count; k++) {
+      p.fromArray(position.array, 3 * k).sub(controls.target);
+      away = Math.max(away, p.dot(way) + Math.max(Math.abs(p.dot(right)) / wide, Math.abs(p.dot(up)) / high));
+    }
+    return away;
+  }
+
+  // Frames and colours.
+  let mode = "pattern", fastest = 1e-6;
+  async function setFrame(number) {
+    const wanted = Math.max(0, Math.min(state.frames - 1, Math.round(number)));
+    state.wanted = wanted;
+    let found;
+    try {
+      found = await frameOf(wanted);
+      if (mode === "velocity") found.speeds = found.speeds || (await speedsOf(wanted, found));
+    } catch (error) {
+      state.problem = String(error.message || error);
+      state.playing = false;
+      byId("play").textContent = "play";
+      told(state.problem);
+      return state.frame;
+    }
+    if (state.wanted !== wanted) return state.frame; // another one was asked for meanwhile
+    position.array.set(found.points);
+    position.needsUpdate = true;
+    paint(found);
+    geometry.boundingSphere = null;
+    state.frame = wanted;
+    byId("time").value = wanted;
+    const code = header.frames[wanted];
+    byId("number").textContent = code === null ? "at rest" : `frame ${code}`;
+    mark();
+    draw();
+    return wanted;
+  }
+
+  // Metres per second, from the frame before to the one after.
+  async function speedsOf(number, found) {
+    const before = Math.max(0, number - 1), after = Math.min(state.frames - 1, number + 1);
+    const [low, high] = [await frameOf(before), await frameOf(after)];
+    const seconds = (after - before) / header.framesPerSecond || 1, speeds = new Float32Array(header.points);
+    for (let k = 0; k < speeds.length; k++) {
+      speeds[k] = Math.hypot(high.points[3 * k] - low.points[3 * k], high.points[3 * k + 1] - low.points[3 * k + 1],
+        high.points[3 * k + 2] - low.points[3 * k + 2]) / seconds;
+      if (speeds[k] > fastest) fastest = speeds[k];
+    }
+    return speeds;
+  }
+
+  function paint(found) {
+    const out = colour.array;
+    if (mode in base) {
+      const from = base[mode];
+      for (let k = 0; k < out.length; k++) out[k] = from[k] / 255;
+    } else {
+      const ramp = ramps[mode];
+      for (let k = 0; k < header.points; k++) {
+        const at = mode === "velocity" ? Math.round((255 * found.speeds[k]) / fastest) : found.values[mode][k];
+        for (let c = 0; c < 3; c++) out[3 * k + c] = ramp[3 * at + c];
+      }
+    }
+    colour.needsUpdate = true;
+    showKey();
+  }
+
+  async function setColour(name) {
+    if (!modes.includes(name)) throw new Error(`${name} is not one of ${modes.join(", ")}`);
+    mode = name;
+    byId("colour").value = name;
+    return setFrame(state.frame);
+  }
+
+  function showKey() {
+    const key = byId("key");
+    key.replaceChildren();
+    if (mode === "region") {
+      for (const region of header.regions) {
+        const feather = header.feathers.find((f) => f.region === region), line = document.createElement("div");
+        const swatch = document.createElement("i"), c = [0, 1, 2].map((k) => base.region[3 * feather.first + k] / 255);
+        swatch.style.background = `#${new THREE.Color(...c).getHexString()}`;
+        line.append(swatch, region || "(none)");
+        key.append(line);
+      }
+    } else if (mode in ramps) {
+      const value = header.values.find((v) => v.name === mode);
+      const strip = document.createElement("canvas"), ramp = ramps[mode];
+      strip.width = 256;
+      strip.height = 1;
+      const paper = strip.getContext("2d");
+      for (let k = 0; k < 256; k++) {
+        paper.fillStyle = `#${new THREE.Color(ramp[3 * k], ramp[3 * k + 1], ramp[3 * k + 2]).getHexString()}`;
+        paper.fillRect(k, 0, 1, 1);
+      }
+      const title = value ? value.title : "velocity (m/s)", ends = value ? [value.low, value.high] : [0, fastest];
+      const line = document.createElement("div");
+      line.textContent = `${ends[0].toPrecision(2)} to ${ends[1].toPrecision(2)}`;
+      key.append(title, document.createElement("br"), strip, line);
+    }
+  }
+
+  // Picking: the feather below a place of the window.
+  let picked = -1;
+  function pick(x, y) {
+    const at = new THREE.Vector2((2 * x) / innerWidth - 1, 1 - (2 * y) / innerHeight), ray = new THREE.Raycaster();
+    ray.setFromCamera(at, camera);
+    const [hit] = ray.intersectObject(mesh);
+    picked = hit ? ownerOf(hit.face.a) : -1;
+    mark();
+    return picked < 0 ? null : header.feathers[picked];
+  }
+
+  function ownerOf(point) {
+    let low = 0, high = header.feathers.length - 1;
+    while (low < high) {
+      const middle = Math.ceil((low + high) / 2);
+      if (header.feathers[middle].first <= point) low = middle;
+      else high = middle - 1;
+    }
+    return low;
+  }
+
+  function ends(index) {
+    const next = header.feathers[index + 1];
+    return [header.feathers[index].first, next ? next.first : header.points];
+  }
+
+  function mark() {
+    if (picked < 0) {
+      byId("picked").textContent = "";
+      return;
+    }
+    const own = header.feathers[picked], [first, end] = ends(picked);
+    byId("picked").textContent = [own.id, `kind: ${own.kind}`, `region: ${own.region || "(none)"}`,
+      `length: ${(1000 * own.length).toPrecision(4)} mm`, `root at rest: ${own.root.join(", ")} m`,
+      `points: ${own.points}${end - first < own.points ? `, ${end - first} drawn` : ""}`].join("\n");
+  }
+
+  // Controls.
+  let pressed = null;
+  renderer.domElement.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
+  renderer.domElement.addEventListener("pointerup", (event) => {
+    if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4) pick(event.clientX, event.clientY);
+  });
+  for (const name of modes) byId("colour").add(new Option(name, name));
+  byId("colour").addEventListener("change", (event) => setColour(event.target.value));
+  byId("time").max = state.frames - 1;
+  byId("time").addEventListener("input", (event) => setFrame(Number(event.target.value)));
+  byId("home").addEventListener("click", () => look(0, header.points));
+  byId("play").addEventListener("click", toggle);
+  addEventListener("resize", resize);
+  addEventListener("keydown", (event) => {
+    if (event.target.tagName === "SELECT") return;
+    if (event.key === " ") { event.preventDefault(); toggle(); }
+    else if (event.key === "ArrowRight") setFrame(state.frame + 1);
+    else if (event.key === "ArrowLeft") setFrame(state.frame - 1);
+    else if (event.key === "h") look(0, header.points);
+    else if (event.key === "f" && picked >= 0) look(ends(picked)[0], ends(picked)[1] - ends(picked)[0]);
+  });
+
+  let begun = 0, from = 0, busy = false;
+  function toggle() {
+    state.playing = !state.playing && state.frames > 1;
+    byId("play").textContent = state.playing ? "stop" : "play";
+    begun = performance.now();
+    from = state.frame;
+    if (state.playing) requestAnimationFrame(tick);
+  }
+
+  async function tick(now) {
+    if (!state.playing) return;
+    const speed = Number(byId("speed").value) * header.framesPerSecond;
+    const wanted = (from + Math.floor(((now - begun) / 1000) * speed)) % state.frames;
+    if (!busy && wanted !== state.frame) {
+      busy = true;
+      await setFrame(wanted);
+      frameOf((wanted + 1) % state.frames).catch(() => {}); // the next one, ahead
+      busy = false;
+    }
+    requestAnimationFrame(tick);
+  }
+
+  byId("about").textContent = `${header.feathers.length} feathers, ${state.frames} frame${state.frames > 1 ? "s" : ""}`;
+  told(header.told);
+  await setFrame(0);
+  resize();
+  look(0, header.points);
+  state.ready = !state.problem;
+})().catch((error) => {
+  document.getElementById("told").textContent = `This page cannot be shown: ${error.message}`;
+  window.featherfx = { ...(window.featherfx || {}), ready: false, problem: String(error.message) };
+});

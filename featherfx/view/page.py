@@ -1,0 +1,102 @@
+"""The page as one HTML text: with all frames in it, or with frames that a server gives it."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import html
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+
+from featherfx.files.whole import into, standing, write_all
+from featherfx.phases import counted
+from featherfx.usd.types import OutputError
+from featherfx.usd.write.output import file_problems
+from featherfx.view.played import Played, packed
+
+_FOLDER = Path(__file__).parent
+_KEPT_BYTES = 400_000_000  # of frames that a page keeps in memory
+
+
+def page(played: Played, data: Iterator[tuple[str, bytes]] | None = None) -> Iterator[str]:
+    """The page of a cache, piece by piece. data: names and contents of what is in it; None: it asks
+    its server."""
+    nonce = secrets.token_urlsafe(16)
+    header = played.header() | {"embedded": data is not None, "keptBytes": _KEPT_BYTES}
+    values = {
+        "NONCE": nonce,
+        "CONNECT": "'none'" if data is not None else "'self'",
+        "TITLE": html.escape(played.path.name),
+        "HEADER": packed(header),
+        "THREE": _text("three.min.js"),
+        "SCRIPT": _text("page.js"),
+    }
+    before, after = _text("page.html").split("@DATA@")
+    yield _filled(before, values)
+    for name, content in data or ():
+        text = base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+        yield f'<script nonce="{nonce}" type="text/plain" id="data-{name}">{text}</script>\n'
+    yield _filled(after, values)
+
+
+def write_page(path: str | Path, output: str | Path, most_bytes: int, overwrite: bool) -> Played:
+    """Write a cache as one HTML file that loads nothing else; it appears complete or not at all.
+
+    most_bytes: of frames, before they are packed; points, then frames are left out to keep it.
+    Raises InputError where the cache cannot be read or the output not be written.
+    """
+    output = Path(output)
+    problems = file_problems([output], overwrite)
+    if problems:
+        raise OutputError(*problems)
+    before = {output: standing(output)}
+    played = fitting(Path(path), most_bytes)
+
+    def data() -> Iterator[tuple[str, bytes]]:
+        yield "constant", played.constant()
+        numbers = counted("drawing", range(len(played.codes)), len(played.codes))
+        yield from ((f"frame-{number}", played.frame(number)) for number in numbers)
+
+    write_all(
+        [
+            (
+                output,
+                into(lambda file: file.writelines(each.encode() for each in page(played, data()))),
+            )
+        ],
+        before,
+    )
+    return played
+
+
+def fitting(path: Path, most_bytes: int) -> Played:
+    """A cache with as many points, then frames, as fit into bytes."""
+    whole = Played(path, 1 << 62)
+    count, bytes_each = len(whole.codes), whole.frame_bytes
+    if count * bytes_each <= most_bytes:
+        return whole
+    per_point = bytes_each / whole.points
+    thin = Played(path, max(int(most_bytes / count / per_point), 1))
+    if count * thin.frame_bytes <= most_bytes:
+        return thin
+    return Played(path, 1, max(int(most_bytes / thin.frame_bytes), 1))
+
+
+def fitting_second(path: Path, most_bytes: int) -> Played:
+    """A cache with as many points as a second of it has in bytes."""
+    whole = Played(path, 1 << 62)
+    second = whole.frames_per_second * whole.frame_bytes
+    if len(whole.codes) == 1 or second <= most_bytes:
+        return whole
+    return Played(path, max(int(whole.points * most_bytes / second), 1))
+
+
+def _text(name: str) -> str:
+    return (_FOLDER / name).read_text(encoding="utf-8")
+
+
+def _filled(text: str, values: dict[str, str]) -> str:
+    parts = text.split("@")
+    # names stand at odd places; what is filled in is not looked at again
+    return "".join(part if k % 2 == 0 else values[part] for k, part in enumerate(parts))

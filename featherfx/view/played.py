@@ -1,0 +1,251 @@
+"""A cache as a page takes it: what never changes, and frames of whole numbers, in bytes.
+
+A frame is the corner and the size of its box (6 float32, metres), then 3 uint16 a point, places in
+that box, then a byte a point for each value that changes (strain, hooks), places in the value's
+range. Points are followed by zeros up to a multiple of 4 bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, Problem
+from featherfx.files.whole import Standing, standing
+from featherfx.render.colour import (
+    DIVERGING,
+    HOOKS,
+    SEQUENTIAL,
+    SHAFT,
+    barb_angle,
+    linear,
+    look_colours,
+    ramp_colours,
+    strain_across_barbs,
+    value_limits,
+)
+from featherfx.render.scene import DrawnScene, load_points, load_pose, load_scene
+from featherfx.usd.read.read import Cache
+from featherfx.view.thinned import Thinned, thinned
+
+Array = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+_PLACES = 65535
+# greatest strain that a colour tells apart: that of a vane whose barbs are a quarter farther apart
+_STRAIN = 0.25
+# degrees, round the upright axis and above the ground, of views that are compared
+_TURNS = (-55.0, -125.0, 55.0, 125.0, -90.0, 0.0, 180.0, 90.0)
+_RISES = (25.0, 50.0, 75.0)
+
+
+class Value(NamedTuple):
+    """A value of points that changes. name: in the page. title: of its key. low, high: its range.
+    ramp: colours from low to high, as displays show them."""
+
+    name: str
+    title: str
+    low: float
+    high: float
+    ramp: list[list[float]]
+
+
+STRAIN = Value("strain", "strain across barbs", -_STRAIN, _STRAIN, DIVERGING.tolist())
+HOOKED = Value("hooked", "hooks that hold", 0.0, 1.0, HOOKS.tolist())
+
+
+class Played:
+    """One cache that is played. points: of all feathers, at most `most` are kept (thinned.py).
+
+    codes: its frames; None for a cache without time. Raises InputError as Cache does.
+    """
+
+    def __init__(self, path: Path, most: int, most_frames: int = 100_000) -> None:
+        self.path = path
+        self._before: Standing = standing(path)
+        self._cache = Cache(path)
+        codes: list[float | None] = [*self._cache.whole_frames()] if self._cache.has_frames else []
+        every = -(-len(codes) // most_frames) if codes else 1
+        self.codes: list[float | None] = codes[::every] or [None]
+        self._every = every
+        self._scene: DrawnScene = load_scene(self._cache)
+        self._kept: Thinned = thinned(self._scene.feathers, self._scene.starts, most)
+
+    @property
+    def values(self) -> list[Value]:
+        """Those that frames have."""
+        rest = self._scene.rest
+        own = [STRAIN] if rest.barbs.any() else []
+        return own + ([HOOKED] if self._has_hooks else [])
+
+    @cached_property
+    def _has_hooks(self) -> bool:
+        return any(
+            self._cache.pose(k, self.codes[-1]).hooked is not None for k in self._some_of_each()
+        )
+
+    def _some_of_each(self) -> list[int]:
+        """A feather of each kind."""
+        first = {each.kind: k for k, each in reversed([*enumerate(self._scene.feathers)])}
+        return sorted(first.values())
+
+    @property
+    def frames_per_second(self) -> float:
+        """Of the frames that are kept."""
+        return self._cache.frames_per_second / self._every
+
+    @property
+    def points(self) -> int:
+        """Points that are kept."""
+        return len(self._kept.points)
+
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of a frame, about."""
+        return 24 + (6 + len(self.values)) * self.points
+
+    def header(self) -> dict[str, Any]:
+        """All that is not numbers of points, for JSON."""
+        scene, kept = self._scene, self._kept
+        return {
+            "name": self.path.name,
+            "frames": [None if code is None else float(code) for code in self.codes],
+            "framesPerSecond": self.frames_per_second,
+            "points": len(kept.points),
+            "triangles": len(kept.triangles),
+            "told": "; ".join(self.told()),
+            "values": [value._asdict() for value in self.values],
+            "ramp": SEQUENTIAL.tolist(),
+            "regions": sorted(set(scene.regions)),
+            "from": self._best_view(),
+            "feathers": [
+                {
+                    "id": each.id,
+                    "kind": each.kind,
+                    "region": each.region,
+                    "first": int(kept.starts[k]),
+                    "points": int(scene.starts[k + 1] - scene.starts[k]),
+                    "root": [round(float(x), 5) for x in scene.rest.points[scene.starts[k]]],
+                    "length": round(self._length(k), 5),
+                }
+                for k, each in enumerate(scene.feathers)
+            ],
+        }
+
+    def _best_view(self) -> list[float]:
+        """Unit direction, from slightly to far above, from which most of the vanes is seen at
+        first; of equal ones that from the front left."""
+        points = load_points(self._cache, self._scene, self.codes[0])
+        corners = points[self._scene.triangles]
+        edges = corners[:, 1:] - corners[:, :1]
+        areas = np.cross(edges[:, 0], edges[:, 1])
+        turn, rise = np.meshgrid(np.radians(_TURNS), np.radians(_RISES), indexing="ij")
+        ways = np.stack(
+            [np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise)], axis=-1
+        ).reshape(-1, 3)
+        seen = np.abs(areas @ ways.T).sum(axis=0)
+        best = ways[np.flatnonzero(seen >= 0.98 * seen.max())[0]]
+        return [round(float(each), 4) for each in best]
+
+    def told(self) -> list[str]:
+        """What is left out, in words."""
+        whole = len(self._scene.rest.points)
+        told = []
+        if self._kept.told:
+            told.append(f"drawn {self._kept.told}: {len(self._kept.points)} of {whole} points")
+        if self._every > 1:
+            told.append(f"every {self._every}th frame")
+        return told
+
+    def _length(self, index: int) -> float:
+        own = self._scene.rest.points[slice(*self._scene.starts[index : index + 2])]
+        return float(np.linalg.norm(np.ptp(own, axis=0)))
+
+    def constant(self) -> bytes:
+        """Corners (3 uint32 a triangle), then three colours a point (3 bytes each): pattern, region
+        and barb angle."""
+        colours = [self._pattern(), self._regions(), self._barbs()]
+        return b"".join(
+            [self._kept.triangles.astype("<u4").tobytes(), *(_bytes(c).tobytes() for c in colours)]
+        )
+
+    def frame(self, number: int) -> bytes:
+        """A frame by its place among `codes`. Raises InputError where the cache has changed since
+        it was opened, or cannot be read."""
+        if standing(self.path) != self._before:
+            raise InputError(Problem(str(self.path), "", "has changed; open it again"))
+        code = self.codes[number]
+        values = self.values
+        if values:
+            pose = load_pose(self._cache, self._scene, code)
+            points = pose.points
+        else:
+            points = load_points(self._cache, self._scene, code)
+        own = points[self._kept.points]
+        low, size = own.min(axis=0), np.maximum(np.ptp(own, axis=0), 1e-9)
+        parts = [
+            np.concatenate([low, size]).astype("<f4").tobytes(),
+            _padded(np.round((own - low) / size * _PLACES).astype("<u2").tobytes()),
+        ]
+        for value in values:
+            faces = pose.hooked if value is HOOKED else self._strain(points)
+            parts.append(_padded(self._scaled(self._of_points(faces), value).tobytes()))
+        return b"".join(parts)
+
+    def _strain(self, points: Array) -> Array:
+        rest = self._scene.rest
+        found = strain_across_barbs(rest.points, points, self._scene.triangles, rest.barbs)
+        return np.where(self._scene.rachis, 0.0, found)
+
+    def _scaled(self, values: Array, value: Value) -> Bytes:
+        share = (values - value.low) / (value.high - value.low)
+        return np.round(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
+
+    def _of_points(self, faces: Array) -> Array:
+        """(P,) means of the faces around kept points."""
+        corners, total = self._scene.triangles, len(self._scene.rest.points)
+        sums = np.bincount(corners.ravel(), np.repeat(faces, 3), total)
+        return (sums / np.maximum(np.bincount(corners.ravel(), minlength=total), 1))[
+            self._kept.points
+        ]
+
+    def _pattern(self) -> Array:
+        base, _ = look_colours(self._scene, "shaded")
+        found = np.repeat(base, np.diff(self._scene.starts), axis=0)
+        found[self._scene.triangles[self._scene.rachis]] = SHAFT
+        for k, each in enumerate(self._scene.feathers):
+            if each.colour is not None:
+                found[slice(*self._scene.starts[k : k + 2])] = each.colour
+        return found[self._kept.points]
+
+    def _regions(self) -> Array:
+        base, _ = look_colours(self._scene, "region")
+        return np.repeat(base, np.diff(self._scene.starts), axis=0)[self._kept.points]
+
+    def _barbs(self) -> Array:
+        """Barb angles at rest; grey where there are none."""
+        if not self._scene.rest.barbs.any():
+            return np.full((len(self._kept.points), 3), 0.2)
+        angles = barb_angle(self._scene, self._scene.rest)
+        low, high = value_limits(angles[~self._scene.rachis], symmetric=False)
+        share = (self._of_points(angles) - low) / (high - low)
+        return linear(ramp_colours(SEQUENTIAL, np.clip(share, 0.0, 1.0)))
+
+
+def packed(header: Mapping[str, Any]) -> str:
+    """JSON that may stand within a script of a page."""
+    return json.dumps(header, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _bytes(colours: Array) -> Bytes:
+    return np.round(255.0 * np.clip(colours, 0.0, 1.0)).astype(np.uint8)
+
+
+def _padded(content: bytes) -> bytes:
+    return content + b"\0" * (-len(content) % 4)

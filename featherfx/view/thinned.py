@@ -1,0 +1,92 @@
+"""Meshes with fewer points, for what a browser can take: shafts' tubes first, then rows and barbs.
+
+Only points are left out; those that are kept stand where the cache has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.types import RACHIS
+from featherfx.usd.read.cached_feather import CachedFeather
+
+Indices = NDArray[np.int64]
+
+# rows of a thinned vane, tried one after another
+_ROWS = (11, 7, 5, 3)
+
+
+class Thinned(NamedTuple):
+    """points: (P,) kept points of all feathers, ascending by feather. triangles: (T, 3) into these.
+    starts: (N + 1,) first kept point of each feather, and P. told: what was left out, empty where
+    nothing was."""
+
+    points: Indices
+    triangles: Indices
+    starts: Indices
+    told: str
+
+
+def thinned(feathers: Sequence[CachedFeather], starts: Indices, most: int) -> Thinned:
+    """As much of feathers as has at most so many points, or the least that there is.
+
+    starts: (N + 1,) first point of each feather, and all.
+    """
+    kept = _joined([_whole(each) for each in feathers], starts, "")
+    if len(kept.points) > most:
+        parts = [_without_shaft(each) for each in feathers]
+        kept = _joined(parts, starts, "without the tubes of shafts")
+    for rows in _ROWS:
+        if len(kept.points) <= most:
+            break
+        told = f"vanes with at most {rows} rows and one barb segment a side, without shafts"
+        kept = _joined([_rows(each, rows) for each in feathers], starts, told)
+    return kept
+
+
+def _joined(parts: Sequence[tuple[Indices, Indices]], starts: Indices, told: str) -> Thinned:
+    own = np.cumsum([0, *(len(points) for points, _ in parts)])
+    points = [each + start for (each, _), start in zip(parts, starts, strict=False)]
+    triangles = [each + start for (_, each), start in zip(parts, own, strict=False)]
+    return Thinned(np.concatenate(points), np.concatenate(triangles), own, told)
+
+
+def _used(triangles: Indices) -> tuple[Indices, Indices]:
+    """Points that triangles use, and the triangles by these."""
+    points, places = np.unique(triangles, return_inverse=True)
+    return points, places.reshape(-1, 3)
+
+
+def _whole(feather: CachedFeather) -> tuple[Indices, Indices]:
+    return _used(feather.triangles)
+
+
+def _without_shaft(feather: CachedFeather) -> tuple[Indices, Indices]:
+    vane = feather.triangles[feather.side != RACHIS]
+    return _used(vane if len(vane) else feather.triangles)
+
+
+def _rows(feather: CachedFeather, most: int) -> tuple[Indices, Indices]:
+    """The ends of the barbs and the shaft at some of the rows, as strips."""
+    points, triangles = _without_shaft(feather)
+    if feather.st is None or not (feather.side != RACHIS).any():
+        return points, triangles
+    across, along = feather.st[points, 0], np.round(feather.st[points, 1], 5)
+    stations = np.unique(along)
+    chosen = stations[np.unique(np.linspace(0, len(stations) - 1, most).round().astype(int))]
+    corners = []
+    for station in chosen:
+        row = np.flatnonzero(along == station)
+        middle = row[np.abs(across[row] - 0.5).argmin()]
+        corners.append((row[across[row].argmin()], middle, row[across[row].argmax()]))
+    low, high = np.array(corners[:-1]), np.array(corners[1:])
+    strips = [(low[:, k], low[:, k + 1], high[:, k + 1]) for k in (0, 1)] + [
+        (low[:, k], high[:, k + 1], high[:, k]) for k in (0, 1)
+    ]
+    made = points[np.concatenate([np.stack(each, axis=1) for each in strips])]
+    real = (made[:, 0] != made[:, 1]) & (made[:, 1] != made[:, 2]) & (made[:, 2] != made[:, 0])
+    return _used(made[real])

@@ -1,0 +1,264 @@
+"""The page that plays a cache: what is in it, and what a real browser makes of it."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import re
+import shutil
+import subprocess
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from featherfx.cli.main import main
+from featherfx.errors import InputError
+from featherfx.usd.read.read import Cache
+from featherfx.view.page import fitting, write_page
+from featherfx.view.played import Played
+from featherfx.view.serve import HOST, Server
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
+EVERYTHING = 1 << 40
+ROOT = Path(__file__).resolve().parents[2]
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium (Debian: chromium)")
+
+# what a page's user would do, by the names that the page gives to programs; it ends in the title
+STEPS = """
+(async () => {
+  const wait = (ms) => new Promise((done) => setTimeout(done, ms));
+  const over = () => window.featherfx?.ready || window.featherfx?.problem;
+  for (let k = 0; k < 400 && !over(); k++) await wait(25);
+  const f = window.featherfx, told = { frames: f.frames, first: f.frame, ready: f.ready };
+  told.ids = f.feathers.map((each) => each.id);
+  const canvas = document.querySelector("body > canvas");
+  const copy = document.createElement("canvas");
+  copy.width = canvas.width; copy.height = canvas.height;
+  const paper = copy.getContext("2d");
+  const shot = () => {
+    paper.drawImage(canvas, 0, 0);
+    return paper.getImageData(0, 0, copy.width, copy.height).data;
+  };
+  const differing = (one, other) => {
+    let count = 0;
+    for (let k = 0; k < one.length; k += 4)
+      count += Math.abs(one[k] - other[k]) + Math.abs(one[k + 1] - other[k + 1]) > 12;
+    return count / (one.length / 4);
+  };
+  const before = shot(), empty = new Uint8ClampedArray(before.length);
+  for (let k = 0; k < empty.length; k++) empty[k] = before[k % 4];
+  told.drawn = differing(before, empty);
+  told.last = await f.setFrame(f.frames - 1);
+  told.frame = f.frame;
+  told.moved = differing(before, shot());
+  await f.setColour("velocity");
+  told.coloured = differing(before, shot());
+  for (let y = 40; y < innerHeight - 60 && !told.picked; y += 12)
+    for (let x = 20; x < innerWidth && !told.picked; x += 12) told.picked = f.pick(x, y)?.id;
+  told.panel = document.getElementById("picked").textContent;
+  told.nothing = f.pick(1, innerHeight / 2);
+  told.about = document.getElementById("about").textContent;
+  told.beyond = await f.setFrame(1e9);
+  document.title = JSON.stringify(told);
+})();
+"""
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory) -> Path:
+    """Feathers that flap, by hand: no solver is needed."""
+    import sys
+
+    sys.path.insert(0, str(ROOT / "tests/usd"))
+    import feathers
+
+    from featherfx.usd.write.write import CacheWriter
+
+    path = tmp_path_factory.mktemp("view") / "flaps.usdc"
+    with CacheWriter(path, feathers.entries(), (1, 5), 24.0) as writer:
+        for number in range(1, 6):
+            writer.write(feathers.frame(number))
+    return path
+
+
+def browse(address: str, folder: Path) -> str:
+    """The page as it stands when it has come to rest."""
+    done = subprocess.run(
+        [
+            str(BROWSER),
+            "--headless=new",
+            "--no-sandbox",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+            "--window-size=800,600",
+            "--virtual-time-budget=20000",
+            f"--user-data-dir={folder / 'profile'}",
+            "--dump-dom",
+            address,
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    return done.stdout
+
+
+def result_of(text: str) -> dict:
+    found = re.search(r"<title>(\{.*?\})</title>", text, re.S)
+    assert found, text[-2000:]
+    return json.loads(found[1].replace("&quot;", '"').replace("&amp;", "&"))
+
+
+def with_steps(page: Path) -> Path:
+    """A copy of a page that does STEPS; its policy lets scripts in by their nonce alone."""
+    text = page.read_text()
+    nonce = re.search(r'<script nonce="([^"]+)"', text)[1]
+    copy = page.with_name("steps.html")
+    copy.write_text(text.replace("</body>", f'<script nonce="{nonce}">{STEPS}</script></body>'))
+    return copy
+
+
+@needs_browser
+def test_a_file_plays_in_a_browser(cache, tmp_path):
+    write_page(cache, tmp_path / "page.html", EVERYTHING, overwrite=False)
+    told = result_of(browse(with_steps(tmp_path / "page.html").as_uri(), tmp_path))
+    assert told["ready"] is True
+    assert (told["frames"], told["first"], told["last"], told["frame"]) == (5, 0, 4, 4)
+    assert told["beyond"] == 4
+    assert told["ids"] == [each.id for each in Cache(cache).feathers]
+    assert 0.01 < told["drawn"] < 0.9
+    assert told["moved"] > 0.001
+    assert told["coloured"] > told["moved"]
+    assert told["picked"] in told["ids"]
+    assert told["panel"].startswith(told["picked"])
+    assert told["nothing"] is None
+    assert told["about"] == "4 feathers, 5 frames"
+
+
+@needs_browser
+def test_a_served_cache_is_shown_and_its_change_is_told(cache, tmp_path):
+    copy = tmp_path / "copy.usdc"
+    shutil.copyfile(cache, copy)
+    with served(Played(copy, EVERYTHING)) as server:
+        assert '<span id="number">frame 1</span>' in browse(server.address, tmp_path)
+        copy.write_bytes(copy.read_bytes() + b" ")
+        assert "has changed; open it again" in browse(server.address, tmp_path)
+
+
+def test_a_file_loads_nothing_else(cache, tmp_path):
+    write_page(cache, tmp_path / "page.html", EVERYTHING, overwrite=False)
+    text = (tmp_path / "page.html").read_text()
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text)[1]
+    assert "default-src 'none'" in policy
+    assert "connect-src 'none'" in policy
+    outside = re.sub(r"<script.*?</script>", "", text, flags=re.S)
+    assert not re.search(r"""(?:src|href)\s*=|url\(|@import""", outside)
+    assert all("src=" not in tag for tag in re.findall(r"<script[^>]*>", text))
+
+
+def test_frames_hold_the_points_of_the_cache(cache):
+    played, read = Played(cache, EVERYTHING), Cache(cache)
+    header, frame = played.header(), played.frame(3)
+    box = np.frombuffer(frame, "<f4", 6).astype(float)
+    places = np.frombuffer(frame, "<u2", 3 * header["points"], 24).reshape(-1, 3)
+    points = box[:3] + places / 65535 * box[3:]
+    wanted = np.concatenate([read.points(k, 4.0) for k in range(len(read.feathers))])
+    np.testing.assert_allclose(points, wanted, atol=box[3:].max() / 65535)
+    corners = np.frombuffer(played.constant(), "<u4", 3 * header["triangles"])
+    assert corners.max() == header["points"] - 1
+    assert len(frame) == pytest.approx(played.frame_bytes, abs=8)
+
+
+def test_what_does_not_fit_is_left_out_and_told(cache):
+    whole = fitting(cache, EVERYTHING)
+    assert whole.told() == []
+    some = fitting(cache, 5 * whole.frame_bytes - 1)
+    assert some.points < whole.points
+    assert "without the tubes of shafts" in some.told()[0]
+    least = fitting(cache, 900)
+    assert len(least.codes) < 5
+    assert least.codes[0] == 1.0
+    assert "rows and one barb segment" in least.told()[0]
+    assert "every" in least.told()[1]
+    # points that are kept stand where the cache has them
+    header = least.header()
+    assert header["framesPerSecond"] < 24.0
+    firsts = [each["first"] for each in header["feathers"]]
+    assert firsts == sorted(set(firsts))
+    assert np.frombuffer(least.constant(), "<u4", 3 * header["triangles"]).max() < least.points
+
+
+def served(played: Played):
+    class Running:
+        def __enter__(self):
+            self.server = Server(played)
+            self.thread = threading.Thread(target=self.server.serve_forever, daemon=True)
+            self.thread.start()
+            return self.server
+
+        def __exit__(self, *_):
+            self.server.shutdown()
+            self.server.server_close()
+            self.thread.join()
+
+    return Running()
+
+
+def ask(server: Server, path: str, **headers) -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=20)
+    own = {"Host": f"{HOST}:{server.server_port}", **headers}
+    connection.request("GET", path, headers=own)
+    answer = connection.getresponse()
+    return answer.status, answer.read()
+
+
+def test_only_who_has_the_token_and_asks_from_the_page_gets_anything(cache):
+    with served(Played(cache, EVERYTHING)) as server:
+        token = server.token
+        assert server.server_address[0] == HOST
+        assert ask(server, f"/{token}/")[0] == 200
+        assert ask(server, f"/{token}/frame-0") == (200, server.played.frame(0))
+        own = f"http://{HOST}:{server.server_port}"
+        assert ask(server, f"/{token}/constant", Origin=own)[0] == 200
+        for path in ("/", "/frame-0", f"/{token[:-1]}/", f"/{token}x/frame-0", "//", "/%2e%2e/"):
+            assert ask(server, path)[0] == 404
+        for name in ("frame-5", "frame--1", "../page.py", "..%2fpage.py", "/etc/passwd", "x"):
+            assert ask(server, f"/{token}/{name}")[0] == 404
+        for headers in (
+            {"Host": "evil.example"},
+            {"Host": f"localhost.evil.example:{server.server_port}"},
+            {"Origin": "https://evil.example"},
+            {"Origin": "null"},
+        ):
+            status, content = ask(server, f"/{token}/", **headers)
+            assert status == 403
+            assert token.encode() not in content
+        with pytest.raises(InputError, match=r"view: port: \d+ cannot be used: .*in use"):
+            Server(server.played, server.server_port)
+
+
+def test_the_command_writes_a_page_and_replaces_none(cache, tmp_path):
+    page = tmp_path / "page.html"
+    command = ["view", str(cache), "--html", str(page), "--megabytes", "0.1"]
+    result = CliRunner().invoke(main, command)
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout == f"{page}\n"
+    first = page.read_text()
+    again = CliRunner().invoke(main, command)
+    assert again.exit_code == 1
+    assert str(page) in again.stderr
+    assert page.read_text() == first
+    missing = CliRunner().invoke(main, ["view", str(tmp_path / "no.usdc"), "--html", "x.html"])
+    assert missing.exit_code == 1
+    assert len(missing.stderr.splitlines()) == 1
+
+
+def test_grooms_are_shown_at_rest(tmp_path):
+    page = tmp_path / "wing.html"
+    groom = ROOT / "samples/breeze/groom.toml"
+    result = CliRunner().invoke(main, ["view", str(groom), "--html", str(page)])
+    assert result.exit_code == 0, result.stderr
+    assert '"frames":[null]' in page.read_text()
