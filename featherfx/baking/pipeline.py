@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from featherfx.api import read_shot
+    from featherfx.baking.accuracy import error_of
     from featherfx.baking.bake import bake
     from featherfx.baking.check import check
     from featherfx.baking.convert import export, join
@@ -23,6 +24,7 @@ _HOMES = {
     "bake": "featherfx.baking.bake",
     "check": "featherfx.baking.check",
     "count_crossings": "featherfx.usd.check.crossings",
+    "error_of": "featherfx.baking.accuracy",
     "export": "featherfx.baking.convert",
     "export_groom": "featherfx.baking.groom",
     "inspect_stage": "featherfx.usd.read.inspect",
@@ -35,6 +37,7 @@ __all__ = [
     "bake",
     "check",
     "count_crossings",
+    "error_of",
     "export",
     "export_groom",
     "inspect_stage",

@@ -10,6 +10,7 @@ from featherfx.cli.bench import bench
 from featherfx.cli.check import check
 from featherfx.cli.completion import completion
 from featherfx.cli.doctor import doctor
+from featherfx.cli.error import error
 from featherfx.cli.export import export
 from featherfx.cli.inspect import inspect
 from featherfx.cli.lab.group import lab
@@ -40,6 +41,7 @@ for command in (
     inspect,
     schema,
     stats,
+    error,
     presets,
     sample,
     preview,

@@ -146,7 +146,7 @@ OPTIONS = {
     " step fibres",
     "tear": "direction preset rows columns width height rate furthest step scatter release",
     "cycle": "direction preset strains rows columns parts",
-    "calibrate": "elements preset save name cycles",
+    "calibrate": "elements preset save name cycles law",
     "angles": "barb-fraction barb-spacing barb barbule angle aspect pictures output",
 }
 

@@ -17,6 +17,7 @@ from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feathe
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.feathers.strip import StripTest, run_strip
 from featherfx.lab.fibres.rupture import RuptureTest, run_rupture
+from featherfx.lab.fibres.tissue import LAWS, fit_tissue, read_tissue
 from featherfx.lab.networks.experiments import (
     NetworkTest,
     PreconditionTest,
@@ -136,8 +137,18 @@ def _mesoscale(test: BandTest, size_effect: bool, output: Path | None) -> Iterat
 
 
 def _calibrate(
-    test: CalibrateTest, file: Path, save: Path | None, name: str | None, cycles: bool
+    test: CalibrateTest,
+    file: Path,
+    save: Path | None,
+    name: str | None,
+    cycles: bool,
+    law: str | None,
 ) -> Iterator[Any]:
+    if law is not None:
+        if cycles or save is not None or name is not None:
+            raise click.UsageError("--save, --name and --cycles do not go with --law")
+        yield fit_tissue(law, *read_tissue(file), str(file))
+        return
     if cycles:
         if save is not None or name is not None:
             raise click.UsageError("--save and --name do not go with --cycles")
@@ -185,6 +196,11 @@ CALIBRATION = (
     ),
     click.Option(["--name"], help="Of the preset."),
     click.Option(["--cycles"], is_flag=True, help="Samples are loaded and unloaded: fit hooks."),
+    click.Option(
+        ["--law"],
+        type=click.Choice(list(LAWS)),
+        help="Fit a law of soft tissue to columns strain, stress and strain_across instead.",
+    ),
 )
 BAND_PICTURE = click.Option(
     ["--pictures", "side_by_side"],
@@ -295,6 +311,7 @@ EXPERIMENTS = {
         "tests.csv --json",
         "tests.csv --save mine --name my_vane",
         "cycles.csv --cycles --json",
+        "skin.csv --law sacks",
         more=CALIBRATION,
     ),
     "angles": Experiment(

@@ -65,7 +65,7 @@ STUDIES: tuple[Study, ...] = (
     Study(
         "vane_shear_modulus",
         "Shear modulus of the membrane from tilted tests of bands",
-        "Jouve 2024, tables 5.2 and D.2",
+        "Jouve 2024, tables 5.2 and D.2; Jouve et al. 2024, table 1",
         "featherfx.lab.studies.vane:shear_modulus",
     ),
     Study(
@@ -139,6 +139,12 @@ STUDIES: tuple[Study, ...] = (
         "A membrane of fibres is pulled until it tears",
         "Jacquemoud 2007, sections 4.5 and 4.6",
         "featherfx.lab.studies.fibre_rupture:rupture",
+    ),
+    Study(
+        "tissue_laws",
+        "Laws of soft tissue with the parameters printed for skin",
+        "Jacquemoud 2007, sections 2.4 to 2.6, tables 2-1, 2-2 and A5-3",
+        "featherfx.lab.studies.tissue:laws",
     ),
     Study(
         "unit_cell",

@@ -1,0 +1,265 @@
+"""The error of a shot, by simulating a few of its feathers again, each time finer.
+
+The feathers that bend most, those that are longest and those that are pulled are simulated as the
+shot says, then in full with twice the rows, twice the columns, more coefficients, and steps of a
+smaller tolerance, each alone and all together. A difference is multiplied by what a series of
+further doublings would add (4/3 where errors fall with the square of the spacing).
+
+What is compared are the nodes of the shot's own grid, at every frame. Feathers do not touch in it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.api import Folders, read_quality, read_shot
+from featherfx.errors import all_of
+from featherfx.feather.density import density_map
+from featherfx.feather.types import Feather, RowPoints
+from featherfx.mechanics.resolution import rachis_deflection
+from featherfx.phases import phase
+from featherfx.shot.detail.detail import (
+    CARRIED,
+    CHOSEN_BY_SOLVER,
+    Detailer,
+    Resolution,
+    load_estimate,
+)
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.share import part_of
+from featherfx.shot.simulate import Simulation, drawn_feathers, simulate
+from featherfx.shot.types import Quality, Shot
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# feathers that are looked at by default
+LOOKED_AT = 4
+# what a finer simulation has more: intervals of rows and columns, and sub-steps, times as many;
+# coefficients, in addition; the tolerance of a step, divided
+FINER, MORE_COEFFICIENTS, TIGHTER, MORE_SUBSTEPS = 2, 2, 16.0, 4
+# bounds of the quality's keys
+MOST_ROWS, MOST_COLUMNS, MOST_COEFFICIENTS, MOST_SUBSTEPS = 400, 100, 6, 4096
+LEAST_TOLERANCE = 1e-9
+# a share of the length that is no difference
+ROUNDING = 1e-9
+TOTAL = "all"
+# what is made finer for each part of the error
+PARTS = {name: frozenset((name,)) for name in ("rows", "columns", "coefficients", "time")}
+PARTS[TOTAL] = frozenset(PARTS)
+# the error is the difference times this, for errors that fall with the square of the spacing, and
+# with the power 2/3 of the tolerance; what coefficients leave after two more is nothing beside it
+HALVED = 1.0 / (1.0 - FINER**-2.0)
+REST = {
+    "rows": HALVED,
+    "columns": HALVED,
+    "coefficients": 1.0,
+    "time": 1.0 / (1.0 - TIGHTER ** (-2.0 / 3.0)),
+    TOTAL: HALVED,
+}
+
+
+@dataclass(frozen=True)
+class ErrorPart:
+    """mm: largest error of any node, at any frame. percent: largest of feathers, each of its
+    length."""
+
+    mm: float
+    percent: float
+
+
+@dataclass(frozen=True)
+class ShotError:
+    """error_mm, error_percent: of all together. feather: the worst, by percent. parts: of each
+    alone; "detail" is what levels coarser than full cost. feathers: ids of those looked at.
+    resolutions: what is simulated of each. frames: looked at. contact: whether the shot has
+    feathers that touch, which is left out. seconds: that it took."""
+
+    error_mm: float
+    error_percent: float
+    feather: str
+    parts: dict[str, ErrorPart]
+    feathers: tuple[str, ...]
+    resolutions: tuple[Resolution, ...]
+    frames: int
+    contact: bool
+    seconds: float
+
+
+def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotError:
+    """The error of a shot, estimated on so many of its feathers.
+
+    jobs: threads. Raises InputError where feathers cannot be built, and SimulationError where one
+    cannot be simulated as the shot says or finer.
+    """
+    begin = time.perf_counter()
+    touching, shot = shot.contact is not None, replace(shot, contact=None, layers=None)
+    chosen = chosen_feathers(shot, feathers)
+    part = part_of(shot, chosen)
+    with phase("comparing", 2 + len(PARTS)) as done:
+        simulation = simulate(shot, jobs, wanted=chosen.tolist())
+        shown = _Run(simulation.feathers, _by_feather(simulation))
+        done(1)
+        grids = own_grids(shot, simulation.resolutions, chosen)
+        # what follows or is rigid is compared with itself simulated
+        plain = _simulated(part, grids, frozenset(), jobs)
+        found = {"detail": _ways(plain, shown)}
+        done(2)
+        for number, (name, finer) in enumerate(PARTS.items(), 3):
+            fine = _simulated(part, grids, finer, jobs)
+            coarse = shown if name == TOTAL else plain
+            found[name] = REST[name] * _ways(fine, coarse)
+            done(number)
+    total = found.pop(TOTAL)
+    lengths = np.array([each.kind.length for each in part.groom.feathers])
+    if (found["detail"] < ROUNDING * lengths).all():
+        found.pop("detail")
+    ids = tuple(each.id for each in part.groom.feathers)
+    parts = {
+        name: ErrorPart(1e3 * float(ways.max()), 100.0 * float((ways / lengths).max()))
+        for name, ways in found.items()
+    }
+    return ShotError(
+        error_mm=1e3 * float(total.max()),
+        error_percent=100.0 * float((total / lengths).max()),
+        feather=ids[int(np.argmax(total / lengths))],
+        parts=parts,
+        feathers=ids,
+        resolutions=tuple(simulation.resolutions),
+        frames=shot.last_frame - shot.first_frame + 1,
+        contact=touching,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def error_of(
+    path: str | Path,
+    *,
+    quality: str | None = None,
+    feathers: int = LOOKED_AT,
+    jobs: int = 1,
+    preset_folders: Folders = (),
+) -> ShotError:
+    """shot_error of a shot's file. quality: preset instead of the shot's."""
+    folders = tuple(preset_folders)
+    shot, chosen = all_of(
+        lambda: read_shot(path, folders),
+        lambda: read_quality(quality, folders) if quality else None,
+    )
+    return shot_error(replace(shot, quality=chosen) if chosen else shot, feathers, jobs)
+
+
+def chosen_feathers(shot: Shot, count: int) -> Indices:
+    """Numbers, ascending, of feathers that are pulled, bend most, bend most for their length, or
+    are longest; of each in turn."""
+    placements = shot.groom.feathers
+    asked = replace(shot, quality=replace(shot.quality, coefficients=CHOSEN_BY_SOLVER))
+    loads = load_estimate(asked, root_motion(shot))
+    assert loads is not None
+    lengths = np.array([each.kind.length for each in placements])
+    sag = np.array(
+        [
+            rachis_deflection(feather, each.kind, loads.acceleration[f], loads.pressure[f])
+            for f, (feather, each) in enumerate(zip(drawn_feathers(shot), placements, strict=True))
+        ]
+    )
+    pulled = {each.feather for each in shot.grips} | {each.feather for each in shot.forces}
+    orders: list[list[int]] = [[f for f, each in enumerate(placements) if each.id in pulled]]
+    values: tuple[Array, ...] = (sag, sag / lengths, lengths)
+    orders += [np.argsort(-each, kind="stable").tolist() for each in values]
+    ranked = [order[k] for k in range(len(placements)) for order in orders if k < len(order)]
+    return np.sort(np.array(list(dict.fromkeys(ranked))[:count], dtype=np.int64))
+
+
+def own_grids(shot: Shot, resolutions: Sequence[Resolution], chosen: Indices) -> list[Resolution]:
+    """What is simulated of every chosen feather, or would be if it did not follow others."""
+    detailer = Detailer(shot, drawn_feathers(shot), root_motion(shot))
+    return [
+        detailer.resolution(int(f), "full") if each.level in CARRIED else each
+        for f, each in zip(chosen, resolutions, strict=True)
+    ]
+
+
+class _Run(NamedTuple):
+    """feathers: as they are given. points: of each, frame by frame."""
+
+    feathers: Sequence[Feather]
+    points: list[list[RowPoints]]
+
+
+def _by_feather(simulation: Simulation) -> list[list[RowPoints]]:
+    frames = [[pose.points for pose in frame.poses] for frame in simulation]
+    return [list(each) for each in zip(*frames, strict=True)]
+
+
+def _simulated(part: Shot, grids: Sequence[Resolution], finer: frozenset[str], jobs: int) -> _Run:
+    """The feathers of a part of a shot in full on their own grids, finer in what is named."""
+    feathers: dict[int, Feather] = {}
+    points: dict[int, list[RowPoints]] = {}
+    for grid in dict.fromkeys(grids):
+        members = np.array([f for f, each in enumerate(grids) if each == grid])
+        same = replace(
+            part_of(part, members),
+            quality=finer_quality(part.quality, grid, finer),
+            details=(),
+            level_of_detail=None,
+            cycle=0,
+        )
+        simulation = simulate(same, jobs)
+        feathers |= dict(zip(members.tolist(), simulation.feathers, strict=True))
+        points |= dict(zip(members.tolist(), _by_feather(simulation), strict=True))
+    order = range(len(grids))
+    return _Run([feathers[f] for f in order], [points[f] for f in order])
+
+
+def finer_quality(quality: Quality, grid: Resolution, finer: frozenset[str]) -> Quality:
+    """The quality that simulates every feather in full on a grid, finer in rows, columns,
+    coefficients or time."""
+    rows, columns, count = grid.rows, grid.columns, grid.coefficients
+    tolerance, substeps = quality.tolerance, quality.max_substeps
+    if "rows" in finer:
+        rows = min(FINER * (rows - 1) + 1, MOST_ROWS)
+    if "columns" in finer:
+        columns = min(FINER * columns, MOST_COLUMNS)
+    if "coefficients" in finer:
+        count = min(count + MORE_COEFFICIENTS, MOST_COEFFICIENTS)
+    if "time" in finer:
+        tolerance = max(tolerance / TIGHTER, LEAST_TOLERANCE)
+        substeps = min(MORE_SUBSTEPS * substeps, MOST_SUBSTEPS)
+    return replace(
+        quality,
+        rows=rows,
+        columns=columns,
+        coefficients=count,
+        simulated_rows=0,
+        tolerance=tolerance,
+        max_substeps=substeps,
+        coarse_below=0.0,
+        rachis_below=0.0,
+        guided_below=0.0,
+        rigid_below=0.0,
+    )
+
+
+def _ways(fine: _Run, coarse: _Run) -> Array:
+    """(F,) m, largest distance of the nodes of a coarse run from where a fine one has them."""
+    found = []
+    for one, other, points, wanted in zip(
+        coarse.feathers, fine.feathers, coarse.points, fine.points, strict=True
+    ):
+        to_coarse = density_map(other, one)
+        grown = np.repeat(one.barb_length.T > 0.0, one.columns, axis=1)
+        there = np.concatenate([np.ones((one.rows, 1), dtype=np.bool_), grown], axis=1)
+        way = [
+            np.linalg.norm(a.nodes - to_coarse(b).nodes, axis=-1)[there].max()
+            for a, b in zip(points, wanted, strict=True)
+        ]
+        found.append(float(max(way)))
+    return np.array(found)
