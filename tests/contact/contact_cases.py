@@ -11,7 +11,12 @@ from trial_batches import preset_batch
 
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.mechanics.row_kernels import node_index
-from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
+from featherfx.solver.contact.interval import (
+    ContactReport,
+    ContactSettings,
+    ContactSolver,
+    Manner,
+)
 from featherfx.solver.contact.types import Candidates, Wall
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
@@ -48,15 +53,16 @@ def run(
     gravity: Sequence[float] = (0.0, 0.0, 0.0),
     walls: Sequence[Wall] = (),
     shortest: float = np.inf,
+    turns: bool = True,
 ) -> Iterator[tuple[State, ContactReport]]:
     """The states after each of `count` steps (s). One that cannot be solved, or leaves contacts off
     by more than half a thickness, is taken in halves, as a shot does, where these are no shorter
-    than the shortest."""
+    than the shortest. turns: as Manner's, from the second step on."""
     loads = [no_loads(len(state.rotation), (gravity[0], gravity[1], gravity[2]))]
 
     def advance(state: State, step: float) -> tuple[State, ContactReport]:
         (new,), (report,), contacts = contact.interval(
-            [state], loads, [hold_roots(state)], step, walls
+            [state], loads, [hold_roots(state)], step, walls, manner
         )
         failed, far = report.status.any(), contacts.residual > 0.5 * THICKNESS
         if failed or (far and 0.5 * step >= shortest):
@@ -65,8 +71,10 @@ def run(
         contact.accept()
         return new, contacts
 
+    manner = Manner()
     for _ in range(count):
         state, contacts = advance(state, step)
+        manner = Manner(turns=turns)
         yield state, contacts
 
 

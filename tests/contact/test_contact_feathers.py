@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from contact_cases import (
+    THICKNESS,
     free_feathers,
     momentum,
     run,
@@ -136,6 +137,24 @@ def test_a_feather_that_slipped_through_comes_back_at_the_recovery_speed():
     assert 0.05 < rates[:5].mean() < 0.3
     assert rates.max() < 0.5
     assert heights[-1] > 0.0
+
+
+def test_what_comes_around_a_rim_stays_on_the_side_where_it_comes():
+    """One is to lie over the other, and is thrown under it from beside it: nothing touches, and
+    both move as if alone. Without that it counts as 8 mm deep, and is pulled through."""
+    model, state = free_feathers("swan_primary", [[0, 0, 0], [0.03, 0.09, -0.008]], **GRID)
+    state.velocity.nodes[1, :, :, 1] -= 20.0
+    *_, (alone, _) = run(solver_of(model), state, 2e-4, 20)
+    contact = solver_of(model, PAIR, ORDERED)
+    steps = list(run(contact, state, 2e-4, 20))
+    around, _ = steps[-1]
+    assert max(report.depth for _, report in steps) < 2.0 * THICKNESS
+    found = contact.found.contacts
+    turned = found["side"] != np.array(ORDERED)[found["pair"]]
+    assert turned.sum() > 10
+    assert np.abs(around.points.nodes - alone.points.nodes).max() < 1e-9
+    contact = solver_of(model, PAIR, ORDERED)
+    assert max(report.depth for _, report in run(contact, state, 2e-4, 20, turns=False)) > 4e-3
 
 
 def test_the_steps_estimate_of_inertia_is_the_integrators():

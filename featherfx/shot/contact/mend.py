@@ -106,6 +106,7 @@ class Stepper:
                 soft if soft.any() else None,
                 led,
                 EASY if span.can_be_cut() else MOST_ITERATIONS,
+                around.bodies.begun,
             ),
         )
         self._spend(reports, span.start)

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from featherfx.algebra.vec3_kernels import cross, dot, length, store, sub
+from featherfx.algebra.vec3_kernels import add, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.clearance_kernels import (
@@ -23,11 +23,17 @@ from featherfx.solver.contact.search_kernels import (
     guest_point,
     nearest_node,
     row_boxes,
+    strip_point,
 )
 
 # part of a depth of up to so many thicknesses that a contact keeps in an interval: to close it at
 # once, by a force that is carried on from interval to interval, would make it swing
 KEPT, SMALL = 0.5, 0.1
+# depth, in thicknesses, from which on a point that comes around its host's rim stays on the side
+# where it comes
+AROUND = 1.0
+# of what is straight between two points of a vane, to find where it goes through another
+HALVINGS = 5
 
 
 class Node(NamedTuple):
@@ -97,7 +103,7 @@ def _find_node(node, guess, search, touch, count):
     surfaces, bodies, guest, host = search.surfaces, search.bodies, node.guest, node.host
     columns, side = surfaces.exists.shape[3], node.side
     p, fraction = guest_point(node.column, columns, surfaces.columns[guest])
-    if side == 0 and node.known >= 0:
+    if node.known >= 0:
         side = search.memory.side[node.known]
     # once the side is known the pose ahead can be searched, however deep
     now = bodies.ahead if side != 0 else bodies.start
@@ -113,16 +119,136 @@ def _find_node(node, guess, search, touch, count):
         return count, near
     contact = slot(touch, count)
     start_contact(contact, node, p, fraction)
-    contact.side, contact.mirror = side, place[0]
+    contact.side = side
+    _put_on(contact, place, weight, columns)
+    along, beside = _along(now[host], x, contact)
+    contact.thickness = (
+        _of_corners(surfaces.half[host], contact) + surfaces.half[guest, node.row, p]
+    )
+    if not _is_over(along, beside, contact.thickness):
+        return count, near
+    if side == 0:
+        contact.side = 1 if along >= 0.0 else -1
+    elif node.side != 0 and search.turns:
+        _choose_side(contact, along, node, near, search)
+        _put_on(contact, place, weight, columns)
+    if not _meets(contact, along, node, search):
+        return count, near
+    _press(contact, node.known, search)
+    return count + 1, near
+
+
+@kernel
+def _put_on(contact, place, weight, columns):
+    """Put a contact on a triangle of its host."""
+    contact.mirror = place[0]
     store(contact.weight, weight)
     for q in range(3):
         row, barb_node = corner_node(place, q)
         contact.corner[q, 0] = row
         contact.corner[q, 1] = node_index(place[0], barb_node, columns)
-    if not _meets(contact, now, x, search):
-        return count, near
-    _press(contact, node.known, search)
-    return count + 1, near
+
+
+@kernel
+def _is_over(along, beside, thickness):
+    """Whether a point is over its closest triangle, not beyond an edge."""
+    return beside <= BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness)
+
+
+@kernel
+def _choose_side(contact, along, node, near, search):
+    """Put a point that comes around the rim of its host on the side where it comes, until it
+    leaves the host or meets what is on the other side. along: m, over the host. The contact is put
+    on other triangles."""
+    deep = node.side * along < -AROUND * contact.thickness
+    turned = contact.side != node.side
+    if not turned and (node.known >= 0 or not deep):
+        return
+    contact.side = node.side
+    start = search.bodies.start[contact.guest]
+    x = guest_place(start, contact.row, contact.point, contact.fraction)
+    turned = turned or _comes_around(contact, x, near, search)
+    if turned and not _belongs_to_order(contact, x, near, search):
+        contact.side = -node.side
+
+
+@kernel
+def _at_start(contact, x, near, search):
+    """Whether a place is over a contact's host at the start, whether it is near it at all, and how
+    far it is along the host's normal, m, on the contact's side. The contact is put on the closest
+    triangle."""
+    surfaces, bodies, host = search.surfaces, search.bodies, contact.host
+    limit = surfaces.far[host] + search.margin + bodies.way[contact.guest] + bodies.way[host]
+    start, present, boxes = bodies.start[host], surfaces.present[host], bodies.boxes[host]
+    near = nearest_node(x, start, present, boxes, near, limit)
+    if near[0] < 0:
+        return False, False, 0.0
+    place, weight = closest_point(x, start, surfaces.exists[host], near)
+    if place[0] < 0:
+        return False, False, 0.0
+    _put_on(contact, place, weight, surfaces.exists.shape[3])
+    along, beside = _along(start, x, contact)
+    return _is_over(along, beside, contact.thickness), True, contact.side * along
+
+
+@kernel
+def _comes_around(contact, x, near, search):
+    """Whether a point that is to be on the wrong side of its host, and is at x at the start, comes
+    from beside it, and on that side already. One that is over it then, no deeper than steps leave
+    anything, was pressed through; what is deeper was just over the rim when nobody looked."""
+    over, found, height = _at_start(contact, x, near, search)
+    return not found or height < (-AROUND * contact.thickness if over else 0.0)
+
+
+@kernel
+def _belongs_to_order(contact, x, near, search):
+    """Whether a point that is on the wrong side of its host, at x at the start, hangs together with
+    what the order holds: a neighbour on its vane that is drawn back through the host from about as
+    deep, or one on the right side to which the vane does not go around the rim, but through the
+    host."""
+    row, p, guests = contact.row, contact.point, search.surfaces.guests[contact.guest]
+    columns, points = search.surfaces.exists.shape[3], search.bodies.start[contact.guest]
+    known, side = search.memory.key, search.memory.side
+    _, _, low = _at_start(contact, x, near, search)
+    own = columns + p if p <= columns else 2 * columns - p
+    for k in range(4):
+        # of a point of the rim the nodes at its ends
+        i, c = row + k % 2, own
+        if contact.fraction == 0.0:
+            i, c = (row + 2 * k - 1, own) if k < 2 else (row, own + 2 * k - 5)
+        inside = 0 <= i < guests.shape[0] and 0 <= c <= 2 * columns
+        if not inside or guests[i, c] == 0:
+            continue
+        y = guest_place(points, i, strip_point(c, columns), 0.0)
+        over, _, height = _at_start(contact, y, near, search)
+        if not over:
+            continue
+        above = height > -AROUND * contact.thickness
+        if above and _goes_through(contact, x, y, near, search):
+            return True
+        if above or abs(height - low) > search.margin:
+            continue
+        key = (contact.pair * guests.shape[0] + i) * guests.shape[1] + c
+        at = _first_key(known, key)
+        if at < known.shape[0] and known[at] == key and side[at] == contact.side:
+            return True
+    return False
+
+
+@kernel
+def _goes_through(contact, x, y, near, search):
+    """Whether what is straight from x, under the host at the start, to y, over it, goes through it,
+    not around its rim: it does if it is over the host wherever halving leads."""
+    for _ in range(HALVINGS):
+        middle = scale(0.5, add(x, y))
+        over, _, height = _at_start(contact, middle, near, search)
+        if not over:
+            return False
+        if height < 0.0:
+            x = middle
+        else:
+            y = middle
+    return True
 
 
 @kernel
@@ -135,24 +261,22 @@ def _of_corners(values, contact):
 
 
 @kernel
-def _meets(contact, now, x, search):
-    """Whether a node at x is over the triangle, and near it or on its way there; sets its side
-    where none is known, and its gap at the start."""
-    surfaces, bodies, guest, host = search.surfaces, search.bodies, contact.guest, contact.host
-    row, p, fraction = contact.row, contact.point, contact.fraction
-    thickness = _of_corners(surfaces.half[host], contact) + surfaces.half[guest, row, p]
-    along, beside = _along(now[host], x, contact)
-    if beside > BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness):
-        return False
-    if contact.side == 0:
-        contact.side = 1 if along >= 0.0 else -1
+def _meets(contact, along, node, search):
+    """Whether a point over its host is near it or on its way there, or on the side where no order
+    has it, which has to be remembered; sets its gap at the start. along: m, over the host."""
+    bodies, guest, host = search.bodies, contact.guest, contact.host
     # bodies that collide do not go where they are headed, so their way counts as well
-    begin = guest_place(bodies.start[guest], row, p, fraction)
-    ahead = guest_place(bodies.ahead[guest], row, p, fraction)
-    if contact.side * along - thickness > search.margin + _closing(bodies, begin, ahead, contact):
+    begin = guest_place(bodies.start[guest], contact.row, contact.point, contact.fraction)
+    ahead = guest_place(bodies.ahead[guest], contact.row, contact.point, contact.fraction)
+    gap = contact.side * along - contact.thickness
+    kept = node.side != 0 and contact.side != node.side
+    if node.known >= 0 and search.again:
+        # where it pressed in another search of the interval it goes on, or poses would alternate
+        kept = kept or search.memory.force[node.known, 0] > 0.0
+    if not kept and gap > search.margin + _closing(bodies, begin, ahead, contact):
         return False
     start, _ = _along(bodies.start[host], begin, contact)
-    set_gaps(contact, thickness, contact.side * start, search.recovery)
+    set_gaps(contact, contact.thickness, contact.side * start, search.recovery)
     store(contact.place_start, host_place(bodies.start[host], contact))
     return True
 

@@ -99,7 +99,8 @@ class Manner(NamedTuple):
     report counts no steps of those that were not. yielding: (B,) bodies whose contacts are soft,
     because they cannot be solved otherwise; what goes too deep comes out later, at the recovery
     speed. led: bodies that the others meet as they meet walls; their states come out as zero.
-    iterations: of Newton in one solve of a feather, at most.
+    iterations: of Newton in one solve of a feather, at most. turns: whether points that come around
+    a rim stay on the side where they come, against an order.
     """
 
     substeps: int = 1
@@ -107,6 +108,7 @@ class Manner(NamedTuple):
     yielding: Flags | None = None
     led: Led | None = None
     iterations: int = MOST_ITERATIONS
+    turns: bool = False
 
 
 PLAIN = Manner()
@@ -196,7 +198,7 @@ class ContactSolver:
         feather that cannot be solved has a status in its batch's report, and then what it presses
         is not solved either.
         """
-        substeps, resting, yielding, led, iterations = manner
+        substeps, resting, yielding, led, iterations, turns = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
         run = Run(self._team, states, loads, paths, duration, substeps, iterations, free)
         if led is not None:
@@ -206,7 +208,7 @@ class ContactSolver:
         before, forces = Found(new_touch(1), 0), np.zeros(self.grids.bodies)
         for number in range(SEARCHES):
             searched = run.now.copy()
-            self._find(run, walls, memory, before, stale if number else free)
+            self._find(run, walls, (memory, before), stale if number else free, (turns, number > 0))
             if yielding is not None:
                 soften(*self.found, yielding.astype(np.int8), SOFT)
             if number:
@@ -220,15 +222,17 @@ class ContactSolver:
             # the bodies did not go where they were headed: look again where they went
             add_forces(*self.found, forces)
             memory = self.found.remembered(self.candidates.order, memory)
+        # what is not where contacts were searched may have missed some
+        off = np.where(stale, np.maximum(moved, solved.marks.worst), solved.marks.worst)
         contacts = self.found.contacts
         report = ContactReport(
             contacts=int(np.count_nonzero(contacts["guest_force"] > 0.0)),
             rounds=rounds,
             solves=int(run.solves.sum()),
-            residual=float(solved.marks.worst.max()),
+            residual=float(off.max()),
             depth=float(solved.marks.depth.max()),
             start_depth=float(contacts["spared"].max(initial=0.0)),
-            off=solved.marks.worst,
+            off=off,
             deep=solved.marks.depth,
         )
         return run.new, run.reports(), report
@@ -276,10 +280,16 @@ class ContactSolver:
         return contacts["guest"], contacts["host"], contacts["spared"] - contacts["gap"]
 
     def _find(
-        self, run: Run, walls: Sequence[Wall], memory: Memory, before: Found, stale: Flags
+        self,
+        run: Run,
+        walls: Sequence[Wall],
+        known: tuple[Memory, Found],
+        stale: Flags,
+        manner: tuple[bool, bool],
     ) -> None:
-        """Search for contacts of stale bodies, those before hold on for others; the room grows."""
-        settings = self.settings
+        """Search for contacts of stale bodies, those known before hold on for others; the room
+        grows. manner: turns and again (Search)."""
+        settings, (memory, before), (turns, again) = self.settings, known, manner
         inertia = integrator_of(self.solvers[0].settings.spectral_radius, run.duration).inertia
         impedance = FIT * (inertia * self._mass + self._elastic)
         self._found_in = memory._replace(inside=memory.inside.copy())
@@ -290,6 +300,8 @@ class ContactSolver:
             settings.margin,
             settings.recovery * run.duration,
             WALL_FIT,
+            turns,
+            again,
         )
         found = self._searcher.find(search, walls, before, stale, self._spare, self._free)
         self._spare, self.found = self.found.touch, found

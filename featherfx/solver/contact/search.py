@@ -47,13 +47,17 @@ class Found(NamedTuple):
         return self.touch[: self.number]
 
     def remembered(self, order: Indices, memory: Memory) -> Memory:
-        """What the next search needs of them: forces, and sides that no order tells."""
+        """What the next search needs of them: forces, and sides that an order does not tell, or
+        that poses tell otherwise."""
         contacts, (_, rows, columns) = self.contacts, memory.wall.shape
         on_wall, wall = contacts["host"] < 0, np.zeros_like(memory.wall)
         mine, others = contacts[on_wall], np.nonzero(~on_wall)[0]
         wall[mine["guest"], mine["row"], mine["column"]] = mine["guest_force"]
-        pressed = (contacts["guest_force"] > 0.0) | (contacts["host_force"] > 0.0)
-        kept = contacts[others[pressed[others] | (order[contacts["pair"][others]] == 0)]]
+        # what is deep belongs on its side, whether it is pressed or not
+        held = (contacts["guest_force"] > 0.0) | (contacts["host_force"] > 0.0)
+        held |= contacts["gap"] < contacts["spared"]
+        own_side = contacts["side"][others] != order[contacts["pair"][others]]
+        kept = contacts[others[held[others] | own_side]]
         return Memory(
             key=(kept["pair"] * rows + kept["row"]) * columns + kept["column"],
             force=np.stack([kept["guest_force"], kept["host_force"]], axis=1),

@@ -80,7 +80,9 @@ class Candidates(NamedTuple):
 
 class Search(NamedTuple):
     """What a search goes by. margin: m, gap below which a node is followed. recovery: m, that a
-    depth may be reduced by. wall_fit: stiffness of a contact with a wall over that of the node."""
+    depth may be reduced by. wall_fit: stiffness of a contact with a wall over that of the node.
+    turns: whether points that come around a rim stay on the side where they come, against an
+    order. again: whether the memory is of an earlier search of the same interval."""
 
     surfaces: VaneSurfaces
     bodies: MovingBodies
@@ -88,6 +90,8 @@ class Search(NamedTuple):
     margin: float
     recovery: float
     wall_fit: float
+    turns: bool = False
+    again: bool = False
 
 
 class Earlier(NamedTuple):
