@@ -103,6 +103,8 @@ def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
     for name, key in table.keys.items():
         value: Any = tree[name]
         inner = key.type.finished() if isinstance(key.type, Preset) else key.type
+        if isinstance(value, Sourced) and value.value is None:
+            continue  # TOML has no word for what is not given
         if isinstance(value, Sourced):
             unit = key.type.describe()[1]
             note = f"{unit}, {value.source}" if unit else value.source
