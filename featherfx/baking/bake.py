@@ -39,8 +39,9 @@ def bake(
     called with the samples done and their number, at first with those taken over. options: fields
     of featherfx.baking.options.BakeOptions. frames: first and last of those to write, inclusive;
     the frames before them are still simulated. jobs: threads. quality: name of a preset that
-    replaces the shot's. report: JSON file for the report. resume: continue after the chunks that
-    an earlier bake of this shot and these options left; a finished cache is left as it is.
+    replaces the shot's. error: percent of a feather's length, by which is chosen what is
+    simulated. report: JSON file for the report. resume: continue after the chunks that an earlier
+    bake of this shot and these options left; a finished cache is left as it is.
     feathers: (i, n), the i-th of n shares of the feathers, to the file that part_path names; see
     join. render_rows, render_columns: of the meshes, at least 3 and 1; default: as simulated.
     barbs: along each vane, written as curves besides. meters_per_unit: m. up_axis: "Y" or "Z".

@@ -13,6 +13,7 @@ from featherfx.baking.options import TRIAL_SECONDS
 from featherfx.baking.trial import expected, unknowns
 from featherfx.shot.detail.detail import CARRIED
 from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.preroll import moves_before
 from featherfx.shot.share import part_of
@@ -85,7 +86,7 @@ def bake_cost(shot: Shot, jobs: int, read: float, budget: float = TRIAL_SECONDS)
 def _preroll(shot: Shot) -> int:
     """Frames that are simulated before the first."""
     preroll = shot.preroll / shot.frames_per_second
-    moves = moves_before(root_motion(shot), preroll, shot.quality.tolerance)
+    moves = moves_before(root_motion(shot), preroll, common_tolerance(shot))
     return shot.preroll if moves else 0
 
 

@@ -75,6 +75,14 @@ class BakeOptions(WriteOptions, DrawnOptions):
         most=MOST_JOBS,
     )
     quality: str | None = option(None, "Quality preset instead of the shot's.", metavar="NAME")
+    error: float | None = option(
+        None,
+        "How far any point may be off, percent of a feather's length: what is simulated follows"
+        " from it, whatever the quality says.",
+        least=0.01,
+        most=20,
+        metavar="PERCENT",
+    )
     report: str | Path | None = option(None, "JSON file for figures of the run.")
     feathers: tuple[int, int] | None = option(
         None, "Bake the I-th of N shares of the feathers, to OUT.IofN.usdc.", form="I/N"

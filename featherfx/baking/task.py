@@ -100,6 +100,8 @@ def prepare(shot_path: str | Path, output: str | Path | None, options: BakeOptio
     # a bake that goes on may replace the report of the one before
     check_report(options.report, options.overwrite or (options.resume and _is_report(options)))
     shot = replace(shot, quality=chosen) if chosen else shot
+    if options.error is not None:
+        shot = replace(shot, quality=shot.quality.with_error(options.error))
     frames = frames or (shot.first_frame, shot.last_frame)
     names: Sequence[str] = unique_prim_names([p.id for p in shot.groom.feathers])
     options = in_space(options, shot.groom, shot.skin)

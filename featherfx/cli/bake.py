@@ -63,7 +63,7 @@ OF_DASK = ("scheduler", "workers", "shares")
     type=click.IntRange(1, MOST_JOBS),
     help="Feathers simulated at a time; the result does not depend on it.  [default: all cores]",
 )
-@options_of(BakeOptions, "quality")
+@options_of(BakeOptions, "quality", "error")
 @presets_option
 @options_of(BakeOptions, "report", "resume", "feathers", "chunk", "subframes")
 @options_of(BakeOptions, "form", "group", *DRAWN, "velocities", "accelerations", "diagnostics")

@@ -142,6 +142,8 @@ def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
             return Names(*told["allowed"])
         return click.Choice(told["allowed"], case_sensitive=False)
     if "least" in told:
+        if float in get_args(hint):
+            return click.FloatRange(min=told["least"], max=told.get("most"))
         return click.IntRange(min=told["least"], max=told.get("most"))
     if "above" in told:
         return click.FloatRange(min=told["above"], min_open=True)

@@ -45,14 +45,14 @@ CONTACT_NEWTON_FRACTION = 1e-3
 class Group:
     """Feathers that share a grid: their places in the groom, solver, state and loads.
 
-    level: of detail. exposure: to the air (loads/wind.py). island: of feathers that may touch
-    (islands.py). feathers: as simulated. maps: to the meshes' grid, where that is another one. own:
-    model of dry feathers that nothing directs. cycle: of a shot that repeats. water: of feathers
-    that are wet at times. free: s, time at which they leave their roots, None: never. matter: as
-    channels have it, and felt: the channels of wind that act (direction/matter.py).
+    resolution: what is simulated. exposure: to the air (loads/wind.py). island: of feathers that
+    may touch (islands.py). feathers: as simulated. maps: to the meshes' grid, where that is another
+    one. own: model of dry feathers that nothing directs. cycle: of a shot that repeats. water: of
+    feathers that are wet at times. free: s, time at which they leave their roots, None: never.
+    matter: as channels have it, and felt: the channels of wind that act (direction/matter.py).
     """
 
-    level: str
+    resolution: Resolution
     exposure: float
     island: int
     members: NDArray[np.int64]
@@ -71,6 +71,11 @@ class Group:
     free: float | None = None
     matter: Matter | None = None
     felt: tuple[tuple[int, float], ...] = ()
+
+    @property
+    def level(self) -> str:
+        """Of detail."""
+        return self.resolution.level
 
     @property
     def flying(self) -> bool:
@@ -179,13 +184,13 @@ def _group(
     pushes = shot.contact is not None and key.island != ALONE
     newton = CONTACT_NEWTON_FRACTION if pushes else NEWTON_FRACTION
     settings = Settings(
-        tolerance=quality.tolerance,
-        newton=newton * quality.tolerance,
+        tolerance=resolution.tolerance,
+        newton=newton * resolution.tolerance,
         max_substeps=quality.max_substeps,
         spectral_radius=quality.radius,
     )
     return Group(
-        level=resolution.level,
+        resolution=resolution,
         exposure=key.exposure,
         island=key.island,
         members=members,
@@ -233,11 +238,12 @@ def _model(
         model = make_model(some, kinds, resolution.coefficients, hooked)
         return with_damping(model, kinds).arrays()
 
+    grid = resolution.level, resolution.rows, resolution.columns, resolution.coefficients
     shapes_of = [
         (each.kind.uncoloured, each.prototype and each.prototype.uncoloured) for each in own
     ]
     sizes = [(*pair, each.size, each.mirrored) for pair, each in zip(shapes_of, own, strict=True)]
-    return Model.of(kept("models", [sizes, resolution, hooked], compute)).some(chosen)
+    return Model.of(kept("models", [sizes, *grid, hooked], compute)).some(chosen)
 
 
 def _slips(kind: FeatherKind, resolution: Resolution) -> bool:

@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 
 from featherfx.errors import SimulationError
 from featherfx.feather.shapes import feathers_of
-from featherfx.feather.types import Feather
+from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.model import Loads
 from featherfx.phases import counted
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.detail.carried import Carried, FeatherPose
 from featherfx.shot.detail.cycle import Cycle, memory_of, restore, warn_if_never
 from featherfx.shot.detail.detail import Resolution
+from featherfx.shot.detail.estimate import Estimate
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
+from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.groups import Group, loads_within, make_groups
@@ -64,7 +66,8 @@ class Simulation:
     substeps per feather and frame (mean, max), rejected_substeps and substeps_over_tolerance
     (accepted above the quality's tolerance, because none shorter is allowed), worst_substeps (the
     ten feathers that this was worst for: feather, frame, error in m, substeps), worst_residual (m,
-    distance of a step from its solution), worst_step_error (m), skipped work by kind.
+    distance of a step from its solution), worst_step_error (m), skipped work by kind; where the
+    quality promises an error, error_promised and error_estimated (percent of the length).
     """
 
     def __init__(
@@ -80,7 +83,7 @@ class Simulation:
         motion = root_motion(shot)
         preroll = shot.preroll / shot.frames_per_second
         self._first = 0
-        if moves_before(motion, preroll, shot.quality.tolerance):
+        if moves_before(motion, preroll, common_tolerance(shot)):
             motion, self._first = RunUp(motion, preroll), -shot.preroll * subframes
             colliders = tuple(replace(each, run_up=preroll) for each in shot.colliders)
             self.shot = shot = replace(shot, colliders=colliders)
@@ -110,7 +113,7 @@ class Simulation:
                 # what slips, dries, is directed or leaves does not repeat
                 lasting = not group.changes and group.free is None
                 if not group.solver.model.hooked and lasting:
-                    group.cycle = Cycle(period, shot.quality.tolerance, count)
+                    group.cycle = Cycle(period, group.solver.settings.tolerance, count)
         self._levels = LevelRun(
             shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
@@ -118,6 +121,7 @@ class Simulation:
         self._through = FollowThrough(shot, drawn, motion, computed)
         self._hooks = Hooks(shot, self._groups)
         self._wets, self._renewed = last_fitting(shot.wets, shot.groom.feathers), list[Group]()
+        self._estimate = Estimate(shot, self._groups)
         self._index = self._first - 1
         if start is not None:
             self._take_over(start)
@@ -128,7 +132,7 @@ class Simulation:
         """Counts over all feathers and frames so far."""
         layers = {} if self._layers is None else self._layers.report()
         contact = contact_report(self._islands) | layers
-        found = self._counts.summary() | self._hooks.report()
+        found = self._counts.summary() | self._estimate.report() | self._hooks.report()
         return found | ({"contact": contact} if contact else {})
 
     @property
@@ -182,6 +186,7 @@ class Simulation:
             for group in self._groups:
                 group.start = group.state.points.nodes.copy()
         if index >= 0:
+            self._estimate.note()
             self._levels.finish(index)
         if index >= 0 and self._layers is not None:
             duration = self._time(1) if index else 0.0
@@ -254,6 +259,18 @@ class Simulation:
             self._wanted,
         )
 
+    def simulated(self) -> dict[int, tuple[Feather, RowPoints]]:
+        """By number, of the feathers in the frames, what is simulated in full, and where it is
+        after the frame that was yielded last."""
+        wanted = set(self._wanted.tolist())
+        return {
+            int(f): (group.feathers[k], group.state.points.at(k))
+            for group in self._groups
+            if group.level == "full"
+            for k, f in enumerate(group.members)
+            if int(f) in wanted
+        }
+
     def simulated_bytes(self) -> tuple[int, int]:
         """Bytes of the constant data, and of one state, of all feathers that are simulated."""
         groups = self._groups
@@ -312,6 +329,7 @@ class Simulation:
             self._counts.repeated += int(repeating.sum())
         group.loads = loads
         self._counts.add(report, group.names, self._number(index))
+        self._estimate.stepped(group, report)
         raise_if_failed(report.status, group.state.time, group.names)
 
     def _advance_together(self, island: Together, index: int) -> None:
@@ -324,6 +342,7 @@ class Simulation:
         self._counts.repeated += done.repeated
         for group, report in zip(island.groups, done.reports, strict=False):
             self._counts.add(report, group.names, self._number(index))
+            self._estimate.stepped(group, report)
 
     def _sleeping(
         self, group: Group, path: RootPath, loads: Loads, duration: float
@@ -331,7 +350,7 @@ class Simulation:
         """(F,) feathers of a group that sleep or coast through a frame; the others are stepped."""
         if not self.shot.sleep or group.flying:
             return np.zeros(len(group.members), dtype=np.bool_)
-        tolerance = self.shot.quality.tolerance
+        tolerance = group.solver.settings.tolerance
         coast = tolerance if self.shot.coast else None
         sleeping = undisturbed(group.state, path, loads, group.loads, coast)
         sleeping &= at_rest(group.state, path, tolerance, duration)

@@ -153,7 +153,7 @@ class Together:
         """(B,) feathers of all batches that nothing stirs, unless others push them."""
         flags = []
         for group, path, acting in zip(self.groups, paths, loads, strict=True):
-            quiet = at_rest(group.state, path, self._shot.quality.tolerance, duration)
+            quiet = at_rest(group.state, path, group.solver.settings.tolerance, duration)
             quiet &= undisturbed(group.state, path, acting, group.loads)
             flags.append(quiet & self._shot.sleep)
         return np.concatenate(flags)

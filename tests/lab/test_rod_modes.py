@@ -45,9 +45,9 @@ def test_oracle_of_tapered_rods_has_the_uniform_limit():
     assert found == pytest.approx(closed_form(rod), rel=1e-7)
 
 
-@pytest.mark.parametrize("taper", [0.3, 0.7])
-def test_tapered_cantilever(taper):
-    rod = Rod(0.3, ei=2e-3, line_mass=0.01, taper=taper)
+@pytest.mark.parametrize(("taper", "segments"), [(0.3, 40), (0.7, 40), (0.99, 80), (0.999, 80)])
+def test_tapered_cantilever(taper, segments):
+    rod = Rod(0.3, ei=2e-3, line_mass=0.01, taper=taper, segments=segments)
     found = natural_frequencies(rod, 8)[0::2]
     assert_close(found, taper_frequencies(rod.length, rod.ei, rod.line_mass, taper, 4))
 

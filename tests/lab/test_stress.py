@@ -146,3 +146,12 @@ def test_a_feather_that_is_not_finite_does_not_stop_the_other():
     assert new.time[1] == 0.0
     np.testing.assert_array_equal(new.points.nodes[1], state.points.nodes[1])
     np.testing.assert_array_equal(new.points.nodes[0], right.points.nodes[0])
+
+
+def test_the_short_figures_are_those_of_the_summary(outcomes):
+    counts = stress.summary([stress.as_record(o) for o in outcomes])
+    told = stress.short(counts)
+    assert list(told) == ["cases", "stopped", "violations", "over_tolerance_share", "seconds"]
+    assert told["cases"] == len(outcomes)
+    assert told["seconds"] == pytest.approx(sum(o.seconds for o in outcomes))
+    assert told["over_tolerance_share"] == sum(o.forced for o in outcomes) / counts["steps"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherfx.shot.detail.detail import barb_coefficients, load_estimate
+from featherfx.shot.detail.detail import load_estimate, simulated_settings
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
@@ -18,7 +18,8 @@ SAMPLES = Path(__file__).parents[2] / "samples"
 
 def chosen(shot) -> list[int]:
     loads = load_estimate(shot, root_motion(shot))
-    return barb_coefficients(shot, simulate(shot).feathers, loads)
+    found = simulated_settings(shot, simulate(shot).feathers, loads)
+    return [each.coefficients for each in found]
 
 
 def with_coefficients(shot, count):

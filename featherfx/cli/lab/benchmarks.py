@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,19 @@ from featherfx._version import __version__
 from featherfx.baking.pipeline import read_shot
 from featherfx.cli.progress import Progress
 from featherfx.lab.bench import experiments, peers
+from featherfx.lab.bench.front import HOW, measure, missed
+from featherfx.lab.bench.kept import kept_table
 from featherfx.lab.bench.options import BenchOptions
-from featherfx.lab.bench.report import ResultTable, page, write, write_files
+from featherfx.lab.bench.report import (
+    ResultTable,
+    Row,
+    as_csv,
+    machine,
+    page,
+    write,
+    write_files,
+)
+from featherfx.lab.bench.scenes import SCENES
 from featherfx.lab.bench.skips import skips_table
 from featherfx.lab.bench.stress import (
     CaseOutcome,
@@ -21,6 +33,7 @@ from featherfx.lab.bench.stress import (
     as_record,
     read_records,
     run_seeds,
+    short,
     summary,
 )
 
@@ -33,6 +46,9 @@ def run_benchmarks(options: BenchOptions) -> None:
     if options.peers:
         _beside_peers(options)
         return
+    if options.front:
+        _front(options)
+        return
     tables: list[ResultTable] = []
     outcome, output, jobs = None, options.output, options.jobs or os.cpu_count() or 1
     if options.skips:
@@ -40,6 +56,11 @@ def run_benchmarks(options: BenchOptions) -> None:
         with Progress("skips") as progress:
             rest = (options.only, options.frames, options.every)
             tables.append(skips_table(shots, progress, *rest))
+    elif options.promise:
+        shots = [read_shot(path) for path in options.promise]
+        with Progress("lines") as progress:
+            rest_of = options.frames, options.every
+            tables.append(kept_table(shots, options.error, progress, *rest_of))
     elif options.stress:
         rows = QUICK_ROWS if options.quick else MOST_ROWS
         outcome = _stress(options.seeds, jobs, rows, output)
@@ -51,7 +72,11 @@ def run_benchmarks(options: BenchOptions) -> None:
                 if output is not None:
                     write(output, tables, None, __version__)
                 progress(len(tables), TABLES)
-    if output is None:
+    if outcome is not None and options.as_json:
+        if output is not None:
+            write(output, tables, outcome, __version__)
+        click.echo(json.dumps(short(outcome)))
+    elif output is None:
         click.echo(page(tables, outcome, __version__))
     else:
         for file in write(output, tables, outcome, __version__):
@@ -70,6 +95,24 @@ def _beside_peers(options: BenchOptions) -> None:
         click.echo(peers.peer_page(tables, __version__))
         return
     for file in write_files(options.output, peers.peer_files(tables, __version__)):
+        click.echo(file)
+
+
+def _front(options: BenchOptions) -> None:
+    """Measure the front, and print or write the file that promises are made by, with the rows."""
+    rows: list[Row] = []
+    with Progress("scenes") as progress:
+        for done, name in enumerate(SCENES, 1):
+            rows += measure([name])
+            progress(done, len(SCENES))
+    record = {"how": HOW, "machine": machine(__version__), "missed": missed(rows)}
+    text = json.dumps(record, indent=1) + "\n"
+    if options.output is None:
+        click.echo(text, nl=False)
+        return
+    table = ResultTable("front_scenes", "", "", rows)
+    files = {"front.json": text.encode(), "front_scenes.csv": as_csv(table).encode()}
+    for file in write_files(options.output, files):
         click.echo(file)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -27,46 +27,57 @@ from featherfx.groom.keys.values import (
 from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial
 
 _LENGTH = Number(0, 100, "m")
+# percent
+DEFAULT_ERROR = 0.5
 
 
 @dataclass(frozen=True)
 class Quality:
     """How finely a feather is resolved.
 
-    rows, columns: of the meshes and, where nothing else is said, of what is simulated.
+    rows, columns: of the meshes and, without error, of what is simulated.
     """
 
     name: str
-    rows: Annotated[int, Number(3, 400, whole=True), "Rows of nodes along the rachis."]
-    columns: Annotated[int, Number(1, 100, whole=True), "Nodes along each barb."]
+    rows: Annotated[int, Number(3, 400, whole=True), "Rows of nodes along the rachis."] = 21
+    columns: Annotated[int, Number(1, 100, whole=True), "Nodes along each barb."] = 6
     coefficients: Annotated[
         int,
         Number(-1, 6, whole=True),
         "Curvature coefficients per barb and direction; 0: rigid barbs, -1: the solver chooses.",
-    ]
+    ] = -1
     tolerance: Annotated[
-        float,
+        float | None,
         Number(1e-9, 0.1, "m"),
         "Local error that a sub-step may have: a step with more is taken again in shorter ones, "
-        "as long as there are no more than `max_substeps`. Errors of steps add up.",
-    ]
+        "as long as there are no more than `max_substeps`. Errors of steps add up. Default: by "
+        "`error`, for each feather.",
+    ] = None
+    error: Annotated[
+        float | None,
+        Number(0.01, 20, "%"),
+        "How far any point of a feather may be off, in percent of its length. Of each feather as "
+        "many rows, columns and coefficients are simulated, in such steps, as that takes; "
+        "`coefficients`, `tolerance` and `simulated_rows` overrule it. Default: 0.5 where there is "
+        "no `tolerance`, else nothing is promised.",
+    ] = None
     max_substeps: Annotated[
         int,
         Number(1, 4096, whole=True),
         "Most sub-steps per frame, a bound on work where feathers flutter or are struck; where "
         "they touch, 32 at most.",
-    ]
+    ] = 256
     radius: Annotated[
         float,
         Number(0, 0.8),
         "Spectral radius of the time integration at infinite frequency: 0 damps at once what a "
         "step does not resolve, 0.8 keeps most of its energy. Beyond, fine grids become unstable.",
-    ] = 0.0
+    ] = 0.5
     simulated_rows: Annotated[
         int,
         Number(-1, 400, whole=True),
-        "Rows that are simulated, at most `rows`, which the meshes have anyhow; 0: all of them, "
-        "-1: the solver chooses.",
+        "Rows that are simulated, at most `rows`, which the meshes have anyhow; 0: all of them, or "
+        "by `error`, -1: the solver chooses.",
     ] = 0
     coarse_below: Annotated[
         float, _LENGTH, "Feathers shorter than this get half the rows and columns."
@@ -90,6 +101,17 @@ class Quality:
         "skin, else around all roots; on larger and smaller bodies they are longer and shorter in "
         "proportion. 0: they hold as they are.",
     ] = 0.0
+
+    @property
+    def promised(self) -> float | None:
+        """The error, share of a feather's length, that is promised; None: none is."""
+        if self.error is None:
+            return None if self.tolerance else DEFAULT_ERROR / 100.0
+        return self.error / 100.0
+
+    def with_error(self, error: float) -> Quality:
+        """The same meshes, and what is simulated by an error in percent alone."""
+        return replace(self, error=error, tolerance=None, coefficients=-1, simulated_rows=0)
 
 
 @dataclass(frozen=True)

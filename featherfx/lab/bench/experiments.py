@@ -25,9 +25,16 @@ from featherfx.lab.bench.shake import (
     swan_primary,
     trajectory_error,
 )
-from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for
+from featherfx.mechanics.resolution import (
+    GRID_SCALE,
+    barb_deflection,
+    coefficients_for,
+    rachis_deflection,
+)
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
+from featherfx.shot.detail.promise import chosen_for, rounded_up, stepped_down
 from featherfx.shot.groups import NEWTON_FRACTION
+from featherfx.shot.types import Quality
 
 METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
 # methods that are compared on one setting; the slow ones would spend hours on the whole front
@@ -41,6 +48,8 @@ RATIOS = tuple(10.0**k for k in range(2, 9))
 STEP_RATES = (24, 96, 384, 480)
 COST = "ms a simulated second"
 QUALITIES = ("draft", "preview", "final")
+# percent of the length
+PROMISED = (2.0, 1.0, 0.5, 0.25)
 
 
 def all_tables(extent: Extent, jobs: int) -> Iterator[ResultTable]:
@@ -183,31 +192,48 @@ def front_shakes(extent: Extent) -> Iterator[Shake]:
 
 def preset_shake(kind: FeatherKind, name: str) -> Shake:
     """The shake with the settings of a quality preset, as a bake uses them."""
-    values = plain(load_preset(f"quality/{name}")[1])
-    coefficients = values["coefficients"]
-    if coefficients == CHOSEN_BY_SOLVER:
-        feather = build_feather(kind, values["rows"], values["columns"])
-        pressure = kind.vane_material.surface_density * ACCELERATION
-        coefficients = coefficients_for(feather, kind, pressure, GRID_SCALE * values["tolerance"])
+    quality = Quality(name=name, **plain(load_preset(f"quality/{name}")[1]))
+    return quality_shake(kind, quality)
+
+
+def quality_shake(kind: FeatherKind, quality: Quality) -> Shake:
+    """The shake as a bake of that quality simulates it."""
+    feather = build_feather(kind, quality.rows, quality.columns)
+    acceleration, pressure = ACCELERATION, kind.vane_material.surface_density * ACCELERATION
+    if quality.promised is not None:
+        bends = (
+            rachis_deflection(feather, kind, acceleration, 0.0),
+            barb_deflection(feather, kind, pressure),
+        )
+        shares = (rounded_up(each / kind.length) for each in bends)
+        rows, columns, coefficients, share = chosen_for(quality.promised, *shares)
+        tolerance = quality.tolerance or stepped_down(share * kind.length)
+    else:
+        assert quality.tolerance is not None
+        rows, columns, tolerance = quality.rows, quality.columns, quality.tolerance
+        coefficients = coefficients_for(feather, kind, pressure, GRID_SCALE * tolerance)
+    if quality.coefficients != CHOSEN_BY_SOLVER:
+        coefficients = quality.coefficients
     return Shake(
-        rows=values["rows"],
-        columns=values["columns"],
+        rows=rows,
+        columns=columns,
         coefficients=coefficients,
         step=0.0,
-        tolerance=values["tolerance"],
-        radius=values["radius"],
-        newton=NEWTON_FRACTION * values["tolerance"],
-        max_substeps=values["max_substeps"],
+        tolerance=tolerance,
+        radius=quality.radius,
+        newton=NEWTON_FRACTION * tolerance,
+        max_substeps=quality.max_substeps,
     )
 
 
 def presets_table(kind: FeatherKind, reference: ShakeRun) -> ResultTable:
     """Cost and error of the quality presets."""
     rows: list[Row] = []
-    for name in QUALITIES:
-        row = _front_row(
-            kind, "barb-curvature", barb_curvature, preset_shake(kind, name), reference
-        )
+    shakes = {name: preset_shake(kind, name) for name in QUALITIES}
+    for error in PROMISED:
+        shakes[f"error = {error:g}"] = quality_shake(kind, Quality(name="", error=error))
+    for name, shake in shakes.items():
+        row = _front_row(kind, "barb-curvature", barb_curvature, shake, reference)
         names = ("rows", "columns", "coefficients", "tolerance", "radius", "error", COST)
         rows.append({"preset": name, **{key: row[key] for key in names}, "steps": row["steps"]})
     note = (

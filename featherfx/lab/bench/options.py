@@ -16,11 +16,15 @@ class BenchOptions:
     stress: bool
     peers: bool
     skips: tuple[Path, ...]
+    front: bool
+    promise: tuple[Path, ...]
+    error: tuple[float, ...]
     only: str
     frames: int | None
     every: int
     cases: int | None
     seed: int
+    as_json: bool
     jobs: int | None
     output: Path | None
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
+from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.view import TimedCamera, View
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.share import part_of, share_numbers
@@ -159,7 +160,7 @@ def _same(shot: Shot) -> Shot:
 
 
 def _tight(shot: Shot) -> Shot:
-    return _quality(tolerance=TIGHT * shot.quality.tolerance)(shot)
+    return _quality(tolerance=TIGHT * common_tolerance(shot))(shot)
 
 
 def _always(shot: Shot) -> bool:

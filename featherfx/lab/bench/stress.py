@@ -266,6 +266,18 @@ def summary(records: Sequence[Record]) -> Record:
     }
 
 
+def short(summed: Record) -> Record:
+    """The figures of a summary that programs ask for. over_tolerance_share: of all steps. seconds:
+    of processor, of all cases."""
+    return {
+        "cases": summed["cases"],
+        "stopped": summed["stopped"],
+        "violations": summed["violations"],
+        "over_tolerance_share": summed["steps_over_tolerance"] / max(summed["steps"], 1),
+        "seconds": summed["seconds_a_case"] * summed["cases"],
+    }
+
+
 def _reason(status: int) -> str:
     """Why a case stopped; cases of different sizes have different limits."""
     return "the limit of Newton iterations" if status == TOO_MUCH_WORK else reason_of(status)

@@ -5,7 +5,9 @@
 
 with s the arc length, so both are second order in the element length l, and a uniform or tapered
 rod under end loads bends as it should between rows. The section scales linearly by
-c = 1 - taper s / length: bending and torsion by c^4, stretch, shear and mass by c^2.
+c = 1 - taper s / length: bending and torsion by c^4, stretch, shear and mass by c^2. Half of the
+elements are spread evenly, half so that c falls by the same share along each: a rod that ends in a
+point would else hang its tip on one element that is far too soft for what little it carries.
 """
 
 from __future__ import annotations
@@ -82,7 +84,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
     """
     require(*rod_problems(rod))
     rows = rod.segments + 1
-    station = np.linspace(0.0, rod.length, rows)
+    station = stations(rod)
     length = np.diff(station)
     # the chord of an arc is shorter than the arc
     half = 0.5 * rod.rest_curvature * length
@@ -112,6 +114,19 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
     )
 
 
+def stations(rod: Rod) -> Array:
+    """(n,) m, arc lengths of the rows."""
+    even = np.linspace(0.0, 1.0, rod.segments + 1)
+    if rod.taper == 0.0:
+        return rod.length * even
+    # places so far towards a point that they are known by the section that is left there
+    section = np.geomspace(1.0, 1.0 - rod.taper, 1 + 64 * rod.segments)
+    place = (1.0 - section) / rod.taper
+    share = 0.5 * place + 0.5 * np.linspace(0.0, 1.0, len(section))
+    found = rod.length * np.interp(even, share, place)
+    return np.asarray(found)
+
+
 def line_mass(rod: Rod) -> float:
     """Mass per length at the clamp, kg/m."""
     return SETTLING * rod.ei / rod.length**4 if rod.line_mass is None else rod.line_mass
@@ -139,7 +154,7 @@ def _stiffness(rod: Rod, station: Array, load: float) -> Array:
 
 def tributary_length(rod: Rod) -> Array:
     """(n,) m: integral of the section's area, 1 at the clamp, times each row's linear hat."""
-    station = np.linspace(0.0, rod.length, rod.segments + 1)
+    station = stations(rod)
     length = np.diff(station)
     tributary = np.zeros(len(station))
     # two Gauss points integrate the cubic exactly
@@ -168,9 +183,10 @@ def rod_loads(
     require(*load_problems(rod, tip_force, points))
     force = np.zeros((rod.segments + 1, 3))
     force[:, 2] = -rod.line_weight * tributary_length(rod)
+    station = stations(rod)
     for place, vector in ((rod.length, tip_force), *points):
-        low = min(int(place / rod.length * rod.segments), rod.segments - 1)
-        weight = place / rod.length * rod.segments - low
+        low = min(int(np.searchsorted(station, place, side="right")) - 1, rod.segments - 1)
+        weight = (place - station[low]) / (station[low + 1] - station[low])
         force[low] += (1.0 - weight) * np.asarray(vector)
         force[low + 1] += weight * np.asarray(vector)
     return no_loads(1)._replace(force=force[None, :, None])

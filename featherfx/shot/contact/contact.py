@@ -24,6 +24,7 @@ from featherfx.shot.contact.mend import Stepper, Surroundings
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import settled_together
 from featherfx.shot.contact.steps import FrameSteps, StepRules
+from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.sleep import asleep
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
@@ -125,7 +126,7 @@ class ShotContact:
         return StepRules(
             steps=self.contact.steps,
             substeps=min(quality.max_substeps, MOST_STEPS),
-            tolerance=quality.tolerance,
+            tolerance=common_tolerance(self.shot),
             thickness=self._thickness,
             rounds=self.solver.settings.rounds,
             iterations=self.solver.solvers[0].settings.max_iterations,
@@ -135,7 +136,7 @@ class ShotContact:
     def _tolerance(self) -> float:
         """m, what a gap may be off."""
         least, most = LEAST_OFF * self._thickness, MOST_OFF * self._thickness
-        return float(np.clip(OFF * self.shot.quality.tolerance, least, most))
+        return float(np.clip(OFF * common_tolerance(self.shot), least, most))
 
     def advance(
         self,

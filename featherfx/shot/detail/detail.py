@@ -21,10 +21,17 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import Feather
-from featherfx.groom.types import Placement
+from featherfx.groom.types import FeatherKind, Placement
 from featherfx.mechanics.batch import may_slip
-from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rachis_deflection, rows_for
+from featherfx.mechanics.resolution import (
+    GRID_SCALE,
+    barb_deflection,
+    coefficients_for,
+    rachis_deflection,
+    rows_for,
+)
 from featherfx.shot.detail.guides import GuideRule, skin_corners
+from featherfx.shot.detail.promise import Chosen, chosen_for, rounded_up, stepped_down
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.roots import Roots, sampled_rates
 from featherfx.shot.patterns import fits, last_fitting
@@ -43,13 +50,14 @@ LEAST_ROWS, LEAST_COLUMNS = 6, 2
 
 @dataclass(frozen=True)
 class Resolution:
-    """What is simulated of a feather: level of detail, rows, columns a side and curvature
-    coefficients per barb and direction."""
+    """What is simulated of a feather: level of detail, rows, columns a side, curvature coefficients
+    per barb and direction, and the tolerance of its steps (m)."""
 
     level: str
     rows: int
     columns: int
     coefficients: int
+    tolerance: float
 
 
 class LoadEstimate(NamedTuple):
@@ -79,8 +87,7 @@ class Detailer:
     def __init__(self, shot: Shot, feathers: Sequence[Feather], motion: Roots) -> None:
         self._quality = shot.quality
         loads = load_estimate(shot, motion)
-        self._coefficients = barb_coefficients(shot, feathers, loads)
-        self._rows = _simulated_rows(shot, feathers, loads)
+        self._chosen = simulated_settings(shot, feathers, loads)
         pulled, placements = _pulled(shot), shot.groom.feathers
         self.free = np.array(last_fitting(shot.frees, placements)) >= 0
         relative = length_factor(shot)
@@ -107,7 +114,7 @@ class Detailer:
 
     def resolution(self, f: int, level: str) -> Resolution:
         """Of one feather at a level."""
-        n, m, count = self._rows[f], self._quality.columns, self._coefficients[f]
+        n, m, count, tolerance = self._chosen[f]
         if level == "full" and self._hooked[f]:
             n = self._quality.rows  # a split is drawn where it is
         if level != "full":
@@ -115,7 +122,7 @@ class Detailer:
             m, count = min(m, max(LEAST_COLUMNS, (m + 1) // 2)), min(count, 1)
         if level == "rachis":
             m, count = 1, 0
-        return Resolution(level, n, m, count)
+        return Resolution(level, n, m, count, tolerance)
 
 
 def _pulled(shot: Shot) -> set[str]:
@@ -150,62 +157,90 @@ def _level(shot: Shot, placement: Placement, relative: float) -> _Given:
     return _Given("full", rule, False)
 
 
-def _simulated_rows(
+def simulated_settings(
     shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate | None
-) -> list[int]:
-    quality = shot.quality
-    if loads is None or quality.simulated_rows != CHOSEN_BY_SOLVER:
-        return [min(quality.simulated_rows or quality.rows, quality.rows)] * len(feathers)
+) -> list[Chosen]:
+    """What is simulated of every feather in full; tolerances are in m.
+
+    Where the quality promises an error, what the front of error against work says for the
+    deflections that the loads cause (promise.py). Else the quality's numbers, or, where they are
+    -1, the fewest rows and coefficients whose error stays below three times the quality's
+    tolerance. Loads: three times gravity and inertia of the roots' acceleration, and the pressure
+    of the wind with its gusts and of the roots' speed through the air. At least one coefficient,
+    because the vane's shear bends barbs as well, and two where a grip or a force pulls, or the air
+    bears the whole feather. feathers: as the meshes have them.
+    """
+    quality, tolerance = shot.quality, shot.quality.tolerance
+    if loads is None:
+        assert tolerance is not None
+        rows = min(quality.simulated_rows or quality.rows, quality.rows)
+        every = Chosen(rows, quality.columns, quality.coefficients, tolerance)
+        return [every] * len(feathers)
+    bent, pulled = deflections(shot, feathers, loads), _pulled(shot)
+    free = last_fitting(shot.frees, shot.groom.feathers)
+    found = []
+    for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
+        kind, error = placement.kind, quality.promised
+        if error is not None:
+            shares = (rounded_up(each / kind.length) for each in bent[f])
+            own = chosen_for(error, *shares)
+            own = own._replace(tolerance=tolerance or stepped_down(own.tolerance * kind.length))
+            if may_slip(kind):
+                own = own._replace(columns=quality.columns)
+        else:
+            assert tolerance is not None
+            most = GRID_SCALE * tolerance
+            own = Chosen(
+                rows_for(bent[f][0], most, quality.rows),
+                quality.columns,
+                coefficients_for(feather, kind, _doubled(_pressure(kind, loads, f)), most),
+                tolerance,
+            )
+            if quality.simulated_rows == 0:
+                own = own._replace(rows=quality.rows)
+        if quality.simulated_rows > 0:
+            own = own._replace(rows=min(quality.simulated_rows, quality.rows))
+        least = 2 if placement.id in pulled or free[f] >= 0 else 1
+        count = max(own.coefficients, least)
+        if quality.coefficients != CHOSEN_BY_SOLVER:
+            count = quality.coefficients
+        found.append(own._replace(coefficients=count))
+    return found
+
+
+def _pressure(kind: FeatherKind, loads: LoadEstimate, f: int) -> float:
+    """Pa on the vane of a feather by its own inertia and the air."""
+    inertia = kind.vane_material.surface_density * loads.acceleration[f]
+    return float(inertia + loads.pressure[f])
+
+
+def _doubled(pressure: float) -> float:
+    """The next power of two: loads within a factor of two are treated alike."""
+    return float(2.0 ** np.ceil(np.log2(max(pressure, 1e-9))))
+
+
+def deflections(
+    shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate
+) -> list[tuple[float, float]]:
+    """m, how far the loads, grips and forces of a shot bend every feather's shaft, and loads its
+    barbs."""
     # a grip bends the shaft as far as it reaches
     reach = {grip.feather: float(np.linalg.norm(grip.displacement)) for grip in shot.grips}
-    forced = {force.feather for force in shot.forces}
-    rows = []
+    reach |= {force.feather: np.inf for force in shot.forces}
+    found = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
         kind = placement.kind
         sag = rachis_deflection(feather, kind, loads.acceleration[f], loads.pressure[f])
         sag = max(sag, min(reach.get(placement.id, 0.0), kind.length))
-        if placement.id in forced:
-            sag = kind.length
-        rows.append(rows_for(sag, GRID_SCALE * quality.tolerance, quality.rows))
-    return rows
-
-
-def barb_coefficients(
-    shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate | None
-) -> list[int]:
-    """Curvature coefficients per barb and direction of every feather.
-
-    The quality's number, or, where that is -1, the fewest whose error stays below three times the
-    quality's tolerance under the shot's load: three times gravity and inertia of the roots'
-    acceleration, and the pressure of the wind with its gusts and of the roots' speed through the
-    air. At least one, because the vane's shear bends barbs as well, and two where a grip or a
-    force pulls, or the air bears the whole feather.
-    """
-    quality = shot.quality
-    if loads is None or quality.coefficients != CHOSEN_BY_SOLVER:
-        return [quality.coefficients] * len(feathers)
-    allowed, pulled = GRID_SCALE * quality.tolerance, _pulled(shot)
-    free = last_fitting(shot.frees, shot.groom.feathers)
-    chosen: dict[tuple[int, int], int] = {}
-    counts = []
-    for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
-        kind = placement.kind
-        inertia = kind.vane_material.surface_density * loads.acceleration[f]
-        pressure = float(inertia + loads.pressure[f])
-        # loads within a factor of two are treated alike, by the largest of them
-        doublings = int(np.ceil(np.log2(max(pressure, 1e-9))))
-        key = (id(feather), doublings)
-        if key not in chosen:
-            chosen[key] = coefficients_for(feather, kind, 2.0**doublings, allowed)
-        least = 2 if placement.id in pulled or free[f] >= 0 else 1
-        counts.append(max(chosen[key], least))
-    return counts
+        found.append((sag, barb_deflection(feather, kind, _pressure(kind, loads, f))))
+    return found
 
 
 def load_estimate(shot: Shot, motion: Roots) -> LoadEstimate | None:
     """The loads that decide what the solver is to choose; None where it chooses nothing."""
     quality, wind = shot.quality, shot.wind
-    if CHOSEN_BY_SOLVER not in (quality.coefficients, quality.simulated_rows):
+    chosen = CHOSEN_BY_SOLVER in (quality.coefficients, quality.simulated_rows)
+    if not chosen and quality.promised is None:
         return None
     frames = shot.last_frame - shot.first_frame
     times = np.linspace(0.0, max(frames, 1) / shot.frames_per_second, SAMPLES)
