@@ -223,7 +223,7 @@ def finer_quality(quality: Quality, grid: Resolution, finer: frozenset[str]) -> 
     """The quality that simulates every feather in full on a grid, finer in rows, columns,
     coefficients or time."""
     rows, columns, count = grid.rows, grid.columns, grid.coefficients
-    tolerance, substeps = quality.tolerance, quality.max_substeps
+    tolerance, substeps = grid.tolerance, quality.max_substeps
     if "rows" in finer:
         rows = min(FINER * (rows - 1) + 1, MOST_ROWS)
     if "columns" in finer:
@@ -239,6 +239,7 @@ def finer_quality(quality: Quality, grid: Resolution, finer: frozenset[str]) -> 
         columns=columns,
         coefficients=count,
         simulated_rows=0,
+        error=None,
         tolerance=tolerance,
         max_substeps=substeps,
         coarse_below=0.0,
