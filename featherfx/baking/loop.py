@@ -38,7 +38,7 @@ def simulate_and_write(
             notify(done, samples)
             start = Checkpoint.load(writer.state) if writer.state else None
             wanted = _simulated(task, writer, start)
-            with phase("building", silent=True):
+            with phase("building"):
                 simulation = simulate(
                     task.whole, options.jobs, task.frames, options.subframes, start, wanted
                 )

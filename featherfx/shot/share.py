@@ -45,29 +45,52 @@ def share_numbers(shot: Shot, index: int, count: int) -> Indices:
         if islands is not None:
             message += ", the number of islands of feathers that may touch"
         raise InputError(Problem(str(shot.source), "feathers", message))
+    return np.flatnonzero(_share_of_each(shot, count, islands) == index - 1)
+
+
+def _share_of_each(shot: Shot, count: int, islands: Indices | None) -> Indices:
+    """(F,) share of every feather, from 0. islands: (F,), where feathers push each other."""
     if islands is not None:
-        return np.flatnonzero(_dealt(islands, count) == index - 1)
+        return _dealt(islands, count)
     if not uses_guides(shot) or count == 1:
-        return np.arange(index - 1, most, count)
-    return np.flatnonzero(_shares(shot, count) == index - 1)
+        return np.arange(len(shot.groom.feathers)) % count
+    return _shares(shot, count)
 
 
 def share_count(shot: Shot, wanted: int) -> int:
     """Into how many shares a shot is cut where so many are wanted, at most one a feather; says so
-    (InputWarning) where feathers that may touch, and stay together, make them fewer or uneven."""
-    if shot.contact is None:
-        return min(wanted, len(shot.groom.feathers))
-    islands = shot_islands(shot)
-    count = min(wanted, most_shares(shot))
-    largest, fair = int(np.bincount(_dealt(islands, count)).max()), len(islands) / wanted
-    if largest > _UNEVEN * fair:
-        warnings.warn(
-            f"{shot.source}: contact: feathers that may touch stay in one share: {count} instead of"
-            f" {wanted}, the largest with {largest} of {len(islands)} feathers",
-            InputWarning,
-            stacklevel=2,
+    (InputWarning) where feathers that may touch, and stay together, make them fewer or uneven, or
+    where one computes far more than its own because of what lies beneath."""
+    total, islands = len(shot.groom.feathers), None
+    count = min(wanted, total)
+    if shot.contact is not None:
+        islands = shot_islands(shot)
+        count = min(wanted, int(islands.max()) + 1)
+    share = _share_of_each(shot, count, islands)
+    largest, told = int(np.bincount(share).max()), ""
+    if islands is not None and largest > _UNEVEN * total / wanted:
+        told = (
+            f"feathers that may touch stay in one share: {count} instead of {wanted}, the largest"
+            f" with {largest} of {total} feathers"
         )
+    elif shot.layers and (computed := _most_computed(shot, share)) > _UNEVEN * total / count:
+        told = (
+            "a share computes all that lies beneath its own feathers, too: of"
+            f" {count} shares the largest {computed} of {total} feathers, so that little is gained"
+        )
+    if told:
+        warnings.warn(f"{shot.source}: contact: {told}", InputWarning, stacklevel=2)
     return count
+
+
+def _most_computed(shot: Shot, share: Indices) -> int:
+    """Feathers of a layered shot that a share computes at most. share: (F,) of every feather."""
+    # compiled code, as in shot_islands
+    from featherfx.shot.layers.layers import shot_stack
+    from featherfx.shot.layers.stack import beneath
+
+    stack, _, _ = shot_stack(shot, _drawn(shot))
+    return max(len(beneath(stack, np.flatnonzero(share == k))) for k in np.unique(share))
 
 
 def most_shares(shot: Shot) -> int:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from featherfx.errors import InputWarning
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import RACHIS
 from featherfx.groom.types import Placement
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.read.read import read_shot
+from featherfx.shot.share import share_count
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Contact, Detail, Layers, Motion, Shot
 from featherfx.usd.check.crossings import crossings_of, patches_of
@@ -173,6 +176,16 @@ def test_the_report_tells_how_deep_what_is_written_is(bakes):
         assert {each["feather"], each["other"]} <= {f"f{k}" for k in range(5)}
         assert each["depth"] <= depth["worst"]
         assert shot.first_frame <= each["frame"] <= shot.last_frame
+
+
+def test_what_shares_compute_of_what_lies_beneath_is_said(bakes):
+    shot, _, _ = bakes
+    with pytest.warns(InputWarning, match="of 2 shares the largest 5 of 5 feathers"):
+        assert share_count(shot, 2) == 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert share_count(shot, 1) == 1
+        assert share_count(replace(shot, layers=None), 2) == 2
 
 
 def test_the_same_bytes_by_threads_shares_and_from_a_checkpoint(bakes, tmp_path):

@@ -30,7 +30,16 @@ from featherfx.shot.layers.stack import (
     stack_of,
     vanes_of,
 )
-from featherfx.shot.layers.types import LAP, Array, Indices, Laid, Laps, Lifts
+from featherfx.shot.layers.types import (
+    LAP,
+    Array,
+    Indices,
+    Laid,
+    Laps,
+    Lifts,
+    Stack,
+    Vanes,
+)
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
@@ -48,6 +57,30 @@ SEEN = 0.1
 PIECES = 8
 
 
+def shot_stack(shot: Shot, drawn: Sequence[Feather]) -> tuple[Stack, Vanes, RowPoints]:
+    """Which feathers of a shot lie over which, with their vanes and their places at rest."""
+    assert shot.layers is not None
+    placements = shot.groom.feathers
+    thickness = np.array([each.kind.vane_material.thickness for each in placements])
+    contact = shot.layers.contact
+    if contact.thickness is not None:
+        thickness[:] = contact.thickness
+    rest = stacked(
+        [
+            place(feather.rest, own.position, own.rotation)
+            for feather, own in zip(drawn, placements, strict=True)
+        ]
+    )
+    vanes = vanes_of(drawn, 0.5 * thickness)
+    return among(stack_of(placements, vanes, rest), _touching(shot)), vanes, rest
+
+
+def _touching(shot: Shot) -> NDArray[np.bool_]:
+    """(F,) feathers that lie over others or under them."""
+    assert shot.layers is not None
+    return np.array(may_touch(shot, shot.layers.contact))
+
+
 class Layers:
     """The plumage of a shot in layers.
 
@@ -56,26 +89,12 @@ class Layers:
     """
 
     def __init__(self, shot: Shot, drawn: Sequence[Feather], wanted: Indices, jobs: int) -> None:
-        assert shot.layers is not None
-        placements = shot.groom.feathers
-        thickness = np.array([each.kind.vane_material.thickness for each in placements])
-        contact = shot.layers.contact
-        if contact.thickness is not None:
-            thickness[:] = contact.thickness
-        rest = stacked(
-            [
-                place(feather.rest, own.position, own.rotation)
-                for feather, own in zip(drawn, placements, strict=True)
-            ]
-        )
-        vanes = vanes_of(drawn, 0.5 * thickness)
-        touching = np.array(may_touch(shot, contact))
-        stack = among(stack_of(placements, vanes, rest), touching)
+        stack, vanes, rest = shot_stack(shot, drawn)
         self.needed = beneath(stack, wanted)
         self.stack, self.vanes = part_of(stack, vanes, self.needed)
         rest = rest.at(self.needed)
         count = len(self.needed)
-        self._names = [placements[f].id for f in self.needed]
+        self._names = [shot.groom.feathers[f].id for f in self.needed]
         self._depths = Depths(self.stack)
         self._rank = np.empty(count, dtype=np.int64)
         self._rank[self.stack.order] = np.arange(count)
@@ -83,10 +102,10 @@ class Layers:
         self.lifts = Lifts(*(np.zeros(shape) for _ in Lifts._fields))
         self._pose = pose_like(rest, shape)
         self._skins = []
-        if shot.skin is not None and shot.layers.skin:
+        if shot.skin is not None and shot.layers is not None and shot.layers.skin:
             self._skins = skins_beneath(shot.skin, self.needed, self.vanes, _nodes(rest.nodes))
             for skin in self._skins:
-                skin.ground.triangle[~touching[self.needed]] = -1
+                skin.ground.triangle[~_touching(shot)[self.needed]] = -1
         self._rooms = [np.zeros(1024, dtype=LAP) for _ in range(PIECES * jobs)]
         self._scratch = [scratch_for(self.vanes) for _ in self._rooms]
         self._jobs = jobs
