@@ -202,7 +202,7 @@ def test_an_interrupt_that_a_library_swallows_is_not_lost(monkeypatch):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a shell of Unix")
-@pytest.mark.parametrize("stream", ["2>/dev/full", "2>&1 | true", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("stream", ["2>/dev/full", "<&- >&- 2>&-"])
 def test_a_stderr_that_takes_nothing_ends_no_work(tmp_path, stream):
     output = tmp_path / "feathers.usdc"
     code = tmp_path / "code"

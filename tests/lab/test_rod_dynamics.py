@@ -79,7 +79,7 @@ def test_rows_and_tolerance_of_a_released_rod_converge():
     assert np.linalg.norm(coarse.tip - fine.tip, axis=1).max() < 0.01
 
 
-@pytest.mark.parametrize("radius", [0.0, 0.8, 1.0])
+@pytest.mark.parametrize("radius", [0.0, 0.8, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_second_order_in_time(radius):
     """A root that starts smoothly from rest, at fixed steps against steps 8 times smaller."""
     rod = Rod(1.0, 1.0, line_mass=1.0, segments=10)

@@ -49,9 +49,9 @@ def test_elastica_with_a_tip_force(load, direction):
     [
         (1.0, 0.0, 1e-3),
         (10.0, 0.0, 1e-3),
-        (100.0, 0.0, 5e-3),
+        pytest.param(100.0, 0.0, 5e-3, marks=pytest.mark.slow),
         (1.0, 0.7, 1e-3),
-        (10.0, 0.7, 1e-3),
+        pytest.param(10.0, 0.7, 1e-3, marks=pytest.mark.slow),
         (100.0, 0.7, 5e-3),
     ],
 )
@@ -73,7 +73,9 @@ def test_tapered_elastica_in_both_planes(load):
     assert distance(bend(rod, force).tip, expected) < 1e-3
 
 
-@pytest.mark.parametrize("force", [300.0, 450.0, 600.0])
+@pytest.mark.parametrize(
+    "force", [300.0, *(pytest.param(f, marks=pytest.mark.slow) for f in (450.0, 600.0))]
+)
 def test_45_degree_bend(force):
     """Bathe and Bolourchi 1979; inextensible and unshearable, J = 1/6 for the unit square."""
     rod = Rod(ARC, ei=1e7 / 12.0, gj=0.5e7 / 6.0, rest_curvature=0.01)
