@@ -14,6 +14,7 @@ from featherfx.cli.error import error
 from featherfx.cli.export import export
 from featherfx.cli.inspect import inspect
 from featherfx.cli.lab.group import lab
+from featherfx.cli.plugins import plugins
 from featherfx.cli.presets import presets
 from featherfx.cli.preview import preview
 from featherfx.cli.program import Program
@@ -48,6 +49,7 @@ for command in (
     view,
     lab,
     bench,
+    plugins,
     doctor,
     completion,
 ):

@@ -53,7 +53,8 @@ def test_an_unpacked_wheel_has_all_that_it_needs(built, tmp_path):
     inside = tmp_path / "site"
     with zipfile.ZipFile(wheel) as file:
         file.extractall(inside)
-    assert files_below(inside / "featherfx/_presets") == files_below(ROOT / "presets")
+    for name in ("presets", "plugins"):
+        assert files_below(inside / f"featherfx/_{name}") == files_below(ROOT / name)
     commands = ["sample pigeon -o bird", "sample breeze", "check breeze/shot.toml"]
     for command in map(str.split, commands):
         subprocess.run(

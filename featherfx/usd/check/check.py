@@ -89,18 +89,19 @@ def check_usd(path: str | Path) -> list[Problem]:
         return problems  # what is in them would be missed everywhere
     try:
         with reading(stage.GetPseudoRoot()):
-            found = list(_stage_problems(stage))
+            found = list(stage_problems(stage))
         problems += [Problem(str(path), key, message) for key, message in found]
         prims = list(stage.Traverse())
         for prim in counted("checking", prims, len(prims)):
-            for name, message in _prim_problems(prim):
+            for name, message in prim_problems(prim):
                 problems.append(Problem(str(path), f"{prim.GetPath()}.{name}", message))
     except InputError as error:
         problems += error.problems
     return problems
 
 
-def _prim_problems(prim: Any) -> Iterator[tuple[str, str]]:
+def prim_problems(prim: Any) -> Iterator[tuple[str, str]]:
+    """(attribute, message) of everything that is wrong with a prim of a cache."""
     if prim.IsA(UsdGeom.PointInstancer):
         yield from instancer_problems(prim)
     if prim.IsA(UsdGeom.PointBased):
@@ -108,7 +109,8 @@ def _prim_problems(prim: Any) -> Iterator[tuple[str, str]]:
             yield from found
 
 
-def _stage_problems(stage: Any) -> Iterator[tuple[str, str]]:
+def stage_problems(stage: Any) -> Iterator[tuple[str, str]]:
+    """(metadata, message) of what is wrong with a cache as a whole."""
     root = stage.GetDefaultPrim()
     if not root:
         yield "defaultPrim", "missing, or names no prim"

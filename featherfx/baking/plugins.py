@@ -1,0 +1,179 @@
+"""Plugins for hosts, and how they come to where a host looks for them.
+
+A plugin is a folder `featherfx_HOST` with the host's files and those that all share; Houdini and
+Maya find it by a small file beside it. The folder appears in one step, the small file after it, and
+where that fails the folder is gone again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import platformdirs
+
+from featherfx._version import __version__
+from featherfx.errors import InputError, Problem
+from featherfx.files.shipped import shipped
+from featherfx.files.whole import write_text
+
+_MARK = "featherfx_plugin.json"
+_COMMAND = "featherfx_command.json"
+
+
+class Host(NamedTuple):
+    """A program with a plugin. finder: its file that is filled in and stands beside the folder, ""
+    for none. folder: where the program looks, None where that cannot be known. then: what is still
+    to be done, with FOLDER for where the plugin is."""
+
+    name: str
+    title: str
+    finder: str
+    folder: Callable[[], Path | None]
+    then: str
+
+
+def _houdini() -> Path | None:
+    """The folder of packages of the user's newest Houdini."""
+    if given := os.environ.get("HOUDINI_USER_PREF_DIR"):
+        return Path(given) / "packages"
+    places = {
+        "darwin": (Path.home() / "Library/Preferences/houdini", "[0-9]*"),
+        "win32": (Path.home() / "Documents", "houdini[0-9]*"),
+    }
+    above, pattern = places.get(sys.platform, (Path.home(), "houdini[0-9]*"))
+
+    def version(path: Path) -> list[int]:
+        parts = path.name.removeprefix("houdini").split(".")
+        return [int(part) if part.isdigit() else -1 for part in parts]
+
+    found = sorted((each for each in above.glob(pattern) if each.is_dir()), key=version)
+    return found[-1] / "packages" if found else None
+
+
+def _maya() -> Path | None:
+    """The user's folder of modules, for all versions."""
+    if given := os.environ.get("MAYA_APP_DIR"):
+        return Path(given) / "modules"
+    above = {"darwin": "Library/Preferences/Autodesk/maya", "win32": "Documents/maya"}
+    folder = Path.home() / above.get(sys.platform, "maya")
+    return folder / "modules" if folder.is_dir() else None
+
+
+def _own() -> Path:
+    return platformdirs.user_data_path("featherfx", appauthor=False) / "plugins"
+
+
+HOSTS = {
+    each.name: each
+    for each in (
+        Host("houdini", "Houdini", "featherfx.json", _houdini, "start Houdini; shelf featherfx"),
+        Host("maya", "Maya", "featherfx.mod", _maya, "start Maya; menu featherfx"),
+        Host(
+            "usdvalidation",
+            "USD's validators",
+            "",
+            _own,
+            "add FOLDER to PXR_PLUGINPATH_NAME and PYTHONPATH of a Python that has featherfx",
+        ),
+        Host("usdview", "usdview", "", _own, "add FOLDER to PXR_PLUGINPATH_NAME and PYTHONPATH"),
+    )
+}
+
+
+def listed() -> list[dict[str, Any]]:
+    """All plugins: host, title, folder (null where none is found), the version that is shipped, and
+    the one that is installed there (null for none)."""
+    found = []
+    for host in HOSTS.values():
+        folder = host.folder()
+        version = None if folder is None else _version(folder / f"featherfx_{host.name}")
+        told: dict[str, Any] = {"host": host.name, "title": host.title, "shipped": __version__}
+        found.append(told | {"folder": folder and str(folder), "installed": version})
+    return found
+
+
+def install(name: str, into: str | Path | None = None, overwrite: bool = False) -> tuple[Path, str]:
+    """Install the plugin of a host; returns its folder and what is left to do.
+
+    into: the folder that the host searches, default: the one that it has. Raises InputError for a
+    host that there is none of, a folder that is not found or not ours to replace, and OSError,
+    named, where something cannot be written; then nothing is left behind.
+    """
+    if name not in HOSTS:
+        raise InputError(Problem("plugins", "", f"'{name}' is not one of {', '.join(HOSTS)}"))
+    host = HOSTS[name]
+    folder = host.folder() if into is None else Path(into).absolute()
+    if folder is None:
+        told = f"no folder of {host.title} was found; name one with --into"
+        raise InputError(Problem("plugins", name, told))
+    target = folder / f"featherfx_{name}"
+    finder = folder / host.finder if host.finder else None
+    _refuse(target, finder, overwrite)
+    folder.mkdir(parents=True, exist_ok=True)
+    beside = Path(tempfile.mkdtemp(dir=folder, prefix=".featherfx_"))
+    try:
+        made = _made(host, beside / "new", target)
+        if target.exists():
+            os.rename(target, beside / "old")
+        os.rename(made, target)
+        if finder is not None:
+            _point(host, finder, target, beside / "old")
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+    return target, host.then.replace("FOLDER", str(target))
+
+
+def _refuse(target: Path, finder: Path | None, overwrite: bool) -> None:
+    """Raise InputError where something stands that is not to be replaced."""
+    if target.exists() and _version(target) is None:
+        told = "stands where the plugin goes, and is none of featherfx; move it away"
+        raise InputError(Problem(str(target), "", told))
+    if target.exists() and not overwrite:
+        told = f"is there already, version {_version(target)}; --overwrite replaces it"
+        raise InputError(Problem(str(target), "", told))
+    if finder is not None and finder.exists() and not target.exists():
+        told = "stands where the plugin is named, and is not of this plugin; move it away"
+        raise InputError(Problem(str(finder), "", told))
+
+
+def _made(host: Host, folder: Path, target: Path) -> Path:
+    """The plugin's folder, complete, at a temporary place."""
+    source = shipped("plugins")
+    ignored = shutil.ignore_patterns("__pycache__", *([host.finder] if host.finder else []))
+    for part in (source / host.name, source / "shared"):
+        shutil.copytree(part, folder, ignore=ignored, dirs_exist_ok=True)
+    texts = {_MARK: {"host": host.name, "version": __version__}}
+    for name, content in texts.items():
+        (folder / name).write_text(json.dumps(content) + "\n", encoding="utf-8")
+    command = [sys.executable, "-m", "featherfx"]
+    (folder / _COMMAND).write_text(json.dumps(command) + "\n", encoding="utf-8")
+    return folder
+
+
+def _point(host: Host, finder: Path, target: Path, before: Path) -> None:
+    """Write the file by which the host finds the plugin; where it cannot be, put back what was."""
+    text = (shipped("plugins") / host.name / host.finder).read_text(encoding="utf-8")
+    text = text.replace("@VERSION@", __version__).replace("@FOLDER@", target.as_posix())
+    try:
+        write_text(finder, text)
+    except BaseException:
+        shutil.rmtree(target, ignore_errors=True)
+        if before.exists():
+            os.rename(before, target)
+        raise
+
+
+def _version(folder: Path) -> str | None:
+    """Version of the plugin in a folder; None where there is none."""
+    try:
+        found = json.loads((folder / _MARK).read_text(encoding="utf-8"))
+        return str(found["version"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

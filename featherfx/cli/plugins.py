@@ -1,0 +1,63 @@
+"""`featherfx plugins`: what stands in other programs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from featherfx.baking.plugins import HOSTS, install, listed
+from featherfx.cli.log import tell
+from featherfx.cli.program import Command, CommandGroup
+
+
+@click.group(cls=CommandGroup)
+def plugins() -> None:
+    """List plugins for other programs, and install them."""
+
+
+@plugins.command(
+    "list",
+    cls=Command,
+    short_help="List plugins, and which are installed.",
+    epilog="featherfx plugins list --json",
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON array.")
+def list_command(as_json: bool) -> None:
+    """List the programs that there is a plugin for, where it goes, and what is installed."""
+    found = listed()
+    if as_json:
+        click.echo(json.dumps(found, indent=2))
+        return
+    for each in found:
+        place = each["folder"] or "no folder found; name one with --into"
+        state = f"version {each['installed']}" if each["installed"] else "not installed"
+        click.echo(f"{each['host']}: {state} ({place})")
+
+
+@plugins.command(
+    "install",
+    cls=Command,
+    short_help="Install the plugin of a program.",
+    epilog="""
+    featherfx plugins install houdini
+    featherfx plugins install usdview --into ~/usd_plugins
+    """,
+)
+@click.argument("host", type=click.Choice(tuple(HOSTS)))
+@click.option(
+    "--into",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Folder that the program searches.  [default: the user's own]",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a plugin that is installed.")
+def install_command(host: str, into: Path | None, overwrite: bool) -> None:
+    """Install the plugin of HOST, which calls the featherfx that installed it.
+
+    Prints its folder. It appears complete or not at all.
+    """
+    folder, then = install(host, into, overwrite)
+    click.echo(str(folder))
+    tell(then)

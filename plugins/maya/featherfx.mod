@@ -1,0 +1,3 @@
++ featherfx @VERSION@ @FOLDER@
+PYTHONPATH +:= .
+PYTHONPATH +:= scripts
