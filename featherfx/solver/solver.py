@@ -19,7 +19,7 @@ from featherfx.solver.settle.take_up import carry_to
 from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
 from featherfx.solver.state import no_steps
-from featherfx.solver.status import CONVERGED, MOST_ITERATIONS, reason_of
+from featherfx.solver.status import CONVERGED, reason_of
 from featherfx.solver.step.frame_kernels import advance
 from featherfx.solver.step.retry_kernels import StepSettings
 from featherfx.solver.step.root_path import RootPath as RootPath
@@ -30,6 +30,9 @@ from featherfx.solver.work import Work, make_work
 Array = NDArray[np.float64]
 
 NEWTON_ITERATIONS = 32
+# the same of one feather in one frame, a bound on work alone; bakes of the samples need 3 to 100,
+# crumpled feathers that are flung about up to 13,000
+MOST_ITERATIONS = 20_000
 # Newton iterations beyond which the next step is not made longer
 HARD = 12
 # of the feather's length, error that a step may not exceed where it can be shorter

@@ -122,7 +122,7 @@ def stress_page(stress: dict[str, Any]) -> str:
     note = (
         "Random feathers, materials, poses, roots and winds. ok: one step a frame; stopped: the"
         " solver gave up with a reason, its state that of the last good step, for instance after"
-        " 2,000 Newton iterations in a frame, as every bake does; violations: anything not finite,"
+        " 20,000 Newton iterations in a frame, as every bake does; violations: anything not finite,"
         " a changed input, energy that grew without work. Still cases: the root is held, the air"
         " still. Where all steps keep to the tolerance, kinetic and potential energy may ripple:"
         " what the integrator held in its accelerations is explained (energy_promise_kernels)."

@@ -33,6 +33,7 @@ from featherfx.solver.contact.surfaces import grids_of, surfaces_of
 from featherfx.solver.contact.types import Memory
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
+from featherfx.solver.status import MOST_ITERATIONS
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
@@ -129,7 +130,7 @@ class ShotContact:
             tolerance=common_tolerance(self.shot),
             thickness=self._thickness,
             rounds=self.solver.settings.rounds,
-            iterations=self.solver.solvers[0].settings.max_iterations,
+            iterations=MOST_ITERATIONS,
             names=self.names,
         )
 

@@ -28,7 +28,7 @@ SMALLEST = 1.0 / 16.0
 WRONG, BAD = 0.5, 2.0
 # part of the feathers that should need no more than one step of their own in a common one
 FEW_STEPS = 0.8
-# Newton iterations of a feather in a frame, over Settings.max_iterations, until its contacts yield:
+# Newton iterations of a feather in a frame, over MOST_ITERATIONS, until its contacts yield:
 # it is solved in rounds; and, over those, until the bake ends
 MORE_ITERATIONS, MOST_WORK = 8, 4
 
@@ -70,7 +70,7 @@ class StepRules:
 
     steps: common steps of a frame, 0: as many as are needed. substeps: most regular steps of a
     feather in a frame. tolerance: m, local error of a step. thickness: m, the least of any vane.
-    rounds: of a step that was easy, at most. iterations: Settings.max_iterations. names: ids.
+    rounds: of a step that was easy, at most. iterations: MOST_ITERATIONS. names: ids.
     """
 
     steps: int
