@@ -14,10 +14,11 @@ import numpy as np
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, DrawnOptions
 from featherfx.errors import InputError, Problem, all_of
+from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import repeated_shapes
 from featherfx.feather.colours import colours_of
 from featherfx.feather.hooked import hooked_share
-from featherfx.feather.render import barb_curves, barb_diameters, render_feather
+from featherfx.feather.render import barb_diameters, render_feather
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Array, Feather, RowMap
 from featherfx.groom.types import FeatherKind, Groom, Placement
@@ -182,7 +183,7 @@ def drawn_entries(
     for index, placement in enumerate(groom.feathers):
         barbs = None
         if count:
-            barbs = barb_curves(placement.kind, grid, count, placement.mirrored)
+            barbs = drawn_barbs(placement.kind, grid, count, placement.mirrored, placement.id)
             points = barbs.points @ placement.rotation.T + placement.position
             barbs = replace(barbs, points=points)
             if entries[index].colours is not None:

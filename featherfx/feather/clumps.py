@@ -23,11 +23,11 @@ def clumped(barbs: BarbCurves, points: Array, amount: float, clumps: int) -> Arr
         return points
     each = points.reshape(*barbs.widths.shape, 3)
     along = np.linspace(0.0, 1.0, each.shape[1])[:, None]
-    middle = each[_middle_barbs(barbs.side, barbs.st[:, 0, 1], clumps)]
+    middle = each[middle_barbs(barbs.side, barbs.st[:, 0, 1], clumps)]
     return np.asarray(each + amount * along**2 * (middle - each)).reshape(points.shape)
 
 
-def _middle_barbs(side: Indices, place: Array, clumps: int) -> Indices:
+def middle_barbs(side: Indices, place: Array, clumps: int) -> Indices:
     """(B,) barb in the middle of each barb's clump. place: (B,) along the shaft, 0 to 1."""
     rng = np.random.default_rng(_SEED)
     cuts = (np.arange(clumps) + _UNEVEN * rng.uniform(-0.5, 0.5, clumps))[1:] / clumps

@@ -311,6 +311,32 @@ class Colour:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BarbLook:
+    """How barbs that are drawn differ from smooth ones (featherfx/feather/barb_looks.py)."""
+
+    clump: Annotated[
+        float, _PLACE, "How far the ends of barbs come together in clumps, a share of the distance."
+    ] = 0.0
+    clumps: Annotated[int, Number(1, 1000, whole=True), "Number of clumps along each vane."] = 16
+    clump_shape: Annotated[
+        float,
+        Number(0.2, 10),
+        "Exponent by which barbs come together along their length; large: at the ends alone.",
+    ] = 2.0
+    frizz: Annotated[
+        float, Number(0, 0.02, "m"), "How far the ends of barbs wave, across and out of the vane."
+    ] = 0.0
+    frizz_waves: Annotated[float, Number(0, 100), "Waves along a barb."] = 2.0
+    jitter: Annotated[
+        float, Number(0, 0.95), "Most that a barb is shortened, a share of its length."
+    ] = 0.0
+    seed: Annotated[int, Number(0, 2**31 - 1, whole=True), "Seed of what is drawn."] = 1
+    variants: Annotated[
+        int, Number(1, 1000, whole=True), "Different draws among feathers, each by its id."
+    ] = 8
+
+
+@dataclass(frozen=True, kw_only=True)
 class FeatherKind:
     """A feather at rest, with its materials; every preset and override is already merged."""
 
@@ -340,11 +366,16 @@ class FeatherKind:
     leading: Annotated[VaneShape, "The leading vane."]
     trailing: Annotated[VaneShape, "The trailing vane."]
     colour: Annotated[Colour, "How it is coloured.", Default({})] = Colour()
+    barbs: Annotated[
+        BarbLook, "How barbs that are drawn (`--barbs`) differ from smooth ones.", Default({})
+    ] = BarbLook()
 
     @cached_property
     def uncoloured(self) -> FeatherKind:
-        """The same without its colours, which nothing that moves or touches depends on."""
-        return self if self.colour == Colour() else replace(self, colour=Colour())
+        """The same without its looks, which nothing that moves or touches depends on."""
+        if self.colour == Colour() and self.barbs == BarbLook():
+            return self
+        return replace(self, colour=Colour(), barbs=BarbLook())
 
     @property
     def is_split(self) -> bool:

@@ -15,6 +15,7 @@ from featherfx.groom.presets.scaling import dialled, materials_resized
 from featherfx.groom.splits import split_faults
 from featherfx.groom.types import (
     BarbGuide,
+    BarbLook,
     Colour,
     FeatherKind,
     Hooked,
@@ -68,6 +69,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
         vane_material=VaneMaterial(**values["vane_material"]),
         rachis_material=RachisMaterial(**values["rachis_material"]),
         colour=_colour(values["colour"]),
+        barbs=BarbLook(**values["barbs"]),
     )
     count = len(place.problems)
     for index, pattern in enumerate(kind.colour.patterns):
@@ -227,8 +229,8 @@ def blended(first: Any, second: Any, weight: float) -> Any:
     """
     if isinstance(first, str):
         return first if weight < 0.5 else second
-    if isinstance(first, Splits):
-        return first if weight < 0.5 else second  # half of a split is none
+    if isinstance(first, (Splits, BarbLook)):
+        return first if weight < 0.5 else second  # half of a split, or of a clump, is none
     if isinstance(first, Colour):
         return _blended_colour(first, second, weight)
     if isinstance(first, Hooked):

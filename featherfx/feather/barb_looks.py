@@ -1,0 +1,131 @@
+"""Barbs as they are drawn: in clumps, frizzy, of uneven lengths. Looks, not mechanics.
+
+The points of a feather's barbs are linear in its nodes and directors, x = M y, and a look is one
+more linear map, so that rates follow and nothing slides when the feather moves. With u a place
+along a barb, 0 at the root and 1 at the end:
+
+    length   x(u)  <-  x(l u),                         l = 1 - jitter r, r even within 0 and 1
+    clump    x     <-  x + c u^p (x of the clump's middle barb - x)
+    frizz    x     <-  x + f u (sin(2 pi w u + a) across + sin(2 pi w u + b) dorsal)
+
+across: unit, at rest, from the barb before to the one after. Random numbers r, a, b and the waves w
+(within a third of their number) go by the barb and by the draw that the feather's id chooses.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from featherfx.feather.build import build_feather
+from featherfx.feather.clumps import middle_barbs
+from featherfx.feather.density import linear_weights
+from featherfx.feather.render import barb_curves
+from featherfx.feather.types import BarbCurves, Feather, PointMap
+from featherfx.groom.types import BarbLook, FeatherKind
+
+Array = NDArray[np.float64]
+Matrix = Any
+
+_DORSAL = 1  # number of the director
+
+
+def drawn_barbs(
+    kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: bool, id: str
+) -> BarbCurves:
+    """As barb_curves, with the kind's look in the draw of a feather's id. Vanes that may part have
+    none. Raises InputError as build_feather does."""
+    look = kind.barbs
+    if look == BarbLook() or kind.may_part:
+        return barb_curves(kind, grid, count, mirrored)
+    word = int.from_bytes(hashlib.sha256(id.encode()).digest()[:8], "big")
+    return _dressed(kind, grid, count, mirrored, word % look.variants)
+
+
+@lru_cache(maxsize=1024)
+def _dressed(
+    kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: bool, draw: int
+) -> BarbCurves:
+    barbs, look = barb_curves(kind, grid, count, mirrored), kind.barbs
+    feather, shape = build_feather(kind, *grid, mirrored), barbs.widths.shape
+    random = np.random.default_rng([look.seed, draw])
+    lengths = 1.0 - look.jitter * random.uniform(size=shape[:1])
+    shorter = _shortened((shape[0], shape[1]), lengths)
+    smooth = _clumped(barbs, look) @ shorter
+    across, out = _waves((shape[0], shape[1]), look, random)
+    points = barbs.points.reshape(-1, 3)
+    beside = _beside(barbs, smooth @ points)
+    within = sparse.diags_array(across) @ beside @ smooth + smooth
+    dorsal = sparse.diags_array(out) @ _dorsal(barbs, feather)
+    rest = np.concatenate([part.reshape(-1, 3) for part in feather.rest])
+    return replace(
+        barbs,
+        points=(within @ points + dorsal @ rest).reshape(barbs.points.shape),
+        st=(shorter @ barbs.st.reshape(-1, 2)).reshape(barbs.st.shape),
+        points_map=replace_matrix(barbs.points_map, within @ barbs.points_map.matrix + dorsal),
+    )
+
+
+def replace_matrix(points: PointMap, matrix: Matrix) -> PointMap:
+    """The same points by another matrix."""
+    return PointMap(matrix.tocsr(), points.shape)
+
+
+def _shortened(shape: tuple[int, int], lengths: Array) -> Matrix:
+    """(B K, B K) points of barbs of which only the first part is left. lengths: (B,) parts."""
+    along = np.linspace(0.0, 1.0, shape[1])
+    return sparse.block_diag([linear_weights(along, part * along) for part in lengths], "csr")
+
+
+def _clumped(barbs: BarbCurves, look: BarbLook) -> Matrix:
+    """(B K, B K) points that are drawn towards those of the middle barb of their clump."""
+    count, each = barbs.widths.shape
+    share = np.tile(look.clump * np.linspace(0.0, 1.0, each) ** look.clump_shape, count)
+    middle = middle_barbs(barbs.side, barbs.st[:, 0, 1], look.clumps)
+    own = np.arange(count * each)
+    at = (middle[:, None] * each + np.arange(each)).ravel()
+    moved = sparse.csr_array((share, (own, at)), shape=(own.size, own.size))
+    return sparse.diags_array(1.0 - share) + moved
+
+
+def _waves(
+    shape: tuple[int, int], look: BarbLook, random: np.random.Generator
+) -> tuple[Array, Array]:
+    """(B K,) m, how far points go across and out of the vane."""
+    along = np.linspace(0.0, 1.0, shape[1])
+    number = look.frizz_waves * random.uniform(2.0 / 3.0, 4.0 / 3.0, (shape[0], 1))
+    phases = random.uniform(0.0, 2.0 * np.pi, (2, shape[0], 1))
+    across, out = look.frizz * along * np.sin(2.0 * np.pi * number * along + phases)
+    return across.ravel(), out.ravel()
+
+
+def _beside(barbs: BarbCurves, points: Array) -> Matrix:
+    """(B K, B K) of points (B K, 3) at rest, unit vectors from the barb before to the one after."""
+    count, each = barbs.widths.shape
+    own = np.arange(count)
+    before, after = np.maximum(own - 1, 0), np.minimum(own + 1, count - 1)
+    before = np.where(barbs.side[before] == barbs.side, before, own)
+    after = np.where(barbs.side[after] == barbs.side, after, own)
+    ends = [(barb[:, None] * each + np.arange(each)).ravel() for barb in (after, before)]
+    apart = np.linalg.norm(points[ends[0]] - points[ends[1]], axis=1)
+    scale = np.divide(1.0, apart, out=np.zeros_like(apart), where=apart > 0.0)
+    rows = np.arange(count * each)
+    entries = np.concatenate([scale, -scale]), (np.tile(rows, 2), np.concatenate(ends))
+    return sparse.csr_array(entries, shape=(rows.size, rows.size))
+
+
+def _dorsal(barbs: BarbCurves, feather: Feather) -> Matrix:
+    """(B K, n (3 + 2 m)) dorsal directors of the shaft at the roots of the barbs."""
+    rows, nodes = feather.rest.nodes.shape[:2]
+    stations = feather.station / feather.station[-1]
+    weights = np.repeat(linear_weights(stations, barbs.st[:, 0, 1]), barbs.widths.shape[1], axis=0)
+    place, row = np.nonzero(weights)
+    column = rows * nodes + 2 * row + _DORSAL
+    shape = len(weights), rows * (nodes + 2)
+    return sparse.csr_array((weights[place, row], (place, column)), shape=shape)
