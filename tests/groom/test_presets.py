@@ -161,11 +161,11 @@ def test_key_of_another_motion_is_refused(tmp_path: Path) -> None:
 
 
 def test_missing_keys_are_named_with_their_range(tmp_path: Path) -> None:
-    write(tmp_path / "quality", "bare", "rows = 9\n")
+    write(tmp_path / "material" / "rachis", "bare", "young = 2e9\n")
     with pytest.raises(InputError) as caught:
         load_preset("bare", [tmp_path])
-    assert len(caught.value.problems) == 4
-    assert "columns: missing, expects an integer, 1 to 100" in messages(caught.value)
+    assert len(caught.value.problems) == 3
+    assert "wall: missing, expects a number, 0.01 to 1" in messages(caught.value)
 
 
 VANE_FAULTS = [
