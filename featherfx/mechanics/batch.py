@@ -42,6 +42,11 @@ class _Constants(NamedTuple):
 
 # G of the compression guard over b A k (vane_guard_kernels)
 GUARD_SCALE = 1.0 / 2592.0
+# part of a vane that its barbs fill (barb surface fraction, Jouve 2024, table 5.2)
+FIBRE_SHARE = 0.14
+# Pa, guard of barbs that nothing joins: k b n^2 / 864 = 540 N/m with the swan's b. Of 2e9 to 2e11
+# the last kept ends that are pushed by 10 mN apart, at the same number of steps
+FIBRE_GUARD = 2e11
 # J, at which a triangle yields whose hooks hold: none gets there, and its square is finite
 NEVER = 1e150
 # of the scatter of the strength from gap to gap
@@ -59,29 +64,31 @@ def make_model(
     kinds: Sequence[FeatherKind],
     coefficients: int,
     hooked: bool = False,
+    touching: bool = False,
 ) -> Model:
     """Constant arrays of feathers that share a grid.
 
     feathers, kinds: one each per feather of the batch; all feathers have equal rows and columns
     and all kinds the same barb taper. coefficients: per barb and direction, 0 for rigid barbs.
     hooked: even where no kind's hooks slip, as if they did under infinite stress.
+    touching: whether loose barbs do not pass through each other.
     Where a kind's barbs are clamped elastically, all get one more: see clamped_shapes.
     Damping is left at zero: featherfx.solver.step.modes.with_damping adds it. Roots are held.
     """
     columns = feathers[0].columns
     taper = kinds[0].vane_material.barb_taper
     elastic = any(has_elastic_clamp(kind) for kind in kinds)
-    guarded = any(kind.vane_material.compression_guard > 0.0 for kind in kinds)
+    guarded = any(is_guarded(kind, touching) for kind in kinds)
     known: dict[tuple[int, FeatherKind], _Constants] = {}
     parts = []
     for feather, kind in zip(feathers, kinds, strict=True):
         key = (id(feather), kind)
         if key not in known:
-            known[key] = _constants(feather, kind, coefficients, elastic)
+            known[key] = _constants(feather, kind, coefficients, elastic, touching)
         parts.append(known[key])
     stacked = {name: np.stack([getattr(p, name) for p in parts]) for name in _Constants._fields}
     if not guarded:
-        stacked["cell_guard"] = np.zeros((len(parts), 0, 0, 0, 0))
+        stacked["cell_guard"] = np.zeros((len(parts), 0, 0, 0, 0, 0))
     slips = hooked or any(may_slip(kind) for kind in kinds)
     shapes = curvature_shapes(coefficients, columns, taper)
     return Model(
@@ -104,7 +111,38 @@ def may_slip(kind: FeatherKind) -> bool:
     return kind.vane_material.hooks != "closed" or kind.is_split
 
 
-def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: bool) -> _Constants:
+def is_guarded(kind: FeatherKind, touching: bool) -> bool:
+    """Whether triangles are kept from being crushed, or barbs that nothing joins from passing
+    through each other, those that are loose by their kind only where these touch."""
+    if kind.vane_material.compression_guard > 0.0 or _may_open(kind):
+        return True
+    loose = any(
+        share < 1.0
+        for vane in (kind.leading, kind.trailing)
+        for curve in (vane.hooked.shaft, vane.hooked.barb)
+        for _, share in curve
+    )
+    return touching and loose
+
+
+def _may_open(kind: FeatherKind) -> bool:
+    return kind.vane_material.hooks == "open" or kind.is_split
+
+
+def _guard(feather: Feather, kind: FeatherKind, touching: bool) -> Array:
+    """(2, n-1, m, 2, 2) cell_guard: of the vane, or, where that has none, of fibres."""
+    vane, held = kind.vane_material, _held(feather, kind)
+    own = vane.compression_guard * held
+    fibres = own <= vane.compression_guard * LEAST_HOOKED
+    loose = 1.0 if _may_open(kind) else (1.0 - held) * touching
+    modulus = np.where(fibres, FIBRE_GUARD * loose, own)
+    stiffness = GUARD_SCALE * vane.thickness * _cells(feather)[1] * modulus
+    return np.stack([stiffness, np.where(fibres, FIBRE_SHARE, 1.0)], axis=-1)
+
+
+def _constants(
+    feather: Feather, kind: FeatherKind, coefficients: int, elastic: bool, touching: bool
+) -> _Constants:
     frames = row_frames(feather.rest.directors)
     centre = feather.rest.nodes[:, 0]
     length = np.linalg.norm(np.diff(centre, axis=0), axis=1)
@@ -130,7 +168,7 @@ def _constants(feather: Feather, kind: FeatherKind, coefficients: int, elastic: 
         mass=_mass(feather, kind, cell_area, length),
         rotary_inertia=_rotary_inertia(feather, kind, length),
         shaft_area=feather.width * _row_length(length),
-        cell_guard=GUARD_SCALE * vane.compression_guard * vane.thickness * held_area,
+        cell_guard=_guard(feather, kind, touching),
     )
 
 

@@ -69,8 +69,8 @@ class Model(NamedTuple):
     rotary_inertia: (F, n, 2) kg m^2 of the shaft, carried by the directors.
     shaft_area: (F, n) m^2, side area of the shaft that the row stands for, for air drag.
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
-    cell_guard: (F, 2, n-1, m, 2) N m, G of the compression guard (vane_guard_kernels), or
-    (F, 0, 0, 0, 0) where there is none. hooks: of the vane, or () where they hold whatever
+    cell_guard: (F, 2, n-1, m, 2, 2), G (N m) and n of the compression guard (vane_guard_kernels),
+    or (F, 0, 0, 0, 0, 0) where there is none. hooks: of the vane, or () where they hold whatever
     happens: kernels of such a batch are compiled without them.
     """
 
@@ -91,7 +91,7 @@ class Model(NamedTuple):
     rotary_inertia: Array
     shaft_area: Array
     retardation: Array
-    cell_guard: Array = np.zeros((0, 0, 0, 0, 0))
+    cell_guard: Array = np.zeros((0, 0, 0, 0, 0, 0))
     hooks: Hooks | tuple[()] = ()
 
     @property

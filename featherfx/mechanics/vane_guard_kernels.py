@@ -1,13 +1,15 @@
 """Compression guard of the vane: a cubic penalty on the loss of a triangle's area.
 
-    W = b A k / 12 ((1 - J) / 6)^3 = G (1 - J)^3     for J < 1, else 0;      G = b A k / 2592
+    W = b A k / 12 ((n - J) / 6)^3 = G (n - J)^3     for J < n, else 0;      G = b A k / 2592
 
     J^2 = (Q + d) / (1 + d),     Q = |a x c|^2 = 1 + 2 e_ww - (2 e_vw)^2
 
 a and c are the barb's direction and the material direction across it, carried along, e_ww and
 2 e_vw the strains of featherfx/mechanics/vane_membrane_kernels.py; J is the ratio of areas, k the
 guard's modulus (Pa), b thickness, A rest area. Barbs keep their length (|a| = 1), so J follows
-from these two strains alone, in both kinematics. Value, slope and curvature are zero at rest.
+from these two strains alone, in both kinematics, and is that of their distance. n is 1 for a vane:
+value, slope and curvature are zero at rest. Loose barbs are free to come nearer until the fibres
+between two of them touch, n the part of the vane that these fill (mechanics/batch.py).
 
 Without it a membrane that is linear in Green-Lagrange strain grows softer under compression and
 yields nothing at all at J = 0, where the triangle turns over. J itself has a cone there; d rounds
@@ -43,37 +45,47 @@ def area_ratio(strain_across, strain_shear):
 
 
 @kernel
-def guard_energy(stiffness, strain_across, strain_shear):
-    """W of one triangle; stiffness: G."""
-    loss = 1.0 - area_ratio(strain_across, strain_shear)
-    return stiffness * loss * loss * loss if loss > 0.0 else 0.0
+def is_apart(guard, strain_across, strain_shear):
+    """Whether a triangle feels nothing, J >= n; guard: (G, n)."""
+    unrounded = 1.0 + 2.0 * strain_across - strain_shear * strain_shear
+    return unrounded + ROUNDING >= guard[1] * guard[1] * (1.0 + ROUNDING)
 
 
 @kernel
-def guard_slopes(stiffness, strain_across, strain_shear):
-    """(dW/dJ, d2W/dJ2, dJ/de_ww, dJ/d(2 e_vw)) of one triangle; the first two 0 if J >= 1."""
+def guard_energy(guard, strain_across, strain_shear):
+    """W of one triangle; guard: (G, n)."""
+    if is_apart(guard, strain_across, strain_shear):
+        return 0.0
+    loss = guard[1] - area_ratio(strain_across, strain_shear)
+    return guard[0] * loss * loss * loss if loss > 0.0 else 0.0
+
+
+@kernel
+def guard_slopes(guard, strain_across, strain_shear):
+    """(dW/dJ, d2W/dJ2, dJ/de_ww, dJ/d(2 e_vw)) of one triangle; the first two 0 if J >= n."""
     ratio, root = _ratio_and_root(strain_across, strain_shear)
-    loss = max(1.0 - ratio, 0.0)
+    loss = max(guard[1] - ratio, 0.0)
     by_across = 1.0 / (root * (1.0 + ROUNDING))
-    slope = -3.0 * stiffness * loss * loss
-    return slope, 6.0 * stiffness * loss, by_across, -strain_shear * by_across
+    slope = -3.0 * guard[0] * loss * loss
+    return slope, 6.0 * guard[0] * loss, by_across, -strain_shear * by_across
 
 
 @kernel
 def ratio_slopes(strain_across, strain_shear):
     """(dJ/de_ww, dJ/d(2 e_vw))."""
-    _, _, by_across, by_shear = guard_slopes(1.0, strain_across, strain_shear)
+    _, _, by_across, by_shear = guard_slopes((1.0, 1.0), strain_across, strain_shear)
     return by_across, by_shear
 
 
 @kernel
-def guard_total(stiffness, strains):
+def guard_total(guard, strains):
     """Energy of all triangles of a feather (J).
 
-    stiffness: G of every triangle, (2, n-1, m, 2), or of size 0 for none. strains: e_ww and
+    guard: (G, n) of every triangle, (2, n-1, m, 2, 2), or of size 0 for none. strains: e_ww and
     2 e_vw, triangle by triangle in that order.
     """
-    total, each, strain = 0.0, stiffness.flat, strains.flat
-    for a in range(stiffness.size):
-        total += guard_energy(each[a], strain[2 * a], strain[2 * a + 1])
+    total, each, strain = 0.0, guard.flat, strains.flat
+    for a in range(guard.size // 2):
+        own = each[2 * a], each[2 * a + 1]
+        total += guard_energy(own, strain[2 * a], strain[2 * a + 1])
     return total

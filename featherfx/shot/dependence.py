@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from featherfx.feather.shapes import feathers_of
 from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
-from featherfx.mechanics.batch import may_slip
+from featherfx.mechanics.batch import is_guarded, may_slip
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.direction.channels import acting
@@ -149,7 +149,7 @@ def _shape_and_root(placement: Placement) -> list[Any]:
 def _guarded(shot: Shot, plan: LevelPlan) -> list[bool]:
     """Whether a feather is computed with the terms of a compression guard, its own or another's of
     its batch."""
-    guards = [p.kind.vane_material.compression_guard > 0.0 for p in shot.groom.feathers]
+    guards = [is_guarded(p.kind, touching=False) for p in shot.groom.feathers]
     with_guard = {each for own, guard in zip(plan.resolutions, guards, strict=True) if guard
                   for each in own}  # fmt: skip
     return [any(each in with_guard for each in own) for own in plan.resolutions]

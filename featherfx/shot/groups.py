@@ -176,12 +176,12 @@ def _group(
     some = [drawn[i] for i in members]
     as_drawn = grid == (some[0].rows, some[0].columns)
     feathers = some if as_drawn else feathers_of(placements, *grid)
-    model = _model(placements, feathers, resolution, key.hooked)
+    pushes = shot.contact is not None and key.island != ALONE
+    model = _model(placements, feathers, resolution, key.hooked, pushes)
     positions, rotations = motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
     place = {p.id: k for k, p in enumerate(placements)}
-    pushes = shot.contact is not None and key.island != ALONE
     newton = CONTACT_NEWTON_FRACTION if pushes else NEWTON_FRACTION
     settings = Settings(
         tolerance=resolution.tolerance,
@@ -219,10 +219,12 @@ def _model(
     feathers: Sequence[Feather],
     resolution: Resolution,
     hooked: bool,
+    touching: bool,
 ) -> Model:
     """Constant arrays of a batch: made once for feathers of one shape and size.
 
-    hooked: whether gaps of any of them may slip, or of others that it touches.
+    hooked: whether gaps of any of them may slip, or of others that it touches. touching: whether
+    loose barbs do not pass through each other.
     """
     first: dict[tuple[int, FeatherKind, float, bool], int] = {}
     shapes = [(id(p.prototype or p.kind), p.kind, p.size, p.mirrored) for p in placements]
@@ -235,7 +237,7 @@ def _model(
 
     def compute() -> dict[str, Any]:
         some = [feathers[k] for k in first.values()]
-        model = make_model(some, kinds, resolution.coefficients, hooked)
+        model = make_model(some, kinds, resolution.coefficients, hooked, touching)
         return with_damping(model, kinds).arrays()
 
     grid = resolution.level, resolution.rows, resolution.columns, resolution.coefficients
@@ -243,7 +245,7 @@ def _model(
         (each.kind.uncoloured, each.prototype and each.prototype.uncoloured) for each in own
     ]
     sizes = [(*pair, each.size, each.mirrored) for pair, each in zip(shapes_of, own, strict=True)]
-    return Model.of(kept("models", [sizes, *grid, hooked], compute)).some(chosen)
+    return Model.of(kept("models", [sizes, *grid, hooked, touching], compute)).some(chosen)
 
 
 def _slips(kind: FeatherKind, resolution: Resolution) -> bool:

@@ -191,7 +191,7 @@ def test_gradient_with_a_guard_is_the_derivative_of_the_energy(seed):
         comparable(*feather_models(guarded, 7, 3)),
         no_loads(1, (1.0, 2.0, -9.81)),
     )
-    free = model._replace(cell_guard=np.zeros((1, 0, 0, 0, 0)))
+    free = model._replace(cell_guard=np.zeros((1, 0, 0, 0, 0, 0)))
     solver, without = (NodalSolver(each, nodal, Settings()) for each in (model, free))
     state, direction = random_pose(model, nodal, seed)
     system = solver.system(state, loads, 0)

@@ -42,11 +42,11 @@ def compressed(rng: np.random.Generator) -> np.ndarray:
 
 
 def energy(nodes: np.ndarray) -> float:
-    return guard_energy(2.3, *membrane_strain(*nodes, REST))
+    return guard_energy((2.3, 1.0), *membrane_strain(*nodes, REST))
 
 
 def gradient(nodes: np.ndarray) -> np.ndarray:
-    slope, _, by_across, by_shear = guard_slopes(2.3, *membrane_strain(*nodes, REST))
+    slope, _, by_across, by_shear = guard_slopes((2.3, 1.0), *membrane_strain(*nodes, REST))
     lines = np.zeros((2, 3, 3))
     membrane_gradient(*nodes, REST, lines)
     return slope * (by_across * lines[0] + by_shear * lines[1]).ravel()
@@ -75,11 +75,11 @@ def test_area_ratio_is_that_of_the_areas() -> None:
 
 
 def test_nothing_at_rest_and_under_tension() -> None:
-    assert guard_energy(1.0, 0.0, 0.0) == 0.0
-    assert guard_slopes(1.0, 0.0, 0.0)[:2] == (0.0, 0.0)
-    assert guard_energy(1.0, 0.3, 0.2) == 0.0
+    assert guard_energy((1.0, 1.0), 0.0, 0.0) == 0.0
+    assert guard_slopes((1.0, 1.0), 0.0, 0.0)[:2] == (0.0, 0.0)
+    assert guard_energy((1.0, 1.0), 0.3, 0.2) == 0.0
     # a complete fold has a finite energy, no slope but a finite curvature
-    assert 0.85 < guard_energy(1.0, -0.5, 0.0) < 1.0
+    assert 0.85 < guard_energy((1.0, 1.0), -0.5, 0.0) < 1.0
 
 
 def guarded_batch(modulus: float):
@@ -95,7 +95,7 @@ def test_the_assembled_gradient_holds_the_guard() -> None:
     """In a random pose; the guard is strong enough for its errors to show."""
     rng = np.random.default_rng(3)
     model = guarded_batch(1e10)
-    free = model._replace(cell_guard=np.zeros((1, 0, 0, 0, 0)))
+    free = model._replace(cell_guard=np.zeros((1, 0, 0, 0, 0, 0)))
     state, loads, work = random_pose(model, rng), no_loads(1), make_work(model)
     load_pose(model, 0, state, work.now)
     without = evaluate(free, loads, 0, 0.0, STILL, work.now, work.around)

@@ -28,10 +28,10 @@ def add_guard(model, nodal, f, signed, work):
             for j in range(columns):
                 near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
                 for half in range(2):
-                    stiffness, strains = guard[side, i, j, half], work.now.strains[at:]
+                    strains = work.now.strains[at:]
                     at += 2
                     slope, curvature, by_across, by_shear = guard_slopes(
-                        stiffness, strains[0], strains[1]
+                        guard[side, i, j, half], strains[0], strains[1]
                     )
                     if slope == 0.0:
                         continue

@@ -24,6 +24,7 @@ from featherfx.solver.contact.run import Run, Team, no_colours, no_islands
 from featherfx.solver.contact.search import Found, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
     WALL_FIT,
+    as_torn,
     carried_mass,
     elastic_stiffness,
     grids_of,
@@ -156,9 +157,9 @@ class ContactSolver:
     ) -> None:
         self.solvers, self.settings = tuple(solvers), settings
         self.candidates = candidates
-        models = [solver.model for solver in solvers]
+        self._models = models = [solver.model for solver in solvers]
         self.grids = grids_of(models)
-        self.surfaces = surfaces_of(models, self.grids, halves)
+        self.surfaces = self._whole = surfaces_of(models, self.grids, halves)
         self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
         self._mass = self.grids.together([carried_mass(model) for model in models])
         bodies = self.grids.bodies
@@ -198,6 +199,7 @@ class ContactSolver:
         feather that cannot be solved has a status in its batch's report, and then what it presses
         is not solved either.
         """
+        self._tear(states)
         substeps, resting, yielding, led, iterations, turns = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
         run = Run(self._team, states, loads, paths, duration, substeps, iterations, free)
@@ -236,6 +238,15 @@ class ContactSolver:
             deep=solved.marks.depth,
         )
         return run.new, run.reports(), report
+
+    def _tear(self, states: Sequence[State]) -> None:
+        """Take the surfaces as the gaps of the states leave them."""
+        if not any(model.hooked for model in self._models):
+            return
+        before = self.surfaces
+        self.surfaces = as_torn(self._whole, self.grids, self._models, states)
+        if (self.surfaces.exists > before.exists).any():
+            self._searcher.forget()
 
     def accept(self, but: Flags | None = None) -> None:
         """Keep the forces of the last interval for the next one. but: (B,) bodies of which, and of

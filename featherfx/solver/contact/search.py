@@ -102,6 +102,10 @@ class Searcher:
         until[:known], wait[:known] = self._clearance.until, self._clearance.wait
         self._clearance = self._clearance._replace(until=until, wait=wait)
 
+    def forget(self) -> None:
+        """Look at all pairs again: there are surfaces that were not there before."""
+        self._clearance.until[:] = -np.inf
+
     def find(
         self,
         search: Search,

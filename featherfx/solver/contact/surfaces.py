@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from featherfx.feather.types import barb_slice
-from featherfx.mechanics.model import Model
+from featherfx.mechanics.model import Gaps, Hooks, Model
 from featherfx.solver.contact.search_kernels import RIM_PARTS
 from featherfx.solver.contact.types import (
     Array,
@@ -22,6 +22,7 @@ from featherfx.solver.contact.types import (
     MovingBodies,
     VaneSurfaces,
 )
+from featherfx.solver.state import State
 
 # FIT for a wall, which does not yield, over that of the node
 WALL_FIT = 2.0
@@ -122,6 +123,28 @@ def surfaces_of(
     return VaneSurfaces(
         present, guests, exists.astype(np.int8), np.array(half, dtype=float), columns, far
     )
+
+
+def as_torn(
+    surfaces: VaneSurfaces, grids: Grids, models: Sequence[Model], states: Sequence[State]
+) -> VaneSurfaces:
+    """The same surfaces without what spans gaps that have opened: barbs beside them are fibres,
+    whose nodes touch others, and others go between them."""
+    guests, exists = surfaces.guests.copy(), surfaces.exists.copy()
+    nodes, parts = surfaces.present.shape[2], RIM_PARTS - 1
+    for model, state, low, high in zip(
+        models, states, grids.first[:-1], grids.first[1:], strict=True
+    ):
+        if not (isinstance(model.hooks, Hooks) and isinstance(state.gaps, Gaps)):
+            continue
+        # what is loose by its kind is a mat of many barbs, which nothing passes
+        torn = (state.gaps.hooked == 0.0) & (model.hooks.limit[..., 0] > 0.0)
+        exists[low:high, :, : torn.shape[2], : torn.shape[3]][torn] = 0
+        rim = torn[:, :, :, -1].any(axis=-1)
+        for side, first in ((1, nodes), (0, nodes + parts)):
+            points = guests[low:high, : torn.shape[2], first : first + parts]
+            points[rim[:, side]] = 0
+    return surfaces._replace(guests=guests, exists=exists)
 
 
 def _far(model: Model) -> Array:

@@ -21,7 +21,13 @@ from featherfx.solver.step.energy_promise_kernels import (
     solved_energy,
     with_energy,
 )
-from featherfx.solver.step.gap_kernels import LARGEST_SLIP, give_way, slip_of_step
+from featherfx.solver.step.gap_kernels import (
+    LARGEST_SLIP,
+    PASSED,
+    barbs_pass,
+    give_way,
+    slip_of_step,
+)
 from featherfx.solver.step.integrator_kernels import (
     EULER,
     NODES,
@@ -157,6 +163,8 @@ def _try(model, loads, f, path, attempt, state, settings, work):
     error = step_error(radius, h, motion_of(state, f, NODES), now.points.nodes, around.target.nodes)
     slipped = slip_of_step(model, f, now.strains.cell, around.gaps, work.gaps)
     error = max(error, settings.tolerance * slipped / LARGEST_SLIP)
+    if barbs_pass(model, f, state.points.nodes[f], now.points.nodes, around.gaps):
+        error = max(error, PASSED * settings.tolerance)
     status, keeps, energy = nearly_solved(solved, attempt.limit, error), 1.0, attempt.promise.energy
     if attempt.promise.alone and status == CONVERGED:
         growth = 0.0

@@ -5,11 +5,22 @@ strength give way: in proportion to their slip where their triangle holds less t
 costs, else at once (vane_hook_kernels). At once only one gap of each vane opens in a step, the one
 that slipped most at its strength: what was stressed as much as it may be relieved then, and splits
 run along barbs because the stress beside an opened triangle is higher in the same gap.
+
+Barbs that nothing joins may touch. That they do not pass through each other within one step is told
+by the normal N of the triangle between them, over its size at rest, so that |N| is their distance
+over that at rest: a normal that turns over from N_0 to N_1, past zero by less than half of where
+they touch,
+
+    N_0.N_1 < 0,      min |N_0 + t (N_1 - N_0)| < n / 2
+
+has not gone round. Such a step is repeated shorter where it can be.
 """
 
 from math import inf, sqrt
 
+from featherfx.algebra.vec3_kernels import add, dot, length, normal_of, scale, sub
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_guard_kernels import area_ratio
 from featherfx.mechanics.vane_hook_kernels import (
     copy_gaps,
@@ -21,6 +32,9 @@ from featherfx.mechanics.vane_hook_kernels import (
 
 # slip in one step, as a strain, above which the step is repeated shorter where it can be
 LARGEST_SLIP = 0.02
+# error over tolerance of a step in which barbs pass through each other, and how near that is, over
+# the distance at which they touch
+PASSED, THROUGH = 8.0, 0.5
 # part of the strength that counts as none
 LOOSE = 1e-3
 # of Gaps.spent
@@ -61,6 +75,59 @@ def slip_of_step(model, f, cell, before, after):
                     after.slip[side, i, j, half, 1] = slip[1]
                     largest = max(largest, sqrt(across * across + shear * shear))
     return largest
+
+
+@kernel
+def _touching(model, f, gaps, place):
+    """n of barbs that nothing joins at a triangle (side, i, j, half), else 0."""
+    side, i, j, half = place
+    if len(gaps) > 0 and gaps.hooked[side, i, j, half] == 0.0:
+        return gaps.level[side, i, j, half]
+    guard = model.cell_guard[f]
+    loose = guard.shape[0] > 0 and guard[side, i, j, half, 1] < 1.0
+    return guard[side, i, j, half, 1] if loose else 0.0
+
+
+@kernel
+def _normal(points, side, i, j, half):
+    """Normal of triangle A or B (half) of a cell, as long as twice its area."""
+    columns = points.shape[1] // 2
+    near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+    row, other, tip = (i, i + 1, near) if half == 0 else (i + 1, i, far)
+    return normal_of(points[row, near], points[row, far], points[other, tip])
+
+
+@kernel
+def _passes(first, second, least):
+    """Whether a normal turns over from one to another and is shorter than the least between."""
+    change = sub(second, first)
+    if dot(first, second) >= 0.0:
+        return False
+    part = -dot(first, change) / dot(change, change)
+    return length(add(first, scale(part, change))) < least
+
+
+@kernel
+def barbs_pass(model, f, before, after, gaps):
+    """Whether barbs that nothing joins pass through each other on their way between two poses.
+
+    before, after: nodes (n, 1 + 2 m, 3). gaps: at the step's start.
+    """
+    if len(gaps) == 0 and model.cell_guard.shape[1] == 0:
+        return False
+    rest = model.cell_rest[f]
+    for side in range(rest.shape[0]):
+        for i in range(rest.shape[1]):
+            for j in range(rest.shape[2]):
+                for half in range(2):
+                    near = THROUGH * _touching(model, f, gaps, (side, i, j, half))
+                    if near == 0.0 or rest[side, i, j, half, 0] == 0.0:
+                        continue
+                    size = rest[side, i, j, half, 0] * rest[side, i, j, half, 2]
+                    first = _normal(before, side, i, j, half)
+                    if _passes(first, _normal(after, side, i, j, half), near / size):
+                        return True
+    return False
 
 
 @kernel

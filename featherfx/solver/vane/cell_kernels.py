@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.vane_guard_kernels import guard_slopes
+from featherfx.mechanics.vane_guard_kernels import guard_slopes, is_apart
 from featherfx.mechanics.vane_hook_kernels import GapRow, gap_of, gap_response, holds
 from featherfx.mechanics.vane_membrane_kernels import (
     membrane_geometric_stiffness,
@@ -41,8 +41,8 @@ Array = NDArray[np.float64]
 class Strip(NamedTuple):
     """The triangles between two rows of one side.
 
-    rest: (m, 2, 3). stiffness, strains, reference: (m, 2, 2). guard: (2, n-1, m, 2) of all rows, or
-    of size 0. gaps: of the triangles at the step's start, or ().
+    rest: (m, 2, 3). stiffness, strains, reference: (m, 2, 2). guard: (2, n-1, m, 2, 2) of all rows,
+    or of size 0. gaps: of the triangles at the step's start, or ().
     """
 
     rest: Array
@@ -127,9 +127,14 @@ def _mix_strains(columns, coupling, gradient):
 
 @kernel
 def _add_guard(half, guard, strains, cells):
-    """The guard's stresses, and its J as the strain GUARD; guard: (m, 2), strains: (m, 2, 2)."""
-    gradient = cells.gradient
+    """The guard's stresses, and its J as the strain GUARD; guard, strains: (m, 2, 2). Whether any
+    triangle feels it."""
+    gradient, pressed = cells.gradient, False
     for j in range(guard.shape[0]):
+        cells.weight[GUARD, 0, j], cells.weight[GUARD, 1, j] = 0.0, 0.0
+        if is_apart(guard[j, half], strains[j, half, 0], strains[j, half, 1]):
+            continue
+        pressed = True
         slope, curvature, by_across, by_shear = guard_slopes(
             guard[j, half], strains[j, half, 0], strains[j, half, 1]
         )
@@ -141,6 +146,7 @@ def _add_guard(half, guard, strains, cells):
                 gradient[GUARD, node, k, j] = (
                     by_across * gradient[0, node, k, j] + by_shear * gradient[1, node, k, j]
                 )
+    return pressed
 
 
 @kernel
@@ -227,8 +233,9 @@ def add_strip(i, side, half, strip, damping, wanted, vane):
     _load_cells(half, strip, damping, cells)
     slips = _let_slip(half, strip.gaps, strip, damping, cells)
     membrane_gradients(count, own, other, half, cells.rest, gradient)
+    pressed = False
     if guard.shape[0] > 0:
-        _add_guard(half, guard[side, i], strip.strains, cells)
+        pressed = _add_guard(half, guard[side, i], strip.strains, cells)
     for strain in range(2):
         add_forces(count, stress[strain], gradient[strain, 0], 0, on_own)
         add_forces(count, stress[strain], gradient[strain, 1], 1, on_own)
@@ -241,7 +248,7 @@ def add_strip(i, side, half, strip, damping, wanted, vane):
         _mix_strains(columns, cells.coupling, gradient)
     low, high = vane.blocks[i, side], vane.blocks[i + 1, side]
     for strain in range(4):
-        if (strain == GUARD and guard.shape[0] == 0) or (strain == NORMAL and wanted == WHOLE):
+        if (strain == GUARD and not pressed) or (strain == NORMAL and wanted == WHOLE):
             continue
         _add_pairs(count, half, cells.weight[strain], gradient[strain], low, high)
     if wanted == WHOLE:
