@@ -10,6 +10,10 @@ on the barb: linear in the vertices, so feathers of one topology are one product
 strip lies between the lines of half a spacing before and behind its barb and runs to a point at the
 barb's end, which is what makes the vane's outline. As many barbs are drawn as a picture can show,
 at most as many as a feather has.
+
+A vane that may part has two points where the upper edge of a strip of the mesh meets the next row
+(featherfx/feather/lips.py). Barbs between the two rows are those of P, and where the edge is d_j
+away from the row they go along with it, by the part of the strip that lies below them.
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,15 +44,26 @@ _STEP = 1.3  # between numbers of barbs, so that feathers of about one size shar
 _ROUND, _ROUND_FAR = 0.90, 0.50  # how round barbs are shaded where each is drawn, and where not
 
 
+class VaneGrid(NamedTuple):
+    """A vane's vertices from the shaft outwards. rows: (R, C). edges: (R - 1, C), upper edges of
+    the strips between them; None where these are the rows. heights: (R,). places: (C,), on the
+    barb."""
+
+    rows: Indices
+    edges: Indices | None
+    heights: Array
+    places: Array
+
+
 @dataclass(frozen=True)
 class Topology:
     """How the vertices of a mesh make up a feather.
 
-    vanes: of each side, (R, C) vertices from the shaft outwards, heights (R,) and places on the
-    barb (C,). shaft: (R, M) vertices around the shaft and heights (R,); None where it has none.
+    vanes: of each side. shaft: (R, M) vertices around the shaft and heights (R,); None where it has
+    none.
     """
 
-    vanes: tuple[tuple[Indices, Array, Array], ...]
+    vanes: tuple[VaneGrid, ...]
     shaft: tuple[Indices, Array] | None
 
 
@@ -58,7 +74,8 @@ def topology_of(feather: CachedFeather) -> Topology | None:
     vanes = []
     for side in (LEADING, TRAILING):
         if (feather.side == side).any():
-            grid = _vane_grid(feather.st, feather.triangles[feather.side == side])
+            triangles = feather.triangles[feather.side == side]
+            grid = _vane_grid(feather.st, triangles) or _parting_grid(feather.st, triangles)
             if grid is None:
                 return None
             vanes.append(grid)
@@ -70,9 +87,43 @@ def topology_of(feather: CachedFeather) -> Topology | None:
     return Topology(tuple(vanes), shaft) if vanes and shaft else None
 
 
-def _vane_grid(st: Floats, triangles: Indices) -> tuple[Indices, Array, Array] | None:
+def _vane_grid(st: Floats, triangles: Indices) -> VaneGrid | None:
+    """None where rows are no barbs of one number of vertices, one for each place."""
     rows = _rows(st, np.unique(triangles))
-    count = max(len(row) for row in rows)
+    grid = _ordered(st, rows)
+    if grid is None:
+        return None
+    widest = int(np.argmax([len(row) for row in rows]))
+    places = np.abs(st[grid[widest], 0] - 0.5).astype(float)
+    places = (places - places[0]) / max(places[-1] - places[0], 1e-12)
+    heights = st[grid[:, 0], 1].astype(float)
+    return VaneGrid(grid, None, heights, places) if (np.diff(places) > 0).all() else None
+
+
+def _parting_grid(st: Floats, triangles: Indices) -> VaneGrid | None:
+    """As _vane_grid, of a vane that may part: each strip has edges of its own."""
+    heights = st[triangles, 1]
+    low, high = heights.min(axis=1), heights.max(axis=1)
+    lower, upper = [], []
+    for height in np.unique(low):
+        strip = low == height
+        vertices = np.unique(triangles[strip])
+        own = st[vertices, 1]
+        if len(np.unique(high[strip])) != 1 or len(np.unique(own)) != 2:
+            return None
+        lower.append(vertices[own == height])
+        upper.append(vertices[own != height])
+    rows = _ordered(st, [*lower, upper[-1]])
+    edges = _ordered(st, upper)
+    if rows is None or edges is None or rows.shape[1] != edges.shape[1]:
+        return None
+    whole = _vane_grid(st, rows)
+    return None if whole is None else whole._replace(edges=edges)
+
+
+def _ordered(st: Floats, rows: Sequence[Indices]) -> Indices | None:
+    """(R, C) vertices of rows from the shaft outwards, or None."""
+    count = max((len(row) for row in rows), default=0)
     if count < 2 or len(rows) < 2:
         return None
     ordered = []
@@ -83,12 +134,7 @@ def _vane_grid(st: Floats, triangles: Indices) -> tuple[Indices, Array, Array] |
         if len(row) != count:
             return None
         ordered.append(row[np.argsort(np.abs(st[row, 0] - 0.5), kind="stable")])
-    grid = np.array(ordered)
-    widest = int(np.argmax([len(row) for row in rows]))
-    places = np.abs(st[grid[widest], 0] - 0.5).astype(float)
-    places = (places - places[0]) / max(places[-1] - places[0], 1e-12)
-    heights = st[grid[:, 0], 1].astype(float)
-    return (grid, heights, places) if (np.diff(places) > 0).all() else None
+    return np.array(ordered)
 
 
 def _shaft_rings(st: Floats, triangles: Indices) -> tuple[Indices, Array] | None:
@@ -158,10 +204,12 @@ class Plumage:
     def _grouped(self, points: Array) -> Iterator[Geometry]:
         for group in self.groups:
             at = self.starts[group.members]
-            for grid, heights, places in group.topology.vanes:
-                mine = points[at[:, None, None] + grid]
-                colours = self._colours(group.members, grid)
-                yield _strips(mine, colours, heights, places, group)
+            for grid in group.topology.vanes:
+                mine = points[at[:, None, None] + grid.rows]
+                parted = None
+                if grid.edges is not None:
+                    parted = points[at[:, None, None] + grid.edges] - mine[:, 1:]
+                yield _strips(mine, parted, self._colours(group.members, grid.rows), grid, group)
             if group.topology.shaft is not None:
                 rings, heights = group.topology.shaft
                 shafts = self._shafts(group.members, rings)
@@ -245,8 +293,12 @@ def _share(pixels: Array, barbs: int) -> float:
     return min(1.0, barbs * _REAL_SPACING / float(np.median(pixels[:, 1])))
 
 
-def _strips(grid: Array, colours: Array, heights: Array, places: Array, group: _Group) -> Geometry:
-    """The barbs of one vane of n feathers; grid, colours: (n, R, C, 3)."""
+def _strips(
+    grid: Array, parted: Array | None, colours: Array, vane: VaneGrid, group: _Group
+) -> Geometry:
+    """The barbs of one vane of n feathers; grid, colours: (n, R, C, 3). parted: (n, R - 1, C, 3),
+    how far the strips' upper edges are from the rows above them."""
+    heights, places = vane.heights, vane.places
     count, barbs, stations = len(grid), group.barbs, group.stations
     edges = np.linspace(heights[0], heights[-1], barbs + 1)
     middles = 0.5 * (edges[1:] + edges[:-1])
@@ -261,12 +313,16 @@ def _strips(grid: Array, colours: Array, heights: Array, places: Array, group: _
         for along, across in ((edges, inner), (middles, np.ones(1)))
     )
 
-    def of_strips(between: Array, ends: Array) -> Floats:
+    def of_strips(between: Array, ends: Array, away: Array | float = 0.0) -> Floats:
         both = np.stack([between[:, :-1], between[:, 1:]], axis=2)
         whole = both.reshape(count, barbs, 2 * stations, 3)
-        return np.concatenate([whole, ends], axis=2).reshape(-1, 3).astype(np.float32)
+        all_of_them = np.concatenate([whole, ends], axis=2) + away
+        return all_of_them.reshape(-1, 3).astype(np.float32)
 
-    points, along, tangents = (of_strips(*pair) for pair in zip(sheet, tips, strict=True))
+    away: Sequence[Array | float] = (0.0, 0.0, 0.0)
+    if parted is not None:
+        away = _away(parted, vane, edges, inner)
+    points, along, tangents = (of_strips(*each) for each in zip(sheet, tips, away, strict=True))
     each = np.concatenate([np.repeat([-group.round, group.round], stations), [0.0]])
     triangles = _strip_triangles(stations)
     own = np.arange(count * barbs)[:, None, None] * (2 * stations + 1) + triangles
@@ -279,6 +335,24 @@ def _strips(grid: Array, colours: Array, heights: Array, places: Array, group: _
         colours=of_strips(shades, tip_shades),
         across=np.tile(each, count * barbs).astype(np.float32),
     )
+
+
+def _away(parted: Array, vane: VaneGrid, edges: Array, inner: Array) -> tuple[Array, Array, Array]:
+    """(n, B, 2 S + 1, 3) m, how far the points of drawn barbs go along with their strips, and its
+    derivatives along rows and columns. parted: of _strips. edges: (B + 1,) heights between barbs.
+    inner: (S,) places on a barb."""
+    heights, stations = vane.heights, len(inner)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    strip = np.searchsorted(heights, middle, side="right") - 1
+    strip = np.clip(strip, 0, len(heights) - 2)
+    size = np.diff(heights)[strip]
+    at = np.stack([edges[:-1], edges[1:], middle], axis=1)
+    part = np.clip((at - heights[strip, None]) / size[:, None], 0.0, 1.0)
+    # of the points of a strip: its one edge, the other, and the tip
+    part = np.repeat(part, [stations, stations, 1], axis=1)[None, :, :, None]
+    weights, slopes = hermite_weights(vane.places, np.concatenate([inner, inner, [1.0]]))
+    whole, turned = (np.einsum("nbcx,sc->nbsx", parted[:, strip], w) for w in (weights, slopes))
+    return part * whole, whole / size[:, None, None], part * turned
 
 
 @lru_cache

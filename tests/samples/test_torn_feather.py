@@ -1,4 +1,4 @@
-"""samples/torn_feather: a vane that splits in three places and is preened shut by two strokes."""
+"""samples/torn_feather: a post splits a vane in three places, two strokes preen it shut."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from split_vanes import compliance
 
+from featherfx import read_shot
 from featherfx.feather.build import feather_of
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Gaps
-from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 
 SHOT = read_shot(Path(__file__).resolve().parents[2] / "samples/torn_feather/shot.toml")
 TORN, TRAILING = 48, 1
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +32,12 @@ def run():
 
 
 def test_it_splits_in_three_places_from_the_edge(run):
+    """Strips that are open over three of their six cells or more; the post opens single cells
+    beside them."""
     torn = run[0].hooked == 0.0
     assert not torn[0].any()
     whole_cells = torn[TRAILING].all(axis=2)
-    splits = np.flatnonzero(whole_cells.sum(axis=1) > 1)
+    splits = np.flatnonzero(whole_cells.sum(axis=1) > 2)
     assert len(splits) == 3
     assert (np.diff(splits) > 1).all()
     for row in splits:

@@ -25,7 +25,7 @@ from featherfx.lab.networks.experiments import (
     precondition,
 )
 from featherfx.lab.networks.unit_cell import CellTest, cell_moduli, vane_of, vane_text
-from featherfx.lab.ribbons.experiments import HangTest, hang
+from featherfx.lab.ribbons.experiments import HangTest, blown, hang
 from featherfx.lab.rods.experiments import (
     BendTest,
     ModesTest,
@@ -72,6 +72,8 @@ def _ribbon(test: HangTest) -> Iterator[Any]:
     ribbon = replace(test.ribbon, finite_width=not test.sadowsky)
     hung = hang(ribbon, test.clamp, planar=test.planar)
     rest, size = hung.rest, ribbon.elements + 1
+    times, tips = blown(test, hung)
+    moved = {"times": times, "tips": tips} if test.seconds else {}
     yield {
         "tip": rest.curve.points[-1],
         "points": rest.curve.points,
@@ -83,7 +85,7 @@ def _ribbon(test: HangTest) -> Iterator[Any]:
         "iterations": rest.iterations,
         "residual": rest.residual,
         "seconds": hung.seconds,
-    }
+    } | moved
 
 
 def _full_feather(test: FullPull) -> Iterator[Any]:

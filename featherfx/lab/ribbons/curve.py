@@ -112,11 +112,22 @@ def work_of_loads(
 ) -> tuple[float, Array, Array]:
     """Energy (J) of dead forces (N + 1, 3) N at the curve's points, gradient, Hessian."""
     curve = centreline(ribbon, unknowns, frame, links)
+    slope, hessian = slopes_of_loads(curve, curve.points, force)
     energy = -float(np.sum(force * curve.points))
+    return energy, *to_unknowns(ribbon, unknowns, slope, hessian, links)
+
+
+def slopes_of_loads(curve: Curve, points: Array, force: Array) -> tuple[Array, Array]:
+    """Gradient (N, 3) and Hessian (3 N, 3 N) of their energy by the hinges' angles.
+
+    points: (P, 3) m, the curve's and any that are fixed to its last link. force: (P, 3) N.
+    """
+    joints = len(curve.joints)
     # sums over the points beyond a joint: those after it
-    total = np.cumsum(force[::-1], axis=0)[::-1][1:]
-    moment = np.einsum("qm,qn->qmn", force, curve.points)
-    lever = np.cumsum(moment[::-1], axis=0)[::-1][1:] - np.einsum("jm,jn->jmn", total, curve.joints)
+    total = np.cumsum(force[::-1], axis=0)[::-1][1 : joints + 1]
+    moment = np.einsum("qm,qn->qmn", force, points)
+    lever = np.cumsum(moment[::-1], axis=0)[::-1][1 : joints + 1]
+    lever = lever - np.einsum("jm,jn->jmn", total, curve.joints)
     # couple of joint j: sum of (x - p) x f, from lever[m, n] = sum of f_m (x - p)_n
     couple = np.stack(
         [
@@ -131,23 +142,37 @@ def work_of_loads(
     second = trace[:, None, None] * curve.axes - np.einsum("jmn,jam->jan", lever, curve.axes)
     flat = curve.axes.reshape(-1, 3) @ second.reshape(-1, 3).T
     upper = np.triu(flat)
-    hessian = upper + np.triu(flat, 1).T
-    return energy, *_to_unknowns(ribbon, unknowns, slope, hessian, links)
+    return slope, upper + np.triu(flat, 1).T
 
 
-def _to_unknowns(
-    ribbon: Ribbon, unknowns: Array, slope: Array, hessian: Array, links: int
-) -> tuple[Array, Array]:
-    """Gradient and Hessian by hinge angles carried over to curvature and ruling."""
+def slopes_of_points(curve: Curve, points: Array) -> Array:
+    """(P, 3, 3 N), how points move with the hinges' angles; points: as of slopes_of_loads."""
+    away = points[:, None, :] - curve.joints[None]
+    moves = np.cross(curve.axes[None], away[:, :, None, :])
+    beyond = np.arange(len(points))[:, None] > np.arange(len(curve.joints))[None]
+    moves *= beyond[:, :, None, None]
+    return np.moveaxis(moves.reshape(len(points), -1, 3), 1, 2)
+
+
+def angle_slopes(ribbon: Ribbon, unknowns: Array, links: int) -> Array:
+    """(3 N, U) of the hinges' angles (twist / 2, bend, twist / 2) by the unknowns."""
     size = ribbon.elements + 1
     weights = interpolation(ribbon, links)
     c, t = weights @ unknowns[:size], weights @ unknowns[size:]
     step = link_lengths(ribbon, links)[:, None]
-    # angles (twist / 2, bend, twist / 2) by (c, t) of the joint
     by_c = step * np.stack([0.5 * t, np.ones_like(t), 0.5 * t], axis=1)
     by_t = step * np.stack([0.5 * c, np.zeros_like(c), 0.5 * c], axis=1)
     lines = [(by[:, :, None] * weights[:, None, :]).reshape(-1, size) for by in (by_c, by_t)]
-    jacobian = np.concatenate(lines, axis=1)
+    return np.concatenate(lines, axis=1)
+
+
+def to_unknowns(
+    ribbon: Ribbon, unknowns: Array, slope: Array, hessian: Array, links: int
+) -> tuple[Array, Array]:
+    """Gradient and Hessian by hinge angles carried over to curvature and ruling."""
+    size = ribbon.elements + 1
+    weights, jacobian = interpolation(ribbon, links), angle_slopes(ribbon, unknowns, links)
+    step = link_lengths(ribbon, links)[:, None]
     gradient = jacobian.T @ slope.ravel()
     matrix = jacobian.T @ hessian @ jacobian
     # the twist is a product of two unknowns

@@ -14,8 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.lab.declare import part, value
+from featherfx.lab.declare import (
+    FINITE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    out_of_range,
+    part,
+    require,
+    value,
+)
 from featherfx.lab.ribbons.energy import Ribbon
+from featherfx.lab.ribbons.motion import Air, Pace, RibbonMotion
 from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon
 from featherfx.lab.rods.rod import Rod, rod_loads, rod_model, tributary_length
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
@@ -46,12 +55,17 @@ class HangTest:
     along z. `stability` is the lowest eigenvalue of the energy's Hessian, in units of rigidity
     times width over length with curvatures times the length: negative where the shape is not
     stable, which only --planar shows.
+
+    With --seconds it then moves in a wind, and `times` (s) and `tips` (m) tell where its end goes.
     """
 
     ribbon: Ribbon = part("finite_width")
     sadowsky: bool = value("The limit of a narrow ribbon.", False)
     clamp: Clamp = value("Direction at the clamp.", "level")
     planar: bool = value("Stay in the plane of the clamp, stable or not.", False)
+    wind: float = value("m/s, along x.", 0.0, FINITE)
+    seconds: float = value("s, that it moves.", 0.0, NOT_NEGATIVE)
+    step: float = value("s, of the motion.", 0.01, POSITIVE)
 
 
 @dataclass(frozen=True)
@@ -84,6 +98,23 @@ def hang(ribbon: Ribbon, clamp: Clamp = "level", *, planar: bool = False) -> Hun
     rest = settle_ribbon(ribbon, frame, GRAVITY, leave_saddles=not planar)
     seconds = time.perf_counter() - begin
     return Hung(rest, float(np.abs(rest.curve.points[:, 2]).max()), seconds)
+
+
+def blown(test: HangTest, hung: Hung) -> tuple[Array, Array]:
+    """Times (T,) s and places (T, 3) m of the tip of a ribbon that hung and moves in the wind.
+
+    Raises InputError for values out of range, SimulationError where a step finds no solution.
+    """
+    require(*out_of_range(test, "ribbon"))
+    ribbon = replace(test.ribbon, finite_width=not test.sadowsky)
+    moving = RibbonMotion(ribbon, clamp_frame(test.clamp), GRAVITY)
+    state, pace = moving.let_go(hung.rest.unknowns), Pace(test.step)
+    times, tips = [0.0], [hung.rest.curve.points[-1]]
+    while times[-1] < test.seconds - 0.5 * test.step:
+        state = moving.advance(state, pace, Air((test.wind, 0.0, 0.0)))
+        times.append(state.time)
+        tips.append(moving.points(state.unknowns)[-3])
+    return np.array(times), np.array(tips)
 
 
 def planar_limit(ribbon: Ribbon, clamp: Clamp, shortest: float, longest: float) -> float:

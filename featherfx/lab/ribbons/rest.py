@@ -91,7 +91,7 @@ def settle_ribbon(
     unknowns = np.array(ribbon.rest if start is None else start, dtype=float)
     iterations = 0
     for _ in range(ESCAPES):
-        unknowns, count = _descend(ribbon, unknowns, scale, at, energy_at)
+        unknowns, count = descend(ribbon, unknowns, scale, at, energy_at)
         iterations += count
         energy, gradient, matrix = at(unknowns)
         values, vectors = eigh(matrix, subset_by_index=[0, 0])
@@ -111,7 +111,7 @@ def settle_ribbon(
     )
 
 
-def _descend(
+def descend(
     ribbon: Ribbon, unknowns: Array, scale: Array, at: System, energy_at: Energy
 ) -> tuple[Array, int]:
     """Newton steps to a stationary shape; returns it with the number of iterations."""
