@@ -24,6 +24,7 @@ from featherfx.shot.read.sources import SceneReaders
 from featherfx.shot.types import Quality, Shot
 
 if TYPE_CHECKING:
+    from featherfx.shot.checkpoint import Checkpoint
     from featherfx.shot.simulate import Simulation
 
 Folders = Iterable[str | Path]
@@ -80,17 +81,23 @@ def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]
 
 
 def simulate(
-    shot: Shot | str | Path, jobs: int = 1, frames: tuple[int, int] | None = None
+    shot: Shot | str | Path,
+    jobs: int = 1,
+    frames: tuple[int, int] | None = None,
+    start: Checkpoint | None = None,
 ) -> Simulation:
     """Simulate a shot, or a shot file; iterate over the result for its frames.
 
     jobs: threads. frames: first and last of those wanted; those before are computed all the same.
-    Raises InputError here and, while iterating, SimulationError.
+    start: `checkpoint()` of another simulation, to go on after its last frame; the shot may differ
+    from that one's in its loads and motion, not in feathers, quality or frame rate. Raises
+    InputError here and, while iterating, SimulationError.
     """
     # the solver takes its time to load, which nothing else here needs
     from featherfx.shot import simulate as loop
 
-    return loop.simulate(read_shot(shot) if isinstance(shot, str | Path) else shot, jobs, frames)
+    whole = read_shot(shot) if isinstance(shot, str | Path) else shot
+    return loop.simulate(whole, jobs, frames, start=start)
 
 
 def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneReaders:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.errors import SimulationError
+from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.model import Loads
@@ -280,7 +280,11 @@ class Simulation:
         )
 
     def _take_over(self, start: Checkpoint) -> None:
-        """Stand where another simulation of the shot stood."""
+        """Stand where another simulation of the shot stood. Raises InputError for one of others."""
+        own = [group.state.points.nodes.shape for group in self._groups]
+        if own != [state.points.nodes.shape for state in start.states]:
+            message = "is of other feathers, or of another quality"
+            raise InputError(Problem(str(self.shot.source), "start", message))
         self._index = start.index
         for group, state, first in zip(self._groups, start.states, start.starts, strict=True):
             group.state, group.start = state, first
