@@ -1,6 +1,8 @@
 """Makes body.usdc: the skin of a walking pigeon, as one closed mesh on a skeleton.
 
-python samples/pigeon/make_body.py [OUT.usdc]
+python samples/pigeon/make_body.py [OUT.usdc [--plain]]
+
+--plain leaves the folded wings out of the shape, as for a bird whose wings are feathers alone.
 
 The shape is a smooth union of ellipsoids and tapered capsules, given by its distance function and
 turned into a mesh by surface nets (Gibson 1998): one point in every cell of a lattice that the
@@ -23,6 +25,7 @@ ROUNDING = 0.012  # m, radius over which parts pass into each other
 SHARE_WIDTH = 0.006  # m, over which the parts' primvars pass into each other
 FRAMES, FRAMES_PER_SECOND = 96, 24
 STEP = 12  # frames from one step to the next
+LEFT_OUT: set[str] = set()  # parts
 
 # joint: parent, pivot
 JOINTS = {
@@ -72,7 +75,7 @@ def parts(points):
         ((0.0, 0.03, 0.006), (-0.02, 0.03, 0.004)),
     ):
         leg = np.minimum(leg, capsule(right, start, end, 0.005, 0.0045))
-    return {
+    found = {
         "torso": torso,
         "neck": capsule(points, (0.06, 0, 0.2), (0.106, 0, 0.272), 0.036, 0.0215),
         "head": ellipsoid(points, (0.117, 0, 0.285), (0.0265, 0.0205, 0.0215), -8),
@@ -81,6 +84,7 @@ def parts(points):
         "rump": capsule(points, (-0.06, 0, 0.157), (-0.127, 0, 0.128), 0.034, 0.015),
         "leg": leg,
     }
+    return {name: value for name, value in found.items() if name not in LEFT_OUT}
 
 
 def distance(points):
@@ -282,6 +286,8 @@ def make(path):
 
 
 if __name__ == "__main__":
+    if "--plain" in sys.argv[2:]:
+        LEFT_OUT.add("wing")
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("body.usdc")
     target.unlink(missing_ok=True)
     print("{} points, {} faces".format(*make(target)))

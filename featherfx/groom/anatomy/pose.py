@@ -56,10 +56,12 @@ def about_dorsal(degrees: float) -> Array:
 def upper_arms(kind: WingType, axes: Array, left: bool) -> Array:
     """(2, 3, 3) frames of the upper arm, spread and folded. axes: (3, 3) body, x forward, z up."""
     turn = 1.0 if left else -1.0
-    forward, sideways, up = axes[:, 0], turn * axes[:, 1], axes[:, 2]
+    up = axes[:, 2]
     found = []
-    for back, roof in zip(kind.shoulder, kind.roof, strict=True):
-        down = np.radians(roof)
+    for back, roof, tuck in zip(kind.shoulder, kind.roof, kind.tuck, strict=True):
+        down, inwards = np.radians(roof), np.radians(tuck)
+        forward = np.cos(inwards) * axes[:, 0] + np.sin(inwards) * turn * axes[:, 1]
+        sideways = np.cos(inwards) * turn * axes[:, 1] - np.sin(inwards) * axes[:, 0]
         outwards = np.cos(down) * sideways - np.sin(down) * up
         dorsal = np.cos(down) * up + np.sin(down) * sideways
         angle = np.radians(back)

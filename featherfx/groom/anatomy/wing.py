@@ -92,7 +92,9 @@ def wing(
     if not _sound(found, remiges, axes):
         return [], []
     drafts = list(_flight(found, remiges))
-    for number in range(len(kind.coverts)):
+    for number, row in enumerate(kind.coverts):
+        if row.side == "below" and not entry["below"]:
+            continue
         drafts += _coverts(found, remiges, number)
     drafts += _alula(found, remiges)
     return drafts, _joints(found)
@@ -342,7 +344,7 @@ def _alula(wing: _Wing, remiges: _Remiges) -> Iterator[Draft]:
         region="alula",
         width=row.width,
         layer=level + 1,
-        height=height,
+        height=(1.0 + 0.5 / max(level, 1)) * height,
         own=np.arange(row.count),
         lengths=alula.lengths,
         forward=alula.forward,

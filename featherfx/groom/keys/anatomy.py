@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from featherfx.groom.keys.values import ArrayOf, Number, Table, Text, keys_of
+from featherfx.groom.keys.family import Preset
+from featherfx.groom.keys.values import ArrayOf, Default, Key, Number, Table, Text, keys_of
 
 _LENGTH = Number(1e-3, 5, "m")
 _SPREAD_FOLDED = ArrayOf(Number(-180, 180, "deg"), 2, 2)
@@ -77,6 +78,12 @@ class WingType:
         _SPREAD_FOLDED,
         "Turn of the wing about the body's long axis, down along the flank.",
     ]
+    tuck: Annotated[
+        tuple[float, float],
+        _SPREAD_FOLDED,
+        "Turn of the wing about the body's upright axis, its trailing end inwards.",
+        Default((0.0, 0.0)),
+    ] = (0.0, 0.0)
     innermost: Annotated[
         tuple[float, float], _SPREAD_FOLDED, "Innermost feather, against the forearm."
     ]
@@ -100,3 +107,86 @@ class WingType:
         Number(-360, 360, "deg"),
         "Turning of the longest feather's shaft; all others are as curved, so that they nest.",
     ] = 6.0
+
+
+# parts of a body that carry feathers, from the beak to the tail
+PARTS = (
+    *("face", "crown", "throat", "nape", "foreneck", "breast", "mantle", "scapular"),
+    *("back", "flank", "belly", "thigh", "rump", "vent"),
+)
+
+
+@dataclass(frozen=True)
+class PartOfBody:
+    """The coat of a part of the body."""
+
+    kind: Annotated[str, Text(), "Feather preset."]
+    length: Annotated[float, Number(1e-3, 5, "m"), "Length of the feathers."]
+    cover: Annotated[
+        float,
+        Number(0, 100),
+        "Feathers on a square as wide as they are long; 0: bare.",
+    ] = 9.0
+    width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
+    tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 5.0
+    curl: Annotated[float, Number(-360, 360, "deg"), "Added to the camber of the shafts."] = 3.0
+    uneven: Annotated[
+        float, Number(0, 0.3), "Standard deviation of lengths, relative; 50 deg of it of turns."
+    ] = 0.06
+
+
+_PART = Table(keys_of(PartOfBody), "table of a part of the body")
+
+
+@dataclass(frozen=True)
+class TailOfBird:
+    """The tail of a bird; the same keys of [[tail]]."""
+
+    count: Annotated[int, Number(0, MOST_IN_A_ROW, whole=True), "Feathers, in pairs; 0: none."]
+    lengths: Annotated[
+        tuple[float, ...],
+        ArrayOf(_LENGTH, 1, MOST_IN_A_ROW),
+        "Lengths from the central to the outermost, spread evenly.",
+    ]
+    root_width: Annotated[float, Number(0, 1, "m"), "From the outermost root to the other."]
+    kind: Annotated[str, Text(), "Feather preset."] = "rectrix"
+    angles: Annotated[
+        tuple[float, float],
+        ArrayOf(Number(-360, 360, "deg"), 2, 2),
+        "Angle of the whole fan, closed and open.",
+        Default((10.0, 110.0)),
+    ] = (10.0, 110.0)
+    width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
+    droop: Annotated[
+        float, Number(-180, 180, "deg"), "How far the tail points below the line of the back."
+    ] = 0.0
+
+
+@dataclass(frozen=True)
+class CrestOfBird:
+    """The crest of a bird, from the middle of forehead and crown to the nape."""
+
+    count: Annotated[int, Number(0, MOST_IN_A_ROW, whole=True), "Feathers; 0: none."] = 0
+    lengths: Annotated[
+        tuple[float, ...],
+        ArrayOf(_LENGTH, 1, MOST_IN_A_ROW),
+        "Lengths from front to back, spread evenly.",
+        Default((0.03,)),
+    ] = (0.03,)
+    kind: Annotated[str, Text(), "Feather preset."] = "body_contour"
+    angles: Annotated[
+        tuple[float, float],
+        ArrayOf(Number(-360, 360, "deg"), 2, 2),
+        "Angle of the foremost feather above the skull, flat and raised.",
+        Default((8.0, 80.0)),
+    ] = (8.0, 80.0)
+    width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
+
+
+BIRD_TYPE = {
+    "length": Key(Number(1e-3, 100, "m"), "From the tip of the beak to the root of the tail."),
+    "wing": Key(Preset("wing", keys_of(WingType)), "Its wings."),
+    "tail": Key(Table(keys_of(TailOfBird), "table of a tail"), "Its tail."),
+    "crest": Key(Table(keys_of(CrestOfBird), "table of a crest"), "Its crest.", {}),
+    "parts": Key(Table({name: Key(_PART, f"The {name}.") for name in PARTS}), "Its coat."),
+}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from featherfx.groom.keys.anatomy import MOST_IN_A_ROW
 from featherfx.groom.keys.places import POINT, SPACE
 from featherfx.groom.keys.preset import DIALS, FAMILIES, FEATHER, names_or_list
-from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN
+from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN, WHERE
 from featherfx.groom.keys.values import (
     ArrayOf,
     Direction,
@@ -202,6 +202,7 @@ WING = {
     "layer": REGION["layer"],
     "joint": Key(_LABEL, "Joint that carries the shoulder; empty: the groom itself.", ""),
     "side": Key(Text(("left", "right")), "Side of the bird.", "right"),
+    "below": Key(Flag(), "Coverts below the wing, too; one that stays folded does without.", True),
     "mirror": _MIRROR,
 }
 
@@ -247,6 +248,46 @@ CREST = {
     "layer": REGION["layer"],
     "region": Key(_LABEL, "Free label, written to USD.", "crest"),
     "joint": Key(_LABEL, "Joint that carries the crest; empty: the groom itself.", ""),
+}
+
+_WING_LANDMARKS = Key(
+    ArrayOf(POINT, 3, 3),
+    "Elbow, wrist and tip of the hand's bones, of both wings or of none; default: as the type has "
+    "them, by `fold`.",
+    None,
+)
+
+LANDMARKS = {
+    "beak": Key(POINT, "Tip of the beak."),
+    "crown": Key(POINT, "Top of the head."),
+    "nape": Key(POINT, "Back of the head, where the neck begins."),
+    "breast": Key(POINT, "Foremost place of the breast."),
+    "right_shoulder": Key(POINT, "Where the right wing leaves the body."),
+    "left_shoulder": Key(POINT, "The same of the left wing."),
+    "vent": Key(POINT, "Below the tail, between the legs and its root."),
+    "tail": Key(POINT, "Root of the tail."),
+    "right_wing": _WING_LANDMARKS,
+    "left_wing": _WING_LANDMARKS,
+    "right_heel": Key(POINT, "Joint below which the right leg is bare.", None),
+    "left_heel": Key(POINT, "The same of the left leg.", None),
+}
+
+BIRD = {
+    "type": Key(FAMILIES["bird"], "Bird preset, or a table that starts from one."),
+    "landmarks": Key(Table(LANDMARKS, "table of landmarks"), "Places of the body."),
+    "up": Key(Direction(), "The body's upper side.", (0.0, 0.0, 1.0)),
+    "scale": Key(
+        _FACTOR,
+        "Factor of all lengths of the type; default: that of the distance from beak to tail.",
+        None,
+    ),
+    "fold": Key(Number(0, 1), "Of the wings: spread (0) to folded (1).", 1.0),
+    "fan": Key(Number(0, 1), "Of the tail: closed (0) to open (1).", 0.0),
+    "raise": Key(Number(0, 1), "Of the crest: flat (0) to raised (1).", 0.0),
+    "bare": Key(
+        ArrayOf(Table(WHERE), 0, 100), "Rules as of a region: where the body has no feathers.", ()
+    ),
+    "joint": Key(_LABEL, "Joint that carries wings and tail; empty: the groom itself.", ""),
 }
 
 USD_NAMES = {name: Key(Text(), "Primvar that holds it.", None) for name in DEFAULT_NAMES}
@@ -302,6 +343,7 @@ GROOM = {
     "joint": Key(Tables(Table(JOINT), 10_000), "Joints of the skeleton.", ()),
     "feather": Key(Tables(Table(FEATHER_ENTRY), MOST_FEATHERS), "Feathers placed one by one.", ()),
     "row": Key(Tables(Table(ROW), 10_000), "Rows of feathers.", ()),
+    "bird": Key(Table(BIRD), "A whole bird, from landmarks of its body.", None),
     "wing": Key(Tables(Table(WING), 1000), "Whole wings.", ()),
     "tail": Key(Tables(Table(TAIL), 1000), "Tails that fan.", ()),
     "crest": Key(Tables(Table(CREST), 1000), "Crests that rise.", ()),

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.groom.keys.anatomy import WingType
+from featherfx.groom.keys.anatomy import BIRD_TYPE, WingType
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.values import (
     REQUIRED,
@@ -219,6 +219,7 @@ FAMILIES = {
         Preset("wind", keys_of(Wind)),
         Preset("motion", _MOTION, _KINDS),
         Preset("wing", keys_of(WingType)),
+        Preset("bird", BIRD_TYPE),
     )
 }
 

@@ -44,6 +44,11 @@ SKIN = {
     ),
 }
 
+NEAREST = {
+    "to": Key(ArrayOf(POINT, 1, 1000), "Points."),
+    "than": Key(ArrayOf(POINT, 1, 10_000), "The others."),
+}
+
 WHERE = {
     "primvar": Key(Text(), "Scalar primvar of the skin, 0 to 1.", None),
     "subset": Key(Text(), "GeomSubset of the skin: 1 on its faces, 0 elsewhere.", None),
@@ -61,6 +66,9 @@ WHERE = {
     "x": Key(_RANGE, "1 between two values of x.", None),
     "y": Key(_RANGE, "1 between two values of y.", None),
     "z": Key(_RANGE, "1 between two values of z.", None),
+    "nearest": Key(
+        Table(NEAREST), "1 where one of some points is nearer than all of some others.", None
+    ),
     "facing": Key(Direction(), "1 where the skin faces a direction, to within `angle`.", None),
     "room": Key(
         RADIUS,
@@ -71,7 +79,7 @@ WHERE = {
     "angle": Key(Number(0, 180, "deg"), "Of `facing`.", 90.0),
     "soft": Key(
         RADIUS,
-        "Width over which box, sphere, ranges and room fade out, inside and out.",
+        "Width over which box, sphere, ranges, nearest and room fade out, inside and out.",
         0.0,
     ),
     "soft_angle": Key(Number(0, 180, "deg"), "Angle over which `facing` fades out.", 20.0),

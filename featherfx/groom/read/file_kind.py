@@ -19,7 +19,7 @@ def file_kind(raw: dict[str, Any], path: Path, others: Mapping[str, Table]) -> s
     """
     folder = path.absolute().parent.as_posix()
     for family in FAMILIES:
-        if folder.endswith(f"/{family}"):
+        if folder.endswith(f"/{family}") and "name" not in raw:  # no preset has one
             return family
     tables = {**others, "groom": GROOM_FILE}
     tables |= {name: family.extended for name, family in FAMILIES.items()}

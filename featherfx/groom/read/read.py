@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import about_x
+from featherfx.groom.anatomy.bird import hatch
 from featherfx.groom.anatomy.grown import grown_parts
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.values import INVALID, Place, Problems
@@ -34,6 +35,7 @@ from featherfx.limits import MOST_COMPARED, MOST_FEATHERS
 
 _SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
 _FEATHER_KEYS = {
+    "bird",
     "feather",
     "row",
     "wing",
@@ -106,6 +108,7 @@ def groom_of(
         readers = replace(readers, skin=kept_skins(readers.skin))
     space = in_groom(parts, place, None if readers is None else readers.skin)
     store = KindStore(library)
+    hatch(parts, place, library)
     grown = grown_parts(parts, store, library, space)
     joints = _joints(parts["joint"], grown.joints, space)
     plumage = plumage_of(raw, parts, place, store, readers, space)
@@ -116,7 +119,7 @@ def groom_of(
         return None
     if not drafts and not len(library.problems):
         place.fail(
-            "there are no feathers; expects a [[feather]], [[row]], [[wing]], [[tail]], "
+            "there are no feathers; expects a [bird], [[feather]], [[row]], [[wing]], [[tail]], "
             "[[crest]], [[table]], [[usd]] or [[region]]"
         )
     for rules, at in ((parts["overrides"], place), *above):

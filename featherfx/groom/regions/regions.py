@@ -85,8 +85,8 @@ def plumage_of(
     """The plumage of a groom's file at place, as written and checked; problems go to place."""
     checked = parts["layout"]
     layout = None if checked is None or checked is INVALID else Layout(**checked)
-    written, entries = raw.get("region"), parts["region"]
-    if not isinstance(written, list) or not written:
+    written, entries = raw.get("region", []), parts["region"]
+    if not isinstance(written, list) or not (written or entries):
         return Plumage(layout=layout)
     first: dict[str, Place] = {}
     for at, entry in entries:

@@ -44,7 +44,10 @@ class GroomSkin:
     folder: Path
 
 
-_PLACES = ("primvar", "subset", "image", "box", "sphere", "x", "y", "z", "facing", "room")
+_PLACES = (
+    *("primvar", "subset", "image", "box", "sphere", "x", "y", "z"),
+    *("nearest", "facing", "room"),
+)
 _FLOWS = ("direction", "away", "towards", "primvar", "curves")
 _GUIDES = 8  # guide points that a direction is interpolated from
 # a direction whose part along the skin is a smaller share of it says nothing
@@ -139,6 +142,14 @@ def _analytic(name: str, rule: dict[str, Any], space: Space, place: Place) -> Ru
         return facing
     if name == "room":
         return lambda points: _fade(points.interpolated(points.surface.room) - value, soft)
+    if name == "nearest":
+        own, others = search_tree(np.array(value["to"])), search_tree(np.array(value["than"]))
+
+        def nearest(points: SurfacePoints) -> Array:
+            (here, _), (there, _) = own.query(points.position), others.query(points.position)
+            return _fade(0.5 * (there - here), soft)
+
+        return nearest
     if name == "sphere":
         centre, radius = np.array(value["centre"]), value["radius"]
         return lambda points: _fade(radius - np.linalg.norm(points.position - centre, axis=1), soft)

@@ -13,7 +13,7 @@ from featherfx import limits
 from featherfx.groom.keys import groom as groom_keys
 from featherfx.groom.keys import preset as preset_keys
 from featherfx.groom.keys import regions as region_keys
-from featherfx.groom.keys.anatomy import CovertRow, FlightRow
+from featherfx.groom.keys.anatomy import CovertRow, CrestOfBird, FlightRow, PartOfBody, TailOfBird
 from featherfx.groom.keys.values import REQUIRED, Key, keys_of
 from featherfx.groom.types import BarbGuide, Hooked, RachisShape, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
@@ -73,6 +73,8 @@ _GROOM = (
     ("### [[feather]]", groom_keys.FEATHER_ENTRY),
     ("### [[row]]", groom_keys.ROW),
     ("### first and last of a [[row]]", groom_keys.ROOT),
+    ("### [bird]", groom_keys.BIRD),
+    ("### [bird.landmarks]", groom_keys.LANDMARKS),
     ("### [[wing]]", groom_keys.WING),
     ("### [[tail]]", groom_keys.TAIL),
     ("### [[crest]]", groom_keys.CREST),
@@ -83,6 +85,7 @@ _GROOM = (
     ("### [[region]]", region_keys.REGION),
     ("### kind of a [[region]]", region_keys.REGION_KIND),
     ("### where of a [[region]]", region_keys.WHERE),
+    ("### nearest of a where", region_keys.NEAREST),
     ("### flow of a [[region]]", region_keys.FLOW),
     ("### variation of a [[region]]", region_keys.SPREAD),
     ("### [layout]", region_keys.LAYOUT),
@@ -106,6 +109,10 @@ _FAMILIES = (
     ("### wing preset", preset_keys.FAMILIES["wing"].keys),
     ("### flight feathers of a wing", keys_of(FlightRow)),
     ("### coverts of a wing", keys_of(CovertRow)),
+    ("### bird preset", preset_keys.FAMILIES["bird"].keys),
+    ("### [tail] of a bird", keys_of(TailOfBird)),
+    ("### [crest] of a bird", keys_of(CrestOfBird)),
+    ("### parts of a bird", keys_of(PartOfBody)),
 )
 
 

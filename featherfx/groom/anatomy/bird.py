@@ -1,0 +1,269 @@
+"""[bird]: wings, tail, crest and the coat of a whole bird, from landmarks of its body.
+
+A part of the body is where one of its sites is nearer than those of all other parts; sites stand
+between landmarks, so they fit any skin. What a bird becomes are tables of a groom like all others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import frames_from, from_rotation_vector, parallel
+from featherfx.groom.keys.anatomy import PARTS
+from featherfx.groom.keys.groom import CREST, TAIL, WING
+from featherfx.groom.keys.regions import FLOW, LAYOUT, REGION, SPREAD, WHERE
+from featherfx.groom.keys.values import INVALID, Key, Place
+from featherfx.groom.presets.library import Library, plain, sourced
+
+Array = NDArray[np.float64]
+Points = dict[str, Array]
+
+# of what lies over what, wings being 0 to 9: breast, neck and mantle over the wings' roots, what
+# wings lie on below; chosen by eye
+_LAYERS = {
+    **dict.fromkeys(("face", "crown", "throat", "nape", "foreneck", "breast", "mantle"), 30),
+    "scapular": 20,
+    **dict.fromkeys(("back", "flank", "belly", "thigh", "rump", "vent"), -20),
+}
+_TAIL_LAYER = -30
+# feathers are laid over each other where the groom does not say how (chosen on the pigeon)
+_LAYOUT = {
+    "most_tilt": 30.0,
+    "most_tilt_placed": 6.0,
+    "most_lift": 2e-3,
+    "least_size": 0.5,
+    "drop": 2e-4,
+}
+_BEAK = 0.42  # of the way from beak to crown: bare
+
+
+def hatch(parts: dict[str, Any], place: Place, library: Library) -> None:
+    """Adds what a groom's checked [bird] becomes to its other tables; problems go to place."""
+    entry, at = parts["bird"], place.child("bird")
+    if entry is None or entry is INVALID or len(place.problems):
+        return
+    if parts["skin"] is None:
+        at.fail("stands without [skin], whose coat it makes")
+        return
+    points = {k: np.array(v) for k, v in entry["landmarks"].items() if v is not None}
+    axes = _axes(points, entry["up"], at.child("landmarks"))
+    given = sourced(entry["type"], at.source)
+    tree = library.merged("bird", given, at.child("type"))
+    if axes is None or tree is None:
+        return
+    kind = plain(tree)
+    scale = entry["scale"] or _distance(points, "beak", "tail") / kind["length"]
+    parts["wing"] += [(at, each) for each in _wings(entry, kind, points, axes, scale)]
+    if kind["tail"]["count"]:
+        parts["tail"].append((at, _tail(entry, kind["tail"], points, axes, scale)))
+    if kind["crest"]["count"]:
+        parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale)))
+    sites = _sites(points, axes, entry["fold"])
+    for name in PARTS:
+        if kind["parts"][name]["cover"] > 0.0 and name in sites:
+            region = _region(name, kind["parts"][name], sites, points, scale)
+            region["where"] += tuple({**r, "invert": not r["invert"]} for r in entry["bare"])
+            parts["region"].append((at.child(f"type.parts.{name}"), region))
+    if parts["layout"] is None:
+        parts["layout"] = _filled(LAYOUT, **_LAYOUT)
+
+
+def _filled(keys: Mapping[str, Key], **values: Any) -> dict[str, Any]:
+    """A checked table: values, and the defaults of other keys."""
+    return {name: key.default for name, key in keys.items()} | values
+
+
+def _distance(points: Points, first: str, second: str) -> float:
+    return float(np.linalg.norm(points[first] - points[second]))
+
+
+def _axes(points: Points, up: tuple[float, ...], place: Place) -> Array | None:
+    """(3, 3) forward along the trunk, left and up; None after adding a problem."""
+    wings = [name for name in ("right_wing", "left_wing") if name in points]
+    if len(wings) == 1:
+        missing = "left_wing" if wings[0] == "right_wing" else "right_wing"
+        place.child(missing).fail(f"missing, {wings[0]} has its landmarks")
+        return None
+    flat = [(name, point) for name, point in points.items() if point.ndim == 1]
+    size = max(_distance(points, "beak", "tail"), 1e-9)
+    for k, (name, point) in enumerate(flat):
+        for other, there in flat[:k]:
+            if np.linalg.norm(point - there) < 1e-3 * size:
+                place.child(name).fail(f"is at the place of {other}")
+                return None
+    shoulders = 0.5 * (points["right_shoulder"] + points["left_shoulder"])
+    forward = shoulders - points["tail"]
+    if parallel(forward, up):
+        place.child("tail").fail("is right below or above the shoulders; set `up`")
+        return None
+    axes = frames_from(forward, up)
+    for axis, name, back in (
+        (1, "left_shoulder", "right_shoulder"),
+        (0, "breast", "vent"),
+        (0, "beak", "nape"),
+    ):
+        if float((points[name] - points[back]) @ axes[:, axis]) <= 0.0:
+            side = ("behind", "to the right of")[axis]
+            place.child(name).fail(f"is {side} {back}: are the two exchanged?")
+            return None
+    return axes
+
+
+def _wings(
+    entry: dict[str, Any], kind: dict[str, Any], points: Points, axes: Array, scale: float
+) -> list[dict[str, Any]]:
+    found = []
+    for side in ("right", "left"):
+        joints = points.get(f"{side}_wing", (None, None, None))
+        posed = joints[0] is not None
+        found.append(
+            _filled(
+                WING,
+                id=f"{side}_wing",
+                type=kind["wing"],
+                shoulder=tuple(points[f"{side}_shoulder"]),
+                elbow=joints[0],
+                wrist=joints[1],
+                tip=joints[2],
+                fold=None if posed else entry["fold"],
+                forward=tuple(axes[:, 0]),
+                up=tuple(axes[:, 2]),
+                scale=scale,
+                side=side,
+                joint=entry["joint"],
+                below=posed or entry["fold"] < 1.0,
+            )
+        )
+    return found
+
+
+def _tail(
+    entry: dict[str, Any], kind: dict[str, Any], points: Points, axes: Array, scale: float
+) -> dict[str, Any]:
+    turned = from_rotation_vector(-np.radians(kind["droop"]) * axes[:, 1]) @ axes
+    own = {name: kind[name] for name in ("kind", "count", "width", "angles")}
+    return _filled(
+        TAIL,
+        id="tail",
+        position=tuple(points["tail"]),
+        direction=tuple(-turned[:, 0]),
+        up=tuple(turned[:, 2]),
+        lengths=tuple(scale * np.array(kind["lengths"])),
+        root_width=scale * kind["root_width"],
+        fan=entry["fan"],
+        layer=_TAIL_LAYER,
+        joint=entry["joint"],
+        **own,
+    )
+
+
+def _crest(
+    entry: dict[str, Any], kind: dict[str, Any], points: Points, axes: Array, scale: float
+) -> dict[str, Any]:
+    front = points["beak"] + 0.7 * (points["crown"] - points["beak"])
+    path = tuple(tuple(each) for each in (front, points["crown"], points["nape"]))
+    own = {name: kind[name] for name in ("kind", "count", "width", "angles")}
+    return _filled(
+        CREST,
+        id="crest",
+        path=path,
+        direction=tuple(-axes[:, 0]),
+        up=tuple(axes[:, 2]),
+        lengths=tuple(scale * np.array(kind["lengths"])),
+        layer=_LAYERS["crown"] + 5,
+        joint=entry["joint"],
+        **{"raise": entry["raise"]},
+        **own,
+    )
+
+
+def _sites(points: Points, axes: Array, fold: float) -> dict[str, Array]:
+    """(k, 3) m, the sites of each part, of the bare beak and feet, and of what folded wings hide.
+
+    Shares between landmarks are chosen by eye.
+    """
+    p = points
+    right, left = p["right_shoulder"], p["left_shoulder"]
+    high = 0.5 * np.linalg.norm(left - right) * axes[:, 2]
+    top = 0.5 * (right + left) + high
+
+    def between(first: Array, second: Array, share: float) -> Array:
+        return np.asarray(first + share * (second - first))
+
+    found = {
+        "beak": [p["beak"], between(p["beak"], p["crown"], _BEAK - 0.2)],
+        "face": [between(p["beak"], p["crown"], _BEAK + 0.2)],
+        "crown": [p["crown"]],
+        "nape": [p["nape"], between(p["nape"], top, 0.35)],
+        "throat": [between(p["beak"], p["breast"], 0.35)],
+        "foreneck": [between(p["beak"], p["breast"], 0.7)],
+        "breast": [p["breast"], *(between(p["breast"], each, 0.55) for each in (right, left))],
+        "mantle": [top, between(p["nape"], top, 0.75)],
+        "scapular": [
+            between(between(each, top, 0.3), p["tail"], share)
+            for each in (right, left)
+            for share in (0.0, 0.2)
+        ],
+        "back": [between(top, p["tail"], share) for share in (0.3, 0.55)],
+        "rump": [between(top, p["tail"], 0.85)],
+        "belly": [between(p["breast"], p["vent"], share) for share in (0.4, 0.7)],
+        "flank": [
+            between(between(each, p["tail"], 0.35), between(p["breast"], p["vent"], 0.5), 0.5)
+            for each in (right, left)
+        ],
+        "vent": [p["vent"], between(p["vent"], p["tail"], 0.5)],
+    }
+    if fold > 0.9:
+        low = between(p["tail"], p["vent"], 0.3)
+        found["below_wing"] = [
+            between(each, low, share) for each in (right, left) for share in (0.1, 0.22, 0.33)
+        ]
+    for side in ("right", "left"):
+        heel = p.get(f"{side}_heel")
+        if heel is not None:
+            hip = between(p["breast"], p["vent"], 0.65)
+            found.setdefault("thigh", []).append(between(heel, hip, 0.4))
+            found.setdefault("foot", []).append(heel - 0.4 * (hip - heel))
+    return {name: np.array(each) for name, each in found.items()}
+
+
+def _region(
+    name: str, kind: dict[str, Any], sites: dict[str, Array], points: Points, scale: float
+) -> dict[str, Any]:
+    length = scale * kind["length"]
+    than = np.concatenate([each for other, each in sites.items() if other != name])
+    near = {"to": _tuples(sites[name]), "than": _tuples(than)}
+    return _filled(
+        REGION,
+        id=name,
+        kind=kind["kind"],
+        length=length,
+        density=kind["cover"] / length**2,
+        where=(
+            _filled(WHERE, nearest=near, soft=length),
+            _filled(WHERE, room=0.4 * length, soft=0.2 * length),
+        ),
+        flow=_filled(FLOW, away=tuple(points["beak"])),
+        layer=_LAYERS[name],
+        width=kind["width"],
+        tilt=kind["tilt"],
+        curl=kind["curl"],
+        follow=1.0,
+        fit=1.0,
+        variants=4,
+        variation=_filled(
+            SPREAD,
+            length=kind["uneven"],
+            turn=50.0 * kind["uneven"],
+            roll=50.0 * kind["uneven"],
+            curl=50.0 * kind["uneven"],
+        ),
+    )
+
+
+def _tuples(points: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(each) for each in points.tolist())

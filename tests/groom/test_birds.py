@@ -1,0 +1,129 @@
+"""Whole birds from landmarks of their bodies, and what is wrong with landmarks."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherfx.api import scene_readers
+from featherfx.errors import InputError
+from featherfx.groom.keys.anatomy import PARTS
+from featherfx.groom.presets.presets import list_presets
+from featherfx.groom.read.read import read_groom as read_groom_file
+
+BIRD = Path(__file__).parents[2] / "samples/first_bird"
+TEXT = (BIRD / "groom.toml").read_text()
+
+
+def read_groom(path):
+    """A groom as it is placed, before its layout."""
+    return read_groom_file(path, (), scene_readers())
+
+
+def changed(folder: Path, old: str, new: str) -> Path:
+    """The sample's groom with lines that match `old` changed, beside the sample's body."""
+    text = re.sub(old, new, TEXT, flags=re.M).replace("body.usdc", str(BIRD / "body.usdc"))
+    path = folder / "groom.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def bird():
+    return read_groom(BIRD / "groom.toml")
+
+
+def test_a_skin_and_landmarks_are_a_whole_bird(bird):
+    count = Counter(feather.region for feather in bird.feathers)
+    assert set(PARTS) <= set(count)
+    assert (count["primaries"], count["secondaries"], count["tail"]) == (20, 20, 12)
+    assert bird.layout is not None
+    lines = [line for line in TEXT.splitlines() if line and line[0] not in "#["]
+    assert len(lines) <= 40
+
+
+def test_parts_are_where_their_names_say(bird):
+    middle = {
+        part: np.mean([f.position for f in bird.feathers if f.region == part], axis=0)
+        for part in PARTS
+    }
+    order = [middle[part][0] for part in ("face", "nape", "mantle", "back", "rump")]
+    assert order == sorted(order, reverse=True)
+    assert middle["throat"][2] > middle["foreneck"][2] > middle["breast"][2] > middle["belly"][2]
+    assert all(abs(place[1]) < 0.01 for place in middle.values())
+
+
+def test_folded_wings_lie_along_the_flanks(bird):
+    for side, sign in (("right", -1.0), ("left", 1.0)):
+        wing = [f for f in bird.feathers if f.id.startswith(f"{side}_wing_primary")]
+        for feather in wing:
+            assert feather.rotation[0, 0] < -0.9  # backwards
+            assert sign * feather.rotation[1, 2] > 0.8  # the upper side outwards
+            assert sign * feather.position[1] > 0.03
+
+
+def test_sizes_follow_the_body(bird, tmp_path):
+    thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
+    kind = f'type = {{ base = "pigeon", {thin} }}\nscale = 2.0'
+    double = read_groom(changed(tmp_path, r"^type.*", kind))
+    sizes = [
+        {f.id: f.kind.length for f in groom.feathers if "wing" in f.id or "tail" in f.id}
+        for groom in (bird, double)
+    ]
+    ratio = {sizes[1][name] / sizes[0][name] for name in sizes[0]}
+    distance = np.linalg.norm(np.array([0.166, 0, 0.272]) - [-0.134, 0, 0.138])
+    assert min(ratio) == pytest.approx(max(ratio))
+    assert max(ratio) == pytest.approx(2.0 * 0.3 / distance)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (r"^crown.*\n", "", "bird.landmarks.crown: missing"),
+        (r"^tail = .*", "tail = [0.166, 0, 0.272]", "tail: is at the place of beak"),
+        ("_shoulder = .*0.058", "_shoulder = [0.055, 0.058", "is at the place of"),
+        (
+            "^right_heel",
+            "right_wing = [[0, -1, 0], [1, -1, 0], [0, -2, 0]]\nright_heel",
+            "left_wing",
+        ),
+        (r"\[skin\]\nusd.*\nprim.*", "", "bird: stands without [skin]"),
+        (
+            r'^type = "pigeon"',
+            'type = "pigeons"',
+            "no bird preset 'pigeons', did you mean 'pigeon'",
+        ),
+        (r"^bare", "fold = 1.5\nbare", "fold: 1.5 is out of range"),
+    ],
+)
+def test_faults_of_a_bird_are_told(tmp_path, old, new, message):
+    with pytest.raises(InputError) as caught:
+        read_groom(changed(tmp_path, old, new))
+    assert len(caught.value.problems) == 1
+    assert message in str(caught.value.problems[0])
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "message"),
+    [
+        ("right_shoulder", "left_shoulder", "is to the right of right_shoulder: are the two"),
+        ("breast", "vent", "is behind vent: are the two exchanged?"),
+        ("beak", "nape", "is behind nape"),
+    ],
+)
+def test_exchanged_landmarks_are_told(tmp_path, first, second, message):
+    path = changed(tmp_path, f"^{first} =", "held =")
+    text = re.sub(f"^{second} =", f"{first} =", path.read_text(), flags=re.M)
+    path.write_text(re.sub("^held =", f"{second} =", text, flags=re.M))
+    with pytest.raises(InputError, match=re.escape(message)):
+        read_groom(path)
+
+
+def test_birds_and_wings_are_listed():
+    families = Counter(each.family for each in list_presets())
+    assert families["bird"] >= 8
+    assert families["wing"] >= 8
