@@ -325,6 +325,30 @@ def test_where_helpers_end_all_is_compiled_here(run_kernels, tmp_path, broken):
     assert run_kernels(tmp_path / "here", before=before, FEATHERFX_COMPILERS="3") == ["4.0", ALL]
 
 
+WAITED = """
+import sys, time
+import numpy as np
+import trial_kernels
+from featherfx.jit.compiled import compile_ahead
+from featherfx.phases import Account
+
+compile_ahead(trial_kernels.total, np.ones(3), 0.0)
+time.sleep(0.3)  # a helper has taken it up
+told = []
+with Account(told.append) as own:
+    trial_kernels.total(np.ones(3), 0.0)
+    share = own.spent("compiling") / own.elapsed
+known = [each.left for each in told if each.left is not None]
+print(share > 0.3, len(known) > 0, all(left >= 0.0 for left in known), file=sys.stderr)
+"""
+
+
+def test_waiting_for_a_helper_is_told_as_compiling(run_kernels, tmp_path):
+    found = run_kernels(tmp_path / "here", before=WAITED, FEATHERFX_COMPILERS="2")
+    assert found == ["4.0", "(3.0, 3) 9.0 ['mean', 'square']\n"]
+    assert run_kernels.stderr == "True True True\n"
+
+
 def test_what_a_shared_kernel_returns_is_what_it_declares(run_kernels, tmp_path):
     wrong = """
 from typing import NamedTuple
