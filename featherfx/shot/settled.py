@@ -2,8 +2,9 @@
 
 Across a wind of 20 m/s a swan primary flutters for good: no pose is at rest, and one that starts
 from any pose in mid-wind is thrown. Such feathers live through PRE_ROLL seconds before the first
-frame, their roots held, in the wind that their shot would have had then. After half a second the
-flutter is as strong as two seconds later.
+frame, their roots held, in the wind of the first frame: its gusts stand still, as they do for
+feathers that find a balance, so that one that just misses it starts where it would have been. After
+half a second the flutter is as strong as two seconds later.
 """
 
 from __future__ import annotations
@@ -55,10 +56,17 @@ def moving_with_roots(state: State, rates: tuple[RootFrames, ...]) -> State:
     return new
 
 
+def standing(loads: Loads, time: float) -> Loads:
+    """Loads whose gusts stay as they are at a time (s)."""
+    phase = loads.wind_phase - loads.wind_rate * time
+    return loads._replace(wind_rate=np.zeros_like(loads.wind_rate), wind_phase=phase)
+
+
 def _in_motion(
     solver: Solver, state: State, loads: Loads, names: Sequence[str], chosen: np.ndarray
 ) -> State:
     start, path, members = state.time[chosen].copy(), hold_roots(state), chosen.tolist()
+    loads = standing(loads, float(start.max(initial=0.0)))
     state.time[chosen] -= PRE_ROLL
     for _ in range(round(PRE_ROLL / INTERVAL)):
         state, report = solver.step(state, loads, path, INTERVAL, members)

@@ -10,7 +10,7 @@ from trial_batches import at_origin, preset_batch
 
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, no_loads
-from featherfx.shot.settled import settled
+from featherfx.shot.settled import settled, standing
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.status import NO_REST
 
@@ -62,6 +62,24 @@ def test_where_there_is_no_rest_feathers_start_in_motion_and_without_a_warning(s
     middle = 0.5 * (after.max(axis=0) + after.min(axis=0))
     reach = np.linalg.norm(after - middle, axis=1).max()
     assert np.linalg.norm(state.points.nodes[0, -1, 0] - middle) < 2.0 * reach
+
+
+def test_gusts_that_stand_are_those_of_their_time_at_any_other():
+    def gust(loads, time):
+        angle = loads.wind_wave @ place - loads.wind_rate * time + loads.wind_phase
+        return np.cos(angle) @ loads.wind_amplitude
+
+    random, place, time = np.random.default_rng(2), np.array([0.3, -0.1, 0.2]), 1.7
+    loads = in_wind(*BREEZE)._replace(
+        wind_wave=random.normal(size=(4, 3)),
+        wind_rate=random.normal(size=4),
+        wind_phase=random.normal(size=4),
+        wind_amplitude=random.normal(size=(4, 3)),
+    )
+    still = standing(loads, time)
+    assert not np.allclose(gust(loads, 0.0), gust(loads, time))
+    for other in (0.0, time, 5.0):
+        assert gust(still, other) == pytest.approx(gust(loads, time), abs=1e-12)
 
 
 def test_only_chosen_feathers_are_touched(solver):
