@@ -86,7 +86,7 @@ class Simulation:
         if moves_before(motion, preroll, common_tolerance(shot)):
             motion, self._first = RunUp(motion, preroll), -shot.preroll * subframes
             colliders = tuple(replace(each, run_up=preroll) for each in shot.colliders)
-            self.shot = shot = replace(shot, colliders=colliders)
+            self.shot = shot = replace(shot, colliders=colliders, run_up=preroll)
         self._motion = motion = cut_roots(shot, motion)
         drawn = drawn_feathers(shot)
         chosen = range(len(drawn)) if wanted is None else wanted

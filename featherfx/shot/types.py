@@ -291,19 +291,21 @@ class Contact:
     kinds: Annotated[
         tuple[str, ...], _PATTERNS, "Kinds whose feathers touch, as regions; both must fit."
     ] = ("*",)
+    skin: Annotated[
+        bool,
+        "Whether feathers are kept off the skin that they grow on, where a shot has one: pushed by "
+        "it, and laid above it in what is written.",
+    ] = True
 
 
 @dataclass(frozen=True)
 class Layers:
     """How feathers as they are shown lie over each other (featherfx/shot/layers).
 
-    contact: thickness, and which feathers touch.
+    contact: thickness, which feathers touch, and whether the skin counts.
     """
 
     contact: Contact
-    skin: Annotated[
-        bool, "Whether feathers are kept above the skin that they grow on, where a shot has one."
-    ] = True
 
 
 @dataclass(frozen=True)
@@ -353,6 +355,7 @@ class Shot:
     are to be bound to, until featherfx.shot.placement has done so. wind_source: added to wind.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. layers: None: they are shown as they were simulated.
+    run_up: s, before 0, in which what moves is brought up from rest.
     level_of_detail: None: levels do not change. inputs: what the shot's files say, by key
     (groom/read/told.py).
     """
@@ -412,6 +415,7 @@ class Shot:
         "the way that leads to the first frame. 0: feathers begin in balance, carried by their "
         "roots.",
     ] = 12
+    run_up: float = 0.0
     skin: BoundSkin | None = None
     surfaces: SkinSurfaces | None = None
     wind_source: TimedWind | None = None

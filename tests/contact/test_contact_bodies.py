@@ -106,6 +106,62 @@ def without_contact(path: Path) -> Path:
     return other
 
 
+LEVEL = -0.018
+COVERED = """name = "covered"
+groom = "groom.toml"
+frames = [1, 3]
+frames_per_second = 24
+settle = false
+gravity = [0, 0, -600]
+quality = { base = "draft", rows = 9 }
+[skin]
+usd = "skin.usda"
+prim = "/skin"
+tolerance = 0.02
+[contact]
+"""
+
+
+def write_skin(path: Path) -> None:
+    """A level sheet under the feathers, of 64 squares."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    x, y = np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.1, 0.1, 9))
+    points = np.stack([x, y, np.full_like(x, LEVEL)], axis=2).reshape(-1, 3)
+    first = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
+    mesh = UsdGeom.Mesh.Define(stage, "/skin")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
+    mesh.CreateFaceVertexCountsAttr([4] * 64)
+    mesh.CreateFaceVertexIndicesAttr((first[:, None] + [0, 1, 10, 9]).ravel().tolist())
+    stage.GetRootLayer().Save()
+
+
+def lowest(simulation, frame) -> float:
+    """m, of the vanes' points that are not within it from the start."""
+    found = []
+    for feather, pose in zip(simulation.feathers, frame.poses, strict=True):
+        surface = feather.surface
+        vane = np.unique(surface.triangles[surface.part < 2])
+        found.append(surface.points(pose.points)[vane, 2].min())
+    return min(found)
+
+
+def test_the_skin_holds_what_is_pressed_onto_it(tmp_path):
+    (tmp_path / "groom.toml").write_text(GROOM)
+    write_skin(tmp_path / "skin.usda")
+    found = {}
+    for told in ("layers = false", "layers = false\nskin = false"):
+        (tmp_path / "shot.toml").write_text(f"{COVERED}{told}\n")
+        simulation = simulate(read_shot(tmp_path / "shot.toml"))
+        found[told] = [lowest(simulation, frame) for frame in simulation]
+        assert simulation.report["contact"]["bodies"] == int("skin" not in told)
+    held, through = found.values()
+    assert held[0] > LEVEL
+    assert min(held) > LEVEL - 2e-5
+    assert min(through) < LEVEL - 2e-3
+
+
 def test_a_collider_that_is_not_there_is_named(shot_file):
     shot_file.write_text(SHOT.replace("/world/ball", "/world/bell"))
     with pytest.raises(InputError, match="/world/bell"):

@@ -16,7 +16,9 @@ from contact_cases import (
     vane_nodes,
 )
 
+from featherfx.mechanics.model import no_loads
 from featherfx.solver.step.integrator_kernels import integrator_of
+from featherfx.solver.step.root_path import RootPath
 
 GRID = {"rows": 11, "columns": 4}
 PAIR = [(0, 1), (1, 0)]
@@ -54,6 +56,21 @@ def test_a_collision_in_flight_keeps_momentum_and_makes_no_energy(order):
     # the struck feather has taken on a part of it
     assert momentum(model, _state)[2] < 0.0
     assert _state.velocity.nodes[0, :, 0, 2].mean() < -0.2
+
+
+def test_feathers_are_looked_for_where_their_roots_take_them():
+    """Short feathers whose roots are moved off from rest by 4 mm in a step are solved but once."""
+    model, state = free_feathers("body_contour", [[0, 0, 0], [0.01, 0, 0.004]], **GRID)
+    model.held[:] = True
+    way = np.linspace(0.0, 1.0, 5)[:, None] ** 2 * [0.0, 0.004, 0.0, 0.0, 0.0, 0.0]
+    samples = np.zeros((2, 5, 6)) + way
+    samples[:, :, :3] += state.centre[:, :1]
+    path = RootPath(samples, state.rotation[:, 0].copy())
+    contact = solver_of(model, PAIR, ORDERED)
+    (new,), _, report = contact.interval([state], [no_loads(2)], [path], 1.0 / 48.0)
+    moved = new.points.nodes[:, :, :, 1] - state.points.nodes[:, :, :, 1]
+    assert moved.min() > 0.003
+    assert report.solves == 2
 
 
 @pytest.mark.verification

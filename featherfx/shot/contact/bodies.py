@@ -1,15 +1,17 @@
-"""The colliders of a shot as walls: where their meshes are at both ends of a step."""
+"""Colliders, and the skin under the feathers: where their meshes are at both ends of a step."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.shot.motion.cuts import cut_surfaces
+from featherfx.shot.contact.beneath import NEAR, SkinBeneath, surfaces_under
+from featherfx.shot.motion.cuts import CutSurface, cut_surfaces
 from featherfx.shot.types import Shot
-from featherfx.solver.contact.types import Wall
+from featherfx.solver.contact.types import Ground, Indices, SkinMesh, Wall
 from featherfx.solver.contact.wall import outward, wall_of
 from featherfx.solver.state import State
 
@@ -21,6 +23,15 @@ LOOKS = 5
 DEPTH = 0.02
 
 
+class FeathersOver(NamedTuple):
+    """Feathers that may meet bodies. members: (B,) numbers in the groom. rest:
+    (B, n, 1 + 2 m, 3) m, their nodes at rest, in the world. lengths: (B,) m."""
+
+    members: Indices
+    rest: Array
+    lengths: Array
+
+
 class Bodies:
     """Meshes that feathers bump into.
 
@@ -28,12 +39,15 @@ class Bodies:
     as grown in and are left alone until they come out.
     """
 
-    def __init__(self, shot: Shot, longest: float) -> None:
-        self._bodies = cut_surfaces(shot, longest)
+    def __init__(self, shot: Shot, feathers: FeathersOver) -> None:
+        longest = float(feathers.lengths.max())
+        self._bodies = cut_surfaces(shot, shot.colliders, longest)
         surfaces = [body.surface for body in shot.colliders]
         self._triangles = [outward(surface.triangles, surface.rest) for surface in surfaces]
         self._depth = DEPTH * longest
-        self.begun = False
+        assert shot.contact is not None
+        self._skins = _skins(shot, feathers, longest) if shot.contact.skin else []
+        self.count, self.begun = len(self._bodies) + len(self._skins), False
 
     def warn(self, k: int, number: float) -> None:
         """Say which bodies are cut from frame k to k + 1, whose number is given."""
@@ -43,7 +57,8 @@ class Bodies:
     def approach(self, states: Sequence[State], start: float, end: float, margin: float) -> bool:
         """Whether a body that moves between start and end (s) comes near any feather at rest.
 
-        margin: m, what counts as near. Told by boxes: never missed, at times said in vain.
+        margin: m, what counts as near. Told by boxes: never missed, at times said in vain. A skin
+        counts by the roots on it.
         """
         if not self._bodies:
             return False
@@ -60,18 +75,60 @@ class Bodies:
                 return True
         return False
 
-    def walls(self, states: Sequence[State], start: float, end: float, margin: float) -> list[Wall]:
+    def walls(
+        self, states: Sequence[State], start: float, end: float, margin: float
+    ) -> list[Wall | Ground]:
         """The bodies from start to end, s since the first frame, for feathers in these states."""
+        walls: list[Wall | Ground] = [
+            Ground(
+                _start_of(skin, start, end),
+                _contiguous(skin.points(end)),
+                *mesh,
+                under,
+                self._depth,
+                int(not self.begun),
+            )
+            for skin, mesh, under in self._skins
+        ]
         if not self._bodies:
-            return []
+            return walls
         fastest = max(float(np.abs(state.velocity.nodes).max()) for state in states)
-        walls = []
         for body, triangles in zip(self._bodies, self._triangles, strict=True):
             cut = end > start and body.is_cut(start)
-            before, after = body.after(start) if cut else body.points(start), body.points(end)
+            before, after = _start_of(body, start, end), body.points(end)
             own = float(np.abs(after - before).max(initial=0.0))
             way = np.sqrt(3.0) * (fastest * (end - start) + own)
             reach = margin + self._depth + float(way)
             # what a body lands on has grown into it as well
             walls.append(wall_of(before, after, triangles, reach, cut or not self.begun))
         return walls
+
+
+def _start_of(body: CutSurface, start: float, end: float) -> Array:
+    """(V, 3) m, where a body begins the way from start to end (s): at a cut, after it."""
+    cut = end > start and body.is_cut(start)
+    return _contiguous(body.after(start) if cut else body.points(start))
+
+
+def _contiguous(points: Array) -> Array:
+    return np.ascontiguousarray(points, dtype=np.float64)
+
+
+def _skins(
+    shot: Shot, feathers: FeathersOver, least: float
+) -> list[tuple[CutSurface, SkinMesh, Indices]]:
+    """The surfaces of a shot's skin, and which triangle each node is over (Ground.under). Ribbons
+    along bones are no bodies. least: m, of a cut."""
+    found = []
+    if shot.skin is None:
+        return []
+    for surface, members in surfaces_under(shot.skin, feathers.members, shot.run_up):
+        if surface.surface.bones is None:
+            own = np.zeros(feathers.rest.shape[:3], dtype=bool)
+            own[members] = feathers.rest[members].any(axis=3)
+            beneath = SkinBeneath(surface, feathers.rest[own])
+            under = np.full(own.shape, -1)
+            near = np.abs(beneath.height) < NEAR * feathers.lengths[np.nonzero(own)[0]]
+            under[own] = np.where(near, beneath.triangle, -1)
+            found.append((cut_surfaces(shot, [surface], least)[0], beneath.mesh, under))
+    return found

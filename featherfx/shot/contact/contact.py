@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from featherfx.errors import InputWarning
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
-from featherfx.shot.contact.bodies import Bodies
+from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.contact.mend import Stepper, Surroundings
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import settled_together
@@ -117,7 +118,9 @@ class ShotContact:
         self._at_rest = len(candidates.pairs)
         self._encounters = Encounters(candidates.pairs, len(placements))
         self.tally = Tally()
-        self.bodies = Bodies(shot, float(rest.lengths.max()))
+        nodes = [np.stack(rest.nodes[low:high]) for low, high in pairwise(grids.first)]
+        over = FeathersOver(order, grids.together(nodes), rest.lengths)
+        self.bodies = Bodies(shot, over)
         self._rules = self._step_rules()
         self._proposal = 0.0
         self._unresolved: list[dict[str, Any]] = []
@@ -212,8 +215,8 @@ class ShotContact:
         """Figures of the contact so far, in SI units."""
         tally = self.tally
         return {
-            "bodies": len(self.shot.colliders),
-            "nodes_grown_into_bodies": int(self.solver.memory.inside.sum()),
+            "bodies": self.bodies.count,
+            "nodes_grown_into_bodies": int(np.count_nonzero(self.solver.memory.inside)),
             "pairs": len(self.solver.candidates.pairs) // 2,
             "ordered_pairs": int(np.count_nonzero(self.solver.candidates.order)) // 2,
             "most_contacts": tally.contacts,

@@ -76,7 +76,7 @@ class Encounters:
 
     def __init__(self, pairs: Indices, bodies: int) -> None:
         self._bodies = bodies
-        self._known = self._codes(pairs)
+        self._known = np.sort(self._codes(pairs))
 
     def _codes(self, pairs: Indices) -> Indices:
         """(N,) a number for each pair."""
@@ -104,9 +104,12 @@ class Encounters:
             low.append(least - way - margin)
             high.append(most + way + margin)
         fresh = meeting(np.concatenate(low), np.concatenate(high))
-        fresh = fresh[~np.isin(self._codes(fresh), self._known)]
+        codes = self._codes(fresh)
+        place = np.minimum(np.searchsorted(self._known, codes), len(self._known) - 1)
+        fresh = fresh[self._known[place] != codes] if len(self._known) else fresh
         both = np.concatenate([fresh, fresh[:, ::-1]])
-        self.know(both)
+        if len(both):
+            self.know(both)
         return both
 
 

@@ -10,6 +10,7 @@ them, because rims cross between nodes.
 from featherfx.algebra.vec3_kernels import add, cross, dot, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
+from featherfx.solver.contact.ground_kernels import skin_under
 from featherfx.solver.contact.search_kernels import (
     boxes_apart,
     closest_weights,
@@ -22,8 +23,6 @@ from featherfx.solver.contact.search_kernels import (
 FADE = 3.0
 # least cosine between a lift and the normal that it is to act along
 LEAST_COSINE = 0.5
-# steps from triangle to triangle of a skin
-MOST_STEPS = 12
 # parts into which the rim between two rows is divided
 RIM_PARTS = 3
 # how often an edge is halved to find where it leaves an outline
@@ -365,47 +364,6 @@ def find_laps(vanes, stack, pose, stale, follow, span, laps, seen):
         for k in range(before, min(count, laps.shape[0])):
             laps[k].pair = pair
     return count
-
-
-@kernel
-def _corner(skin, ground, triangle, k):
-    x = skin[ground.triangles[triangle, k]]
-    return x[0], x[1], x[2]
-
-
-@kernel
-def skin_under(x, skin, ground, triangle):
-    """Height of a point over a skin (V, 3) m, the normal there, and the triangle that it is over,
-    walking from one."""
-    normal, height = (0.0, 0.0, 1.0), 0.0
-    for _ in range(MOST_STEPS):
-        a, b = _corner(skin, ground, triangle, 0), _corner(skin, ground, triangle, 1)
-        c = _corner(skin, ground, triangle, 2)
-        product = cross(sub(b, a), sub(c, a))
-        area = dot(product, product)
-        if area <= 0.0:
-            break
-        normal = scale(area**-0.5, product)
-        away = sub(x, a)
-        height = dot(normal, away)
-        second = dot(cross(away, sub(c, a)), product) / area
-        third = dot(cross(sub(b, a), away), product) / area
-        first = 1.0 - second - third
-        least = min(first, min(second, third))
-        if least >= 0.0:
-            break
-        k = 0 if least == first else (1 if least == second else 2)
-        if ground.beside[triangle, k] < 0:
-            break
-        triangle = ground.beside[triangle, k]
-    return height, normal, triangle
-
-
-@kernel
-def bind_nodes(nodes, skin, ground, triangle, height):
-    """From the triangles (N,) near nodes (N, 3) m to those that they are over; height: (N,) m."""
-    for k in range(nodes.shape[0]):
-        height[k], _, triangle[k] = skin_under(nodes[k], skin, ground, triangle[k])
 
 
 @kernel

@@ -102,7 +102,7 @@ class Layers:
         self.lifts = Lifts(*(np.zeros(shape) for _ in Lifts._fields))
         self._pose = pose_like(rest, shape)
         self._skins = []
-        if shot.skin is not None and shot.layers is not None and shot.layers.skin:
+        if shot.skin is not None and shot.layers is not None and shot.layers.contact.skin:
             self._skins = skins_beneath(shot.skin, self.needed, self.vanes, _nodes(rest.nodes))
             for skin in self._skins:
                 skin.ground.triangle[~_touching(shot)[self.needed]] = -1
@@ -165,7 +165,7 @@ class Layers:
     def _ask_ground(self, pool: ThreadPoolExecutor, time: float) -> None:
         vanes, pose, wanted = self.vanes, self._pose, self.lifts.wanted
         for skin in self._skins:
-            moved = skin.points(time)
+            moved = skin.skin.points(time)
             self._each(pool, partial(ground_lacks, vanes, pose, skin.ground, moved, wanted))
 
     def _found(self, pool: ThreadPoolExecutor, before: Laps, stale: NDArray[np.bool_]) -> Laps:

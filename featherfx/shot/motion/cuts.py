@@ -229,10 +229,10 @@ def cut_roots(shot: Shot, motion: Roots) -> CutRoots:
     return CutRoots(motion, lengths, 1.0 / shot.frames_per_second, _last(shot))
 
 
-def cut_surfaces(shot: Shot, least: float) -> list[CutSurface]:
-    """The colliders of a shot, as they are where they are cut. least: m, of a cut."""
+def cut_surfaces(shot: Shot, surfaces: Sequence[TimedSurface], least: float) -> list[CutSurface]:
+    """Bodies of a shot, as they are where they are cut. least: m, of a cut."""
     frame, last = 1.0 / shot.frames_per_second, _last(shot)
-    return [CutSurface(each, least, frame, last) for each in shot.colliders]
+    return [CutSurface(each, least, frame, last) for each in surfaces]
 
 
 def _last(shot: Shot) -> int:

@@ -21,7 +21,6 @@ from featherfx.shot.types import (
     Force,
     Free,
     Grip,
-    Layers,
     LevelOfDetail,
     Preen,
     Shelter,
@@ -112,7 +111,6 @@ CONTACT = {
         "rest, sample by sample, in what is written.",
         True,
     ),
-    "skin": keys_of(Layers)["skin"],
 } | keys_of(Contact)
 
 LEVEL_OF_DETAIL = {

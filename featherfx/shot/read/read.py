@@ -171,7 +171,7 @@ def _contact(
         for i, pattern in enumerate(values[key]):
             _check_pattern(pattern, one, known[one], place.child(key).item(i))
     contact = Contact(**{each.name: values[each.name] for each in fields(Contact)})
-    layers = Layers(contact, values["skin"]) if values["layers"] else None
+    layers = Layers(contact) if values["layers"] else None
     return (contact if values["forces"] else None), layers
 
 

@@ -12,9 +12,9 @@ from featherfx.solver.contact.types import ByBody, Indices
 
 def neighbours(pairs: Indices, bodies: int) -> ByBody:
     """Which bodies each touches. pairs: (N, 2) bodies that touch."""
-    both = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-    first = np.searchsorted(both[:, 0], np.arange(bodies + 1)).astype(np.int64)
-    return ByBody(first, np.ascontiguousarray(both[:, 1]))
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    body, other = np.divmod(np.unique(both[:, 0] * bodies + both[:, 1]), bodies)
+    return ByBody(np.searchsorted(body, np.arange(bodies + 1)).astype(np.int64), other)
 
 
 def islands_of(touching: ByBody) -> tuple[int, Indices]:

@@ -37,6 +37,7 @@ from featherfx.solver.contact.types import (
     Array,
     ByBody,
     Candidates,
+    Ground,
     Handing,
     Indices,
     Memory,
@@ -190,7 +191,7 @@ class ContactSolver:
         loads: Sequence[Loads],
         paths: Sequence[RootPath],
         duration: float,
-        walls: Sequence[Wall] = (),
+        walls: Sequence[Wall | Ground] = (),
         manner: Manner = PLAIN,
     ) -> tuple[list[State], list[StepReport], ContactReport]:
         """Advance all batches by a duration in s; the given states are not changed.
@@ -202,7 +203,8 @@ class ContactSolver:
         self._tear(states)
         substeps, resting, yielding, led, iterations, turns = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
-        run = Run(self._team, states, loads, paths, duration, substeps, iterations, free)
+        shares = self._followed(duration)
+        run = Run(self._team, states, loads, paths, duration, substeps, iterations, free, shares)
         if led is not None:
             run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
         self._free, memory, rounds = free, self.memory, 0
@@ -223,7 +225,7 @@ class ContactSolver:
                 break
             # the bodies did not go where they were headed: look again where they went
             add_forces(*self.found, forces)
-            memory = self.found.remembered(self.candidates.order, memory)
+            memory = self.found.remembered(self.candidates.order, self._found_in)
         # what is not where contacts were searched may have missed some
         off = np.where(stale, np.maximum(moved, solved.marks.worst), solved.marks.worst)
         contacts = self.found.contacts
@@ -293,7 +295,7 @@ class ContactSolver:
     def _find(
         self,
         run: Run,
-        walls: Sequence[Wall],
+        walls: Sequence[Wall | Ground],
         known: tuple[Memory, Found],
         stale: Flags,
         manner: tuple[bool, bool],
@@ -301,8 +303,7 @@ class ContactSolver:
         """Search for contacts of stale bodies, those known before hold on for others; the room
         grows. manner: turns and again (Search)."""
         settings, (memory, before), (turns, again) = self.settings, known, manner
-        inertia = integrator_of(self.solvers[0].settings.spectral_radius, run.duration).inertia
-        impedance = FIT * (inertia * self._mass + self._elastic)
+        impedance = FIT * (self._inertia(run.duration) * self._mass + self._elastic)
         self._found_in = memory._replace(inside=memory.inside.copy())
         search = Search(
             self.surfaces,
@@ -320,6 +321,19 @@ class ContactSolver:
             room = np.zeros(4 * found.number, dtype=np.int64)
             self._listed = self._listed._replace(items=room)
         list_by_body(*found, self._listed)
+
+    def _followed(self, duration: float) -> Array:
+        """(B, n, 1 + 2 m) part of what its root goes, beyond where a node is headed, that the node
+        goes along in a duration (s): that of an implicit step of the node's mass on a spring."""
+        held = np.concatenate([solver.model.held for solver in self.solvers])
+        pull = np.where(held[:, None, None], self._elastic, 0.0)
+        inertia = self._inertia(duration) * self._mass
+        return np.divide(pull, pull + inertia, out=np.zeros_like(pull), where=pull > 0.0)
+
+    def _inertia(self, duration: float) -> float:
+        """1/s^2, stiffness of an implicit step over the mass."""
+        radius = self.solvers[0].settings.spectral_radius
+        return float(integrator_of(radius, duration).inertia)
 
     def _pressed_elsewhere(self, forces: Array) -> Flags:
         """(B,) bodies that feel other forces (N) than before: what was found then, of another body

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from featherfx.jit.team import new_team
 from featherfx.jit.views import Held, views_of
@@ -80,8 +81,9 @@ class Run:
 
     duration: s. substeps: most regular steps of a feather within it. iterations: of Newton in one
     solve of a feather, at most. free: (B,) feathers that are solved; the states of others are
-    zero. start, now: (B, n, 1 + 2 m, 3) m, nodes of all bodies on the widest grid. report: of all
-    solves and bodies.
+    zero. shares: (B, n, 1 + 2 m), part of its root's way that a node goes along by itself. start,
+    now: (B, n, 1 + 2 m, 3) m, nodes of all bodies on the widest grid, now at first where they are
+    headed. report: of all solves and bodies.
     """
 
     def __init__(
@@ -94,6 +96,7 @@ class Run:
         substeps: int,
         iterations: int,
         free: Flags,
+        shares: Array,
     ) -> None:
         self._team, self.duration, self._loads = team, duration, loads
         grids, bodies = team.grids, pairwise(team.grids.first)
@@ -104,7 +107,9 @@ class Run:
         self.new = [_rows_of(state, some) for state, some in zip(self.old, own, strict=True)]
         self.start = grids.together([state.points.nodes for state in self.old])
         velocity = grids.together([state.velocity.nodes for state in self.old])
-        self.now = self.start + duration * velocity
+        ahead = self.start + duration * velocity
+        carried = grids.together([_carried(*each) for each in zip(self.old, paths, strict=True)])
+        self.now = ahead + shares[..., None] * (carried - ahead)
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
         self.report = no_steps(grids.bodies)
         self._step = self._step_settings(substeps, iterations)
@@ -209,6 +214,15 @@ def _rows_of(state: State, free: Flags) -> State:
         arrays[name] = np.zeros_like(array)
         arrays[name][free] = array[free]
     return State.of(arrays)
+
+
+def _carried(state: State, path: RootPath) -> Array:
+    """(F, n, 1 + 2 m, 3) m, nodes carried rigidly to where their roots' paths end; as
+    if every feather had one."""
+    nodes, samples = state.points.nodes, path.samples
+    turns = Rotation.from_rotvec(samples[:, -1, 3:]).as_matrix()
+    away = (nodes - samples[:, :1, None, :3]).reshape(len(nodes), -1, 3) @ turns.swapaxes(1, 2)
+    return np.asarray(away.reshape(nodes.shape) + samples[:, -1:, None, :3])
 
 
 def _rows(state: State) -> tuple[Array, ...]:

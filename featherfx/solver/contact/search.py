@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.solver.contact.find_kernels import find_contacts, refit
+from featherfx.solver.contact.ground_kernels import find_ground_contacts
 from featherfx.solver.contact.types import (
     CONTACT,
     Bytes,
     Candidates,
     Clearance,
     Earlier,
+    Ground,
     Indices,
     Memory,
     Search,
@@ -84,7 +86,7 @@ class Searcher:
     ) -> None:
         self._for_each, self._jobs = for_each or _one_by_one, jobs
         self._points = int(np.count_nonzero(surfaces.guests)) / len(surfaces.far)
-        self.looked_at = 0
+        self.looked_at, self._on_walls = 0, list[Touch]()
         self._clearance = _no_clearance(surfaces)
         self.take_on(candidates)
 
@@ -109,7 +111,7 @@ class Searcher:
     def find(
         self,
         search: Search,
-        walls: Sequence[Wall] = (),
+        walls: Sequence[Wall | Ground] = (),
         before: Found | None = None,
         stale: NDArray[np.bool_] | None = None,
         room: Touch | None = None,
@@ -146,8 +148,12 @@ class Searcher:
         self._for_each(fit, pieces)
         self._for_each(look, pieces)
         self.looked_at = int(counts[:, 1].sum())
-        meeting = walls, every
-        return self._joined(counts[:, 0], search, meeting, new_touch() if room is None else room)
+        # as with pairs, what is not stale keeps its contacts with walls
+        kept = before.contacts[before.contacts["pair"] < 0]
+        kept = kept[anew[kept["guest"]] == 0]
+        met = [kept, *self._met(search, walls, every & anew.astype(np.int8))]
+        parts = [self._rooms[k][: counts[k, 0]] for k in pieces]
+        return self._joined([*parts, *met], new_touch() if room is None else room)
 
     def _near(self, free: NDArray[np.bool_]) -> Bytes:
         """(B,) bodies that are free, or may touch one that is."""
@@ -156,30 +162,37 @@ class Searcher:
         near[pairs[free[pairs].any(axis=1)].ravel()] = True
         return near.astype(np.int8)
 
-    def _joined(
-        self, counts: Indices, search: Search, meeting: tuple[Sequence[Wall], Bytes], touch: Touch
-    ) -> Found:
-        """The contacts of all pieces, then those of walls and the bodies (B,) that meet them."""
-        first = np.concatenate([[0], np.cumsum(counts)]).tolist()
-        total = first[-1]
-        if total > len(touch):
-            touch = new_touch(2 * total)
-        to = touch
+    def _met(self, search: Search, walls: Sequence[Wall | Ground], free: Bytes) -> list[Touch]:
+        """Contacts with walls of bodies that are free (B,), wall after wall."""
+        pieces = len(self._rooms)
+        while len(self._on_walls) < pieces * len(walls):
+            self._on_walls.append(new_touch())
+        counts = np.zeros(pieces * len(walls), dtype=np.int64)
+
+        def meet(k: int) -> None:
+            wall, piece = walls[k // pieces], k % pieces
+            low, high = self._bodies[piece], self._bodies[piece + 1]
+            find = find_ground_contacts if isinstance(wall, Ground) else find_wall_contacts
+            while True:
+                counts[k] = find(wall, search, free, low, high, self._on_walls[k])
+                if counts[k] <= len(self._on_walls[k]):
+                    break
+                self._on_walls[k] = new_touch(int(1.25 * counts[k]))
+
+        self._for_each(meet, range(len(counts)))
+        return [self._on_walls[k][:count] for k, count in enumerate(counts.tolist())]
+
+    def _joined(self, parts: Sequence[Touch], touch: Touch) -> Found:
+        """The contacts of all parts, one after the other."""
+        first = np.concatenate([[0], np.cumsum([len(part) for part in parts])]).tolist()
+        if first[-1] > len(touch):
+            touch = new_touch(2 * first[-1])
 
         def put(k: int) -> None:
-            _copy(self._rooms[k][: counts[k]], to[first[k] : first[k + 1]])
+            _copy(parts[k], touch[first[k] : first[k + 1]])
 
-        self._for_each(put, range(len(counts)))
-        while True:
-            count = total
-            for wall in meeting[0]:
-                if count <= len(touch):
-                    count = int(find_wall_contacts(wall, search, meeting[1], touch, count))
-            if count <= len(touch):
-                return Found(touch, count)
-            larger = new_touch(2 * count)
-            _copy(touch[:total], larger[:total])
-            touch = larger
+        self._for_each(put, range(len(parts)))
+        return Found(touch, first[-1])
 
 
 def _copy(contacts: Touch, to: Touch) -> None:

@@ -193,6 +193,10 @@ def _solve(body, thread, reach, sweep):
     # the next try starts from this pose: rates that lead there
     copy_values(new.spin[f], old.spin[f])
     copy_values(new.coefficient_rate[f], old.coefficient_rate[f])
+    length = sweep.step.duration / report.steps[f]
+    if length >= 0.999 * sweep.step.shortest and not 0.0 < old.proposal[f] <= length:
+        # in steps as long as were taken: longer ones would be rejected again
+        old.proposal[f] = length
     update(body, sweep.touch, sweep.listed, sweep.now)
 
 

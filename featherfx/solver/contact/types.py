@@ -61,7 +61,8 @@ class MovingBodies(NamedTuple):
 class Memory(NamedTuple):
     """What is kept between intervals. key: (K,) ascending, pair, row and guest's column of K
     contacts of feathers, as one number; force: (K, 2) N, on guest and host; side: (K,) of the host.
-    wall: (B, n, W) N, forces of walls. inside: (B, n, W), guests grown into one."""
+    wall: (B, n, W) N, forces of walls. inside: (B, n, W), what guests have grown into
+    (wall_kernels.IN_BODY, IN_SKIN)."""
 
     key: Indices
     force: Array
@@ -165,4 +166,27 @@ class Wall(NamedTuple):
     grid: CubeGrid
     first: Indices
     items: Indices
+    beginning: int
+
+
+class SkinMesh(NamedTuple):
+    """triangles: (T, 3), counter-clockwise seen from outside; beside: (T, 3) those across the edges
+    opposite each corner, -1 for none."""
+
+    triangles: Indices
+    beside: Indices
+
+
+class Ground(NamedTuple):
+    """A skin that feathers grow on, over an interval. start, end: (V, 3) m. triangles, beside: of a
+    SkinMesh. under: (B, n, 1 + 2 m) the triangle that each node is over at rest, -1 for a node that
+    is not over this skin. deepest: m, below it, up to which points are pushed out. beginning: as of
+    a Wall."""
+
+    start: Array
+    end: Array
+    triangles: Indices
+    beside: Indices
+    under: Indices
+    deepest: float
     beginning: int

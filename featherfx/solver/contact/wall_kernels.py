@@ -18,6 +18,9 @@ from featherfx.solver.contact.search_kernels import (
     side_normal,
 )
 
+# bits of Memory.inside: grown into a body, into the skin beneath
+IN_BODY, IN_SKIN = 1, 2
+
 
 @kernel
 def count_cells(points, triangles, grid, counts):
@@ -56,7 +59,7 @@ def _range(points, corners, axis, grid):
 
 
 @kernel
-def _weighted(points, corners, weight):
+def weighted(points, corners, weight):
     """Place on a triangle of points (V, 3)."""
     a, b = scale(weight[0], points[corners[0]]), scale(weight[1], points[corners[1]])
     return add(add(a, b), scale(weight[2], points[corners[2]]))
@@ -86,7 +89,7 @@ def _closest_triangle(x, wall):
         corners = wall.triangles[t]
         a, b, c = wall.start[corners[0]], wall.start[corners[1]], wall.start[corners[2]]
         own = closest_weights(x, a, b, c)
-        away = sub(x, _weighted(wall.start, corners, own))
+        away = sub(x, weighted(wall.start, corners, own))
         square = dot(away, away)
         if square > best * (1.0 + 1e-9) + 1e-24:
             continue
@@ -98,19 +101,17 @@ def _closest_triangle(x, wall):
 
 
 @kernel
-def _meet(node, wall, search, touch, count):
-    """Add the contact of a node with a wall, if there is one; returns the count."""
+def meet_triangle(node, found, wall, kind, search, touch, count):
+    """Add the contact of a node with what it is closest to of a wall at the start, if they meet;
+    returns the count. found: triangle, square of its distance (m^2), weights of its corners. kind:
+    IN_BODY or IN_SKIN."""
     surfaces, bodies, body, i = search.surfaces, search.bodies, node.guest, node.row
-    inside = search.memory.inside[body, i]
+    inside, (t, square, weight) = search.memory.inside[body, i], found
     p, fraction = guest_point(node.column, surfaces.exists.shape[3], surfaces.columns[body])
     x = guest_place(bodies.start[body], i, p, fraction)
     ahead = guest_place(bodies.ahead[body], i, p, fraction)
-    t, square, weight = _closest_triangle(x, wall)
-    if t < 0:
-        inside[node.column] = 0
-        return count
     corners = wall.triangles[t]
-    old, new = _weighted(wall.start, corners, weight), _weighted(wall.end, corners, weight)
+    old, new = weighted(wall.start, corners, weight), weighted(wall.end, corners, weight)
     along = dot(_normal(wall.start, corners), sub(x, old))
     thickness = 2.0 * surfaces.half[body, i, p]
     beside = sqrt(max(0.0, square - along * along))
@@ -119,12 +120,12 @@ def _meet(node, wall, search, touch, count):
     closing = abs(dot(normal, sub(ahead, x))) + abs(dot(normal, sub(new, old)))
     outside = along >= 0.0
     if wall.beginning != 0 and not outside:
-        inside[node.column] = 1
+        inside[node.column] |= kind
     if outside:
-        inside[node.column] = 0
+        inside[node.column] &= ~kind
     if beside > BESIDE * thickness + SLANT * min(abs(along), CREASE * thickness) + closing:
         return count
-    if along - thickness > search.margin + closing or inside[node.column] != 0:
+    if along - thickness > search.margin + closing or inside[node.column] & kind != 0:
         return count
     contact = slot(touch, count)
     start_contact(contact, node, p, fraction)
@@ -139,6 +140,18 @@ def _meet(node, wall, search, touch, count):
 
 
 @kernel
+def _meet(node, wall, search, touch, count):
+    """Add the contact of a node with a wall, if there is one; returns the count."""
+    surfaces, body, i = search.surfaces, node.guest, node.row
+    p, fraction = guest_point(node.column, surfaces.exists.shape[3], surfaces.columns[body])
+    found = _closest_triangle(guest_place(search.bodies.start[body], i, p, fraction), wall)
+    if found[0] < 0:
+        search.memory.inside[body, i, node.column] &= ~IN_BODY
+        return count
+    return meet_triangle(node, found, wall, IN_BODY, search, touch, count)
+
+
+@kernel
 def _is_away(bounds, grid):
     """Whether a box (6,) is outside of all cubes."""
     for k in range(3):
@@ -149,11 +162,11 @@ def _is_away(bounds, grid):
 
 
 @kernel
-def find_wall_contacts(wall, search, free, touch, count):
-    """Contacts of bodies that are free (B,) with a wall, written to touch behind the first count;
-    their number."""
-    surfaces = search.surfaces
-    for body in range(surfaces.present.shape[0]):
+def find_wall_contacts(wall, search, free, low, high, touch):
+    """Contacts of bodies from low to high - 1 that are free (B,) with a wall, written to touch;
+    their number. More than touch has room for: only that they are too many is right."""
+    surfaces, count = search.surfaces, 0
+    for body in range(low, high):
         if free[body] == 0 or _is_away(search.bodies.bounds[body], wall.grid):
             continue
         for i in range(surfaces.present.shape[1]):

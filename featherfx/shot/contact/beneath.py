@@ -1,0 +1,65 @@
+"""The skin under feathers: which of its triangles points are over at rest, and where it is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from featherfx.groom.skin.search import search_tree
+from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.read.sources import TimedSurface
+from featherfx.solver.contact.ground_kernels import bind_nodes
+from featherfx.solver.contact.types import Array, Indices, SkinMesh
+from featherfx.solver.contact.wall import outward
+
+# distance at rest, over a feather's length, from which on a node is not held off the skin
+NEAR = 0.3
+
+
+class SkinBeneath:
+    """One surface of a skin under points (N, 3) m of feathers that grow on it, at rest.
+
+    mesh: its triangles, seen from outside. triangle: (N,) that each point is over; height: (N,) m,
+    of the point over it.
+    """
+
+    def __init__(self, surface: TimedSurface, points: Array) -> None:
+        self._surface, rest = surface, np.ascontiguousarray(surface.surface.rest, dtype=np.float64)
+        triangles = outward(surface.surface.triangles, rest).astype(np.int64)
+        self.mesh = SkinMesh(triangles, _beside(triangles))
+        tree = search_tree(rest[triangles].mean(axis=1))
+        self.triangle, self.height = tree.query(points)[1].astype(np.int64), np.zeros(len(points))
+        bind_nodes(points, rest, self.mesh, self.triangle, self.height)
+
+    def points(self, time: float) -> Array:
+        """(V, 3) m, at a time in s since the first frame."""
+        return np.ascontiguousarray(self._surface.points(time), dtype=np.float64)
+
+
+def surfaces_under(
+    skin: BoundSkin, some: Indices, run_up: float = 0.0
+) -> list[tuple[TimedSurface, Indices]]:
+    """The surfaces of a skin, and which of some feathers (F,), by their places in it, grow on
+    each; those on which none does are left out. run_up: of the surfaces."""
+    members: dict[int, list[Indices]] = {}
+    for part in skin.parts:
+        own = np.flatnonzero(np.isin(some, part.members))
+        members.setdefault(id(part.surface), []).append(own)
+    surfaces = {id(part.surface): part.surface for part in skin.parts}
+    return [
+        (TimedSurface(surface, skin.start, run_up), own)
+        for key, surface in surfaces.items()
+        if len(own := np.concatenate(members[key]))
+    ]
+
+
+def _beside(triangles: Indices) -> Indices:
+    """(T, 3) triangles across the edges opposite each corner, -1 where there is none."""
+    count = len(triangles)
+    edges = np.concatenate([triangles[:, [(k + 1) % 3, (k + 2) % 3]] for k in range(3)])
+    edges = np.sort(edges, axis=1)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    same = (edges[order][1:] == edges[order][:-1]).all(axis=1)
+    first, second = order[:-1][same], order[1:][same]
+    found = np.full(3 * count, -1, dtype=np.int64)
+    found[first], found[second] = second % count, first % count
+    return np.ascontiguousarray(found.reshape(3, count).T)
