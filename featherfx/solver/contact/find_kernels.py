@@ -158,16 +158,32 @@ def _is_over(along, beside, thickness):
 @kernel
 def _choose_side(contact, along, node, near, search):
     """Put a point that comes around the rim of its host on the side where it comes, until it
-    leaves the host or meets what is on the other side. along: m, over the host. The contact is put
-    on other triangles."""
-    deep = node.side * along < -AROUND * contact.thickness
-    turned = contact.side != node.side
-    if not turned and (node.known >= 0 or not deep):
+    leaves the host or meets what is on the other side.
+
+    It comes around if it was beside the host at the start of the step, and on that side already.
+    One that was over the host then, and less deep than steps leave anything, was pressed through;
+    one that was deep and is not known was just over the rim when nobody looked. along: m, over the
+    host. The contact is put on other triangles.
+    """
+    depth, turned = -node.side * along, contact.side != node.side
+    if not turned and depth < AROUND * contact.thickness:
+        return
+    # deeper than it goes past the host in the step: not through it, but around
+    bodies, host = search.bodies, node.host
+    x = guest_place(bodies.start[node.guest], contact.row, contact.point, contact.fraction)
+    ahead = guest_place(bodies.ahead[node.guest], contact.row, contact.point, contact.fraction)
+    led = sub(host_place(bodies.ahead[host], contact), host_place(bodies.start[host], contact))
+    leaps = depth > length(sub(sub(ahead, x), led))
+    if not turned and node.known >= 0 and not leaps:
         return
     contact.side = node.side
-    start = search.bodies.start[contact.guest]
-    x = guest_place(start, contact.row, contact.point, contact.fraction)
-    turned = turned or _comes_around(contact, x, near, search)
+    if not turned:
+        over, found, height = _at_start(contact, x, near, search)
+        low = over and height < -AROUND * contact.thickness
+        if node.known >= 0 and low:
+            # drawn back through the host
+            return
+        turned = leaps or low or not found or (not over and height < 0.0)
     if turned and not _belongs_to_order(contact, x, near, search):
         contact.side = -node.side
 
@@ -189,15 +205,6 @@ def _at_start(contact, x, near, search):
     _put_on(contact, place, weight, surfaces.exists.shape[3])
     along, beside = _along(start, x, contact)
     return _is_over(along, beside, contact.thickness), True, contact.side * along
-
-
-@kernel
-def _comes_around(contact, x, near, search):
-    """Whether a point that is to be on the wrong side of its host, and is at x at the start, comes
-    from beside it, and on that side already. One that is over it then, no deeper than steps leave
-    anything, was pressed through; what is deeper was just over the rim when nobody looked."""
-    over, found, height = _at_start(contact, x, near, search)
-    return not found or height < (-AROUND * contact.thickness if over else 0.0)
 
 
 @kernel
@@ -238,7 +245,9 @@ def _belongs_to_order(contact, x, near, search):
 @kernel
 def _goes_through(contact, x, y, near, search):
     """Whether what is straight from x, under the host at the start, to y, over it, goes through it,
-    not around its rim: it does if it is over the host wherever halving leads."""
+    not around its rim: it does if it is over the host wherever halving leads, and at the host
+    there; where a host is folded, sides also change in the middle between its parts."""
+    least = 0.0
     for _ in range(HALVINGS):
         middle = scale(0.5, add(x, y))
         over, _, height = _at_start(contact, middle, near, search)
@@ -248,7 +257,8 @@ def _goes_through(contact, x, y, near, search):
             x = middle
         else:
             y = middle
-    return True
+        least = abs(height)
+    return least <= length(sub(y, x)) + contact.thickness
 
 
 @kernel
