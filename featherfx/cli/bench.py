@@ -25,7 +25,9 @@ from featherfx.lab.bench.options import QUICK_STRESS_CASES, STRESS_CASES, BenchO
     featherfx bench --stress --cases 200 --seed 7 --json
     """,
 )
-@click.option("--quick", is_flag=True, help="A smaller set of settings, in about a minute.")
+@click.option(
+    "--quick", is_flag=True, help="A smaller set of settings, in two minutes of one core."
+)
 @click.option("--stress", is_flag=True, help="Random absurd cases instead of measurements.")
 @click.option(
     "--peers", is_flag=True, help='Beside MuJoCo (extra "peers"): error against time of a strip.'

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 FRONT = Path(__file__).with_name("front.json")
 # of an error that is asked for, what is planned with: samples then keep to it (docs/benchmarks.md)
-MARGIN = 0.75
+MARGIN = 0.65
 # steps of tolerances, so that feathers of about one length stay together
 TOLERANCES_AN_OCTAVE = 2
 
