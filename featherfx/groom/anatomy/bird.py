@@ -41,20 +41,23 @@ _LAYOUT = {
 _BEAK = 0.42  # of the way from beak to crown: bare
 
 
-def hatch(parts: dict[str, Any], place: Place, library: Library) -> None:
-    """Adds what a groom's checked [bird] becomes to its other tables; problems go to place."""
+def hatch(parts: dict[str, Any], place: Place, library: Library) -> dict[str, dict[str, Any]]:
+    """Adds what a groom's checked [bird] becomes to its other tables; problems go to place.
+
+    Returns overrides by patterns of ids, its colours, of which some may match no feather.
+    """
     entry, at = parts["bird"], place.child("bird")
     if entry is None or entry is INVALID or len(place.problems):
-        return
+        return {}
     if parts["skin"] is None:
         at.fail("stands without [skin], whose coat it makes")
-        return
+        return {}
     points = {k: np.array(v) for k, v in entry["landmarks"].items() if v is not None}
     axes = _axes(points, entry["up"], at.child("landmarks"))
     given = sourced(entry["type"], at.source)
     tree = library.merged("bird", given, at.child("type"))
     if axes is None or tree is None:
-        return
+        return {}
     kind = plain(tree)
     scale = entry["scale"] or _distance(points, "beak", "tail") / kind["length"]
     parts["wing"] += [(at, each) for each in _wings(entry, kind, points, axes, scale)]
@@ -70,6 +73,10 @@ def hatch(parts: dict[str, Any], place: Place, library: Library) -> None:
             parts["region"].append((at.child(f"type.parts.{name}"), region))
     if parts["layout"] is None:
         parts["layout"] = _filled(LAYOUT, **_LAYOUT)
+    return {
+        pattern: {"colour": {key: value for key, value in each.items() if value is not None}}
+        for pattern, each in kind["colours"].items()
+    }
 
 
 def _filled(keys: Mapping[str, Key], **values: Any) -> dict[str, Any]:

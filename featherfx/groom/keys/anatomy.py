@@ -6,7 +6,17 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.values import ArrayOf, Default, Key, Number, Table, Text, keys_of
+from featherfx.groom.keys.values import (
+    ArrayOf,
+    Default,
+    Key,
+    Named,
+    Number,
+    Table,
+    Text,
+    keys_of,
+)
+from featherfx.groom.types import Colour
 
 _LENGTH = Number(1e-3, 5, "m")
 _SPREAD_FOLDED = ArrayOf(Number(-180, 180, "deg"), 2, 2)
@@ -189,4 +199,10 @@ BIRD_TYPE = {
     "tail": Key(Table(keys_of(TailOfBird), "table of a tail"), "Its tail."),
     "crest": Key(Table(keys_of(CrestOfBird), "table of a crest"), "Its crest.", {}),
     "parts": Key(Table({name: Key(_PART, f"The {name}.") for name in PARTS}), "Its coat."),
+    "colours": Key(
+        Named(Table(keys_of(Colour))),
+        'Its colours by feather id, with * and ? as wild cards: "breast*" = { base = [1, 1, 1] }. '
+        "Applied in order, before the groom's overrides.",
+        {},
+    ),
 }

@@ -108,7 +108,7 @@ def groom_of(
         readers = replace(readers, skin=kept_skins(readers.skin))
     space = in_groom(parts, place, None if readers is None else readers.skin)
     store = KindStore(library)
-    hatch(parts, place, library)
+    colours = hatch(parts, place, library)
     grown = grown_parts(parts, store, library, space)
     joints = _joints(parts["joint"], grown.joints, space)
     plumage = plumage_of(raw, parts, place, store, readers, space)
@@ -122,6 +122,7 @@ def groom_of(
             "there are no feathers; expects a [bird], [[feather]], [[row]], [[wing]], [[tail]], "
             "[[crest]], [[table]], [[usd]] or [[region]]"
         )
+    drafts = _overridden(colours, drafts, place.child("bird"), store, True)
     for rules, at in ((parts["overrides"], place), *above):
         drafts = _overridden(rules, drafts, at.child("overrides"), store)
     _check_ids(drafts)
@@ -222,9 +223,10 @@ def _joint_pair(entry: dict[str, Any], at: Place, space: Space) -> list[Joint]:
 
 
 def _overridden(
-    rules: Overrides, drafts: list[Draft], place: Place, store: KindStore
+    rules: Overrides, drafts: list[Draft], place: Place, store: KindStore, may_miss: bool = False
 ) -> list[Draft]:
-    """The drafts with [overrides] applied, pattern by pattern."""
+    """The drafts with [overrides] applied, pattern by pattern. may_miss: whether one may match no
+    feather."""
     numbers: dict[str, list[int]] = {}
     for index, draft in enumerate(drafts if rules else ()):
         numbers.setdefault(draft.id, []).append(index)
@@ -239,7 +241,7 @@ def _overridden(
             hits = [index for index, draft in enumerate(drafts) if matches(draft.id)]
         else:
             hits = numbers.get(pattern, [])
-        if not hits:
+        if not hits and not may_miss:
             at.fail(f"matches no feather id, {_likely_id(pattern, drafts, at.problems)}")
         for index in hits:
             draft = drafts[index]
