@@ -132,7 +132,7 @@ OPTIONS = {
     "strip": "scene dt kinematics columns refinement coefficients method stretch radius newton",
     "ribbon": "length width tip-width rigidity density rest-curvature poisson elements grading"
     " sadowsky clamp planar",
-    "fullfeather": "scene material distance parts rows columns nodal",
+    "fullfeather": "scene material distance parts rows columns nodal guard",
     "unitcell": "preset angle spacing diameter young hooks save presets",
     "network": "lattice size dilution fibres density merge bend seed",
     "precondition": "lattice size dilution fibres density merge bend seed method preconditioner"

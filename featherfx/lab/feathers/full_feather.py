@@ -74,6 +74,8 @@ ISOTROPIC = replace(
 )
 # a woven cloth is a few times stiffer along its yarns than across
 CLOTH = replace(ISOTROPIC, along=10.0 * 4.8e4)
+# of the penalty on lost area, equation 6.6
+KAPPA = 5.04e7
 VANES = {"barbs": SWAN, "cloth": CLOTH, "isotropic": ISOTROPIC}
 
 # N, root mean square of the forces that push the nodes off their plane
@@ -106,6 +108,7 @@ class FullPull:
     columns: int = value("Barb columns a side.", 8, Range(2, 50))
     material: Material = value("Of the vane.", "barbs")
     nodal: bool = value("Barbs in the nodal kinematics, as a check.", False)
+    guard: bool = value("With the penalty on lost area of table 6.1.", False)
 
     def __post_init__(self) -> None:
         problems = [
@@ -142,7 +145,7 @@ class PulledFeather:
     rest: Array
 
 
-def flat_kind(material: Material) -> FeatherKind:
+def flat_kind(material: Material, guard: bool = False) -> FeatherKind:
     """The swan primary as a flat feather of 0.2 m, its vane of one of the three materials."""
     kind = feather_kind("swan_primary")
     return replace(
@@ -159,7 +162,7 @@ def flat_kind(material: Material) -> FeatherKind:
         ),
         leading=_flat(kind.leading),
         trailing=_flat(kind.trailing),
-        vane_material=VANES[material],
+        vane_material=replace(VANES[material], compression_guard=KAPPA if guard else 0.0),
         rachis_material=RACHIS,
     )
 
@@ -170,7 +173,7 @@ def _flat(vane: VaneShape) -> VaneShape:
 
 def pull_feather(pull: FullPull) -> PulledFeather:
     """Pull a feather. Raises SimulationError where no equilibrium is found."""
-    kind = flat_kind(pull.material)
+    kind = flat_kind(pull.material, pull.guard)
     feather = build_feather(kind, pull.rows, pull.columns)
     solver, state = _solver(feather, kind, pull.nodal or pull.material != "barbs")
     node = _gripped(pull, feather)
