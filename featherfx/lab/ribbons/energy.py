@@ -57,6 +57,7 @@ class Ribbon:
     elements: int = value("Of the ribbon.", 20, Range(1, 1000))
     grading: float = value("Above 1: finer at the clamp.", 1.0, Range(1.0, 5.0))
     finite_width: bool = True
+    series: bool = value("Integrate by power series, not by rigid links.", False)
 
     def __post_init__(self) -> None:
         problems = out_of_range(self, "ribbon")

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from featherfx.errors import SimulationError
-from featherfx.lab.ribbons.curve import LINKS, Curve, centreline, link_masses, work_of_loads
+from featherfx.lab.ribbons import series
+from featherfx.lab.ribbons.curve import LINKS, centreline, link_masses, work_of_loads
 from featherfx.lab.ribbons.energy import Ribbon, closeness, elastic
 
 Array = NDArray[np.float64]
@@ -36,14 +37,14 @@ ESCAPE = 0.05
 class RibbonRest:
     """A ribbon at rest.
 
-    unknowns: (U,) curvature (1/m), then ruling, at the stations. curve: its centreline. energy: J,
-    elastic and of the loads. iterations: of Newton. residual: largest component of the gradient,
-    as a share of rigidity times width over length. stability: lowest eigenvalue of the Hessian in
-    the same unit, with curvature scaled by the length.
+    unknowns: (U,) curvature (1/m), then ruling, at the stations. points: (N + 1, 3) m, of its
+    centreline. energy: J, elastic and of the loads. iterations: of Newton. residual: largest
+    component of the gradient, as a share of rigidity times width over length. stability: lowest
+    eigenvalue of the Hessian in the same unit, with curvature scaled by the length.
     """
 
     unknowns: Array
-    curve: Curve
+    points: Array
     energy: float
     iterations: int
     residual: float
@@ -67,9 +68,7 @@ def settle_ribbon(
     default: the rest shape. leave_saddles: False to stop at a stationary shape that is not a
     minimum, as a planar one beyond its limit. Raises SimulationError where no minimum is found.
     """
-    force = link_masses(ribbon, links)[:, None] * np.asarray(gravity, float)
-    if tip_force is not None:
-        force[-1] += tip_force
+    loads = _Loads(ribbon, frame, np.asarray(gravity, float), tip_force, links)
     size = ribbon.elements + 1
     scale = np.concatenate([np.full(size, 1.0 / ribbon.length), np.ones(size)])
     unit = ribbon.rigidity * ribbon.width / ribbon.length
@@ -77,15 +76,15 @@ def settle_ribbon(
     def at(unknowns: Array) -> tuple[float, Array, Array]:
         energy, gradient, matrix = elastic(ribbon, unknowns)
         if np.isfinite(energy):
-            loads = work_of_loads(ribbon, unknowns, frame, force, links)
-            energy += loads[0]
-            gradient, matrix = gradient + loads[1], matrix + loads[2]
+            work = loads.work(unknowns)
+            energy += work[0]
+            gradient, matrix = gradient + work[1], matrix + work[2]
         return energy / unit, gradient * scale / unit, matrix * np.outer(scale, scale) / unit
 
     def energy_at(unknowns: Array) -> float:
         value = elastic(ribbon, unknowns)[0]
         if np.isfinite(value):
-            value -= float(np.sum(force * centreline(ribbon, unknowns, frame, links).points))
+            value += loads.energy(unknowns)
         return value / unit
 
     unknowns = np.array(ribbon.rest if start is None else start, dtype=float)
@@ -103,12 +102,44 @@ def settle_ribbon(
         raise SimulationError("ribbon", 0.0, f"no rest shape found, residual {residual:.2g}")
     return RibbonRest(
         unknowns,
-        centreline(ribbon, unknowns, frame, links),
+        loads.points(unknowns),
         energy * unit,
         iterations,
         residual,
         float(values[0]),
     )
+
+
+class _Loads:
+    """Weight and a force at the tip, by links or by power series."""
+
+    def __init__(
+        self, ribbon: Ribbon, frame: Array, gravity: Array, tip_force: Array | None, links: int
+    ) -> None:
+        self._ribbon, self._frame, self._gravity, self._links = ribbon, frame, gravity, links
+        self._tip = np.zeros(3) if tip_force is None else np.asarray(tip_force, float)
+        self._force = link_masses(ribbon, links)[:, None] * gravity
+        self._force[-1] += self._tip
+
+    def work(self, unknowns: Array) -> tuple[float, Array, Array]:
+        """Energy, gradient, Hessian."""
+        ribbon, frame = self._ribbon, self._frame
+        if ribbon.series:
+            return series.energy_of_loads(ribbon, unknowns, frame, self._gravity, self._tip)
+        return work_of_loads(ribbon, unknowns, frame, self._force, self._links)
+
+    def energy(self, unknowns: Array) -> float:
+        """Energy alone."""
+        if self._ribbon.series:
+            ribbon, frame = self._ribbon, self._frame
+            return series.energy_alone(ribbon, unknowns, frame, self._gravity, self._tip)
+        return -float(np.sum(self._force * self.points(unknowns)))
+
+    def points(self, unknowns: Array) -> Array:
+        """(N + 1, 3) m, of the centreline."""
+        if self._ribbon.series:
+            return series.series_points(self._ribbon, unknowns, self._frame, LINKS)
+        return centreline(self._ribbon, unknowns, self._frame, self._links).points
 
 
 def descend(

@@ -93,6 +93,12 @@ STUDIES: tuple[Study, ...] = (
         "featherfx.lab.studies.ribbons:hanging",
     ),
     Study(
+        "ribbon_degree",
+        "A curled ribbon by rigid links and by power series",
+        "Charrondiere et al. 2019, sections 3.2 and 3.3",
+        "featherfx.lab.studies.ribbons:degree",
+    ),
+    Study(
         "ribbon_and_rod",
         "The curled ribbon beside a rod of rectangular section",
         "Charrondiere et al. 2019, section 5.5 and figure 9",

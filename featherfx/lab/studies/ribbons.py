@@ -13,12 +13,15 @@ import numpy as np
 
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.experiments import (
+    GRAVITY,
     cantilever_ratios,
+    clamp_frame,
     hang,
     hang_rod,
     planar_limit,
     rod_of,
 )
+from featherfx.lab.ribbons.rest import settle_ribbon
 from featherfx.lab.rods.experiments import bend, enough_segments
 from featherfx.lab.rods.oracles import heavy_elastica
 from featherfx.lab.rods.rod import Rod
@@ -121,7 +124,7 @@ def hanging(folder: Path) -> StudyResult:
             rows.append(bounded(text, ratio, seen, at_least=0.01, note="shown: out of its plane"))
     last = shapes[LENGTHS[-1]]
     rows.append(reported("seconds of the longest", last.seconds, unit="s", note="published: 2.1 s"))
-    curves = {length: hung.rest.curve.points for length, hung in shapes.items()}
+    curves = {length: hung.rest.points for length, hung in shapes.items()}
     figures = draw(
         folder / "ribbon_hanging.png",
         "A curled strip hanging from a level clamp, of length 5 to 50 cm (figure 9): planar up to"
@@ -132,6 +135,70 @@ def hanging(folder: Path) -> StudyResult:
     return StudyResult(rows, figures)
 
 
+# links of an element
+WAYS = (("1 link an element", 1), ("8 links", 8), ("power series", 0))
+COUNTS = (5, 10, 20, 40)
+FINEST = 80
+
+
+def degree(folder: Path) -> StudyResult:
+    """Error of the tip against the number of unknowns, by links and by power series."""
+    ribbon = replace(CURL, length=0.25)
+    best = _tip(replace(ribbon, elements=FINEST), 0)
+    errors = {
+        name: [
+            float(np.linalg.norm(_tip(replace(ribbon, elements=count), links) - best))
+            / ribbon.length
+            for count in COUNTS
+        ]
+        for name, links in WAYS
+    }
+    many = errors["1 link an element"][-1]
+    finer = ourselves(f"power series with {FINEST} elements, which share the elastic energy")
+    rows = [
+        reported(f"error of the tip over length, {count} elements, {name}", found[k])
+        for name, found in errors.items()
+        for k, count in enumerate(COUNTS)
+    ]
+    rows += [
+        reported(
+            "5 elements by power series over 40 of one link", errors["power series"][0] / many
+        ),
+        bounded(
+            "10 elements by power series over 40 of one link",
+            errors["power series"][1] / many,
+            finer,
+            at_most=1.0,
+            note="22 unknowns against 82",
+        ),
+        bounded(
+            "20 elements by power series, error over length",
+            errors["power series"][2],
+            finer,
+            at_most=1e-3,
+        ),
+    ]
+
+    def paint(canvas: Any) -> None:
+        axes = canvas.add_subplot()
+        unknowns = [2 * (count + 1) for count in COUNTS]
+        for name, found in errors.items():
+            axes.loglog(unknowns, found, "o-", label=name)
+        axes.set_xlabel("unknowns")
+        axes.set_ylabel("error of the tip over length")
+        axes.legend()
+
+    caption = "A curled strip of 25 cm: error of its tip by the number of unknowns."
+    return StudyResult(rows, draw(folder / "ribbon_degree.png", caption, paint))
+
+
+def _tip(ribbon: Ribbon, links: int) -> np.ndarray:
+    frame = clamp_frame("level")
+    if not links:
+        return settle_ribbon(replace(ribbon, series=True), frame, GRAVITY).points[-1]
+    return settle_ribbon(ribbon, frame, GRAVITY, links=links).points[-1]
+
+
 def against_rod(folder: Path) -> StudyResult:
     """The same strip as a ribbon and as a rod of rectangular section, of growing length."""
     rows: list[Row] = []
@@ -140,7 +207,7 @@ def against_rod(folder: Path) -> StudyResult:
     ribbons, rods = {}, {}
     for length in LENGTHS:
         ribbon = replace(CURL, length=length)
-        ribbons[length] = hang(ribbon).rest.curve.points
+        ribbons[length] = hang(ribbon).rest.points
         rods[length] = hang_rod(
             rod_of(ribbon, THICKNESS), ribbon.surface_density * ribbon.width, "level"
         )
