@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import ellipe, ellipk
 
 from featherfx.lab.feathers.full_feather import (
     LEAST,
@@ -25,6 +26,7 @@ from featherfx.lab.studies.study import (
     bounded,
     draw,
     ourselves,
+    published,
     reported,
 )
 
@@ -230,3 +232,69 @@ def _picture(
         axes.set_xlabel("x, mm", fontsize=7)
 
     return draw(file, caption, paint, (8.0, 7.0))
+
+
+# of figure 6.8: bending modulus over h L^2 E, and kappa over E
+TRUSS_BENDING, TRUSS_KAPPA = 1.0 / 3.0, 3e3
+SQUEEZED = np.linspace(0.02, 0.995, 196)
+
+
+def guard(folder: Path) -> StudyResult:
+    """Figure 6.8: does the penalty on lost area make a truss buckle rather than shrink?
+
+    All energies over L h E: a truss that stays straight at the share s of its length, with and
+    without the penalty, and one bent to that distance of its ends, an elastica with hinges there:
+    s = 2 E(k) / K(k) - 1, energy 8 D K (E - (1 - k^2) K) / L.
+    """
+    straight = 0.5 * (SQUEEZED**2 - 1.0) ** 2
+    lost = 1.0 - SQUEEZED
+    printed = straight + TRUSS_KAPPA / 12.0 * (lost / 6.0) ** 3
+    plain = straight + TRUSS_KAPPA / 12.0 * lost**3
+    # from flat to ends that touch, k^2 = 0.826
+    square = np.linspace(1e-6, 0.83, 20_001)
+    first, second = ellipk(square), ellipe(square)
+    apart = 2.0 * second / first - 1.0
+    energy = 8.0 * TRUSS_BENDING * first * (second - (1.0 - square) * first)
+    bent = np.interp(SQUEEZED, apart[::-1], energy[::-1])
+    figure = published("Jouve 2024, figure 6.8, in words")
+    rows = [
+        bounded(
+            "energy of the straight truss over that of the bent one, largest",
+            float((straight / bent).max()),
+            figure,
+            at_most=1.0,
+            note="so it does not buckle",
+        ),
+        bounded(
+            "the same with the penalty of equation 6.6 as printed",
+            float((printed / bent).max()),
+            figure,
+            at_least=1.0,
+            note="the text says that kappa = 3000 E makes it buckle; the cube of 6 in the"
+            " denominator makes the penalty too small by two orders for that, see the next row",
+        ),
+        bounded(
+            "the same with (1 - J)^3 instead of ((1 - J) / 6)^3",
+            float((plain / bent).max()),
+            figure,
+            at_least=1.0,
+        ),
+        reported(
+            "share of its length at which it then buckles",
+            float(SQUEEZED[np.flatnonzero(plain > bent)[-1]]),
+        ),
+    ]
+
+    def paint(canvas: Any) -> None:
+        axes = canvas.add_subplot()
+        axes.plot(SQUEEZED, straight, label="straight")
+        axes.plot(SQUEEZED, printed, label="straight, penalty as printed")
+        axes.plot(SQUEEZED, plain, label="straight, penalty without the 6")
+        axes.plot(SQUEEZED, bent, label="bent")
+        axes.set_ylim(0.0, 3.0)
+        axes.set_xlabel("distance of the ends over length")
+        axes.set_ylabel("energy over L h E")
+        axes.legend()
+
+    caption = "A truss whose ends come together (figure 6.8): it takes the lower energy."
+    return StudyResult(rows, draw(folder / "guard_truss.png", caption, paint))

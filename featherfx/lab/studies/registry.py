@@ -117,6 +117,12 @@ STUDIES: tuple[Study, ...] = (
         "featherfx.lab.studies.full_feather:tip_pull",
     ),
     Study(
+        "guard_truss",
+        "Does a penalty on lost area make a truss buckle?",
+        "Jouve 2024, equation 6.6 and figure 6.8",
+        "featherfx.lab.studies.full_feather:guard",
+    ),
+    Study(
         "fibre_elements",
         "Bend triplets: cantilever, plane against space, affine bound",
         "Houghton 2020, chapters 3, 5 and 6",
