@@ -16,7 +16,7 @@ def test_without_loads_the_rest_shape_stays():
     ribbon = Ribbon(0.1, **CURL)
     rest = settle_ribbon(ribbon, np.eye(3), np.zeros(3))
     assert rest.unknowns == pytest.approx(ribbon.rest)
-    assert rest.points[-1] == pytest.approx(
+    assert rest.curve.points[-1] == pytest.approx(
         [0.0, (np.cos(6.0) - 1.0) / 60.0, np.sin(6.0) / 60.0], abs=2e-5
     )
 
@@ -56,12 +56,12 @@ def test_curl_is_planar_when_short_and_leaves_its_plane_when_long():
 def test_rod_and_ribbon_coincide_while_planar():
     ribbon = Ribbon(0.2, **CURL)
     rod = hang_rod(rod_of(ribbon, 1e-4), ribbon.surface_density * ribbon.width)
-    assert rod[-1] == pytest.approx(hang(ribbon).rest.points[-1], abs=2e-3 * 0.2)
+    assert rod[-1] == pytest.approx(hang(ribbon).rest.curve.points[-1], abs=2e-3 * 0.2)
 
 
 def test_tapered_strip_hangs_less():
     wide, narrow = (Ribbon(0.2, 0.01, 2e-4, 0.1, tip_width=tip) for tip in (0.01, 0.004))
-    drops = [-hang(each).rest.points[-1][1] for each in (wide, narrow)]
+    drops = [-hang(each).rest.curve.points[-1][1] for each in (wide, narrow)]
     assert 0.0 < drops[1] < drops[0]
 
 
@@ -70,7 +70,7 @@ def test_tip_force_acts():
     ribbon = Ribbon(0.2, 0.01, 2e-4, 0.0)
     force = np.array([0.0, 1e-6, 0.0])
     rest = settle_ribbon(ribbon, clamp_frame("level"), np.zeros(3), tip_force=force)
-    assert rest.points[-1, 1] == pytest.approx(1e-6 * 0.2**3 / 3 / 2e-6, rel=2e-3)
+    assert rest.curve.points[-1, 1] == pytest.approx(1e-6 * 0.2**3 / 3 / 2e-6, rel=2e-3)
 
 
 def test_wrong_clamp_and_rod():

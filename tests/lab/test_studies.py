@@ -147,7 +147,9 @@ def test_a_number_that_moves_by_a_tenth_of_its_tolerance_is_named(tmp_path):
 
 def test_the_page_is_of_today(tmp_path):
     page = Path(__file__).parents[2] / "docs/validation/validation.json"
-    quick = registry.studies(["elastica", "frequencies", "fibre_elements", "vane_mesoscale"])
+    quick = registry.studies(
+        ["elastica", "frequencies", "fibre_elements", "fibre_merging", "vane_mesoscale"]
+    )
     now = runs.run_all(quick, tmp_path, compile_first=())
     assert report.moved(now, json.loads(page.read_text())) == []
 

@@ -75,8 +75,8 @@ def _ribbon(test: HangTest) -> Iterator[Any]:
     times, tips = blown(test, hung)
     moved = {"times": times, "tips": tips} if test.seconds else {}
     yield {
-        "tip": rest.points[-1],
-        "points": rest.points,
+        "tip": rest.curve.points[-1],
+        "points": rest.curve.points,
         "curvature": rest.unknowns[:size],
         "ruling": rest.unknowns[size:],
         "out_of_plane": hung.out_of_plane,

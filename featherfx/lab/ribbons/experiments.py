@@ -97,7 +97,7 @@ def hang(ribbon: Ribbon, clamp: Clamp = "level", *, planar: bool = False) -> Hun
     begin = time.perf_counter()
     rest = settle_ribbon(ribbon, frame, GRAVITY, leave_saddles=not planar)
     seconds = time.perf_counter() - begin
-    return Hung(rest, float(np.abs(rest.points[:, 2]).max()), seconds)
+    return Hung(rest, float(np.abs(rest.curve.points[:, 2]).max()), seconds)
 
 
 def blown(test: HangTest, hung: Hung) -> tuple[Array, Array]:
@@ -105,7 +105,10 @@ def blown(test: HangTest, hung: Hung) -> tuple[Array, Array]:
 
     Raises InputError for values out of range, SimulationError where a step finds no solution.
     """
-    require(*out_of_range(test, "ribbon"))
+    problems = out_of_range(test, "ribbon")
+    if test.ribbon.series:
+        problems.append(Problem("ribbon", "series", "is for rest; what moves is made of links"))
+    require(*problems)
     ribbon = replace(test.ribbon, finite_width=not test.sadowsky)
     moving = RibbonMotion(ribbon, clamp_frame(test.clamp), GRAVITY)
     state, pace = moving.let_go(hung.rest.unknowns), Pace(test.step)
@@ -150,7 +153,7 @@ def cantilever_ratios(loads: Sequence[float], elements: int = 20) -> Array:
         density = load / float(np.linalg.norm(GRAVITY))
         ribbon = Ribbon(1.0, NARROW, 1.0, density, elements=elements, grading=GRADING)
         rest = settle_ribbon(ribbon, frame, GRAVITY, start=start)
-        start, tip = rest.unknowns, rest.points[-1]
+        start, tip = rest.unknowns, rest.curve.points[-1]
         ratios.append(-tip[1] / tip[0])
     return np.array(ratios)
 

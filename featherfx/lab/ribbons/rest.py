@@ -17,7 +17,7 @@ from scipy.linalg import eigh
 
 from featherfx.errors import SimulationError
 from featherfx.lab.ribbons import series
-from featherfx.lab.ribbons.curve import LINKS, centreline, link_masses, work_of_loads
+from featherfx.lab.ribbons.curve import LINKS, Curve, centreline, link_masses, work_of_loads
 from featherfx.lab.ribbons.energy import Ribbon, closeness, elastic
 
 Array = NDArray[np.float64]
@@ -37,14 +37,14 @@ ESCAPE = 0.05
 class RibbonRest:
     """A ribbon at rest.
 
-    unknowns: (U,) curvature (1/m), then ruling, at the stations. points: (N + 1, 3) m, of its
-    centreline. energy: J, elastic and of the loads. iterations: of Newton. residual: largest
-    component of the gradient, as a share of rigidity times width over length. stability: lowest
-    eigenvalue of the Hessian in the same unit, with curvature scaled by the length.
+    unknowns: (U,) curvature (1/m), then ruling, at the stations. curve: its centreline. energy: J,
+    elastic and of the loads. iterations: of Newton. residual: largest component of the gradient,
+    as a share of rigidity times width over length. stability: lowest eigenvalue of the Hessian in
+    the same unit, with curvature scaled by the length.
     """
 
     unknowns: Array
-    points: Array
+    curve: Curve
     energy: float
     iterations: int
     residual: float
@@ -102,7 +102,7 @@ def settle_ribbon(
         raise SimulationError("ribbon", 0.0, f"no rest shape found, residual {residual:.2g}")
     return RibbonRest(
         unknowns,
-        loads.points(unknowns),
+        loads.curve(unknowns),
         energy * unit,
         iterations,
         residual,
@@ -133,13 +133,14 @@ class _Loads:
         if self._ribbon.series:
             ribbon, frame = self._ribbon, self._frame
             return series.energy_alone(ribbon, unknowns, frame, self._gravity, self._tip)
-        return -float(np.sum(self._force * self.points(unknowns)))
+        return -float(np.sum(self._force * self.curve(unknowns).points))
 
-    def points(self, unknowns: Array) -> Array:
-        """(N + 1, 3) m, of the centreline."""
+    def curve(self, unknowns: Array) -> Curve:
+        """The centreline."""
         if self._ribbon.series:
-            return series.series_points(self._ribbon, unknowns, self._frame, LINKS)
-        return centreline(self._ribbon, unknowns, self._frame, self._links).points
+            points, frames = series.series_points(self._ribbon, unknowns, self._frame, LINKS)
+            return Curve(points, frames, np.empty((0, 3)), np.empty((0, 3, 3)))
+        return centreline(self._ribbon, unknowns, self._frame, self._links)
 
 
 def descend(

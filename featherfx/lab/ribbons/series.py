@@ -199,7 +199,8 @@ def energy_alone(
     return -float(gravity @ centre + tip_force @ places[-1])
 
 
-def series_points(ribbon: Ribbon, unknowns: Array, frame: Array, each: int) -> Array:
-    """(N + 1, 3) m, points of the centreline, at least `each` an element."""
+def series_points(ribbon: Ribbon, unknowns: Array, frame: Array, each: int) -> tuple[Array, Array]:
+    """Points (N + 1, 3) m and frames (N + 1, 3, 3) of the centreline, `each` an element or more."""
     (plain,) = moved(ribbon, pieces_of(ribbon, unknowns, each), 0)
-    return placed(plain.turn, plain.end, frame)[1]
+    frames, places = placed(plain.turn, plain.end, frame)
+    return places, frames

@@ -128,7 +128,7 @@ def hanging(folder: Path) -> StudyResult:
             rows.append(bounded(text, ratio, seen, at_least=0.01, note="shown: out of its plane"))
     last = shapes[LENGTHS[-1]]
     rows.append(reported("seconds of the longest", last.seconds, unit="s", note="published: 2.1 s"))
-    curves = {length: hung.rest.points for length, hung in shapes.items()}
+    curves = {length: hung.rest.curve.points for length, hung in shapes.items()}
     figures = draw(
         folder / "ribbon_hanging.png",
         "A curled strip hanging from a level clamp, of length 5 to 50 cm (figure 9): planar up to"
@@ -165,7 +165,7 @@ def _many_strips(exact: np.ndarray) -> list[Row]:
             start[: strip.elements + 1] *= before / length
         rest = settle_ribbon(strip, clamp_frame("level"), GRAVITY, start=start)
         start, before = rest.unknowns.copy(), length
-        ratio = -rest.points[-1, 1] / rest.points[-1, 0]
+        ratio = -rest.curve.points[-1, 1] / rest.curve.points[-1, 0]
         worst = max(worst, abs(ratio / float(np.exp(curve(np.log(load)))) - 1.0))
     each = (time.process_time() - begin) / len(strips)
     return [
@@ -240,8 +240,8 @@ def degree(folder: Path) -> StudyResult:
 def _tip(ribbon: Ribbon, links: int) -> np.ndarray:
     frame = clamp_frame("level")
     if not links:
-        return settle_ribbon(replace(ribbon, series=True), frame, GRAVITY).points[-1]
-    return settle_ribbon(ribbon, frame, GRAVITY, links=links).points[-1]
+        return settle_ribbon(replace(ribbon, series=True), frame, GRAVITY).curve.points[-1]
+    return settle_ribbon(ribbon, frame, GRAVITY, links=links).curve.points[-1]
 
 
 def against_rod(folder: Path) -> StudyResult:
@@ -252,7 +252,7 @@ def against_rod(folder: Path) -> StudyResult:
     ribbons, rods = {}, {}
     for length in LENGTHS:
         ribbon = replace(CURL, length=length)
-        ribbons[length] = hang(ribbon).rest.points
+        ribbons[length] = hang(ribbon).rest.curve.points
         rods[length] = hang_rod(
             rod_of(ribbon, THICKNESS), ribbon.surface_density * ribbon.width, "level"
         )
