@@ -85,7 +85,9 @@ class BakeOptions(WriteOptions, DrawnOptions):
     )
     report: str | Path | None = option(None, "JSON file for figures of the run.")
     feathers: tuple[int, int] | None = option(
-        None, "Bake the I-th of N shares of the feathers, to OUT.IofN.usdc.", form="I/N"
+        None,
+        "Bake the I-th of N shares of the feathers, to OUT.IofN.usdc; I-J/N: some of them.",
+        form="I/N",
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ def plan(
     options: Sequence[str] = (),
     preset_folders: Folders = (),
     overwrite: bool = False,
+    task_shares: int | None = None,
 ) -> list[Path]:
     """Write the items and the job template beside the output, and return both paths.
 
@@ -40,7 +42,8 @@ def plan(
     parameters. Workers search these and the shipped ones, none of their own.
 
     shares: items that bake, at least 1 and at most the number of feathers; fewer where feathers may
-    touch, which is said (InputWarning). options: of `featherfx
+    touch, which is said (InputWarning). task_shares: that a task of the template bakes, by task
+    chunking, which a scheduler has to know; None: one, without that. options: of `featherfx
     bake`, passed on to every item. overwrite: whether a plan that exists is replaced. Raises
     InputError where the shot or the number is wrong, or a file stands there.
     """
@@ -60,7 +63,9 @@ def plan(
     ]
     paths = _paths(shot_path, output, folders)
     named = [f"{{{{Param.{each['name']}}}}}" for each in paths if each["name"] in _named(folders)]
-    template = job_template(shot.name, shares, most, paths, [*_searched(named), *options])
+    template = job_template(
+        shot.name, (shares, most), task_shares, paths, [*_searched(named), *options]
+    )
     texts = {
         output.with_suffix(".plan.json"): work_items(commands, join_command(output, str(shares))),
         output.with_suffix(".openjd.json"): template,
@@ -135,34 +140,45 @@ def _paths(shot: Path, output: Path, folders: Sequence[Path]) -> list[dict[str, 
 
 def job_template(
     name: str,
-    shares: int,
-    most: int,
+    shares: tuple[int, int],
+    task_shares: int | None,
     paths: Sequence[dict[str, Any]],
     options: Sequence[str],
 ) -> dict[str, Any]:
     """An Open Job Description template: a step with a task per share, and one that joins.
 
-    shares: the default of the job's parameter Shares, most: its greatest value. paths: its
-    parameters that are paths. options: of every bake.
+    shares: the default of the job's parameter Shares, and its greatest value. task_shares: as of
+    plan. paths: its parameters that are paths. options: of every bake; with --jobs, a worker has to
+    have as many processors.
     """
+    define: dict[str, Any] = {"name": "Share", "type": "INT", "range": "1-{{Param.Shares}}"}
+    chunked: dict[str, Any] = {}
+    if task_shares:
+        chunks = {"defaultTaskCount": task_shares, "rangeConstraint": "CONTIGUOUS"}
+        define |= {"type": "CHUNK[INT]", "chunks": chunks}
+        chunked = {"extensions": ["TASK_CHUNKING"]}
     share = "{{Task.Param.Share}}/{{Param.Shares}}"
     bake = bake_command("{{Param.Shot}}", "{{Param.Output}}", share, options, "openjd")
     join = join_command("{{Param.Output}}", "{{Param.Shares}}")
     return {
         "specificationVersion": "jobtemplate-2023-09",
+        **chunked,
         "name": f"featherfx {name}"[:_NAME_LENGTH],
         "parameterDefinitions": [
             *paths,
-            {"name": "Shares", "type": "INT", "default": shares, "minValue": 1, "maxValue": most},
+            {
+                "name": "Shares",
+                "type": "INT",
+                "default": shares[0],
+                "minValue": 1,
+                "maxValue": shares[1],
+            },
         ],
         "steps": [
             {
                 "name": "bake",
-                "parameterSpace": {
-                    "taskParameterDefinitions": [
-                        {"name": "Share", "type": "INT", "range": "1-{{Param.Shares}}"}
-                    ]
-                },
+                "parameterSpace": {"taskParameterDefinitions": [define]},
+                **_required(options),
                 "script": {"actions": {"onRun": _action(bake)}},
             },
             {
@@ -172,6 +188,14 @@ def job_template(
             },
         ],
     }
+
+
+def _required(options: Sequence[str]) -> dict[str, Any]:
+    """What a worker has to have for a bake with these options."""
+    given = dict(pairwise(options)).get("--jobs")
+    if given is None:
+        return {}
+    return {"hostRequirements": {"amounts": [{"name": "amount.worker.vcpu", "min": int(given)}]}}
 
 
 def _action(command: Sequence[str]) -> dict[str, Any]:

@@ -33,7 +33,7 @@ MOST_CHANGES = 12  # told of a bake that took over what they do not touch
 # Options of a bake that a plan sets itself, or that belong to one worker.
 PER_WORKER = (
     "--output", "--plan", "--feathers", "--resume", "--progress", "--report", "--presets",
-    "--log", "--verbose",
+    "--log", "--verbose", "--task-shares",
 )  # fmt: skip
 OF_DASK = ("scheduler", "workers", "shares")
 
@@ -75,6 +75,13 @@ OF_DASK = ("scheduler", "workers", "shares")
     help="Do not bake: write N work items with their commands, and a job template.",
 )
 @click.option(
+    "--task-shares",
+    type=click.IntRange(1, MOST_SHARES),
+    metavar="M",
+    help="Of a plan: shares that a task of the template bakes, where the scheduler knows Open Job"
+    " Description's task chunking.",
+)
+@click.option(
     "--engine",
     type=click.Choice(["local", "dask"]),
     default="local",
@@ -109,6 +116,12 @@ def bake(
     stopped has finished stays beside it for --resume.
     """
     farm = {name: options.pop(name) for name in OF_DASK}
+    task_shares, each_share = options.pop("task_shares"), options.pop("feathers") or [None]
+    if task_shares and not plan:
+        raise click.UsageError("--task-shares goes with --plan")
+    if len(each_share) > 1 and (options["report"] or engine == "dask"):
+        raise click.UsageError("several --feathers write no --report, and are not for dask")
+    options["feathers"] = each_share[0]
     if engine == "dask":
         if plan:
             raise click.UsageError("--plan is for farms of other kinds; leave out --engine dask")
@@ -119,16 +132,30 @@ def bake(
             "several shots, --scheduler, --workers and --shares are for --engine dask"
         )
     if plan:
-        _plan(ctx, shots[0], style, plan, options)
-    else:
-        _bake(shots[0], style, options)
+        _plan(ctx, shots[0], style, (plan, task_shares), options)
+        return
+    for share in each_share:
+        _bake(shots[0], style, {**options, "feathers": share})
 
 
-def _plan(ctx: click.Context, shot: Path, style: str, shares: int, options: dict[str, Any]) -> None:
+def _plan(
+    ctx: click.Context,
+    shot: Path,
+    style: str,
+    shares: tuple[int, int | None],
+    options: dict[str, Any],
+) -> None:
+    """Write a plan. shares: all, and those of a task of the template."""
     given, folders = _given(ctx, PER_WORKER), options["preset_folders"]
     with Progress("shares", style):
         written = pipeline.plan(
-            shot, options["output"], shares, given, folders, options["overwrite"]
+            shot,
+            options["output"],
+            shares[0],
+            given,
+            folders,
+            options["overwrite"],
+            task_shares=shares[1],
         )
     for path in written:
         click.echo(str(path), err=True)

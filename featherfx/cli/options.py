@@ -59,22 +59,25 @@ class Names(click.ParamType):
         return sorted(set(found))
 
 
-class Share(click.ParamType):
-    """i/n, the i-th of n shares."""
+class Shares(click.ParamType):
+    """i/n, the i-th of n shares; or i-j/n, some of them one after the other."""
 
     name = "I/N"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        if isinstance(value, tuple):
+    ) -> list[tuple[int, int]]:
+        if isinstance(value, list):
             return value
-        match = re.fullmatch(r"(\d+)/(\d+)", value.strip())
-        if match and (len(match[2]) > _MOST_DIGITS or int(match[2]) > MOST_SHARES):
+        match = re.fullmatch(r"(\d+)(?:-(\d+))?/(\d+)", value.strip())
+        if match and (len(match[3]) > _MOST_DIGITS or int(match[3]) > MOST_SHARES):
             self.fail(f"'{value}' is out of range, at most {MOST_SHARES} shares", param, ctx)
-        if not match or len(match[1]) > _MOST_DIGITS or not 1 <= int(match[1]) <= int(match[2]):
-            self.fail(f"'{value}' is not a share such as 1/4 or 4/4", param, ctx)
-        return int(match[1]), int(match[2])
+        if not match or max(map(len, match.groups(""))) > _MOST_DIGITS:
+            self.fail(f"'{value}' is not a share such as 1/4, or some such as 1-3/4", param, ctx)
+        first, last, count = int(match[1]), int(match[2] or match[1]), int(match[3])
+        if not 1 <= first <= last <= count:
+            self.fail(f"'{value}' is not a share such as 1/4, or some such as 1-3/4", param, ctx)
+        return [(share, count) for share in range(first, last + 1)]
 
 
 class Size(click.ParamType):
@@ -136,7 +139,7 @@ def _option(declared: Field[Any], hint: Any) -> Callable[[Decorated], Decorated]
 def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
     """What a field takes on the command line."""
     if "form" in told:
-        return FrameRange() if told["form"] == "A-B" else Share()
+        return FrameRange() if told["form"] == "A-B" else Shares()
     if "allowed" in told:
         if get_origin(hint) is Sequence:
             return Names(*told["allowed"])

@@ -253,3 +253,62 @@ def test_progress_lines_are_those_of_open_job_description(tmp_path):
     assert result.exit_code == 1
     (fail,) = (line for line in result.stderr.splitlines() if line.startswith("openjd_fail: "))
     assert fail.endswith("exists already; choose another name or --overwrite")
+
+
+def test_a_template_may_have_a_task_bake_several_shares(tmp_path):
+    path = tmp_path / "wing.usda"
+    given = ("--frames", "1-1", "--quality", "draft", "--jobs", 2)
+    planned = run("bake", WING, "-o", path, *given, "--plan", 5, "--task-shares", 2)
+    assert planned.exit_code == 0, planned.stderr
+    template = json.loads((tmp_path / "wing.openjd.json").read_text())
+    assert template["extensions"] == ["TASK_CHUNKING"]
+    step = template["steps"][0]
+    assert step["hostRequirements"]["amounts"] == [{"name": "amount.worker.vcpu", "min": 2}]
+    (share,) = step["parameterSpace"]["taskParameterDefinitions"]
+    assert share["type"] == "CHUNK[INT]"
+    assert share["chunks"] == {"defaultTaskCount": 2, "rangeConstraint": "CONTIGUOUS"}
+    # what a session makes of the last chunk but one
+    names = {
+        "{{Task.Param.Share}}": "3-4",
+        "{{Param.Shares}}": "5",
+        "{{Param.Shot}}": str(WING),
+        "{{Param.Output}}": str(path),
+    }
+    arguments = step["script"]["actions"]["onRun"]["args"]
+    for name, value in names.items():
+        arguments = [each.replace(name, value) for each in arguments]
+    assert not any("{{" in each for each in arguments)
+    result = run(*arguments)
+    assert result.exit_code == 0, result.stderr
+    assert sorted(each.name for each in tmp_path.glob("wing.*of5.usda")) == [
+        "wing.3of5.usda",
+        "wing.4of5.usda",
+    ]
+
+
+def test_the_reference_implementation_takes_both_templates(tmp_path):
+    """Where its package openjd-model is installed."""
+    model = pytest.importorskip("openjd.model")
+    for number, more in enumerate(({}, {"task_shares": 2})):
+        path = tmp_path / f"wing{number}.usda"
+        pipeline.plan(WING, path, 4, ["--jobs", "2"], **more)
+        template = json.loads(path.with_suffix(".openjd.json").read_text())
+        model.decode_job_template(template=template, supported_extensions=["TASK_CHUNKING"])
+        if more:
+            with pytest.raises(model.DecodeValidationError):
+                model.decode_job_template(template=template, supported_extensions=[])
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (("--task-shares", "2"), "--task-shares goes with --plan"),
+        (("--feathers", "1-2/4", "--report", "r.json"), "several --feathers write no --report"),
+        (("--feathers", "3-2/4"), "is not a share such as"),
+        (("--feathers", "1-5/4"), "is not a share such as"),
+    ],
+)
+def test_several_shares_that_make_no_sense_are_wrong_usage(more, told):
+    result = run("bake", WING, *more)
+    assert result.exit_code == 2
+    assert told in result.stderr
