@@ -12,7 +12,10 @@ from featherfx.cli.log import tell
 from featherfx.cli.program import Command, CommandGroup
 
 
-@click.group(cls=CommandGroup)
+@click.group(
+    cls=CommandGroup,
+    epilog="featherfx plugins list\nfeatherfx plugins install houdini",
+)
 def plugins() -> None:
     """List plugins for other programs, and install them."""
 
