@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from featherfx.algebra.vec3_kernels import add, cross, dot, length, scale, store, sub
+from featherfx.algebra.vec3_kernels import cross, dot, length, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.clearance_kernels import (
@@ -32,8 +32,6 @@ KEPT, SMALL = 0.5, 0.1
 # depth, in thicknesses, from which on a point that comes around its host's rim stays on the side
 # where it comes
 AROUND = 1.0
-# of what is straight between two points of a vane, to find where it goes through another
-HALVINGS = 5
 
 
 class Node(NamedTuple):
@@ -158,14 +156,14 @@ def _is_over(along, beside, thickness):
 @kernel
 def _choose_side(contact, along, node, near, search):
     """Put a point that comes around the rim of its host on the side where it comes, until it
-    leaves the host or meets what is on the other side.
+    leaves the host or is drawn back with a neighbour.
 
     It comes around if it was beside the host at the start of the step, and on that side already.
     One that was over the host then, and less deep than steps leave anything, was pressed through;
     one that was deep and is not known was just over the rim when nobody looked. along: m, over the
     host. The contact is put on other triangles.
     """
-    depth, turned = -node.side * along, contact.side != node.side
+    depth, turned = -contact.side * along, contact.side != node.side
     if not turned and depth < AROUND * contact.thickness:
         return
     # deeper than it goes past the host in the step: not through it, but around
@@ -173,10 +171,13 @@ def _choose_side(contact, along, node, near, search):
     x = guest_place(bodies.start[node.guest], contact.row, contact.point, contact.fraction)
     ahead = guest_place(bodies.ahead[node.guest], contact.row, contact.point, contact.fraction)
     led = sub(host_place(bodies.ahead[host], contact), host_place(bodies.start[host], contact))
-    leaps = depth > length(sub(sub(ahead, x), led))
+    leaps = depth > max(AROUND * contact.thickness, length(sub(sub(ahead, x), led)))
     if not turned and node.known >= 0 and not leaps:
         return
     contact.side = node.side
+    if turned and leaps:
+        # back around the rim
+        return
     if not turned:
         over, found, height = _at_start(contact, x, near, search)
         low = over and height < -AROUND * contact.thickness
@@ -210,9 +211,7 @@ def _at_start(contact, x, near, search):
 @kernel
 def _belongs_to_order(contact, x, near, search):
     """Whether a point that is on the wrong side of its host, at x at the start, hangs together with
-    what the order holds: a neighbour on its vane that is drawn back through the host from about as
-    deep, or one on the right side to which the vane does not go around the rim, but through the
-    host."""
+    a neighbour on its vane that is drawn back through the host from about as deep."""
     row, p, guests = contact.row, contact.point, search.surfaces.guests[contact.guest]
     columns, points = search.surfaces.exists.shape[3], search.bodies.start[contact.guest]
     known, side = search.memory.key, search.memory.side
@@ -230,35 +229,13 @@ def _belongs_to_order(contact, x, near, search):
         over, _, height = _at_start(contact, y, near, search)
         if not over:
             continue
-        above = height > -AROUND * contact.thickness
-        if above and _goes_through(contact, x, y, near, search):
-            return True
-        if above or abs(height - low) > search.margin:
+        if height > -AROUND * contact.thickness or abs(height - low) > search.margin:
             continue
         key = (contact.pair * guests.shape[0] + i) * guests.shape[1] + c
         at = _first_key(known, key)
         if at < known.shape[0] and known[at] == key and side[at] == contact.side:
             return True
     return False
-
-
-@kernel
-def _goes_through(contact, x, y, near, search):
-    """Whether what is straight from x, under the host at the start, to y, over it, goes through it,
-    not around its rim: it does if it is over the host wherever halving leads, and at the host
-    there; where a host is folded, sides also change in the middle between its parts."""
-    least = 0.0
-    for _ in range(HALVINGS):
-        middle = scale(0.5, add(x, y))
-        over, _, height = _at_start(contact, middle, near, search)
-        if not over:
-            return False
-        if height < 0.0:
-            x = middle
-        else:
-            y = middle
-        least = abs(height)
-    return least <= length(sub(y, x)) + contact.thickness
 
 
 @kernel
