@@ -369,7 +369,11 @@ def _check_patterns(entries: Entries, groom: Groom | None) -> None:
 def _check_pattern(pattern: str, what: str, names: set[str], place: Place) -> None:
     fits = pattern in names or any(fnmatchcase(each, pattern) for each in names)
     if names and not fits:
-        place.unknown(f"no {what} of the groom fits '{pattern}'", pattern, names)
+        message, named = f"no {what} of the groom fits '{pattern}'", names - {""}
+        if named:
+            place.unknown(message, pattern, named)
+        else:
+            place.fail(f"{message}: no feather has one")
 
 
 def _check_ids(entries: Entries, groom: Groom | None) -> None:
