@@ -77,10 +77,34 @@ def test_barbs_of_every_shipped_kind_are_drawn(tmp_path):
     for feather in Cache(tmp_path / "kinds.usdc").feathers:
         topology = topology_of(feather)
         assert topology is not None, feather.id
-        for grid, heights, places in topology.vanes:
-            assert grid.shape == (len(heights), len(places))
-            assert places[0] == 0.0
-            assert places[-1] == 1.0
+        for vane in topology.vanes:
+            assert vane.rows.shape == (len(vane.heights), len(vane.places))
+            assert vane.places[0] == 0.0
+            assert vane.places[-1] == 1.0
+            assert vane.edges is None
+
+
+def test_barbs_of_a_vane_that_may_part_go_along_with_their_strips(tmp_path):
+    """Where a strip's upper edge leaves the next row, none of its barbs stays across the gap."""
+    (tmp_path / "groom.toml").write_text(
+        'name = "one"\n[[feather]]\nid = "feather"\nkind = "swan_primary"\nposition = [0, 0, 0]\n'
+        'direction = [-1, 0, 0]\nup = [0, 0, 1]\noverrides = { vane_material.hooks = "open" }\n'
+    )
+    export_groom(tmp_path / "groom.toml", tmp_path / "one.usdc", quality="draft")
+    subject, _, whole = looked_at(tmp_path / "one.usdc")
+    (group,) = subject.plumage.groups
+    vane = group.topology.vanes[0]
+    assert vane.edges is not None
+    points = load_points(subject.cache, subject.scene, 1.0).astype(float)
+    lips = np.setdiff1d(vane.edges[5], vane.rows[6])
+    assert len(lips) > 0
+    np.testing.assert_array_equal(points[vane.edges[5]], points[vane.rows[6]])
+    points[lips] += [0.0, 0.0, 0.01]
+    moved = subject.plumage.geometry(points).points - whole.points[: len(whole.points)]
+    lifted = np.abs(moved).max(axis=1) > 1e-6
+    # strips of one row in nine, on one side of two
+    assert 0.0 < lifted.mean() < 0.2
+    assert moved[lifted][:, 2].max() == pytest.approx(0.01, rel=0.15)
 
 
 def test_strips_cover_the_area_of_the_vane(cache):
