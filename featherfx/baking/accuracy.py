@@ -11,6 +11,7 @@ What is compared are the nodes of the shot's own grid, at every frame. Feathers 
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.api import Folders, read_quality, read_shot
-from featherfx.errors import all_of
+from featherfx.errors import InputWarning, all_of
 from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
@@ -97,9 +98,12 @@ def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotErro
     """The error of a shot, estimated on so many of its feathers.
 
     jobs: threads. Raises InputError where feathers cannot be built, and SimulationError where one
-    cannot be simulated as the shot says or finer.
+    cannot be simulated as the shot says or finer; InputWarning where contact is left out.
     """
     begin = time.perf_counter()
+    if shot.contact is not None:
+        text = f"{shot.source}: contact: is left out of the error: feathers touch nothing in it"
+        warnings.warn(text, InputWarning, stacklevel=2)
     touching, shot = shot.contact is not None, replace(shot, contact=None, layers=None)
     chosen = chosen_feathers(shot, feathers)
     part = part_of(shot, chosen)
