@@ -71,6 +71,7 @@ def _summary(kind: str, given: argparse.Namespace, found: Found, seconds: float)
         "fine": set(found.outcomes) <= {*FINE, "killed", "named"} and not found.failures,
         "outcomes": dict(sorted(found.outcomes.items())),
         "failures": [failure._asdict() for failure in found.failures],
+        "scenes": found.scenes,
     }
 
 
@@ -79,7 +80,7 @@ def _in_pieces(kind: str, given: argparse.Namespace) -> Found:
     size = -(-given.cases // (PIECES * given.jobs))
     end = given.first + given.cases
     starts = range(given.first, end, size)
-    whole = Found(Counter(), [])
+    whole = Found(Counter(), [], [])
     with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(given.jobs) as pool:
 
         def piece(first: int) -> tuple[str, Any]:
@@ -99,6 +100,7 @@ def _in_pieces(kind: str, given: argparse.Namespace) -> Found:
             sys.stdout.write("".join(text.splitlines(keepends=True)[:-1]))
             whole.outcomes.update(part["outcomes"])
             whole.failures.extend(Failure(**each) for each in part["failures"])
+            whole.scenes.extend(part.get("scenes", []))
     return whole
 
 

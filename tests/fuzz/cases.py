@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,10 +52,12 @@ class Failure(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What became of some cases: outcomes by name, and those that are not fine."""
+    """What became of some cases: outcomes by name, those that are not fine, and figures of
+    each where a kind has them."""
 
     outcomes: Counter[str]
     failures: list[Failure]
+    scenes: list[dict[str, Any]]
 
     def fail(self, case: int, seed: int, said: str) -> None:
         """Note, and print, a case that is not fine."""
@@ -71,7 +73,7 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
     could not be made).
     keep: folder that takes the inputs of cases that are not fine.
     """
-    result = Found(Counter(), [])
+    result = Found(Counter(), [], [])
     for name in ("featherfx.cli.main", *kind.modules):
         importlib.import_module(name)
     with tempfile.TemporaryDirectory() as name:

@@ -47,7 +47,7 @@ def run(cases: Sequence[int], seed: int) -> Found:
     done: all frames are finite. named: an error that names feather, frame and reason. broken: any
     other.
     """
-    found, result = [], Found(Counter(), [])
+    found, result = [], Found(Counter(), [], [])
     with tempfile.TemporaryDirectory() as name:
         for number in cases:
             found.append(_ended(_scene(random.Random(f"{seed} {number}"), Path(name)), number))
@@ -64,6 +64,7 @@ def run(cases: Sequence[int], seed: int) -> Found:
                 f" {each.seconds:.1f} s, {each.outcome} {each.said}"
             )
     result.outcomes.update(each.outcome for each in found)
+    result.scenes.extend(each._asdict() for each in found)
     return result
 
 

@@ -30,7 +30,7 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Found:
     bakes that a kill hit. differs, stray, refused, hang: what must not be. keep: takes the folders
     of such cases.
     """
-    result = Found(Counter(), [])
+    result = Found(Counter(), [], [])
     outcomes = result.outcomes
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name)
