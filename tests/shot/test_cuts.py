@@ -11,7 +11,7 @@ import pytest
 
 from featherfx.algebra.between import Knots
 from featherfx.errors import InputWarning
-from featherfx.shot.contact.bodies import Bodies
+from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.motion.cuts import CutRoots
 from featherfx.shot.motion.roots import RootFrames, arrived, root_rates
 from featherfx.shot.read.read import read_shot
@@ -82,6 +82,7 @@ def flight(away):
         skin=Flight(at_rest, away),
         quality=replace(shot.quality, rows=7, columns=2, coefficients=1),
         wind=replace(shot.wind, air_density=0.0),
+        contact=replace(shot.contact, skin=False),
         layers=None,
         preroll=0,
     )
@@ -116,7 +117,8 @@ class Board:
 
 def test_a_collider_that_is_elsewhere_is_no_wall_that_moves():
     shot = flight(np.zeros(3))
-    bodies = Bodies(replace(shot, colliders=(TimedSurface(Board(), 0.0),)), 0.3)
+    feathers = FeathersOver(np.arange(2), np.zeros((2, 1, 1, 3)), np.full(2, 0.3))
+    bodies = Bodies(replace(shot, colliders=(TimedSurface(Board(), 0.0),)), feathers)
     bodies.begun = True
     states = next(iter(simulate_states(shot)))
     for k in range(10):
