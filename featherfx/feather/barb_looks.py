@@ -14,7 +14,6 @@ across: unit, at rest, from the barb before to the one after. Random numbers r, 
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -28,6 +27,7 @@ from featherfx.feather.clumps import middle_barbs
 from featherfx.feather.density import linear_weights
 from featherfx.feather.render import barb_curves
 from featherfx.feather.types import BarbCurves, Feather, PointMap
+from featherfx.files.content import stable_number
 from featherfx.groom.types import BarbLook, FeatherKind
 
 Array = NDArray[np.float64]
@@ -44,8 +44,7 @@ def drawn_barbs(
     look = kind.barbs
     if look == BarbLook() or kind.may_part:
         return barb_curves(kind, grid, count, mirrored)
-    word = int.from_bytes(hashlib.sha256(id.encode()).digest()[:8], "big")
-    return _dressed(kind, grid, count, mirrored, word % look.variants)
+    return _dressed(kind, grid, count, mirrored, stable_number(id) % look.variants)
 
 
 @lru_cache(maxsize=1024)
@@ -63,18 +62,14 @@ def _dressed(
     beside = _beside(barbs, smooth @ points)
     within = sparse.diags_array(across) @ beside @ smooth + smooth
     dorsal = sparse.diags_array(out) @ _dorsal(barbs, feather)
+    matrix = within @ barbs.points_map.matrix + dorsal
     rest = np.concatenate([part.reshape(-1, 3) for part in feather.rest])
     return replace(
         barbs,
         points=(within @ points + dorsal @ rest).reshape(barbs.points.shape),
         st=(shorter @ barbs.st.reshape(-1, 2)).reshape(barbs.st.shape),
-        points_map=replace_matrix(barbs.points_map, within @ barbs.points_map.matrix + dorsal),
+        points_map=PointMap(matrix.tocsr(), barbs.points_map.shape),
     )
-
-
-def replace_matrix(points: PointMap, matrix: Matrix) -> PointMap:
-    """The same points by another matrix."""
-    return PointMap(matrix.tocsr(), points.shape)
 
 
 def _shortened(shape: tuple[int, int], lengths: Array) -> Matrix:

@@ -16,7 +16,6 @@ Colours are mixed as light. What numbers look like on a living bird is chosen by
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING, BarbCurves, Feather, barb_slice
+from featherfx.files.content import stable_number
 from featherfx.groom.types import Colour, FeatherKind, Pattern
 
 Array = NDArray[np.float64]
@@ -65,8 +65,8 @@ def uniform(kind: FeatherKind) -> FeatherKind:
 
 def _brightness(colour: Colour, id: str) -> float:
     """By a number that the id alone decides, evenly spread about 1 with the deviation `vary`."""
-    word = int.from_bytes(hashlib.sha256(id.encode()).digest()[:8], "big")
-    return max(1.0 + colour.vary * 3.0**0.5 * (2.0 * word / 2.0**64 - 1.0), 0.0)
+    share = stable_number(id) / 2.0**63
+    return max(1.0 + colour.vary * 3.0**0.5 * (2.0 * share - 1.0), 0.0)
 
 
 def _mesh_colours(kind: FeatherKind, feather: Feather) -> tuple[Array, Array]:

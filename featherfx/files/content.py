@@ -37,6 +37,12 @@ def digests(values: Iterable[Any]) -> list[str]:
     return [_digest(walk.of(value)) for value in values]
 
 
+def stable_number(name: str) -> int:
+    """A number from 0 to 2^63 - 1 made from an id, so that it stays when others come or go."""
+    found = hashlib.blake2b(name.encode(), digest_size=8).digest()
+    return int.from_bytes(found, "little") >> 1
+
+
 @cache
 def program_digest() -> str:
     """Of the program's own code, and of numpy, which it computes with."""

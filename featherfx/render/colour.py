@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.colours import linear
+from featherfx.feather.colours import VANE, linear
 from featherfx.render.scene import DrawnPose, DrawnScene
 
 Array = NDArray[np.float64]
 
-# linear: of feathers and of other meshes without a colour of their own, and of shafts
-VANE, SHAFT, SKIN = (0.80, 0.76, 0.69), (0.47, 0.36, 0.22), (0.31, 0.25, 0.22)
+# linear: of shafts, and of other meshes without a colour of their own
+SHAFT, SKIN = (0.47, 0.36, 0.22), (0.31, 0.25, 0.22)
 COLLIDER = (0.24, 0.26, 0.29)
 _MUTED = (0.45, 0.45, 0.45)
 # Anchors of perceptually even ramps: viridis, and a blue-white-red diverging one.

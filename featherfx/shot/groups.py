@@ -20,7 +20,8 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
-from featherfx.shot.direction.matter import Matter, blown, felt_wind, matter_of
+from featherfx.shot.direction.channels import courses
+from featherfx.shot.direction.matter import NAMES, Blown, Matter, matter_of
 from featherfx.shot.islands import ALONE
 from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
@@ -49,7 +50,8 @@ class Group:
     may touch (islands.py). feathers: as simulated. maps: to the meshes' grid, where that is another
     one. own: model of dry feathers that nothing directs. cycle: of a shot that repeats. water: of
     feathers that are wet at times. free: s, time at which they leave their roots, None: never.
-    matter: as channels have it, and felt: the channels of wind that act (direction/matter.py).
+    matter: as channels have it. blown: channels of wind, and felt: how much of each acts
+    (direction/matter.py).
     """
 
     resolution: Resolution
@@ -70,7 +72,8 @@ class Group:
     water: Water | None = None
     free: float | None = None
     matter: Matter | None = None
-    felt: tuple[tuple[int, float], ...] = ()
+    blown: Blown | None = None
+    felt: tuple[float, ...] = ()
 
     @property
     def level(self) -> str:
@@ -120,7 +123,7 @@ class _Alike(NamedTuple):
     exposure: float
     wet: int
     free: int
-    felt: tuple[tuple[int, float], ...]
+    felt: tuple[float, ...]
 
 
 def make_groups(
@@ -142,7 +145,7 @@ def make_groups(
     alike: dict[_Alike, list[int]] = {}
     exposed, placements = exposures(shot).tolist(), shot.groom.feathers
     wets, frees = last_fitting(shot.wets, placements), last_fitting(shot.frees, placements)
-    felt = felt_wind(shot)
+    blown, directing = Blown(shot), courses(shot, NAMES)
     # contact reaches all batches of feathers that push in one way
     mixed = shot.contact is not None and any(may_slip(p.kind) for p in shot.groom.feathers)
     for index, placement in enumerate(placements):
@@ -152,13 +155,17 @@ def make_groups(
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
                 island = int(islands[index])
                 hooked = (mixed and island != ALONE) or _slips(kind, resolution)
-                rules = exposed[index], wets[index], frees[index], felt[index]
+                rules = exposed[index], wets[index], frees[index], blown.weights[index]
                 key = _Alike(island, resolution, taper, clamp, hooked, *rules)
                 alike.setdefault(key, []).append(index)
-    return [
+    groups = [
         _group(shot, drawn, np.array(members), key, motion, jobs, time)
         for key, members in counted("building", alike.items(), len(alike))
     ]
+    for group in groups:
+        group.blown = blown
+        group.matter = matter_of(directing, group.members, np.asarray(shot.gravity))
+    return groups
 
 
 def _group(
@@ -209,7 +216,6 @@ def _group(
         start=state.points.nodes.copy(),
         water=None if key.wet < 0 else Water(shot.wets[key.wet], feathers, placements),
         free=None if key.free < 0 else shot.time_of(shot.frees[key.free].frame),
-        matter=matter_of(shot, members),
         felt=key.felt,
     )
 
@@ -278,8 +284,8 @@ def loads_within(
     grips = group.grips if gripped else []
     points = list(group.start)
     loads = frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
-    if group.felt:
-        loads = blown(shot, loads, group.felt, 0.5 * (start + end))
+    if group.blown is not None:
+        loads = group.blown.through(loads, group.felt, 0.5 * (start + end))
     if group.matter is not None:
         loads = group.matter.weighed(loads, group.solver.model.mass, start, end)
     if group.water is not None:

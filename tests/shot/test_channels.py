@@ -218,6 +218,6 @@ def test_a_wrong_channel_is_one_message(tmp_path, entry, said):
     assert said in str(caught.value)
 
 
-def test_every_channel_is_explained(shot):
+def test_every_channel_is_explained():
     text = (Path(__file__).parents[2] / "docs" / "direction.md").read_text()
     assert [name for name in CHANNELS if f"`{name}`" not in text] == []

@@ -33,33 +33,32 @@ _MODULI = (
 _WIND_STEP = 1.0 / 8.0
 
 
-def felt_wind(shot: Shot) -> list[tuple[tuple[int, float], ...]]:
-    """Of every feather of a shot the channels of wind that act on it: number and weight, in
-    eighths."""
-    found = courses(shot, ("wind",))
-    table = [np.round(each.weights / _WIND_STEP) * _WIND_STEP for each in found]
-    return [
-        tuple((k, float(weights[f])) for k, weights in enumerate(table) if weights[f] > 0.0)
-        for f in range(len(shot.groom.feathers))
-    ]
+class Blown:
+    """How much of the wind the feathers of a shot feel, by its channels of wind."""
+
+    def __init__(self, shot: Shot) -> None:
+        self._found, count = courses(shot, ("wind",)), len(shot.groom.feathers)
+        table = [np.round(each.weights / _WIND_STEP) * _WIND_STEP for each in self._found]
+        # (F,) of every feather the weights of all channels, in eighths
+        self.weights = [tuple(float(weights[f]) for weights in table) for f in range(count)]
+
+    def through(self, loads: Loads, weights: tuple[float, ...], time: float) -> Loads:
+        """Loads of a batch that feels the channels by these weights, at a time in s."""
+        share = 1.0
+        for course, weight in zip(self._found, weights, strict=True):
+            share *= 1.0 + weight * (course.value(time) - 1.0)
+        if share == 1.0:
+            return loads
+        return loads._replace(
+            wind_mean=share * loads.wind_mean, wind_amplitude=share * loads.wind_amplitude
+        )
 
 
-def blown(shot: Shot, loads: Loads, felt: tuple[tuple[int, float], ...], time: float) -> Loads:
-    """Loads of a batch that feels these channels (felt_wind), at a time in s."""
-    found = courses(shot, ("wind",))
-    share = 1.0
-    for k, weight in felt:
-        share *= 1.0 + weight * (found[k].value(time) - 1.0)
-    return loads._replace(
-        wind_mean=share * loads.wind_mean, wind_amplitude=share * loads.wind_amplitude
-    )
-
-
-def matter_of(shot: Shot, members: NDArray[np.int64]) -> Matter | None:
-    """What channels make of the matter of a batch, members: (M,) numbers of its feathers in the
-    shot; None where none does."""
-    found = [each for each in courses(shot, NAMES) if each.weights[members].any()]
-    return Matter(found, members, np.asarray(shot.gravity)) if found else None
+def matter_of(found: Sequence[Course], members: NDArray[np.int64], gravity: Array) -> Matter | None:
+    """What channels (those of NAMES) make of the matter of a batch, members: (M,) numbers of its
+    feathers in the shot; None where none does."""
+    own = [each for each in found if each.weights[members].any()]
+    return Matter(own, members, gravity) if own else None
 
 
 class Matter:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.feather.colours import colours_of, uniform
 from featherfx.feather.types import Feather
+from featherfx.files.content import stable_number
 from featherfx.files.whole import standing
 from featherfx.groom.types import Placement
 from featherfx.shot.placement import place
@@ -152,12 +152,6 @@ def _author_instances(
     }
     for name, values in texts.items():
         author_texts(instancer.GetPrim(), name, values, UsdGeom.Tokens.vertex)
-
-
-def stable_number(name: str) -> int:
-    """A number from 0 to 2^63 - 1 made from an id, so that it stays when others come or go."""
-    digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "little") >> 1
 
 
 def _half(values: Array) -> Any:
