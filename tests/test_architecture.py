@@ -39,7 +39,7 @@ FORBIDDEN = {"lab": {"usd", "render", "baking"}, "usd": {"solver"}, "cli": {"__i
 # what only the lab needs lives in the lab: the commands of the lab and of benchmarks may enter it
 LAB_ENTRIES = ("cli/lab/", "cli/bench.py")
 HOME_OF = {
-    "pxr": {"usd"},
+    "pxr": {"usd", "plugins"},
     "embreex": {"render"},
     "PIL": {"render", "usd"},
     "click": {"cli"},

@@ -20,9 +20,9 @@ import platformdirs
 
 from featherfx._version import __version__
 from featherfx.errors import InputError, Problem
-from featherfx.files.shipped import shipped
 from featherfx.files.whole import write_text
 
+_SHIPPED = Path(__file__).resolve().parent.parent / "plugins"
 _MARK = "featherfx_plugin.json"
 _COMMAND = "featherfx_command.json"
 
@@ -145,7 +145,7 @@ def _refuse(target: Path, finder: Path | None, overwrite: bool) -> None:
 
 def _made(host: Host, folder: Path, target: Path) -> Path:
     """The plugin's folder, complete, at a temporary place."""
-    source = shipped("plugins")
+    source = _SHIPPED
     ignored = shutil.ignore_patterns("__pycache__", *([host.finder] if host.finder else []))
     for part in (source / host.name, source / "shared"):
         shutil.copytree(part, folder, ignore=ignored, dirs_exist_ok=True)
@@ -159,7 +159,7 @@ def _made(host: Host, folder: Path, target: Path) -> Path:
 
 def _point(host: Host, finder: Path, target: Path, before: Path) -> None:
     """Write the file by which the host finds the plugin; where it cannot be, put back what was."""
-    text = (shipped("plugins") / host.name / host.finder).read_text(encoding="utf-8")
+    text = (_SHIPPED / host.name / host.finder).read_text(encoding="utf-8")
     text = text.replace("@VERSION@", __version__).replace("@FOLDER@", target.as_posix())
     try:
         write_text(finder, text)

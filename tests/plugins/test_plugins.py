@@ -20,7 +20,7 @@ from featherfx.cli.main import main
 from featherfx.usd.write.write import CacheWriter
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCE = ROOT / "plugins"
+SOURCE = ROOT / "featherfx" / "plugins"
 CACHE = "/show/wing.usdc"
 
 # what a bake tells, as it was recorded, then how it ends
