@@ -1,9 +1,9 @@
 """featherfx: from feather grooms to simulated, time-sampled USD geometry.
 
-`featherfx.bake`, `bake_many`, `check`, `export`, `export_groom`, `join` and `plan` do what the
-commands of the same kind do; `read_groom`, `read_shot`, `build` and `simulate` are the steps
-between; `expand` makes meshes and barbs of condensed feathers. All are loaded when first asked for,
-so that `import featherfx` stays light.
+`featherfx.bake`, `bake_many`, `check`, `export`, `export_groom`, `join`, `plan` and `retime` do
+what the commands of the same kind do; `read_groom`, `read_shot`, `build` and `simulate` are the
+steps between; `expand` makes meshes and barbs of condensed feathers. All are loaded when first
+asked for, so that `import featherfx` stays light.
 docs/usd_in.md, docs/dcc.md and docs/farm.md show them at work.
 """
 
@@ -16,14 +16,15 @@ from featherfx._version import __version__
 
 if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
-    from featherfx.baking.pipeline import bake, check, export, export_groom, join, plan
+    from featherfx.baking.pipeline import bake, check, export, export_groom, join, plan, retime
     from featherfx.farm.bake_many import bake_many
     from featherfx.usd.read.expand import expand
 
 _HOMES = dict.fromkeys(
     ("build", "read_groom", "read_quality", "read_shot", "simulate"), "featherfx.api"
 ) | dict.fromkeys(
-    ("bake", "check", "export", "export_groom", "join", "plan"), "featherfx.baking.pipeline"
+    ("bake", "check", "export", "export_groom", "join", "plan", "retime"),
+    "featherfx.baking.pipeline",
 )
 _HOMES["bake_many"] = "featherfx.farm.bake_many"
 _HOMES["expand"] = "featherfx.usd.read.expand"
@@ -41,6 +42,7 @@ __all__ = [
     "read_groom",
     "read_quality",
     "read_shot",
+    "retime",
     "simulate",
 ]
 

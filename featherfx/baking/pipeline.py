@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from featherfx.baking.plan import plan
     from featherfx.baking.stats import plumage_stats
     from featherfx.usd.check.crossings import count_crossings
+    from featherfx.usd.convert.retime import retime
     from featherfx.usd.read.inspect import inspect_stage
 
 _HOMES = {
@@ -32,6 +33,7 @@ _HOMES = {
     "plan": "featherfx.baking.plan",
     "plumage_stats": "featherfx.baking.stats",
     "read_shot": "featherfx.api",
+    "retime": "featherfx.usd.convert.retime",
 }
 __all__ = [
     "bake",
@@ -45,6 +47,7 @@ __all__ = [
     "plan",
     "plumage_stats",
     "read_shot",
+    "retime",
 ]
 
 

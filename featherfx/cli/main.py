@@ -18,6 +18,7 @@ from featherfx.cli.plugins import plugins
 from featherfx.cli.presets import presets
 from featherfx.cli.preview import preview
 from featherfx.cli.program import Program
+from featherfx.cli.retime import retime
 from featherfx.cli.sample import sample
 from featherfx.cli.schema import schema
 from featherfx.cli.stats import stats
@@ -37,6 +38,7 @@ for command in (
     bake,
     join,
     export,
+    retime,
     groom,
     check,
     inspect,

@@ -1,0 +1,72 @@
+"""`featherfx retime`: a cache slower, faster, along keys, or as a loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from featherfx.baking import pipeline
+from featherfx.cli.options import readable_path
+from featherfx.cli.program import Command
+
+
+class Keys(click.ParamType):
+    """Pairs of a new and an old frame, with commas between."""
+
+    name = "NEW:OLD,..."
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[tuple[float, float]]:
+        if isinstance(value, list):
+            return value
+        try:
+            pairs = [[float(part) for part in each.split(":")] for each in value.split(",")]
+            return [(new, old) for new, old in pairs]
+        except ValueError:
+            self.fail(f"'{value}' is no list of keys such as 1:1,24:12,48:48", param, ctx)
+
+
+@click.command(
+    cls=Command,
+    short_help="Write a cache slower, faster, or as a loop.",
+    epilog="""
+    featherfx retime wing.usdc -o slow.usdc --speed 0.25
+    featherfx retime wing.usdc -o ramp.usdc --keys 1:1,24:12,60:48
+    featherfx retime flap.usdc -o loop.usdc --loop 24
+    """,
+)
+@click.argument("cache", type=readable_path())
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="One plain USD file (.usd, .usdc, .usda).",
+)
+@click.option("--speed", type=float, help="Frames of the cache that pass in a new one.")
+@click.option("--keys", type=Keys(), help="New frames and those of the cache that they show.")
+@click.option(
+    "--loop",
+    type=click.IntRange(min=1),
+    help="Frames at the end of the cache that become a loop; those before them are faded in.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+def retime(
+    cache: Path,
+    output: Path,
+    speed: float | None,
+    keys: list[tuple[float, float]] | None,
+    loop: int | None,
+    overwrite: bool,
+) -> None:
+    """Write CACHE (a USD file of featherfx) in another time, without simulating it anew.
+
+    Points follow the velocities between frames; velocities are those of the new motion. A loop's
+    last frame is its first.
+    """
+    if sum(each is not None for each in (speed, keys, loop)) != 1:
+        raise click.UsageError("give one of --speed, --keys and --loop")
+    pipeline.retime(cache, output, speed=speed, keys=keys, loop=loop, overwrite=overwrite)
