@@ -16,7 +16,7 @@ from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.presets import list_presets, load_preset
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.model import Model
+from featherfx.mechanics.model import Model, no_hooks
 from featherfx.solver.state import State, rest_state
 
 Array = NDArray[np.float64]
@@ -88,6 +88,7 @@ def rod(
         rotary_inertia=np.full((1, rows, 2), 1e-6 * line_mass * length**2 * element),
         shaft_area=np.zeros((1, rows)),
         retardation=np.zeros((1, 2)),
+        hooks=no_hooks(1, rows),
     )
 
 

@@ -14,7 +14,7 @@ from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
-from featherfx.mechanics.model import Hooks, Model
+from featherfx.mechanics.model import Hooks, Model, no_hooks
 from featherfx.mechanics.section import shaft_mass, shaft_stiffness
 
 Array = NDArray[np.float64]
@@ -63,14 +63,12 @@ def make_model(
     feathers: Sequence[Feather],
     kinds: Sequence[FeatherKind],
     coefficients: int,
-    hooked: bool = False,
     touching: bool = False,
 ) -> Model:
     """Constant arrays of feathers that share a grid.
 
     feathers, kinds: one each per feather of the batch; all feathers have equal rows and columns
     and all kinds the same barb taper. coefficients: per barb and direction, 0 for rigid barbs.
-    hooked: even where no kind's hooks slip, as if they did under infinite stress.
     touching: whether loose barbs do not pass through each other.
     Where a kind's barbs are clamped elastically, all get one more: see clamped_shapes.
     Damping is left at zero: featherfx.solver.step.modes.with_damping adds it. Roots are held.
@@ -89,13 +87,13 @@ def make_model(
     stacked = {name: np.stack([getattr(p, name) for p in parts]) for name in _Constants._fields}
     if not guarded:
         stacked["cell_guard"] = np.zeros((len(parts), 0, 0, 0, 0, 0))
-    slips = hooked or any(may_slip(kind) for kind in kinds)
+    slips = any(may_slip(kind) for kind in kinds)
     shapes = curvature_shapes(coefficients, columns, taper)
     return Model(
         held=np.ones(len(parts), dtype=np.bool_),
         shapes=clamped_shapes(shapes) if elastic else shapes,
         retardation=np.zeros((len(parts), 2)),
-        hooks=_stacked_hooks(feathers, kinds) if slips else (),
+        hooks=_stacked_hooks(feathers, kinds) if slips else no_hooks(len(parts), feathers[0].rows),
         **stacked,
     )
 

@@ -17,7 +17,8 @@ class Hooks(NamedTuple):
     limit: (F, 2, n-1, m, 2, 2) J, y_w and y_v. growth: (F, 2, n-1, m, 2) 1/J, c. release:
     (F, 2, n-1, m, 2) J, work of slip at level 1 from the strength to the open gap; infinite where
     gaps do not open. strength: (F,) level. opened: (F, 2, n-1, m, 2), n of gaps that are open from
-    the start, 0 of the others; those that nothing can close have the limit 0.
+    the start, 0 of the others; those that nothing can close have the limit 0. Where all hooks hold
+    whatever happens m is 0, here and in Gaps, and kernels leave them out.
     """
 
     limit: Array
@@ -35,8 +36,6 @@ class Gaps(NamedTuple):
     left. spent: (4,) J, what slip and opening have cost so far, what opened gaps have released
     besides, and what preening has put in. length: (2,) m, of gaps that have opened so far, and that
     were closed again.
-
-    Where no hook slips () stands for it, and kernels that are compiled for that have none of this.
     """
 
     slip: Array
@@ -70,8 +69,7 @@ class Model(NamedTuple):
     shaft_area: (F, n) m^2, side area of the shaft that the row stands for, for air drag.
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
     cell_guard: (F, 2, n-1, m, 2, 2), G (N m) and n of the compression guard (vane_guard_kernels),
-    or (F, 0, 0, 0, 0, 0) where there is none. hooks: of the vane, or () where they hold whatever
-    happens: kernels of such a batch are compiled without them.
+    or (F, 0, 0, 0, 0, 0) where there is none. hooks: of the vane.
     """
 
     held: NDArray[np.bool_]
@@ -91,8 +89,8 @@ class Model(NamedTuple):
     rotary_inertia: Array
     shaft_area: Array
     retardation: Array
+    hooks: Hooks
     cell_guard: Array = np.zeros((0, 0, 0, 0, 0, 0))
-    hooks: Hooks | tuple[()] = ()
 
     @property
     def feathers(self) -> int:
@@ -122,27 +120,30 @@ class Model(NamedTuple):
     def arrays(self) -> dict[str, Any]:
         """All arrays by name, those of hooks as hooks.name."""
         fields: dict[str, Any] = self._asdict()
-        hooks = fields.pop("hooks")
-        return fields | {
-            f"hooks.{name}": value for name, value in zip(Hooks._fields, hooks, strict=False)
-        }
+        hooks = fields.pop("hooks")._asdict()
+        return fields | {f"hooks.{name}": value for name, value in hooks.items()}
 
     @staticmethod
     def of(arrays: Mapping[str, Any]) -> Model:
         """The model of its `arrays`."""
         fields = {name: value for name, value in arrays.items() if "." not in name}
-        hooks = [arrays[f"hooks.{name}"] for name in Hooks._fields if f"hooks.{name}" in arrays]
-        return Model(hooks=Hooks(*hooks) if hooks else (), **fields)
+        return Model(hooks=Hooks(*(arrays[f"hooks.{name}"] for name in Hooks._fields)), **fields)
 
     @property
     def hooked(self) -> bool:
         """Whether gaps between barbs may slip."""
-        return len(self.hooks) > 0
+        return self.hooks.limit.shape[3] > 0
 
     @property
     def unknowns(self) -> int:
         """Generalised coordinates of one feather."""
         return self.rows * (6 + 4 * self.coefficients)
+
+
+def no_hooks(feathers: int, rows: int) -> Hooks:
+    """Those of vanes whose hooks hold whatever happens."""
+    none = np.zeros((feathers, 2, rows - 1, 0, 2))
+    return Hooks(none[..., None].repeat(2, -1), none, none, np.zeros(feathers), none)
 
 
 class Contacts(NamedTuple):

@@ -166,27 +166,30 @@ def open_response(stiffness, strains, nearest):
 @kernel
 def gaps_of(gaps, f):
     """Those of one of many feathers, the same memory."""
-    if len(gaps) == 0:
-        return ()
     return Gaps(gaps.slip[f], gaps.level[f], gaps.hooked[f], gaps.spent[f], gaps.length[f])
 
 
 @kernel
 def copy_gaps(source, target):
     """All of one feather to another's."""
-    if len(source) > 0:
-        copy_values(source.slip, target.slip)
-        copy_values(source.level, target.level)
-        copy_values(source.hooked, target.hooked)
-        copy_values(source.spent, target.spent)
-        copy_values(source.length, target.length)
+    copy_values(source.slip, target.slip)
+    copy_values(source.level, target.level)
+    copy_values(source.hooked, target.hooked)
+    copy_values(source.spent, target.spent)
+    copy_values(source.length, target.length)
+
+
+@kernel
+def all_hold(gaps):
+    """Whether no gap of a feather ever slips."""
+    return gaps.level.shape[2] == 0
 
 
 class GapRow(NamedTuple):
     """The gaps of the triangles between two rows of one side.
 
     limit: (m, 2, 2), growth: (m, 2), of the model's Hooks. slip: (m, 2, 2), level, hooked: (m, 2),
-    at the step's start.
+    at the step's start. m is 0 where no gap slips.
     """
 
     limit: Array
@@ -199,8 +202,6 @@ class GapRow(NamedTuple):
 @kernel
 def row_of_gaps(hooks, f, side, i, gaps):
     """The GapRow between rows i and i + 1 of feather f; gaps: at the step's start."""
-    if len(gaps) == 0:
-        return ()
     return GapRow(
         hooks.limit[f, side, i],
         hooks.growth[f, side, i],

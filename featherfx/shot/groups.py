@@ -146,15 +146,13 @@ def make_groups(
     exposed, placements = exposures(shot).tolist(), shot.groom.feathers
     wets, frees = last_fitting(shot.wets, placements), last_fitting(shot.frees, placements)
     blown, directing = Blown(shot), courses(shot, NAMES)
-    # contact reaches all batches of feathers that push in one way
-    mixed = shot.contact is not None and any(may_slip(p.kind) for p in shot.groom.feathers)
     for index, placement in enumerate(placements):
         kind = placement.kind
         for resolution in resolutions[index]:
             if resolution.level not in CARRIED:
                 taper, clamp = kind.vane_material.barb_taper, has_elastic_clamp(kind)
                 island = int(islands[index])
-                hooked = (mixed and island != ALONE) or _slips(kind, resolution)
+                hooked = _slips(kind, resolution)
                 rules = exposed[index], wets[index], frees[index], blown.weights[index]
                 key = _Alike(island, resolution, taper, clamp, hooked, *rules)
                 alike.setdefault(key, []).append(index)
@@ -184,7 +182,7 @@ def _group(
     as_drawn = grid == (some[0].rows, some[0].columns)
     feathers = some if as_drawn else feathers_of(placements, *grid)
     pushes = shot.contact is not None and key.island != ALONE
-    model = _model(placements, feathers, resolution, key.hooked, pushes)
+    model = _model(placements, feathers, resolution, pushes)
     positions, rotations = motion.frames(time)
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
@@ -224,13 +222,11 @@ def _model(
     placements: Sequence[Placement],
     feathers: Sequence[Feather],
     resolution: Resolution,
-    hooked: bool,
     touching: bool,
 ) -> Model:
     """Constant arrays of a batch: made once for feathers of one shape and size.
 
-    hooked: whether gaps of any of them may slip, or of others that it touches. touching: whether
-    loose barbs do not pass through each other.
+    touching: whether loose barbs do not pass through each other.
     """
     first: dict[tuple[int, FeatherKind, float, bool], int] = {}
     shapes = [(id(p.prototype or p.kind), p.kind, p.size, p.mirrored) for p in placements]
@@ -243,7 +239,7 @@ def _model(
 
     def compute() -> dict[str, Any]:
         some = [feathers[k] for k in first.values()]
-        model = make_model(some, kinds, resolution.coefficients, hooked, touching)
+        model = make_model(some, kinds, resolution.coefficients, touching)
         return with_damping(model, kinds).arrays()
 
     grid = resolution.level, resolution.rows, resolution.columns, resolution.coefficients
@@ -251,7 +247,7 @@ def _model(
         (each.kind.uncoloured, each.prototype and each.prototype.uncoloured) for each in own
     ]
     sizes = [(*pair, each.size, each.mirrored) for pair, each in zip(shapes_of, own, strict=True)]
-    return Model.of(kept("models", [sizes, *grid, hooked, touching], compute)).some(chosen)
+    return Model.of(kept("models", [sizes, *grid, touching], compute)).some(chosen)
 
 
 def _slips(kind: FeatherKind, resolution: Resolution) -> bool:
@@ -302,7 +298,8 @@ def pose_of(group: Group, k: int) -> FeatherPose:
     state, to_mesh = group.state, group.maps[k]
     points, *rates = (each.at(k) for each in (state.points, state.velocity, state.acceleration))
     if to_mesh is None:
-        return FeatherPose(points, rates[0], rates[1], state.gaps_of(k))
+        gaps = state.gaps_of(k) if group.solver.model.hooked else None
+        return FeatherPose(points, rates[0], rates[1], gaps)
     return FeatherPose(to_mesh(points), to_mesh(rates[0]), to_mesh(rates[1]))
 
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.mechanics.model import Gaps
 from featherfx.shot.groups import Group
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Preen, Shot
@@ -26,12 +25,12 @@ class Hooks:
         self._groups = [group for group in groups if group.solver.model.hooked]
         self._shot = shot
         self._stirred: dict[int, Flags] = {}
-        self._before = [self._length(group) for group in self._groups]
+        self.begin()
         self._changes: list[dict[str, Any]] = []
 
     def begin(self) -> None:
         """Count from here what opens and heals: the states are those of another simulation."""
-        self._before = [self._length(group) for group in self._groups]
+        self._before = [group.state.gaps.length.copy() for group in self._groups]
 
     def preen(self, start: float, end: float) -> None:
         """Close the gaps that strokes reach between two samples, from start to end (s)."""
@@ -57,7 +56,7 @@ class Hooks:
     def note(self, number: float) -> None:
         """Note at a frame what has opened and healed since the last one."""
         for place, group in enumerate(self._groups):
-            now = self._length(group)
+            now = group.state.gaps.length.copy()
             change = now - self._before[place]
             for k in np.flatnonzero(change.any(axis=1)).tolist():
                 opened, healed = change[k].tolist()
@@ -71,7 +70,7 @@ class Hooks:
         """Figures of a bake's report; empty where no hook slips."""
         if not self._groups:
             return {}
-        gaps = [each for group in self._groups if isinstance(each := group.state.gaps, Gaps)]
+        gaps = [group.state.gaps for group in self._groups]
         spent = sum(each.spent.sum(axis=0) for each in gaps)
         length = sum(each.length.sum(axis=0) for each in gaps)
         return {
@@ -85,10 +84,6 @@ class Hooks:
                 "changes": self._changes,
             }
         }
-
-    def _length(self, group: Group) -> Array:
-        gaps = group.state.gaps
-        return gaps.length.copy() if isinstance(gaps, Gaps) else np.zeros((0, 2))
 
 
 def _stroke(group: Group, k: int, stroke: Preen, start: float, end: float) -> bool:

@@ -439,14 +439,14 @@ class Shot:
 class FeatherPose:
     """Nodes and directors of one feather, world frame, and their rates per second.
 
-    gaps: of a vane whose hooks may slip, else (). clumped: how far barbs that are drawn come
+    gaps: of a vane whose hooks may slip, else None. clumped: how far barbs that are drawn come
     together, 0 to 1, and in how many clumps a vane.
     """
 
     points: RowPoints
     velocities: RowPoints
     accelerations: RowPoints
-    gaps: Gaps | tuple[()] = ()
+    gaps: Gaps | None = None
     clumped: tuple[float, int] = (0.0, 1)
 
 

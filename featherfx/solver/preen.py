@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.mechanics.model import Gaps, Hooks, Model
+from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.state import State
 from featherfx.solver.step.gap_kernels import HEALED, LOOSE, PREENING
 
@@ -41,8 +41,6 @@ def closed(
     state is not changed.
     """
     gaps, hooks = state.gaps_of(f), model.hooks
-    assert isinstance(gaps, Gaps)
-    assert isinstance(hooks, Hooks)
     strain, stiffness = state.strains.cell[f, 0], model.cell_stiffness[f]
     slipped = (gaps.hooked < 1.0) | (gaps.level > 1.0) | gaps.slip.any(axis=-1)
     chosen = touched & slipped & (stiffness[..., 0] > 0.0) & (hooks.limit[f, ..., 0] > 0.0)
@@ -77,4 +75,4 @@ def _apart(strain: Array) -> Array:
 def _half_cells(model: Model, f: int) -> Array:
     """(2, n-1, m, 2) m, length of a gap that each triangle stands for."""
     own = np.stack([model.segment[f, :, :-1], model.segment[f, :, 1:]], axis=-1)
-    return np.broadcast_to(0.5 * own[:, :, None], model.hooks.growth[f].shape)  # type: ignore[union-attr]
+    return np.broadcast_to(0.5 * own[:, :, None], model.hooks.growth[f].shape)

@@ -27,8 +27,7 @@ class State(NamedTuple):
     integrator's averaged acceleration. spin: (F, n, 3) rad/s and coefficient_rate:
     (F, 2, n, 2 C) rad/s of the last step, for the next predictor. strains: (F, 2, ...) after the
     last step and the one before. step: (F,) s, its length, 0 before the first. proposal: (F,) s,
-    length that the error control wants next. time: (F,) s. gaps: (F, ...), or () where no hook
-    slips.
+    length that the error control wants next. time: (F,) s. gaps: (F, ...).
     """
 
     rotation: Array
@@ -44,7 +43,7 @@ class State(NamedTuple):
     step: Array
     proposal: Array
     time: Array
-    gaps: Gaps | tuple[()] = ()
+    gaps: Gaps
 
     def copy(self) -> State:
         return State.of({name: array.copy() for name, array in self.arrays().items()})
@@ -60,19 +59,18 @@ class State(NamedTuple):
         for name, array in self.arrays().items():
             array[f] = given[name][f]
 
-    def gaps_of(self, f: int) -> Gaps | tuple[()]:
+    def gaps_of(self, f: int) -> Gaps:
         """Gaps of one feather, the same memory."""
-        return Gaps(*(array[f] for array in self.gaps)) if self.gaps else ()
+        return Gaps(*(array[f] for array in self.gaps))
 
     @staticmethod
     def names() -> list[str]:
-        """Names of all arrays but gaps, those of structures as structure.array."""
+        """Names of all arrays, those of structures as structure.array."""
         return [".".join(path) for path in _PATHS]
 
     def arrays(self) -> dict[str, Array]:
         """All arrays by name."""
-        gaps = zip(_GAPS, self.gaps, strict=False)
-        return {name: attrgetter(name)(self) for name in State.names()} | dict(gaps)
+        return {name: attrgetter(name)(self) for name in State.names()}
 
     @staticmethod
     def of(arrays: Mapping[str, Array]) -> State:
@@ -84,23 +82,21 @@ class State(NamedTuple):
             else:
                 fields[name] = arrays[name]
         fields |= {k: kind(**fields[k]) for k, kind in _STRUCTURES.items()}
-        gaps = [arrays[name] for name in _GAPS if name in arrays]
-        return State(**fields, gaps=Gaps(*gaps) if gaps else ())
+        return State(**fields)
 
 
 # fields of a state that hold several arrays, and the ways to all arrays
-_STRUCTURES: dict[str, type[RowPoints] | type[Strains]] = {
+_STRUCTURES: dict[str, type[RowPoints] | type[Strains] | type[Gaps]] = {
     "points": RowPoints,
     "velocity": RowPoints,
     "acceleration": RowPoints,
     "smoothed": RowPoints,
     "strains": Strains,
+    "gaps": Gaps,
 }
-_GAPS = [f"gaps.{name}" for name in Gaps._fields]
 _PATHS = [
     (name, *within)
     for name in State._fields
-    if name != "gaps"
     for within in ([(each,) for each in _STRUCTURES[name]._fields] if name in _STRUCTURES else [()])
 ]
 

@@ -50,7 +50,7 @@ class Surroundings(NamedTuple):
     target: RowPoints
     past: RowPoints
     reference: Strains
-    gaps: Gaps | tuple[()]
+    gaps: Gaps
     wind: Array
     area: Array
     speed: Array
@@ -78,16 +78,15 @@ class Cells(NamedTuple):
 
     Lines of S numbers (vane/line_kernels). rest: (3, S). stress: (2, S). weight: (4, 2, S),
     stiffness and half of it. coupling: (S,), of shear in the strain across that the stiffness
-    belongs to, where gaps slip, else (). held: (m,), stiffness of hinges where gaps may be
-    open, else (). gradient: (4, 4, 3, S), strain, node, axis. geometric: (6, S), N/m. single:
-    (3, 4, 3), of one cell.
+    belongs to, where gaps slip. held: (m,), stiffness of hinges where gaps may be open. gradient:
+    (4, 4, 3, S), strain, node, axis. geometric: (6, S), N/m. single: (3, 4, 3), of one cell.
     """
 
     rest: Array
     stress: Array
     weight: Array
-    coupling: Array | tuple[()]
-    held: Array | tuple[()]
+    coupling: Array
+    held: Array
     gradient: Array
     geometric: Array
     single: Array
@@ -138,7 +137,7 @@ class Work(NamedTuple):
     axes: Array
     jacobian: Array
     beam: Beam
-    gaps: Gaps | tuple[()]
+    gaps: Gaps
 
 
 def no_strains(model: Model, *lead: int) -> Strains:
@@ -153,14 +152,12 @@ def no_strains(model: Model, *lead: int) -> Strains:
     )
 
 
-def whole_gaps(model: Model, *lead: int) -> Gaps | tuple[()]:
-    """Gaps that have not slipped yet, with leading axes; () where none slips.
+def whole_gaps(model: Model, *lead: int) -> Gaps:
+    """Gaps that have not slipped yet, with leading axes.
 
     lead: the batch's feathers, of which some are split from the start, or none for scratch.
     """
-    if not model.hooks:
-        return ()
-    shape = (*lead, 2, model.rows - 1, model.columns, 2)
+    shape = (*lead, *model.hooks.opened.shape[1:])
     opened = model.hooks.opened if lead else np.zeros(shape)
     return Gaps(
         slip=np.zeros((*shape, 2)),
@@ -221,8 +218,8 @@ def make_work(model: Model) -> Work:
                 rest=np.zeros((3, padded)),
                 stress=np.zeros((2, padded)),
                 weight=np.zeros((4, 2, padded)),
-                coupling=np.zeros(padded) if model.hooked else (),
-                held=np.zeros(m) if model.hooked else (),
+                coupling=np.zeros(padded),
+                held=np.zeros(m),
                 gradient=np.zeros((4, 4, 3, padded)),
                 geometric=np.zeros((6, padded)),
                 single=np.zeros((3, 4, 3)),

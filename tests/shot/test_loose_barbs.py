@@ -11,7 +11,7 @@ from featherfx.feather.build import build_feather
 from featherfx.groom.types import FeatherKind, Hooked
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import FIBRE_SHARE, make_model
-from featherfx.mechanics.model import Gaps, no_loads
+from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact.surfaces import as_torn, grids_of, surfaces_of
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
@@ -46,7 +46,7 @@ def pushed(force: float, kind: FeatherKind = LOOSE, *, touching: bool) -> tuple[
     the next ones (N), for a twentieth of a second; those of a hooked vane are all torn apart."""
     model = make_model([FEATHER], [kind], 1, touching=touching)
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
-    if isinstance(state.gaps, Gaps):
+    if model.hooked:
         state.gaps.hooked[0, 1] = 0.0
     loads = no_loads(1)._replace(force=np.zeros((1, *model.mass.shape[1:], 3)))
     loads.force[0, PUSHED, -1, 0] = force

@@ -10,7 +10,6 @@ import pytest
 from featherfx.baking.bake import bake
 from featherfx.feather.build import build_feather
 from featherfx.feather.render import barb_curves
-from featherfx.mechanics.model import Gaps
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.simulate import simulate
 
@@ -50,7 +49,6 @@ def split(tmp_path_factory: pytest.TempPathFactory):
 
 def test_what_lies_across_a_split_does_not_go_along(split, tmp_path):
     heights, gaps, report = split
-    assert isinstance(gaps, Gaps)
     assert (gaps.hooked == 0.0).sum() == 6
     assert report["opened"] == report["healed"] == 0.0
     whole, _, _ = ends(tmp_path, "")
@@ -64,7 +62,6 @@ def test_what_lies_across_a_split_does_not_go_along(split, tmp_path):
 
 def test_preening_closes_splits_of_vanes_whose_hooks_hold(tmp_path):
     heights, gaps, report = ends(tmp_path, SPLIT, STROKE)
-    assert isinstance(gaps, Gaps)
     assert (gaps.hooked == 1.0).all()
     assert report["healed"] > 0.01
     assert np.isfinite(heights).all()

@@ -242,7 +242,7 @@ def posed(model: Model, loads: Loads, state: State) -> Work:
 def total_energy(model: Model, loads: Loads, state: State) -> float:
     """Kinetic, elastic and potential energy (J) of a batch of one under dead loads and gravity."""
     strains = posed(model, loads, state).now.strains
-    elastic = elastic_energy(model, 0, strains, strains, (), 0.0)
+    elastic = elastic_energy(model, 0, strains, strains, state.gaps_of(0), 0.0)
     inertia, nodes = (model.mass[0], model.rotary_inertia[0]), state.points.nodes[0]
     kinetic = sum(
         0.5 * np.einsum("np,npk,npk", mass, rate, rate)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from featherfx.errors import Problem
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, require, value
-from featherfx.mechanics.model import Loads, Model, no_loads
+from featherfx.mechanics.model import Loads, Model, no_hooks, no_loads
 from featherfx.solver.state import State, rest_state
 
 Array = NDArray[np.float64]
@@ -111,6 +111,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
         rotary_inertia=np.repeat(mass * (GYRATION * rod.length) ** 2, 2, axis=2),
         shaft_area=np.zeros((1, rows)),
         retardation=np.zeros((1, 2)),
+        hooks=no_hooks(1, rows),
     )
 
 

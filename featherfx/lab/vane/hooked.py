@@ -27,7 +27,7 @@ from featherfx.groom.types import FeatherKind, Hooked, Splits, VaneMaterial
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, require, value
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.model import Gaps, Loads, Model, no_loads
+from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.energy_kernels import elastic_energy
@@ -190,7 +190,7 @@ class HookedSample:
         clamped = self._clamp(self.size.rows - 1)
         held = self.state.points.nodes[0, clamped[:, 0], clamped[:, 1]]
         apart = loads.grip_end[0, len(clamped) :] - held
-        strains, gaps = self.state.strains.at(0, 0), self.gaps
+        strains, gaps = self.state.strains.at(0, 0), self.state.gaps_of(0)
         rates = self.state.velocity.nodes[0]
         kinetic = 0.5 * np.einsum("np,npk->", self.model.mass[0], rates**2)
         return Point(
@@ -223,14 +223,9 @@ class HookedSample:
         )
 
     @property
-    def gaps(self) -> Gaps:
-        """Those of the sample, which has hooks."""
-        return Gaps(*self.state.gaps_of(0))
-
-    @property
     def opened(self) -> NDArray[np.bool_]:
         """(n-1, m, 2) which triangles are open."""
-        hooked: Array = self.gaps.hooked[0]
+        hooked: Array = self.state.gaps.hooked[0, 0]
         return hooked == 0.0
 
     @property
@@ -241,7 +236,7 @@ class HookedSample:
     @property
     def spent_length(self) -> float:
         """m, of all splits, and of what is weakened by its part of an opening's energy."""
-        hooked: Array = self.gaps.hooked[0]
+        hooked: Array = self.state.gaps.hooked[0, 0]
         return 0.5 * self.size.width / self.size.columns * float((1.0 - hooked**2).sum())
 
     @property

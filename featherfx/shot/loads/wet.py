@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import vane_mass
-from featherfx.mechanics.model import Hooks, Loads, Model
+from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.types import Shot, Wet
 
 Array = NDArray[np.float64]
@@ -49,8 +49,6 @@ class Water:
         """Constant data at the present wetness, from those of dry feathers."""
         rule, wet = self._rule, self._wet
         model = dry._replace(mass=dry.mass + rule.water * wet * self._vane)
-        if not isinstance(dry.hooks, Hooks):
-            return model
         left = 1.0 - (1.0 - rule.hooks) * wet
         hooks = dry.hooks
         weaker = hooks._replace(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from featherfx.feather.types import barb_slice
-from featherfx.mechanics.model import Gaps, Hooks, Model
+from featherfx.mechanics.model import Model
 from featherfx.solver.contact.search_kernels import RIM_PARTS
 from featherfx.solver.contact.types import (
     Array,
@@ -135,7 +135,7 @@ def as_torn(
     for model, state, low, high in zip(
         models, states, grids.first[:-1], grids.first[1:], strict=True
     ):
-        if not (isinstance(model.hooks, Hooks) and isinstance(state.gaps, Gaps)):
+        if not model.hooked:
             continue
         # what is loose by its kind is a mat of many barbs, which nothing passes
         torn = (state.gaps.hooked == 0.0) & (model.hooks.limit[..., 0] > 0.0)

@@ -87,7 +87,8 @@ class Rest:
         _stop(f, state)
         self.load()
         work.around.reference.assign(no_strains(model))
-        copy_gaps(state.gaps_of(f), work.around.gaps)
+        if model.hooked:
+            copy_gaps(state.gaps_of(f), work.around.gaps)
 
     def load(self) -> None:
         """Take the pose that was kept last."""
@@ -102,7 +103,8 @@ class Rest:
         state.points.at(f).assign(now.points)
         for step in range(2):
             state.strains.at(f, step).assign(now.strains)
-        self._let_slip()
+        if self.model.hooked:
+            self._let_slip()
 
     def _let_slip(self) -> None:
         """Gaps slip and open as they do after a step."""

@@ -14,7 +14,7 @@ from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.vane_guard_kernels import guard_total
-from featherfx.mechanics.vane_hook_kernels import hinge_hold, hooks_energy
+from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, hooks_energy
 
 
 @kernel
@@ -58,7 +58,7 @@ def _held_hinges(strains, reference, gaps, stiffness, damping):
 def _bending_energy(model, f, strains, reference, gaps, damping):
     """As _quadratic, of the hinges, which open gaps leave loose."""
     stiffness = model.hinge_stiffness[f]
-    if len(gaps) == 0:
+    if all_hold(gaps):
         return _hinge_energy(strains, reference, stiffness, damping)
     return _held_hinges(strains, reference, gaps, stiffness, damping)
 
@@ -66,7 +66,7 @@ def _bending_energy(model, f, strains, reference, gaps, damping):
 @kernel
 def _cell_energy(model, f, cell, before, gaps, damping):
     """As _quadratic, of the membrane, whose gaps may slip. cell, before: (2, n-1, m, 2, 2)."""
-    if len(gaps) == 0:
+    if all_hold(gaps):
         return _quadratic(cell, before, model.cell_stiffness[f], damping)
     return hooks_energy(model, f, cell, before, gaps, damping)
 
@@ -75,7 +75,7 @@ def _cell_energy(model, f, cell, before, gaps, damping):
 def elastic_energy(model, f, strains, reference, gaps, strain_rate):
     """Elastic energy, with the dissipation of the step and what slips in it, of Strains (J).
 
-    reference: Strains. gaps: at the step's start, or (). strain_rate: 1/s, of the integrator; 0 for
+    reference: Strains. gaps: at the step's start. strain_rate: 1/s, of the integrator; 0 for
     the elastic energy alone.
     """
     shaft = model.retardation[f, 0] * strain_rate

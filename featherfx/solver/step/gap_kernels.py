@@ -23,6 +23,7 @@ from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.mechanics.vane_guard_kernels import area_ratio
 from featherfx.mechanics.vane_hook_kernels import (
+    all_hold,
     copy_gaps,
     gap_of,
     holds,
@@ -50,7 +51,7 @@ def slip_of_step(model, f, cell, before, after):
 
     cell: (2, n-1, m, 2, 2) strains at the step's end. before, after: Gaps at its start and end.
     """
-    if len(before) == 0:
+    if all_hold(before):
         return 0.0
     copy_gaps(before, after)
     largest, stiffness = 0.0, model.cell_stiffness[f]
@@ -81,7 +82,7 @@ def slip_of_step(model, f, cell, before, after):
 def _touching(model, f, gaps, place):
     """n of barbs that nothing joins at a triangle (side, i, j, half), else 0."""
     side, i, j, half = place
-    if len(gaps) > 0 and gaps.hooked[side, i, j, half] == 0.0:
+    if not all_hold(gaps) and gaps.hooked[side, i, j, half] == 0.0:
         return gaps.level[side, i, j, half]
     guard = model.cell_guard[f]
     loose = guard.shape[0] > 0 and guard[side, i, j, half, 1] < 1.0
@@ -113,7 +114,7 @@ def barbs_pass(model, f, before, after, gaps):
 
     before, after: nodes (n, 1 + 2 m, 3). gaps: at the step's start.
     """
-    if len(gaps) == 0 and model.cell_guard.shape[1] == 0:
+    if all_hold(gaps) and model.cell_guard.shape[1] == 0:
         return False
     rest = model.cell_rest[f]
     for side in range(rest.shape[0]):
@@ -266,7 +267,7 @@ def give_way(model, f, cell, before, after):
     cell: (2, n-1, m, 2, 2) strains at the step's end. before: Gaps at its start. after: those of
     slip_of_step, changed in place.
     """
-    if len(before) == 0:
+    if all_hold(before):
         return 0.0
     for side in range(after.slip.shape[0]):
         first, farthest = -1, 0.0

@@ -42,7 +42,7 @@ class Strip(NamedTuple):
     """The triangles between two rows of one side.
 
     rest: (m, 2, 3). stiffness, strains, reference: (m, 2, 2). guard: (2, n-1, m, 2, 2) of all rows,
-    or of size 0. gaps: of the triangles at the step's start, or ().
+    or of size 0. gaps: of the triangles at the step's start.
     """
 
     rest: Array
@@ -50,7 +50,7 @@ class Strip(NamedTuple):
     guard: Array
     strains: Array
     reference: Array
-    gaps: GapRow | tuple[()]
+    gaps: GapRow
 
 
 # part of the elastic stiffness that counts as none
@@ -87,10 +87,8 @@ def _let_slip(half, gaps, strip, damping, cells):
     The tangent C is that of the strains e_ww + (C_wv / C_ww) 2 e_vw, with C_ww, and 2 e_vw, with
     C_vv - C_wv^2 / C_ww: the first one's coupling is kept for _mix_strains.
     """
-    if len(gaps) == 0:
-        return False
     coupled = False
-    for j in range(strip.stiffness.shape[0]):
+    for j in range(gaps.level.shape[0]):
         cells.coupling[j] = 0.0
         k = strip.stiffness[j, half, 0], strip.stiffness[j, half, 1]
         if k[0] == 0.0:
@@ -117,8 +115,6 @@ def _let_slip(half, gaps, strip, damping, cells):
 @kernel
 def _mix_strains(columns, coupling, gradient):
     """The gradient of the strain that C_ww belongs to, in place of that of e_ww."""
-    if len(coupling) == 0:
-        return
     for j in range(columns):
         for node in range(3):
             for k in range(3):

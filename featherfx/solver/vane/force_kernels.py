@@ -6,7 +6,7 @@ few kinds of pairs in pairs_kernels are all that triangles and hinges couple.
 """
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.vane_hook_kernels import hinge_hold, row_of_gaps
+from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, row_of_gaps
 from featherfx.solver.vane.cell_kernels import Strip, add_strip
 from featherfx.solver.vane.hinge_kernels import Hinges, add_hinges
 from featherfx.solver.vane.line_kernels import add_lines_to_nodes, nodes_to_lines
@@ -17,7 +17,7 @@ from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
 def _held(stiffness, gaps, side, i, held):
     """(m,) stiffness of the hinges on row i's barb, which open gaps leave loose: to held, or as it
     is."""
-    if len(gaps) == 0:
+    if all_hold(gaps):
         return stiffness
     for j in range(stiffness.shape[0]):
         held[j] = stiffness[j] * hinge_hold(gaps, side, i, j)
