@@ -123,4 +123,5 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
         meshes=reader("scenes", "open_meshes", itself),
         wind=reader("scenes", "open_wind", itself),
         camera=reader("scenes", "open_camera", itself),
+        poses=reader("scenes", "read_poses", itself),
     )

@@ -22,6 +22,7 @@ from featherfx.mechanics.batch import is_guarded, may_slip
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.detail.levels import LevelPlan, level_plan
 from featherfx.shot.direction.channels import acting
+from featherfx.shot.direction.targets import targets_of
 from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
@@ -35,6 +36,7 @@ from featherfx.shot.types import Shot
 _NOT_COMMON = {
     "name", "groom", "last_frame", "grips", "forces", "details", "shelters", "level_of_detail",
     "skin", "surfaces", "inputs", "colliders", "contact", "wets", "frees", "channels",
+    "targets",
 }  # fmt: skip
 # of a feather, what only the output has, or contact asks for
 _NOT_MOVING = {"id", "region", "layer", "stack", "rank", "grown", "skin", "skin_uv"}
@@ -109,7 +111,7 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
         [each[number] if number >= 0 else None for number in last_fitting(each, placements)]
         for each in (shot.wets, shot.frees)
     ]
-    directed = acting(shot)
+    directed, brought = acting(shot), targets_of(shot)
     pulls: dict[str, list[Any]] = {}
     for grip in shot.grips:
         pulls.setdefault(grip.feather, []).append(grip)
@@ -126,6 +128,7 @@ def _each(shot: Shot, plan: LevelPlan) -> list[list[Any]]:
             guarded[f],
             [each[f] for each in rules],
             directed[f],
+            brought[f],
         ]
         for f, placement in enumerate(placements)
     ]

@@ -22,6 +22,7 @@ from featherfx.shot.detail.cycle import Cycle
 from featherfx.shot.detail.detail import CARRIED, Resolution
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.direction.matter import NAMES, Blown, Matter, matter_of
+from featherfx.shot.direction.targets import Pulls, pulls_of
 from featherfx.shot.islands import ALONE
 from featherfx.shot.loads.forces import force_weights
 from featherfx.shot.loads.loads import frame_loads
@@ -51,7 +52,7 @@ class Group:
     one. own: model of dry feathers that nothing directs. cycle: of a shot that repeats. water: of
     feathers that are wet at times. free: s, time at which they leave their roots, None: never.
     matter: as channels have it. blown: channels of wind, and felt: how much of each acts
-    (direction/matter.py).
+    (direction/matter.py). pulls: towards shapes (direction/targets.py).
     """
 
     resolution: Resolution
@@ -74,6 +75,7 @@ class Group:
     matter: Matter | None = None
     blown: Blown | None = None
     felt: tuple[float, ...] = ()
+    pulls: Pulls | None = None
 
     @property
     def level(self) -> str:
@@ -215,6 +217,7 @@ def _group(
         water=None if key.wet < 0 else Water(shot.wets[key.wet], feathers, placements),
         free=None if key.free < 0 else shot.time_of(shot.frees[key.free].frame),
         felt=key.felt,
+        pulls=pulls_of(shot, drawn, feathers, members, motion, model),
     )
 
 
@@ -280,6 +283,8 @@ def loads_within(
     grips = group.grips if gripped else []
     points = list(group.start)
     loads = frame_loads(shot, grips, group.feathers, points, start, end, roots, group.forces)
+    if group.pulls is not None:
+        loads = group.pulls.added(loads, start, end)
     if group.blown is not None:
         loads = group.blown.through(loads, group.felt, 0.5 * (start + end))
     if group.matter is not None:

@@ -24,6 +24,7 @@ from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
+from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.groups import Group, loads_within, make_groups
 from featherfx.shot.hooks import Hooks
@@ -121,7 +122,7 @@ class Simulation:
         self._through = FollowThrough(shot, drawn, motion, computed)
         self._hooks = Hooks(shot, self._groups)
         self._wets, self._renewed = last_fitting(shot.wets, shot.groom.feathers), list[Group]()
-        self._estimate = Estimate(shot, self._groups)
+        self._estimate, self._reached = Estimate(shot, self._groups), Reached(shot)
         self._index = self._first - 1
         if start is not None:
             self._take_over(start)
@@ -133,6 +134,7 @@ class Simulation:
         layers = {} if self._layers is None else self._layers.report()
         contact = contact_report(self._islands) | layers
         found = self._counts.summary() | self._estimate.report() | self._hooks.report()
+        found |= self._reached.report()
         return found | ({"contact": contact} if contact else {})
 
     @property
@@ -159,6 +161,7 @@ class Simulation:
                     yield self._frame(index)
             cycles = [group.cycle for group in self._groups]
             warn_if_never(cycles, self.shot.cycle, self._index // self._subframes)
+            self._reached.warn()
 
     def _reach(self, index: int) -> None:
         """As _go_to; an error names the frame."""
@@ -188,6 +191,9 @@ class Simulation:
         if index >= 0:
             self._estimate.note()
             self._levels.finish(index)
+            for group in self._groups:
+                nodes, number = group.state.points.nodes, self._number(index)
+                self._reached.note(group.pulls, nodes, self._time(index), number)
         if index >= 0 and self._layers is not None:
             duration = self._time(1) if index else 0.0
             number = sample_number(self.shot.first_frame, index, self._subframes)

@@ -30,6 +30,7 @@ _VANE = "Vane that the barb belongs to."
 _PART = Number(0, 1)
 _PATTERNS = ArrayOf(Text(), 1, 1000)
 _PIXELS = Number(0, 1e6)
+_FRAME = Number(-1_000_000, 1_000_000, whole=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +143,7 @@ class Free(SomeFeathers):
 
     frame: Annotated[
         int | None,
-        Number(-1_000_000, 1_000_000, whole=True),
+        _FRAME,
         "Frame at which they leave their roots, with the velocity that they have then; default: "
         "the first. From there on nothing holds them, and they touch nothing.",
     ] = None
@@ -204,6 +205,33 @@ class Channel(SomeFeathers):
         "picture in its texture space (a name with a dot, as seen from the shot file's folder).",
     ] = None
     factors: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target(SomeFeathers):
+    """A shape that some feathers are brought to (featherfx/shot/direction/targets.py).
+
+    points: by feather id, (V, 3) m, of the meshes in `shape`; None: the rest shape.
+    """
+
+    shape: Annotated[
+        str, Text(), "rest, or a USD file with the meshes of the feathers as this shot draws them."
+    ] = "rest"
+    frame: Annotated[
+        int | None,
+        _FRAME,
+        "Frame whose roots the file's meshes stand on, and time code in the file; default: "
+        "those of the groom, and the default pose.",
+    ] = None
+    keys: Annotated[
+        tuple[tuple[float, float], ...],
+        ArrayOf(ArrayOf(Number(-1e6, 1e6), 2, 2), 1, 10_000),
+        "[frame, hold] in ascending frames, hold 0 (free) to 1 (in the shape); smooth between.",
+    ]
+    tolerance: Annotated[
+        float, Number(0.01, 100, "%"), "Of a feather's length, how far off it may be in full hold."
+    ] = 1.0
+    points: Mapping[str, Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -428,6 +456,7 @@ class Shot:
     wets: tuple[Wet, ...] = ()
     frees: tuple[Free, ...] = ()
     channels: tuple[Channel, ...] = ()
+    targets: tuple[Target, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
 
     def time_of(self, frame: float | None) -> float:

@@ -76,9 +76,12 @@ def undisturbed(
         still |= _straight(path, 0.0 if loads.air[0] > 0.0 else STILL * coast)
     still &= (path.samples[:, 0, :3] == state.centre[:, 0]).all(axis=1)
     still &= np.abs(np.einsum("fk,fk->f", path.base, state.rotation[:, 0])) > 1.0 - 1e-14
+    if loads.grip_stiffness.shape != before.grip_stiffness.shape:
+        return np.zeros(count, dtype=np.bool_)
     if loads.grip_stiffness.shape[1]:
         still &= (loads.grip_start == loads.grip_end).all(axis=(1, 2))
         still &= (loads.grip_start == before.grip_end).all(axis=(1, 2))
+        still &= (loads.grip_stiffness == before.grip_stiffness).all(axis=1)
     if loads.force.size:
         still &= (loads.force == _last_force(before)).all(axis=(1, 2, 3))
         still &= (_last_force(loads) == loads.force).all(axis=(1, 2, 3))

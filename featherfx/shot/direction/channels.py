@@ -29,16 +29,17 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Course:
-    """A channel on the feathers of a shot.
+class Curve:
+    """A value over time. times: (K,) s since the first frame, and values: (K,), of its keys."""
 
-    times: (K,) s since the first frame, and values: (K,) of its keys. weights: (F,) w.
-    """
-
-    channel: Channel
     times: Array
     values: Array
-    weights: Array
+
+    @staticmethod
+    def of_keys(shot: Shot, keys: Sequence[Sequence[float]]) -> Curve:
+        """keys: a frame of a shot and a value each."""
+        frames, values = np.array(keys, dtype=np.float64).T
+        return Curve((frames - shot.first_frame) / shot.frames_per_second, values)
 
     @cached_property
     def _curve(self) -> CubicHermiteSpline:
@@ -51,6 +52,19 @@ class Course:
         if len(self.times) == 1:
             return float(self.values[0])
         return float(self._curve(min(max(time, self.times[0]), self.times[-1])))
+
+
+@dataclass(frozen=True)
+class Course:
+    """A channel on the feathers of a shot. curve: its value. weights: (F,) w."""
+
+    channel: Channel
+    curve: Curve
+    weights: Array
+
+    def value(self, time: float) -> float:
+        """At a time in s."""
+        return self.curve.value(time)
 
     def of_each(self, time: float) -> Array:
         """(F,) what every feather gets at a time in s."""
@@ -65,9 +79,7 @@ def courses(shot: Shot, names: Sequence[str]) -> list[Course]:
 
 
 def _course(shot: Shot, channel: Channel) -> Course:
-    frames, values = np.array(channel.keys).T
-    times = (frames - shot.first_frame) / shot.frames_per_second
-    return Course(channel, times, values, _weights(shot, channel))
+    return Course(channel, Curve.of_keys(shot, channel.keys), _weights(shot, channel))
 
 
 def _weights(shot: Shot, channel: Channel) -> Array:
@@ -100,7 +112,7 @@ def acting(shot: Shot) -> list[list[Any]]:
     ]
     return [
         [
-            (each.channel.name, each.times, each.values, float(each.weights[f]), others)
+            (each.channel.name, each.curve.times, each.curve.values, float(each.weights[f]), others)
             for each, others in zip(found, together, strict=True)
             if each.weights[f] > 0.0
         ]

@@ -25,6 +25,7 @@ from featherfx.shot.types import (
     Preen,
     Shelter,
     Shot,
+    Target,
     Wet,
 )
 
@@ -36,6 +37,7 @@ PREEN = keys_of(Preen)
 WET = keys_of(Wet)
 FREE = keys_of(Free)
 CHANNEL = keys_of(Channel)
+TARGET = keys_of(Target)
 
 _FILE = Key(Text(), "USD file, as seen from the shot file's folder.")
 _START = Key(
@@ -166,6 +168,9 @@ SHOT = {
         Tables(Table(CHANNEL), 10_000),
         "What feathers are made to do: angles add up, factors multiply.",
         (),
+    ),
+    "target": Key(
+        Tables(Table(TARGET), 1000), "Shapes that feathers are brought to and held in.", ()
     ),
     "preen": Key(Tables(Table(PREEN), 10_000), "Strokes that close what has split.", ()),
     "force": Key(Tables(Table(FORCE), 10_000), "Dead forces on points and lines.", ()),

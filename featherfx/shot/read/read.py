@@ -28,6 +28,7 @@ from featherfx.shot.read.scenes import (
     read_skin,
     read_wind,
     with_maps,
+    with_shapes,
 )
 from featherfx.shot.read.sources import SceneReaders
 from featherfx.shot.types import (
@@ -44,6 +45,7 @@ from featherfx.shot.types import (
     Quality,
     Shelter,
     Shot,
+    Target,
     Wet,
     Wind,
 )
@@ -118,6 +120,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         return None
     scenes = _scenes(raw, parts, groom, place, readers)
     loads["channels"] = with_maps(loads["channels"], groom, parts, place, readers)
+    loads["targets"] = with_shapes(loads["targets"], place, readers)
     if len(problems):
         return None
     first, last = parts["frames"]
@@ -256,19 +259,20 @@ def _preset(
 
 def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
     """Fields of a shot that are about some of its feathers; problems where these are not there."""
-    names = ("grip", "force", "detail", "shelter", "preen", "wet", "free", "channel")
-    grips, forces, details, shelters, preens, wets, frees, channels = (
+    names = ("grip", "force", "detail", "shelter", "preen", "wet", "free", "channel", "target")
+    grips, forces, details, shelters, preens, wets, frees, channels, targets = (
         parts[name] for name in names
     )
     _check_ids(grips, groom)
     _check_times([*grips, *preens])
     _check_ids(forces, groom)
     _check_forces(forces)
-    _check_patterns([*details, *shelters, *preens, *wets, *frees, *channels], groom)
+    _check_patterns([*details, *shelters, *preens, *wets, *frees, *channels, *targets], groom)
     _check_preens(preens, groom)
-    _check_wets(wets)
-    _check_frees(frees, parts["frames"])
+    _check_shares(wets, "{:g} s")
+    _check_frames_of([*frees, *targets], parts["frames"])
     _check_channels(channels)
+    _check_shares(targets)
     return {
         "grips": tuple(
             Grip(**entry | {"displacement": np.array(entry["displacement"])}) for _, entry in grips
@@ -282,6 +286,7 @@ def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:
         "wets": tuple(Wet(**entry) for _, entry in wets),
         "frees": tuple(Free(**entry) for _, entry in frees),
         "channels": tuple(Channel(**entry) for _, entry in channels),
+        "targets": tuple(Target(**entry) for _, entry in targets),
     }
 
 
@@ -297,16 +302,17 @@ def _check_preens(entries: Entries, groom: Groom | None) -> None:
             )
 
 
-def _check_wets(entries: Entries) -> None:
+def _check_shares(entries: Entries, said: str = "frame {:g}") -> None:
+    """Keys with values from 0 to 1, in order."""
     for at, entry in entries:
-        for index, (_, wet) in enumerate(entry["keys"]):
-            if not 0.0 <= wet <= 1.0:
+        for index, (_, share) in enumerate(entry["keys"]):
+            if not 0.0 <= share <= 1.0:
                 place = at.child("keys").item(index).item(1)
-                place.fail(f"{wet:g} is out of range, allowed 0 to 1")
-        _check_later(at.child("keys"), entry["keys"])
+                place.fail(f"{share:g} is out of range, allowed 0 to 1")
+        _check_later(at.child("keys"), entry["keys"], said)
 
 
-def _check_frees(entries: Entries, frames: Any) -> None:
+def _check_frames_of(entries: Entries, frames: Any) -> None:
     for at, entry in entries:
         frame = entry["frame"]
         if frames is not INVALID and frame is not None and not frames[0] <= frame <= frames[1]:

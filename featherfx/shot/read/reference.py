@@ -65,6 +65,7 @@ _SHOT = (
     ("### [[wet]]", shot_keys.WET),
     ("### [[free]]", shot_keys.FREE),
     ("### [[channel]]", shot_keys.CHANNEL),
+    ("### [[target]]", shot_keys.TARGET),
     ("### [level_of_detail]", shot_keys.LEVEL_OF_DETAIL),
 )
 _GROOM = (

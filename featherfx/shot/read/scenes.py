@@ -27,7 +27,7 @@ from featherfx.shot.read.sources import (
     TimedWind,
     WindSource,
 )
-from featherfx.shot.types import Channel, LevelOfDetail
+from featherfx.shot.types import Channel, LevelOfDetail, Target
 
 
 def read_skin(
@@ -107,6 +107,20 @@ def _factors(
     values = rule[0](surface.at(*closest(roots, surface.corners)))
     ids = [each.id for each in groom.feathers]
     return dict(zip(ids, np.clip(values, 0.0, 1.0).tolist(), strict=True))
+
+
+def with_shapes(
+    targets: Sequence[Target], place: Place, readers: SceneReaders | None
+) -> tuple[Target, ...]:
+    """The targets with the meshes of their files; problems where these cannot be read."""
+    found = []
+    for index, target in enumerate(targets):
+        at = place.child("target").item(index).child("shape")
+        if target.shape != "rest" and _has_reader(readers, at):
+            points = readers.poses(Path(at.source).parent / target.shape, target.frame, at)
+            target = replace(target, points=points)
+        found.append(target)
+    return tuple(found)
 
 
 def read_wind(

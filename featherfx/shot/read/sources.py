@@ -96,12 +96,14 @@ class SceneReaders(GroomReaders):
 
     feathers, skin: see GroomReaders. meshes: (file, prim paths or names, collection,
     rest time code, place) to surfaces. wind: (file, checked keys of [wind_usd], place). camera:
-    (file, prim path, place) to a featherfx.shot.detail.view.Camera.
+    (file, prim path, place) to a featherfx.shot.detail.view.Camera. poses: (file, time code or
+    None, place) to the points (V, 3) m of the feathers' meshes there, by id.
     """
 
     meshes: Callable[[Path, Sequence[str], str | None, float | None, Place], Any]
     wind: Callable[[Path, dict[str, Any], Place], Any]
     camera: Callable[[Path, str, Place], Any]
+    poses: Callable[[Path, float | None, Place], Any]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from featherfx.groom.keys.values import Place
 from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
+from featherfx.usd.read.read import Cache
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.stage import (
     ScenePrim,
@@ -104,6 +105,25 @@ def _members(api: Any, stage: Any) -> Any:
 
 def _is_mesh(prim: Any) -> bool:
     return bool(prim.IsA(UsdGeom.Mesh))
+
+
+def read_poses(path: Path, code: float | None, place: Place) -> dict[str, Array] | None:
+    """By feather id, (V, 3) m with z up, the points of the meshes of a file at a time code, or of
+    their default pose. None after adding problems."""
+    scene = open_scene(path, place)
+    if scene is None:
+        return None
+    with collecting(place):
+        cache = Cache(path)
+        low, high = cache.frames if cache.has_frames else (-np.inf, np.inf)
+        if code is not None and not low <= code <= high:
+            place.fail(f"{path} has frames {low:g} to {high:g}, not {code:g}")
+            return None
+        return {
+            feather.id: cache.pose(index, code).points.astype(np.float64) @ scene.to_world
+            for index, feather in enumerate(cache.feathers)
+        }
+    return None
 
 
 class UniformWind(ScenePrim):

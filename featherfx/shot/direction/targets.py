@@ -1,0 +1,277 @@
+"""Pose targets: some feathers are brought to a shape by springs, held, and let go again.
+
+Every node x_i of mass m_i is pulled to its place y_i in the shape, which its root carries along:
+
+    E = sum_i 1/2 m_i w(h)^2 |x_i - y_i|^2
+    1 / w(h)^2 = (1 - h) / (h w_1^2) + 1 / w(1)^2,     w(1)^2 = SAFETY (g + 1/2 w_1^2 L) / (d L)
+
+h: hold, 0 to 1, smooth between its keys. w_1: the feather's first natural frequency: a
+constant force displaces it by w_1^2 / (w_1^2 + w^2) of what it would without springs, so h is the
+share of the way to the shape. L: length, d: tolerance. 1/2 w_1^2 L is about the acceleration with
+which a feather leaves a shape that is bent by half of its length, g that of gravity.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.feather.density import density_map
+from featherfx.feather.types import Feather, RowPoints, Surface
+from featherfx.mechanics.model import Loads, Model
+from featherfx.shot.direction.channels import Curve
+from featherfx.shot.motion.roots import Roots, arrived
+from featherfx.shot.patterns import fits
+from featherfx.shot.types import Shot, Target
+from featherfx.solver.step.modes import first_frequency
+
+Array = NDArray[np.float64]
+
+# so that feathers are within the tolerance in the first frame of full hold, though they arrive in
+# motion (with 4 a beating secondary that is bent by a fifth of its length was 1.3 times off)
+SAFETY = 16.0
+GRAVITY = 9.81  # m/s^2
+
+
+@dataclass(frozen=True)
+class Pull:
+    """What one target does to a batch of feathers.
+
+    target: of the shot. hold: over time. members: (K,) places in the batch. local: (K, n, 1 + 2 m,
+    3) m, nodes of the shape in root frames. mass: (K, n, 1 + 2 m) kg, of the nodes. length: (K,) m.
+    first, most: (K,) 1/s^2, w_1^2 and w(1)^2.
+    """
+
+    target: Target
+    hold: Curve
+    members: NDArray[np.int64]
+    local: Array
+    mass: Array
+    length: Array
+    first: Array
+    most: Array
+
+    def stiffness(self, hold: float) -> Array:
+        """(K, n, 1 + 2 m) N/m of the springs, hold above 0."""
+        square = 1.0 / ((1.0 - hold) / (hold * self.first) + 1.0 / self.most)
+        return self.mass * square[:, None, None]
+
+
+class Pulls:
+    """All targets of a batch; members: (F,) numbers of its feathers in the shot."""
+
+    def __init__(self, found: Sequence[Pull], members: NDArray[np.int64], motion: Roots) -> None:
+        self._found, self._members, self._motion = tuple(found), members, motion
+
+    def added(self, loads: Loads, start: float, end: float) -> Loads:
+        """Loads of the batch from start to end (s) with those of the targets, as grips."""
+        for pull in self._found:
+            hold = pull.hold.value(end)
+            if hold > 0.0:
+                places = self._world(pull, start, True), self._world(pull, end, False)
+                loads = _gripped(loads, pull, hold, places)
+        return loads
+
+    def deviations(
+        self, nodes: Array, time: float
+    ) -> list[tuple[Target, NDArray[np.int64], Array]]:
+        """Of each target that is held in full at a time (s): it, the shot's numbers of its
+        feathers, and (K,) how far these are off it, of their lengths. nodes: (F, n, 1 + 2 m, 3) m.
+        """
+        told = []
+        for pull in self._found:
+            if pull.hold.value(time) < 1.0:
+                continue
+            apart = np.linalg.norm(nodes[pull.members] - self._world(pull, time, False), axis=-1)
+            apart[pull.mass == 0.0] = 0.0
+            worst = apart.max(axis=(1, 2)) / pull.length
+            told.append((pull.target, self._members[pull.members], worst))
+        return told
+
+    def _world(self, pull: Pull, time: float, begins: bool) -> Array:
+        """(K, n, 1 + 2 m, 3) m, the shape on its roots; begins: after a cut at that time."""
+        frames = arrived(self._motion, time) if begins else self._motion.frames(time)
+        own = self._members[pull.members]
+        turned = np.einsum("kij,krpj->krpi", frames.rotations[own], pull.local)
+        return np.asarray(turned + frames.positions[own][:, None, None])
+
+
+def _gripped(loads: Loads, pull: Pull, hold: float, places: Sequence[Array]) -> Loads:
+    """Loads with more grips: (K, n, 1 + 2 m, 3) m places at start and end."""
+    feathers, rows, points = len(loads.grip_stiffness), *pull.mass.shape[1:]
+    node = np.full((feathers, rows * points, 2), -1, dtype=np.int64)
+    stiffness = np.zeros((feathers, rows * points))
+    targets = np.zeros((2, feathers, rows * points, 3))
+    every = np.indices((rows, points)).reshape(2, -1).T
+    own = pull.stiffness(hold).reshape(len(pull.members), -1)
+    node[pull.members] = np.where(own[..., None] > 0.0, every, -1)
+    stiffness[pull.members] = own
+    for target, place in zip(targets, places, strict=True):
+        target[pull.members] = place.reshape(len(place), -1, 3)
+    return loads._replace(
+        grip_node=np.concatenate([loads.grip_node, node], axis=1),
+        grip_start=np.concatenate([loads.grip_start, targets[0]], axis=1),
+        grip_end=np.concatenate([loads.grip_end, targets[1]], axis=1),
+        grip_stiffness=np.concatenate([loads.grip_stiffness, stiffness], axis=1),
+    )
+
+
+def pulls_of(
+    shot: Shot,
+    drawn: Sequence[Feather],
+    feathers: Sequence[Feather],
+    members: NDArray[np.int64],
+    motion: Roots,
+    model: Model,
+) -> Pulls | None:
+    """The targets of a batch; None where no target is about any of its feathers.
+
+    drawn: all feathers of the shot on the meshes' grid. feathers: of the batch, as simulated.
+    model: of the batch. Raises InputError for shapes of another topology.
+    """
+    found, known = [], dict[bytes, float]()
+    for number, target in enumerate(shot.targets):
+        chosen = [k for k, f in enumerate(members) if fits(target, shot.groom.feathers[f])]
+        if chosen:
+            local = [
+                _shape(shot, number, int(members[k]), drawn, feathers[k], motion) for k in chosen
+            ]
+            length = np.array([feathers[k].station[-1] for k in chosen])
+            first = np.array([_first_square(model, k, known) for k in chosen])
+            strong = GRAVITY + 0.5 * first * length
+            found.append(
+                Pull(
+                    target=target,
+                    hold=Curve.of_keys(shot, target.keys),
+                    members=np.array(chosen, dtype=np.int64),
+                    local=np.array(local),
+                    mass=model.mass[chosen],
+                    length=length,
+                    first=first,
+                    most=SAFETY * strong / (target.tolerance / 100.0 * length),
+                )
+            )
+    return Pulls(found, members, motion) if found else None
+
+
+def targets_of(shot: Shot) -> list[list[Any]]:
+    """Of every feather of a shot, what brings it to a shape: keys, frame, tolerance and points."""
+    return [
+        [
+            (each.keys, each.frame, each.tolerance, each.points and each.points.get(placement.id))
+            for each in shot.targets
+            if fits(each, placement)
+        ]
+        for placement in shot.groom.feathers
+    ]
+
+
+def _first_square(model: Model, k: int, known: dict[bytes, float]) -> float:
+    """w_1^2 (1/s^2) of a feather of a batch. known: of others like it."""
+    keyed = "mass", "rachis_stiffness", "barb_stiffness"
+    key = b"".join(getattr(model, name)[k].tobytes() for name in keyed)
+    if key not in known:
+        known[key] = first_frequency(model, k) ** 2
+    return known[key]
+
+
+def _shape(
+    shot: Shot, number: int, f: int, drawn: Sequence[Feather], own: Feather, motion: Roots
+) -> Array:
+    """(n, 1 + 2 m, 3) m, nodes of a target's shape in the root frame of a feather, on its grid."""
+    target, placement = shot.targets[number], shot.groom.feathers[f]
+    if target.points is None:
+        return own.rest.nodes
+    at = f"target[{number}].shape"
+    if placement.id not in target.points:
+        message = f"{target.shape} has no feather '{placement.id}'"
+        raise InputError(Problem(str(shot.source), at, message))
+    points, surface = target.points[placement.id], drawn[f].surface
+    if len(points) != len(surface.row):
+        message = (
+            f"'{placement.id}' in {target.shape} has {len(points)} points; this shot's mesh has"
+            f" {len(surface.row)}, of the quality's rows and columns"
+        )
+        raise InputError(Problem(str(shot.source), at, message))
+    if target.frame is None:
+        position, rotation = placement.position, placement.rotation
+    else:
+        frames = motion.frames(shot.time_of(target.frame))
+        position, rotation = frames.positions[f], frames.rotations[f]
+    shape = _row_points(surface, (points - position) @ rotation, drawn[f])
+    if drawn[f].cell.shape == own.cell.shape:
+        return shape.nodes
+    return density_map(drawn[f], own)(shape).nodes
+
+
+def _row_points(surface: Surface, points: Array, feather: Feather) -> RowPoints:
+    """Nodes, and directors (fitted to the tube of the shaft), of a mesh's points (V, 3).
+
+    Nodes that the mesh does not show are carried along by the directors of their row.
+    """
+    rest = feather.rest
+    on_node = np.flatnonzero((surface.offset == 0.0).all(axis=1))[::-1]
+    shaft = rest.nodes[:, 0].copy()
+    of_shaft = on_node[surface.node[on_node] == 0]
+    shaft[surface.row[of_shaft]] = points[of_shaft]
+    directors = rest.directors.copy()
+    for row in range(feather.rows):
+        around = np.flatnonzero((surface.row == row) & (surface.offset != 0.0).any(axis=1))
+        if len(around) >= 2:
+            apart = points[around] - shaft[row]
+            directors[row] = np.linalg.lstsq(surface.offset[around], apart, rcond=None)[0]
+    before, after = (
+        np.concatenate([np.cross(each[:, :1], each[:, 1:]), each], axis=1)
+        for each in (rest.directors, directors)
+    )
+    parts = (rest.nodes - rest.nodes[:, :1]) @ np.linalg.inv(before)
+    nodes = shaft[:, None] + parts @ after
+    nodes[surface.row[on_node], surface.node[on_node]] = points[on_node]
+    return RowPoints(nodes, directors)
+
+
+class Reached:
+    """How near feathers come to the shapes that they are held in.
+
+    worst: by target's number, the greatest deviation (of the length), feather and frame.
+    """
+
+    def __init__(self, shot: Shot) -> None:
+        self._shot = shot
+        self._worst: dict[int, tuple[float, str, float]] = {}
+
+    def note(self, pulls: Pulls | None, nodes: Array, time: float, frame: float) -> None:
+        """Look at a batch, with nodes (F, n, 1 + 2 m, 3) m, at a time (s) and frame."""
+        for target, members, deviations in pulls.deviations(nodes, time) if pulls else ():
+            number = next(k for k, each in enumerate(self._shot.targets) if each is target)
+            k = int(np.argmax(deviations))
+            worst = float(deviations[k])
+            if worst > self._worst.get(number, (-1.0,))[0]:
+                name = self._shot.groom.feathers[int(members[k])].id
+                self._worst[number] = worst, name, frame
+
+    def report(self) -> dict[str, object]:
+        """`targets`: of each that was held in full, the worst feather, frame, and its percent."""
+        told = [
+            {"target": number, "deviation": 100.0 * worst, "feather": name, "frame": frame}
+            for number, (worst, name, frame) in sorted(self._worst.items())
+        ]
+        return {"targets": told} if told else {}
+
+    def warn(self) -> None:
+        """Say which targets were not reached within their tolerance."""
+        for number, (worst, name, frame) in sorted(self._worst.items()):
+            allowed = self._shot.targets[number].tolerance
+            if 100.0 * worst > allowed:
+                message = (
+                    f"{self._shot.source}: target[{number}]: '{name}' is {100.0 * worst:.2g} % of"
+                    f" its length off at frame {frame:g}, tolerance = {allowed:g}; a smaller"
+                    " tolerance pulls harder, but no shape is reached that stretches shaft or barbs"
+                )
+                warnings.warn(message, InputWarning, stacklevel=2)

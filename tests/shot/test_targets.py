@@ -1,0 +1,155 @@
+"""Pose targets: feathers are brought to a shape, held in it and let go."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import featherfx
+from featherfx.errors import InputError, InputWarning
+from featherfx.shot.dependence import dependences
+from featherfx.shot.simulate import drawn_feathers, simulate
+from featherfx.shot.types import Channel, Target
+
+SAMPLE = Path(__file__).parents[2] / "samples" / "swan_wing"
+HELD = ((3, 0), (8, 1), (14, 1), (20, 0))
+FEATHER = "right_secondary_01"
+
+
+@pytest.fixture(scope="module")
+def shot():
+    """A beating wing on a coarse grid."""
+    read = featherfx.read_shot(SAMPLE / "shot.toml")
+    quality = replace(read.quality, rows=11, columns=3, coefficients=1, simulated_rows=0)
+    return replace(read, quality=quality, last_frame=24)
+
+
+def moved(shot, *targets):
+    """(T, n, 1 + 2 m, 3) m nodes of one feather over all frames, and the simulation."""
+    run = simulate(replace(shot, targets=targets), wanted=[0])
+    assert run.shot.groom.feathers[0].id == FEATHER
+    return np.array([frame.poses[0].points.nodes for frame in run]), run
+
+
+@pytest.fixture(scope="module")
+def free(shot):
+    return moved(shot)[0]
+
+
+@pytest.fixture(scope="module")
+def bent(shot):
+    """A shape that the feathers can have: limp ones that fall upwards, at frame 14."""
+    limp = Channel(name="stiffness", keys=((1, 0.2),)), Channel(name="gravity", keys=((1, -10.0),))
+    *_, last = simulate(replace(shot, channels=limp, last_frame=14))
+    return {
+        placement.id: feather.surface.points(pose.points)
+        for placement, feather, pose in zip(
+            shot.groom.feathers, drawn_feathers(shot), last.poses, strict=True
+        )
+    }
+
+
+def length(shot):
+    return drawn_feathers(shot)[0].station[-1]
+
+
+@pytest.mark.parametrize("tolerance", [1.0, 0.1])
+def test_a_shape_is_reached_within_the_tolerance_and_left(shot, free, bent, tolerance):
+    target = Target(shape="bent", points=bent, frame=14, keys=HELD, tolerance=tolerance)
+    nodes, run = moved(shot, target)
+    way = np.linalg.norm(nodes - free, axis=-1).max(axis=(1, 2)) / length(shot)
+    assert way[:3].max() < 1e-9  # before
+    assert way[9:13].min() > 0.1  # held somewhere else
+    assert way[-1] < 0.01  # and back
+    # at frame 14, where the shape is from, in the same place
+    surface = drawn_feathers(shot)[0].surface
+    on_node = (surface.offset == 0.0).all(axis=1)
+    there = nodes[13][surface.row, surface.node][on_node]
+    apart = np.linalg.norm(there - bent[FEATHER][on_node], axis=1).max() / length(shot)
+    assert 100.0 * apart < tolerance
+    (told,) = run.report["targets"]
+    assert 100.0 * apart <= told["deviation"] < tolerance
+    # neither taken hold of nor let go in one frame
+    assert np.abs(np.diff(way)).max() < 0.6 * way.max()
+
+
+def test_a_feather_that_is_held_at_rest_follows_its_root(shot, free):
+    nodes, run = moved(shot, Target(keys=((1, 1),), tolerance=0.1))
+    (told,) = run.report["targets"]
+    assert told["deviation"] < 0.1
+    assert np.linalg.norm(nodes - free, axis=-1).max() > 0.002 * length(shot)
+
+
+def test_other_feathers_move_as_before_and_need_no_new_bake(shot, free):
+    target = Target(keys=HELD, feathers="left*")
+    assert np.array_equal(moved(shot, target)[0], free)
+    before, after = dependences(shot), dependences(replace(shot, targets=(target,)))
+    changed = {f.id for f, a, b in zip(shot.groom.feathers, before, after, strict=True) if a != b}
+    assert changed == {f.id for f in shot.groom.feathers if f.id.startswith("left")}
+
+
+def test_a_shape_that_stretches_the_feather_is_told(shot, bent):
+    far = {name: 2.0 * points for name, points in bent.items()}
+    target = Target(shape="far", points=far, frame=14, keys=((10, 0), (14, 1)))
+    with pytest.warns(InputWarning, match=r"target\[0\].*% of its length off at frame"):
+        moved(shot, target)
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A shot whose target is the groom's own export."""
+    shutil.copytree(SAMPLE, tmp_path / "wing")
+    path = tmp_path / "wing" / "shot.toml"
+    featherfx.export_groom(
+        path.parent / "groom.toml", path.parent / "shape.usdc", quality="draft", up_axis="Y",
+        meters_per_unit=0.01,
+    )  # fmt: skip
+    path.write_text(path.read_text().replace('"preview"', '"draft"'))
+    return path
+
+
+def with_target(path, text):
+    path.write_text(f"{path.read_text()}\n[[target]]\n{text}\n")
+    return path
+
+
+def test_meshes_of_a_file_are_read(files):
+    given = featherfx.read_shot(with_target(files, 'shape = "shape.usdc"\nkeys = [[1, 1]]'))
+    drawn = drawn_feathers(given)
+    for feather, placement in zip(drawn, given.groom.feathers, strict=True):
+        own = feather.surface.points(feather.rest) @ placement.rotation.T + placement.position
+        assert given.targets[0].points[placement.id] == pytest.approx(own, abs=1e-6)
+    rest = replace(given, last_frame=3, targets=(Target(keys=((1, 1),)),))
+    one, other = (moved(each, *each.targets)[0] for each in (replace(given, last_frame=3), rest))
+    assert one == pytest.approx(other, abs=1e-6)
+
+
+def test_another_topology_is_refused(files):
+    given = featherfx.read_shot(with_target(files, 'shape = "shape.usdc"\nkeys = [[1, 1]]'))
+    finer = replace(given, quality=replace(given.quality, rows=given.quality.rows + 2))
+    with pytest.raises(InputError, match=r"target\[0\].shape: '.*' in shape.usdc has \d+ points"):
+        simulate(finer)
+    fewer = replace(given.targets[0], points={})
+    with pytest.raises(InputError, match=r"shape\.usdc has no feather"):
+        simulate(replace(given, targets=(fewer,)))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("keys = [[1, 0], [4, 1.5]]", r"target\[0\].keys\[1\]\[1\]: 1.5 is out of range"),
+        ("keys = [[4, 0], [4, 1]]", "frame 4 is not later than frame 4"),
+        ("keys = [[1, 1]]\nframe = 99", r"target\[0\].frame: 99 is not of the shot"),
+        ('keys = [[1, 1]]\nshape = "no.usd"', r"target\[0\].shape: .*no.usd: file does not exist"),
+        ('keys = [[1, 1]]\nshape = "groom.toml"', "a TOML file"),
+        ('keys = [[1, 1]]\nfeathers = "nobody"', "no feather of the groom fits 'nobody'"),
+        ("keys = [[1, 1]]\ntolerance = 0", "allowed 0.01 to 100"),
+    ],
+)
+def test_wrong_targets_are_refused(files, text, told):
+    with pytest.raises(InputError, match=told):
+        featherfx.read_shot(with_target(files, text))
