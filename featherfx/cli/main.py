@@ -22,6 +22,7 @@ from featherfx.cli.retime import retime
 from featherfx.cli.sample import sample
 from featherfx.cli.schema import schema
 from featherfx.cli.stats import stats
+from featherfx.cli.tune import tune
 from featherfx.cli.view import view
 
 
@@ -49,6 +50,7 @@ for command in (
     sample,
     preview,
     view,
+    tune,
     lab,
     bench,
     plugins,

@@ -18,7 +18,7 @@ from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from featherfx.view.played import Played
+    from featherfx.view.serve import Server
 
 _QUALITY = "draft"
 
@@ -29,10 +29,17 @@ _QUALITY = "draft"
     epilog="""
     featherfx view swan_wing.usdc
     featherfx view swan_wing.usdc --html swan_wing.html
+    featherfx view new.usdc --against old.usdc
     featherfx view samples/breeze/shot.toml --html breeze.html --megabytes 20
     """,
 )
 @click.argument("file", metavar="CACHE|GROOM|SHOT", type=readable_path())
+@click.option(
+    "--against",
+    type=readable_path(),
+    metavar="CACHE",
+    help="Beside another cache, in the same camera and frames, or as the distance from it.",
+)
 @click.option(
     "--html",
     type=click.Path(path_type=Path),
@@ -54,6 +61,7 @@ _QUALITY = "draft"
 @click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
 def view(
     file: Path,
+    against: Path | None,
     html: Path | None,
     megabytes: float,
     port: int | None,
@@ -73,33 +81,27 @@ def view(
     budget = int(1e6 * megabytes)
     with contextlib.ExitStack() as stack:
         with Progress("drawing", style):
-            cache = stack.enter_context(_cache_of(file, quality or _QUALITY))
-            if html is not None:
-                # reads USD and draws, which takes its time to load
-                from featherfx.view.page import write_page
+            caches = [stack.enter_context(_cache_of(file, quality or _QUALITY))]
+            caches += [against] if against else []
+            # reads USD and draws, which takes its time to load
+            from featherfx.view.page import fitting_second, write_page
+            from featherfx.view.serve import Server
 
-                played = write_page(cache, html, budget, overwrite)
+            if html is not None:
+                shown = write_page(caches, html, budget, overwrite)
             else:
-                played = _opened(cache, budget)
-        for told in played.told():
+                shown = [fitting_second(each, budget // len(caches)) for each in caches]
+        for told in dict.fromkeys(told for played in shown for told in played.told()):
             tell(told)
         if html is not None:
             click.echo(str(html))
         else:
-            _serve(played, port or 0, no_browser)
+            serve(Server(*shown, port=port or 0), no_browser)
 
 
-def _opened(cache: Path, budget: int) -> Played:
-    """A cache of which a second can be given."""
-    from featherfx.view.page import fitting_second
-
-    return fitting_second(cache, budget)
-
-
-def _serve(played: Played, port: int, no_browser: bool) -> None:
-    from featherfx.view.serve import Server
-
-    with Server(played, port) as server:
+def serve(server: Server, no_browser: bool) -> None:
+    """Show a page until Ctrl-C."""
+    with server:
         click.echo(server.address)
         if not no_browser and not webbrowser.open(server.address):
             tell("no browser was found; open the address above in one of this machine")

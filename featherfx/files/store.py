@@ -17,6 +17,7 @@ import os
 import re
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,17 @@ _CHECKSUM_BYTES = hashlib.sha256().digest_size
 _PATIENCE = 300.0
 # part of the limit that is left after the oldest entries were removed
 _LEFT = 0.8
+_keeps: ContextVar[bool] = ContextVar("keeps", default=True)
+
+
+@contextlib.contextmanager
+def nothing_kept() -> Iterator[None]:
+    """Within it, by this thread, all is computed anew and nothing kept: for what is wanted once."""
+    before = _keeps.set(False)
+    try:
+        yield
+    finally:
+        _keeps.reset(before)
 
 
 def kept(what: str, inputs: Sequence[Any], compute: Callable[[], Mapping[str, Any]]) -> Arrays:
@@ -70,7 +82,7 @@ def _file_of(what: str, inputs: Sequence[Any]) -> Path | None:
     """Where an entry stands; None where nothing is kept."""
     folder = wanted_folder() / _FOLDER
     try:
-        if _limit() <= 0.0 or doubt(folder):
+        if not _keeps.get() or _limit() <= 0.0 or doubt(folder):
             return None
         with contextlib.suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)

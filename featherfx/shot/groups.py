@@ -24,7 +24,7 @@ from featherfx.shot.direction.channels import courses
 from featherfx.shot.direction.matter import NAMES, Blown, Matter, matter_of
 from featherfx.shot.direction.targets import Pulls, pulls_of
 from featherfx.shot.islands import ALONE
-from featherfx.shot.loads.forces import force_weights
+from featherfx.shot.loads.forces import force_weights, grip_node
 from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.loads.wet import Water
 from featherfx.shot.loads.wind import exposures, sheltered
@@ -204,7 +204,7 @@ def _group(
         feathers=feathers,
         maps=_maps(placements, feathers, some),
         names=[p.id for p in placements],
-        grips=[(place[g.feather], g) for g in shot.grips if g.feather in place],
+        grips=grips_of([p.id for p in placements], shot.grips),
         forces=[
             (place[each.feather], each, force_weights(each, feathers[place[each.feather]]))
             for each in shot.forces
@@ -219,6 +219,23 @@ def _group(
         felt=key.felt,
         pulls=pulls_of(shot, drawn, feathers, members, motion, model),
     )
+
+
+def grips_of(names: Sequence[str], grips: Sequence[Grip]) -> list[tuple[int, Grip]]:
+    """Those on a batch of feathers with these ids, each with its place in the batch."""
+    place = {name: k for k, name in enumerate(names)}
+    return [(place[each.feather], each) for each in grips if each.feather in place]
+
+
+def pulled(group: Group, pulls: Sequence[tuple[Grip, Array]]) -> list[tuple[int, Grip]]:
+    """Grips on a group that lead their points to places (3,) m in the world, all the time."""
+    found = []
+    for grip, to in pulls:
+        for place, each in grips_of(group.names, [grip]):
+            start = group.start[place][grip_node(each, group.feathers[place])]
+            led = replace(each, displacement=to - start, start=-np.inf, end=-np.inf)
+            found.append((place, led))
+    return found
 
 
 def _model(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.model import Loads
 from featherfx.phases import counted
 from featherfx.shot.checkpoint import Checkpoint
+from featherfx.shot.counts import Counts
 from featherfx.shot.detail.carried import Carried, FeatherPose
 from featherfx.shot.detail.cycle import Cycle, memory_of, restore, warn_if_never
 from featherfx.shot.detail.detail import Resolution
@@ -26,7 +27,8 @@ from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
-from featherfx.shot.groups import Group, loads_within, make_groups
+from featherfx.shot.energy import Energy, energy_of
+from featherfx.shot.groups import Group, grips_of, loads_within, make_groups, pulled
 from featherfx.shot.hooks import Hooks
 from featherfx.shot.islands import ALONE, pushing_islands
 from featherfx.shot.layers.layers import Layers
@@ -37,6 +39,7 @@ from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.motion.preroll import RunUp, moves_before
 from featherfx.shot.motion.roots import RootFrames, root_rates
 from featherfx.shot.patterns import last_fitting
+from featherfx.shot.reshaped import reshaped
 from featherfx.shot.settled import moving_with_roots, settled
 from featherfx.shot.together import (
     Together,
@@ -45,11 +48,9 @@ from featherfx.shot.together import (
     islands_together,
     restore_contact,
 )
-from featherfx.shot.types import Frame, Shot, sample_number
-from featherfx.solver.solver import RootPath, StepReport, raise_if_failed
+from featherfx.shot.types import Frame, Grip, Shot, Wind, sample_number
+from featherfx.solver.solver import RootPath, raise_if_failed
 
-# feathers that a report names one by one
-_MOST_NAMED = 10
 # of a frame, step in which a feather that has left its root begins to fall: the first one is of
 # first order
 FIRST_STEP = 1.0 / 32.0
@@ -125,7 +126,7 @@ class Simulation:
         self._estimate, self._reached = Estimate(shot, self._groups), Reached(shot)
         self._index = self._first - 1
         if start is not None:
-            self._take_over(start)
+            self.take_over(start)
         self._frames = self._run(frames or (shot.first_frame, shot.last_frame))
 
     @property
@@ -265,6 +266,41 @@ class Simulation:
             self._wanted,
         )
 
+    def act(self, wind: Wind, pulls: Sequence[tuple[Grip, Array]] = ()) -> None:
+        """From here on this is the wind, and the shot's grips are joined by some that lead their
+        points to places (3,) m in the world."""
+        self.shot = replace(self.shot, wind=wind)
+        for group in self._groups:
+            group.grips = grips_of(group.names, self.shot.grips) + pulled(group, pulls)
+
+    def reshaped(self, other: Simulation) -> bool:
+        """Stand where a simulation of the same feathers in other shapes stands, its deviations from
+        rest carried over; False, and nothing is done, where something else is simulated."""
+        own, others = self._groups, other._groups
+        if [each.names for each in own] != [each.names for each in others] or any(
+            now.state.coefficient.shape != was.state.coefficient.shape
+            for now, was in zip(own, others, strict=True)
+        ):
+            return False
+        start = other.checkpoint()
+        models = [
+            (was.solver.model, now.solver.model) for was, now in zip(others, own, strict=True)
+        ]
+        states = [reshaped(*pair, state) for pair, state in zip(models, start.states, strict=True)]
+        self.take_over(replace(start, states=tuple(states)))
+        return True
+
+    def energy(self) -> Energy:
+        """J, of all feathers that are solved, after the frame that was yielded last."""
+        gravity = np.asarray(self.shot.gravity, dtype=float)
+        of_all = [energy_of(each.solver.model, each.state, gravity) for each in self._groups]
+        return Energy(*np.sum(of_all, axis=0).tolist())
+
+    def counted(self) -> Counts:
+        """What was counted since the last call, or the first frame; the report begins anew."""
+        counts, self._counts = self._counts, Counts()
+        return counts
+
     def simulated(self) -> dict[int, tuple[Feather, RowPoints]]:
         """By number, of the feathers in the frames, what is simulated in full, and where it is
         after the frame that was yielded last."""
@@ -285,7 +321,7 @@ class Simulation:
             sum(array.nbytes for group in groups for array in group.state.arrays().values()),
         )
 
-    def _take_over(self, start: Checkpoint) -> None:
+    def take_over(self, start: Checkpoint) -> None:
         """Stand where another simulation of the shot stood. Raises InputError for one of others."""
         own = [group.state.points.nodes.shape for group in self._groups]
         if own != [state.points.nodes.shape for state in start.states]:
@@ -393,73 +429,6 @@ class Simulation:
             clumps = [clumping(self.shot, self._wets[f], time) for f in self._wanted.tolist()]
             poses = [replace(p, clumped=each) for p, each in zip(poses, clumps, strict=True)]
         return Frame(number, time, tuple(poses))
-
-
-@dataclass
-class Counts:
-    """Sums over a shot so far.
-
-    reports: one per batch and frame. forced: by feather, its frame with the greatest error of a
-    sub-step above the tolerance, that error (m) and the number of such sub-steps. slept, coasted,
-    repeated: feather frames that were not stepped; rigid, guided: those of feathers that follow
-    their roots or guides only.
-    """
-
-    reports: list[StepReport] = field(default_factory=list)
-    forced: dict[str, tuple[float, float, int]] = field(default_factory=dict)
-    slept: int = 0
-    coasted: int = 0
-    repeated: int = 0
-    rigid: int = 0
-    guided: int = 0
-
-    def add(self, report: StepReport, names: Sequence[str], frame: float) -> None:
-        """Count what a batch, whose feathers have these names, did on the way to a frame."""
-        self.reports.append(report)
-        for f in np.flatnonzero(report.forced).tolist():
-            error, (_, worst, _) = float(report.error[f]), self.forced.get(names[f], (0, -1.0, 0))
-            if error > worst:
-                self.forced[names[f]] = frame, error, int(report.forced[f])
-
-    def frame(self, rigid: int, guided: int) -> None:
-        """Count a frame that is handed out."""
-        self.rigid += rigid
-        self.guided += guided
-
-    def summary(self) -> dict[str, Any]:
-        """The figures of a bake's report: counts, and lengths in m."""
-        reports = self.reports
-        return {
-            "newton_iterations": _mean_and_max([r.iterations for r in reports]),
-            "substeps": _mean_and_max([r.steps for r in reports]),
-            "rejected_substeps": int(sum(r.rejected.sum() for r in reports)),
-            "substeps_over_tolerance": int(sum(r.forced.sum() for r in reports)),
-            "worst_substeps": self._worst(),
-            "worst_residual": max((float(r.move.max()) for r in reports), default=0.0),
-            "worst_step_error": max((float(r.error.max()) for r in reports), default=0.0),
-            "skipped": {
-                "sleeping feather frames": self.slept,
-                "coasting feather frames": self.coasted,
-                "repeated feather frames": self.repeated,
-                "rigid feather frames": self.rigid,
-                "guided feather frames": self.guided,
-            },
-        }
-
-    def _worst(self) -> list[dict[str, Any]]:
-        """Feathers with the greatest errors above the tolerance, one frame each."""
-        worst = sorted(self.forced.items(), key=lambda each: (-each[1][1], each[0]))
-        return [
-            {"feather": name, "frame": frame, "error": error, "substeps": count}
-            for name, (frame, error, count) in worst[:_MOST_NAMED]
-        ]
-
-
-def _mean_and_max(counts: list[NDArray[np.float64]]) -> dict[str, float]:
-    if not counts:
-        return {"mean": 0.0, "max": 0.0}
-    joined = np.concatenate(counts)
-    return {"mean": float(joined.mean()), "max": float(joined.max())}
 
 
 def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:

@@ -24,30 +24,57 @@
 
   const load = header.embedded ? embedded : served;
 
-  // Frames that were played last stay in memory.
-  const kept = new Map();
-  async function frameOf(number) {
-    if (!kept.has(number)) {
-      kept.set(number, load(`frame-${number}`).then(unpacked));
-      const most = Math.max(8, Math.floor(header.keptBytes / (16 * header.points)));
-      while (kept.size > most) kept.delete(kept.keys().next().value);
-    }
-    const found = kept.get(number);
-    kept.delete(number);
-    kept.set(number, found);
-    try {
-      return await found;
-    } catch (error) {
+  // A cache as it is shown: its frames, of which those that were played last stay in memory, and
+  // its mesh. prefix: of its names at the server.
+  function shownCache(header, prefix) {
+    const kept = new Map();
+    async function frameOf(number) {
+      if (!kept.has(number)) {
+        kept.set(number, load(`${prefix}frame-${number}`).then((buffer) => unpacked(header, buffer, 0)));
+        const most = Math.max(8, Math.floor(header.keptBytes / (16 * header.points)));
+        while (kept.size > most) kept.delete(kept.keys().next().value);
+      }
+      const found = kept.get(number);
       kept.delete(number);
-      throw error;
+      kept.set(number, found);
+      try {
+        return await found;
+      } catch (error) {
+        kept.delete(number);
+        throw error;
+      }
     }
+    const geometry = new THREE.BufferGeometry();
+    const mesh = new THREE.Mesh(geometry, material);
+    mesh.frustumCulled = false;
+    const own = { header, geometry, mesh, frameOf, base: {}, position: null, colour: null };
+    own.refresh = async () => {
+      const constant = await load(`${prefix}constant`);
+      BASES.forEach((name, k) => {
+        own.base[name] = new Uint8Array(constant, 12 * header.triangles + 3 * k * header.points, 3 * header.points);
+      });
+      own.position = new THREE.BufferAttribute(new Float32Array(3 * header.points), 3);
+      own.colour = new THREE.BufferAttribute(new Float32Array(3 * header.points), 3);
+      own.position.usage = own.colour.usage = 35048; // changes often
+      geometry.setAttribute("position", own.position);
+      geometry.setAttribute("color", own.colour);
+      geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(constant, 0, 3 * header.triangles), 1));
+      kept.clear();
+    };
+    own.put = (found) => {
+      own.position.array.set(found.points);
+      own.position.needsUpdate = true;
+      geometry.boundingSphere = null;
+    };
+    return own;
   }
 
-  function unpacked(buffer) {
-    const box = new Float32Array(buffer, 0, 6), count = header.points;
-    const places = new Uint16Array(buffer, 24, 3 * count), points = new Float32Array(3 * count);
+  // Points, and values by name, of a frame that begins somewhere in a buffer.
+  function unpacked(header, buffer, begin) {
+    const box = new Float32Array(buffer, begin, 6), count = header.points;
+    const places = new Uint16Array(buffer, begin + 24, 3 * count), points = new Float32Array(3 * count);
     for (let k = 0; k < points.length; k++) points[k] = box[k % 3] + (places[k] / 65535) * box[3 + (k % 3)];
-    let start = 24 + 4 * Math.ceil((6 * count) / 4);
+    let start = begin + 24 + 4 * Math.ceil((6 * count) / 4);
     const values = {};
     for (const value of header.values) {
       values[value.name] = new Uint8Array(buffer, start, count);
@@ -69,16 +96,17 @@
   }
 
   // The scene.
-  const constant = await load("constant");
-  const corners = new Uint32Array(constant, 0, 3 * header.triangles);
-  const base = {};
-  ["pattern", "region", "barb angle at rest"].forEach((name, k) => {
-    base[name] = new Uint8Array(constant, 12 * header.triangles + 3 * k * header.points, 3 * header.points);
-  });
-  const modes = [...Object.keys(base), ...header.values.map((v) => v.name)];
-  if (state.frames > 1) modes.push("velocity");
+  const BASES = ["pattern", "region", "barb angle at rest"];
+  const material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide, flatShading: true });
+  const first = shownCache(header, ""), second = header.second ? shownCache(header.second, "second-") : null;
+  const shown = second ? [first, second] : [first];
+  await Promise.all(shown.map((each) => each.refresh()));
+  const inBoth = (name) => shown.every((each) => each.header.values.some((v) => v.name === name));
+  const modes = [...BASES, ...header.values.map((v) => v.name).filter(inBoth)];
+  if (state.frames > 1 || header.live) modes.push("velocity");
+  if (second && header.alike) modes.push("difference");
   const ramps = Object.fromEntries(header.values.map((v) => [v.name, table(v.ramp)]));
-  ramps.velocity = table(header.ramp);
+  ramps.velocity = ramps.difference = table(header.ramp);
 
   const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
@@ -92,42 +120,45 @@
   camera.add(sun);
   sun.position.set(1, 1.5, 2);
   scene.add(camera);
-  const geometry = new THREE.BufferGeometry();
-  const position = new THREE.BufferAttribute(new Float32Array(3 * header.points), 3);
-  const colour = new THREE.BufferAttribute(new Float32Array(3 * header.points), 3);
-  position.usage = colour.usage = 35048; // changes often
-  geometry.setAttribute("position", position);
-  geometry.setAttribute("color", colour);
-  geometry.setIndex(new THREE.BufferAttribute(corners, 1));
-  const material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide, flatShading: true });
-  const mesh = new THREE.Mesh(geometry, material);
-  mesh.frustumCulled = false;
-  scene.add(mesh);
+  shown.forEach((each) => scene.add(each.mesh));
   const controls = new THREE.OrbitControls(camera, renderer.domElement);
   controls.addEventListener("change", draw);
 
+  // Width of the view, beside the panel of sliders.
+  const width = () => innerWidth - byId("panel").offsetWidth;
+
+  // Two caches stand side by side in one camera, but for their difference, which the first shows.
+  const halves = () => (second && mode !== "difference" ? [first, second] : [first]);
+
   function draw() {
-    renderer.render(scene, camera);
+    const drawn = halves(), wide = width() / drawn.length;
+    renderer.setScissorTest(drawn.length > 1);
+    drawn.forEach((each, k) => {
+      shown.forEach((other) => { other.mesh.visible = other === each; });
+      renderer.setViewport(k * wide, 0, wide, innerHeight);
+      renderer.setScissor(k * wide, 0, wide, innerHeight);
+      renderer.render(scene, camera);
+    });
   }
 
   function resize() {
-    camera.aspect = innerWidth / innerHeight;
+    camera.aspect = width() / halves().length / innerHeight;
     camera.updateProjectionMatrix();
-    renderer.setSize(innerWidth, innerHeight, false);
+    renderer.setSize(width(), innerHeight);
     draw();
   }
 
   // A box around some points, seen from the front, left and above.
-  function look(first, count) {
+  function look(begin, count) {
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    for (let k = 3 * first; k < 3 * (first + count); k++) {
-      const value = position.array[k];
+    for (let k = 3 * begin; k < 3 * (begin + count); k++) {
+      const value = first.position.array[k];
       if (value < low[k % 3]) low[k % 3] = value;
       if (value > high[k % 3]) high[k % 3] = value;
     }
     const size = Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) || 1;
     controls.target.set(...low.map((value, k) => 0.5 * (value + high[k])));
-    const way = new THREE.Vector3(...header.from), away = nearest(first, count, way, size);
+    const way = new THREE.Vector3(...header.from), away = nearest(begin, count, way, size);
     camera.position.copy(controls.target).add(way.multiplyScalar(away));
     camera.near = size / 1000;
     camera.far = 100 * size;
@@ -137,26 +168,33 @@
   }
 
   // How near a camera may come that still sees these points, with a margin for the bar below.
-  function nearest(first, count, way, size) {
+  function nearest(begin, count, way, size) {
     const right = new THREE.Vector3(0, 0, 1).cross(way).normalize(), up = way.clone().cross(right);
     const high = Math.tan((Math.PI / 180) * 0.5 * camera.fov) * 0.84, wide = high * camera.aspect, p = new THREE.Vector3();
     let away = 0.01 * size;
-    for (let k = first; k < first + count; k++) {
-      p.fromArray(position.array, 3 * k).sub(controls.target);
+    for (let k = begin; k < begin + count; k++) {
+      p.fromArray(first.position.array, 3 * k).sub(controls.target);
       away = Math.max(away, p.dot(way) + Math.max(Math.abs(p.dot(right)) / wide, Math.abs(p.dot(up)) / high));
     }
     return away;
   }
 
-  // Frames and colours.
-  let mode = "pattern", fastest = 1e-6;
+  // Frames and colours. fastest, farthest: m/s and mm that were met with so far.
+  let mode = "pattern", fastest = 1e-6, farthest = 1e-6;
+  const ofSecond = (number) => {
+    const code = header.frames[number], codes = header.second.frames;
+    const nearby = codes.map((each) => Math.abs(each - code));
+    return nearby.indexOf(Math.min(...nearby));
+  };
+
   async function setFrame(number) {
     const wanted = Math.max(0, Math.min(state.frames - 1, Math.round(number)));
     state.wanted = wanted;
     let found;
     try {
-      found = await frameOf(wanted);
-      if (mode === "velocity") found.speeds = found.speeds || (await speedsOf(wanted, found));
+      const asked = [first.frameOf(wanted), ...(second ? [second.frameOf(ofSecond(wanted))] : [])];
+      found = await Promise.all(asked);
+      if (mode === "velocity") for (const [k, each] of found.entries()) each.speeds = each.speeds || (await speedsOf(shown[k], k ? ofSecond(wanted) : wanted));
     } catch (error) {
       state.problem = String(error.message || error);
       state.playing = false;
@@ -165,11 +203,12 @@
       return state.frame;
     }
     if (state.wanted !== wanted) return state.frame; // another one was asked for meanwhile
-    position.array.set(found.points);
-    position.needsUpdate = true;
-    paint(found);
-    geometry.boundingSphere = null;
+    shown.forEach((each, k) => each.put(found[k]));
+    if (mode === "difference") found[0].apart = apart(found);
+    shown.forEach((each, k) => paint(each, found[k]));
+    showKey();
     state.frame = wanted;
+    state.drawn = (state.drawn || 0) + 1;
     byId("time").value = wanted;
     const code = header.frames[wanted];
     byId("number").textContent = code === null ? "at rest" : `frame ${code}`;
@@ -179,38 +218,54 @@
   }
 
   // Metres per second, from the frame before to the one after.
-  async function speedsOf(number, found) {
-    const before = Math.max(0, number - 1), after = Math.min(state.frames - 1, number + 1);
-    const [low, high] = [await frameOf(before), await frameOf(after)];
-    const seconds = (after - before) / header.framesPerSecond || 1, speeds = new Float32Array(header.points);
-    for (let k = 0; k < speeds.length; k++) {
-      speeds[k] = Math.hypot(high.points[3 * k] - low.points[3 * k], high.points[3 * k + 1] - low.points[3 * k + 1],
-        high.points[3 * k + 2] - low.points[3 * k + 2]) / seconds;
-      if (speeds[k] > fastest) fastest = speeds[k];
-    }
+  async function speedsOf(own, number) {
+    const before = Math.max(0, number - 1), after = Math.min(own.header.frames.length - 1, number + 1);
+    const [low, high] = [await own.frameOf(before), await own.frameOf(after)];
+    return speedsBetween(low.points, high.points, (after - before) / own.header.framesPerSecond || 1);
+  }
+
+  function speedsBetween(low, high, seconds) {
+    const speeds = distances(low, high).map((each) => each / seconds);
+    for (const each of speeds) if (each > fastest) fastest = each;
     return speeds;
   }
 
-  function paint(found) {
-    const out = colour.array;
-    if (mode in base) {
-      const from = base[mode];
+  // Millimetres between the same points of both caches.
+  function apart(found) {
+    const far = distances(found[0].points, found[1].points).map((each) => 1000 * each);
+    for (const each of far) if (each > farthest) farthest = each;
+    state.farthest = far.reduce((most, each) => Math.max(most, each), 0);
+    return far;
+  }
+
+  function distances(one, other) {
+    const far = new Float32Array(one.length / 3);
+    for (let k = 0; k < far.length; k++) {
+      far[k] = Math.hypot(one[3 * k] - other[3 * k], one[3 * k + 1] - other[3 * k + 1], one[3 * k + 2] - other[3 * k + 2]);
+    }
+    return far;
+  }
+
+  function paint(own, found) {
+    const out = own.colour.array, ramp = ramps[mode];
+    if (mode in own.base) {
+      const from = own.base[mode];
       for (let k = 0; k < out.length; k++) out[k] = from[k] / 255;
     } else {
-      const ramp = ramps[mode];
-      for (let k = 0; k < header.points; k++) {
-        const at = mode === "velocity" ? Math.round((255 * found.speeds[k]) / fastest) : found.values[mode][k];
+      const [values, most] = mode === "velocity" ? [found.speeds, fastest] : [found.apart, farthest];
+      for (let k = 0; k < own.header.points; k++) {
+        const at = mode in found.values ? found.values[mode][k] : values ? Math.round((255 * values[k]) / most) : 0;
         for (let c = 0; c < 3; c++) out[3 * k + c] = ramp[3 * at + c];
       }
     }
-    colour.needsUpdate = true;
-    showKey();
+    own.colour.needsUpdate = true;
   }
 
   async function setColour(name) {
     if (!modes.includes(name)) throw new Error(`${name} is not one of ${modes.join(", ")}`);
     mode = name;
     byId("colour").value = name;
+    resize();
     return setFrame(state.frame);
   }
 
@@ -220,7 +275,7 @@
     if (mode === "region") {
       for (const region of header.regions) {
         const feather = header.feathers.find((f) => f.region === region), line = document.createElement("div");
-        const swatch = document.createElement("i"), c = [0, 1, 2].map((k) => base.region[3 * feather.first + k] / 255);
+        const swatch = document.createElement("i"), c = [0, 1, 2].map((k) => first.base.region[3 * feather.first + k] / 255);
         swatch.style.background = `#${new THREE.Color(...c).getHexString()}`;
         line.append(swatch, region || "(none)");
         key.append(line);
@@ -235,7 +290,8 @@
         paper.fillStyle = `#${new THREE.Color(ramp[3 * k], ramp[3 * k + 1], ramp[3 * k + 2]).getHexString()}`;
         paper.fillRect(k, 0, 1, 1);
       }
-      const title = value ? value.title : "velocity (m/s)", ends = value ? [value.low, value.high] : [0, fastest];
+      const others = { velocity: ["velocity (m/s)", fastest], difference: ["difference (mm)", farthest] };
+      const [title, most] = value ? [value.title, value.high] : others[mode], ends = [value ? value.low : 0, most];
       const line = document.createElement("div");
       line.textContent = `${ends[0].toPrecision(2)} to ${ends[1].toPrecision(2)}`;
       key.append(title, document.createElement("br"), strip, line);
@@ -245,15 +301,30 @@
   // Picking: the feather below a place of the window.
   let picked = -1;
   function pick(x, y) {
-    const at = new THREE.Vector2((2 * x) / innerWidth - 1, 1 - (2 * y) / innerHeight), ray = new THREE.Raycaster();
-    ray.setFromCamera(at, camera);
-    const [hit] = ray.intersectObject(mesh);
-    picked = hit ? ownerOf(hit.face.a) : -1;
+    const hit = under(x, y);
+    picked = hit ? hit.feather : -1;
     mark();
     return picked < 0 ? null : header.feathers[picked];
   }
 
-  function ownerOf(point) {
+  // Number of the feather below a place, and the point of it.
+  function under(x, y) {
+    const drawn = halves(), wide = width() / drawn.length, half = Math.min(Math.floor(x / wide), drawn.length - 1);
+    const ray = rayAt(x - half * wide, y);
+    const [hit] = ray.intersectObject(drawn[half].mesh);
+    if (!hit) return null;
+    const name = drawn[half].header.feathers[ownerOf(drawn[half].header, hit.face.a)].id;
+    const feather = header.feathers.findIndex((each) => each.id === name);
+    return feather < 0 ? null : { feather, point: hit.point };
+  }
+
+  function rayAt(x, y) {
+    const ray = new THREE.Raycaster(), wide = width() / halves().length;
+    ray.setFromCamera(new THREE.Vector2((2 * x) / wide - 1, 1 - (2 * y) / innerHeight), camera);
+    return ray;
+  }
+
+  function ownerOf(header, point) {
     let low = 0, high = header.feathers.length - 1;
     while (low < high) {
       const middle = Math.ceil((low + high) / 2);
@@ -285,6 +356,7 @@
   renderer.domElement.addEventListener("pointerup", (event) => {
     if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4) pick(event.clientX, event.clientY);
   });
+  if (second) byId("names").textContent = `left: ${header.name}, right: ${header.second.name}`;
   for (const name of modes) byId("colour").add(new Option(name, name));
   byId("colour").addEventListener("change", (event) => setColour(event.target.value));
   byId("time").max = state.frames - 1;
@@ -293,7 +365,7 @@
   byId("play").addEventListener("click", toggle);
   addEventListener("resize", resize);
   addEventListener("keydown", (event) => {
-    if (event.target.tagName === "SELECT") return;
+    if (event.target.tagName === "SELECT" || event.target.type === "number") return;
     if (event.key === " ") { event.preventDefault(); toggle(); }
     else if (event.key === "ArrowRight") setFrame(state.frame + 1);
     else if (event.key === "ArrowLeft") setFrame(state.frame - 1);
@@ -317,15 +389,20 @@
     if (!busy && wanted !== state.frame) {
       busy = true;
       await setFrame(wanted);
-      frameOf((wanted + 1) % state.frames).catch(() => {}); // the next one, ahead
+      const next = (wanted + 1) % state.frames; // ahead
+      shown.forEach((each, k) => each.frameOf(k ? ofSecond(next) : next).catch(() => {}));
       busy = false;
     }
     requestAnimationFrame(tick);
   }
 
-  byId("about").textContent = `${header.feathers.length} feathers, ${state.frames} frame${state.frames > 1 ? "s" : ""}`;
+  byId("about").textContent = `${header.feathers.length} feather${header.feathers.length > 1 ? "s" : ""}` + (header.live ? ", live" : `, ${state.frames} frame${state.frames > 1 ? "s" : ""}`);
   told(header.told);
-  await setFrame(0);
+  if (header.live) {
+    document.body.classList.add("live");
+    resize();
+    await live({ header, state, first, byId, told, draw, paint, showKey, unpacked, speedsBetween, under, rayAt, camera, controls, renderer, mode: () => mode });
+  } else await setFrame(0);
   resize();
   look(0, header.points);
   state.ready = !state.problem;

@@ -6,8 +6,9 @@ import base64
 import gzip
 import html
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from featherfx.files.whole import into, standing, write_all
 from featherfx.phases import counted
@@ -17,20 +18,38 @@ from featherfx.view.played import Played, packed
 
 _FOLDER = Path(__file__).parent
 _KEPT_BYTES = 400_000_000  # of frames that a page keeps in memory
+# of the names of what belongs to one and another cache
+PREFIXES = ("", "second-")
 
 
-def page(played: Played, data: Iterator[tuple[str, bytes]] | None = None) -> Iterator[str]:
-    """The page of a cache, piece by piece. data: names and contents of what is in it; None: it asks
-    its server."""
+def header_of(first: Played, second: Played | None = None) -> dict[str, Any]:
+    """What a page says of a cache, or of two that it compares. alike: whether points of one are
+    those of the other."""
+    header = first.header()
+    if second is not None:
+        header["second"] = second.header() | {"keptBytes": _KEPT_BYTES}
+        header["alike"] = first.constant_shape == second.constant_shape
+        told = [header["told"], header["second"]["told"]]
+        if not header["alike"]:
+            told.append("other feathers or another resolution, so there is no difference")
+        header["told"] = "; ".join(filter(None, told))
+    return header
+
+
+def page(
+    header: dict[str, Any], title: str, data: Iterator[tuple[str, bytes]] | None = None
+) -> Iterator[str]:
+    """A page, piece by piece. data: names and contents of what is in it; None: it asks its
+    server."""
     nonce = secrets.token_urlsafe(16)
-    header = played.header() | {"embedded": data is not None, "keptBytes": _KEPT_BYTES}
+    header = header | {"embedded": data is not None, "keptBytes": _KEPT_BYTES}
     values = {
         "NONCE": nonce,
         "CONNECT": "'none'" if data is not None else "'self'",
-        "TITLE": html.escape(played.path.name),
+        "TITLE": html.escape(title),
         "HEADER": packed(header),
         "THREE": _text("three.min.js"),
-        "SCRIPT": _text("page.js"),
+        "SCRIPT": (_text("live.js") if "live" in header else "") + _text("page.js"),
     }
     before, after = _text("page.html").split("@DATA@")
     yield _filled(before, values)
@@ -40,10 +59,13 @@ def page(played: Played, data: Iterator[tuple[str, bytes]] | None = None) -> Ite
     yield _filled(after, values)
 
 
-def write_page(path: str | Path, output: str | Path, most_bytes: int, overwrite: bool) -> Played:
+def write_page(
+    paths: Sequence[Path], output: str | Path, most_bytes: int, overwrite: bool
+) -> list[Played]:
     """Write a cache as one HTML file that loads nothing else; it appears complete or not at all.
 
-    most_bytes: of frames, before they are packed; points, then frames are left out to keep it.
+    paths: of one cache, or of two that are compared. most_bytes: of frames, before they are packed;
+    points, then frames are left out to keep it.
     Raises InputError where the cache cannot be read or the output not be written.
     """
     output = Path(output)
@@ -51,23 +73,17 @@ def write_page(path: str | Path, output: str | Path, most_bytes: int, overwrite:
     if problems:
         raise OutputError(*problems)
     before = {output: standing(output)}
-    played = fitting(Path(path), most_bytes)
+    shown = [fitting(each, most_bytes // len(paths)) for each in paths]
 
     def data() -> Iterator[tuple[str, bytes]]:
-        yield "constant", played.constant()
-        numbers = counted("drawing", range(len(played.codes)), len(played.codes))
-        yield from ((f"frame-{number}", played.frame(number)) for number in numbers)
+        for played, prefix in zip(shown, PREFIXES, strict=False):
+            yield f"{prefix}constant", played.constant()
+            numbers = counted("drawing", range(len(played.codes)), len(played.codes))
+            yield from ((f"{prefix}frame-{number}", played.frame(number)) for number in numbers)
 
-    write_all(
-        [
-            (
-                output,
-                into(lambda file: file.writelines(each.encode() for each in page(played, data()))),
-            )
-        ],
-        before,
-    )
-    return played
+    pieces = page(header_of(*shown), shown[0].path.name, data())
+    write_all([(output, into(lambda file: file.writelines(map(str.encode, pieces))))], before)
+    return shown
 
 
 def fitting(path: Path, most_bytes: int) -> Played:

@@ -30,7 +30,7 @@ from featherfx.render.colour import (
     strain_across_barbs,
     value_limits,
 )
-from featherfx.render.scene import DrawnScene, load_points, load_pose, load_scene
+from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_pose, load_scene
 from featherfx.usd.read.read import Cache
 from featherfx.view.thinned import Thinned, thinned
 
@@ -77,11 +77,15 @@ class Played:
         self._scene: DrawnScene = load_scene(self._cache)
         self._kept: Thinned = thinned(self._scene.feathers, self._scene.starts, most)
 
-    @property
+    @cached_property
+    def rest(self) -> DrawnPose:
+        """What strain and barb angles are of; may be set to another one."""
+        return self._scene.rest
+
+    @cached_property
     def values(self) -> list[Value]:
         """Those that frames have."""
-        rest = self._scene.rest
-        own = [STRAIN] if rest.barbs.any() else []
+        own = [STRAIN] if self.rest.barbs.any() else []
         return own + ([HOOKED] if self._has_hooks else [])
 
     @cached_property
@@ -109,6 +113,11 @@ class Played:
     def frame_bytes(self) -> int:
         """Bytes of a frame, about."""
         return 24 + (6 + len(self.values)) * self.points
+
+    @property
+    def constant_shape(self) -> tuple[tuple[str, ...], bytes]:
+        """Ids of its feathers, and the triangles of kept points."""
+        return tuple(each.id for each in self._scene.feathers), self._kept.triangles.tobytes()
 
     def header(self) -> dict[str, Any]:
         """All that is not numbers of points, for JSON."""
@@ -181,25 +190,26 @@ class Played:
         if standing(self.path) != self._before:
             raise InputError(Problem(str(self.path), "", "has changed; open it again"))
         code = self.codes[number]
-        values = self.values
-        if values:
-            pose = load_pose(self._cache, self._scene, code)
-            points = pose.points
-        else:
-            points = load_points(self._cache, self._scene, code)
+        if not self.values:
+            return self.packed(load_points(self._cache, self._scene, code))
+        pose = load_pose(self._cache, self._scene, code)
+        return self.packed(pose.points, pose.hooked)
+
+    def packed(self, points: Array, hooked: Array | None = None) -> bytes:
+        """A frame of all points (V, 3). hooked: as of DrawnPose, where that is a value."""
         own = points[self._kept.points]
         low, size = own.min(axis=0), np.maximum(np.ptp(own, axis=0), 1e-9)
         parts = [
             np.concatenate([low, size]).astype("<f4").tobytes(),
             _padded(np.round((own - low) / size * _PLACES).astype("<u2").tobytes()),
         ]
-        for value in values:
-            faces = pose.hooked if value is HOOKED else self._strain(points)
+        for value in self.values:
+            faces = hooked if value is HOOKED and hooked is not None else self._strain(points)
             parts.append(_padded(self._scaled(self._of_points(faces), value).tobytes()))
         return b"".join(parts)
 
     def _strain(self, points: Array) -> Array:
-        rest = self._scene.rest
+        rest = self.rest
         found = strain_across_barbs(rest.points, points, self._scene.triangles, rest.barbs)
         return np.where(self._scene.rachis, 0.0, found)
 
@@ -230,9 +240,9 @@ class Played:
 
     def _barbs(self) -> Array:
         """Barb angles at rest; grey where there are none."""
-        if not self._scene.rest.barbs.any():
+        if not self.rest.barbs.any():
             return np.full((len(self._kept.points), 3), 0.2)
-        angles = barb_angle(self._scene, self._scene.rest)
+        angles = barb_angle(self._scene, self.rest)
         low, high = value_limits(angles[~self._scene.rachis], symmetric=False)
         share = (self._of_points(angles) - low) / (high - low)
         return linear(ramp_colours(SEQUENTIAL, np.clip(share, 0.0, 1.0)))

@@ -8,14 +8,17 @@ where they have one. Nothing but the page and the frames of its cache is given.
 from __future__ import annotations
 
 import hmac
+import json
 import re
 import secrets
+import sys
 import threading
+from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from featherfx.errors import InputError, Problem
-from featherfx.view.page import page
+from featherfx.view.page import PREFIXES, header_of, page
 from featherfx.view.played import Played
 
 HOST = "127.0.0.1"
@@ -27,19 +30,24 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-_FRAME = re.compile(r"frame-(\d{1,7})")
+_FRAME = re.compile(r"(|second-)frame-(\d{1,7})")
+HTML, BYTES, JSON = "text/html; charset=utf-8", "application/octet-stream", "application/json"
+# of what a page may say
+_MOST_BYTES = 65_536
 
 
 class Server(ThreadingHTTPServer):
-    """A server of one cache. address: with the token, for a browser. port: 0 for a free one.
+    """A server of caches. address: with the token, for a browser. port: 0 for a free one.
+
+    shown: one cache, or two that are compared.
 
     Raises InputError where the port is taken.
     """
 
     daemon_threads = True
 
-    def __init__(self, played: Played, port: int = 0) -> None:
-        self.played, self.token = played, secrets.token_urlsafe(24)
+    def __init__(self, *shown: Played, port: int = 0) -> None:
+        self.shown, self.token = shown, secrets.token_urlsafe(24)
         self.reading = threading.Lock()
         try:
             super().__init__((HOST, port), _Handler)
@@ -51,16 +59,29 @@ class Server(ThreadingHTTPServer):
     def address(self) -> str:
         return f"http://{HOST}:{self.server_port}/{self.token}/"
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A page that was closed is no error."""
+        if not isinstance(sys.exc_info()[1], ConnectionError):
+            super().handle_error(request, client_address)
+
     def content(self, name: str) -> tuple[str, bytes] | None:
         """Type and content of what stands under a name; None where there is nothing."""
         with self.reading:
             if name == "":
-                return "text/html; charset=utf-8", "".join(page(self.played)).encode()
-            if name == "constant":
-                return "application/octet-stream", self.played.constant()
-            found = _FRAME.fullmatch(name)
-            if found and int(found[1]) < len(self.played.codes):
-                return "application/octet-stream", self.played.frame(int(found[1]))
+                return HTML, "".join(page(header_of(*self.shown), self.shown[0].path.name)).encode()
+            for played, prefix in zip(self.shown, PREFIXES, strict=False):
+                if name == f"{prefix}constant":
+                    return BYTES, played.constant()
+                found = _FRAME.fullmatch(name)
+                if found and found[1] == prefix and int(found[2]) < len(played.codes):
+                    return BYTES, played.frame(int(found[2]))
+        return None
+
+    def posted(self, name: str, content: Any) -> Any:
+        """What is answered, as JSON, to what a page says; None where there is nothing to say.
+
+        Raises InputError, or KeyError, TypeError or ValueError where it is not understood.
+        """
         return None
 
 
@@ -70,24 +91,56 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
 
     def do_GET(self) -> None:
+        name = self._allowed()
+        if name is not None:
+            self._reply(lambda: self.server.content(name))
+
+    def do_POST(self) -> None:
+        name = self._allowed()
+        if name is None:
+            return
+        length = self.headers.get("Content-Length", "")
+        if not length.isdecimal() or int(length) > _MOST_BYTES:
+            self.close_connection = True
+            self._answer(413, "text/plain", b"too long")
+            return
+        content = self.rfile.read(int(length))
+
+        def posted() -> tuple[str, bytes] | None:
+            answer = self.server.posted(name, json.loads(content))
+            return None if answer is None else (JSON, json.dumps(answer).encode())
+
+        self._reply(posted)
+
+    def _allowed(self) -> str | None:
+        """Name of what is asked for, by who may; None after an answer to who may not. A page must
+        name its origin where it says something, which a browser sees to."""
         own = f"{HOST}:{self.server.server_port}"
         origin = self.headers.get("Origin")
-        if self.headers.get("Host") != own or origin not in (None, f"http://{own}"):
+        anonymous = origin is None and self.command == "GET"
+        if self.headers.get("Host") != own or not (anonymous or origin == f"http://{own}"):
+            self.close_connection = True
             self._answer(403, "text/plain", b"this page is for its own server only")
-            return
+            return None
         token, _, name = self.path.removeprefix("/").partition("/")
-        if not hmac.compare_digest(token.encode(), self.server.token.encode()):
-            self._answer(404, "text/plain", b"there is nothing here")
-            return
+        if hmac.compare_digest(token.encode(), self.server.token.encode()):
+            return name
+        self.close_connection = True
+        self._answer(404, "text/plain", b"there is nothing here")
+        return None
+
+    def _reply(self, ask: Callable[[], tuple[str, bytes] | None]) -> None:
         try:
-            found = self.server.content(name)
+            found = ask()
         except InputError as error:
             self._answer(409, "text/plain; charset=utf-8", str(error).encode())
-            return
-        if found is None:
-            self._answer(404, "text/plain", b"there is nothing here")
+        except (KeyError, TypeError, ValueError, IndexError):
+            self._answer(400, "text/plain", b"is not understood")
         else:
-            self._answer(200, *found)
+            if found is None:
+                self._answer(404, "text/plain", b"there is nothing here")
+            else:
+                self._answer(200, *found)
 
     def _answer(self, status: int, kind: str, content: bytes) -> None:
         self.send_response(status)

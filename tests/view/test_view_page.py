@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,23 +18,29 @@ from click.testing import CliRunner
 from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.usd.read.read import Cache
-from featherfx.view.page import fitting, write_page
+from featherfx.view.page import fitting, header_of, write_page
 from featherfx.view.played import Played
 from featherfx.view.serve import HOST, Server
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
 EVERYTHING = 1 << 40
 ROOT = Path(__file__).resolve().parents[2]
+BROWSER_OPTIONS = (
+    str(BROWSER),
+    "--headless=new",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--window-size=800,600",
+)
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium (Debian: chromium)")
 
-# what a page's user would do, by the names that the page gives to programs; it ends in the title
-STEPS = """
-(async () => {
+# for scripts within the page: its canvas as pixels, and how far two pictures of it differ
+PIXELS = """
   const wait = (ms) => new Promise((done) => setTimeout(done, ms));
   const over = () => window.featherfx?.ready || window.featherfx?.problem;
-  for (let k = 0; k < 400 && !over(); k++) await wait(25);
-  const f = window.featherfx, told = { frames: f.frames, first: f.frame, ready: f.ready };
-  told.ids = f.feathers.map((each) => each.id);
+  for (let k = 0; k < 800 && !over(); k++) await wait(25);
+  const f = window.featherfx;
   const canvas = document.querySelector("body > canvas");
   const copy = document.createElement("canvas");
   copy.width = canvas.width; copy.height = canvas.height;
@@ -48,9 +55,17 @@ STEPS = """
       count += Math.abs(one[k] - other[k]) + Math.abs(one[k + 1] - other[k + 1]) > 12;
     return count / (one.length / 4);
   };
-  const before = shot(), empty = new Uint8ClampedArray(before.length);
-  for (let k = 0; k < empty.length; k++) empty[k] = before[k % 4];
-  told.drawn = differing(before, empty);
+  const drawn = (one) => differing(one, one.map((_, k) => one[k % 4]));
+"""
+
+# what a page's user would do, by the names that the page gives to programs; it ends in the title
+STEPS = f"""
+(async () => {{
+  {PIXELS}
+  const told = {{ frames: f.frames, first: f.frame, ready: f.ready }};
+  told.ids = f.feathers.map((each) => each.id);
+  const before = shot();
+  told.drawn = drawn(before);
   told.last = await f.setFrame(f.frames - 1);
   told.frame = f.frame;
   told.moved = differing(before, shot());
@@ -63,7 +78,33 @@ STEPS = """
   told.about = document.getElementById("about").textContent;
   told.beyond = await f.setFrame(1e9);
   document.title = JSON.stringify(told);
-})();
+}})();
+"""
+
+# the same of two caches
+COMPARED = f"""
+(async () => {{
+  {PIXELS}
+  const told = {{ ready: f.ready, names: document.getElementById("names").textContent }};
+  const half = (k) => {{
+    const found = [], all = shot();
+    for (let y = 0; y < copy.height; y++)
+      for (let x = k * copy.width / 2; x < (k + 1) * copy.width / 2; x++)
+        found.push(...all.subarray(4 * (y * copy.width + x), 4 * (y * copy.width + x) + 4));
+    return Uint8ClampedArray.from(found);
+  }};
+  told.same = differing(half(0), half(1));
+  told.drawn = [drawn(half(0)), drawn(half(1))];
+  await f.setFrame(4);
+  told.other = differing(half(0), half(1));
+  await f.setColour("difference");
+  told.farthest = f.farthest;
+  told.key = document.getElementById("key").textContent;
+  told.whole = drawn(shot());
+  await f.setFrame(0);
+  told.nothing = f.farthest;
+  document.title = JSON.stringify(told);
+}})();
 """
 
 
@@ -77,23 +118,20 @@ def cache(tmp_path_factory) -> Path:
 
     from featherfx.usd.write.write import CacheWriter
 
-    path = tmp_path_factory.mktemp("view") / "flaps.usdc"
-    with CacheWriter(path, feathers.entries(), (1, 5), 24.0) as writer:
-        for number in range(1, 6):
-            writer.write(feathers.frame(number))
-    return path
+    folder = tmp_path_factory.mktemp("view")
+    for name, last in (("flaps", 5), ("others", 7)):
+        with CacheWriter(folder / f"{name}.usdc", feathers.entries(), (1, 5), 24.0) as writer:
+            for number in range(1, 6):
+                frame = feathers.frame(number if number < 5 else last)
+                writer.write(replace(frame, number=float(number)))
+    return folder / "flaps.usdc"
 
 
 def browse(address: str, folder: Path) -> str:
     """The page as it stands when it has come to rest."""
     done = subprocess.run(
         [
-            str(BROWSER),
-            "--headless=new",
-            "--no-sandbox",
-            "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader",
-            "--window-size=800,600",
+            *BROWSER_OPTIONS,
             "--virtual-time-budget=20000",
             f"--user-data-dir={folder / 'profile'}",
             "--dump-dom",
@@ -112,18 +150,21 @@ def result_of(text: str) -> dict:
     return json.loads(found[1].replace("&quot;", '"').replace("&amp;", "&"))
 
 
-def with_steps(page: Path) -> Path:
-    """A copy of a page that does STEPS; its policy lets scripts in by their nonce alone."""
-    text = page.read_text()
-    nonce = re.search(r'<script nonce="([^"]+)"', text)[1]
+def with_steps(page: Path, steps: str = STEPS) -> Path:
+    """A copy of a page that does steps; its policy lets scripts in by their nonce alone."""
     copy = page.with_name("steps.html")
-    copy.write_text(text.replace("</body>", f'<script nonce="{nonce}">{STEPS}</script></body>'))
+    copy.write_text(scripted(page.read_text(), steps))
     return copy
+
+
+def scripted(text: str, steps: str) -> str:
+    nonce = re.search(r'<script nonce="([^"]+)"', text)[1]
+    return text.replace("</body>", f'<script nonce="{nonce}">{steps}</script></body>')
 
 
 @needs_browser
 def test_a_file_plays_in_a_browser(cache, tmp_path):
-    write_page(cache, tmp_path / "page.html", EVERYTHING, overwrite=False)
+    write_page([cache], tmp_path / "page.html", EVERYTHING, overwrite=False)
     told = result_of(browse(with_steps(tmp_path / "page.html").as_uri(), tmp_path))
     assert told["ready"] is True
     assert (told["frames"], told["first"], told["last"], told["frame"]) == (5, 0, 4, 4)
@@ -139,6 +180,32 @@ def test_a_file_plays_in_a_browser(cache, tmp_path):
 
 
 @needs_browser
+def test_two_caches_stand_side_by_side_or_as_their_difference(cache, tmp_path):
+    other, page = cache.with_name("others.usdc"), tmp_path / "page.html"
+    command = ["view", str(cache), "--against", str(other), "--html", str(page)]
+    result = CliRunner().invoke(main, command)
+    assert result.exit_code == 0, result.stderr
+    told = result_of(browse(with_steps(page, COMPARED).as_uri(), tmp_path))
+    assert told["ready"] is True
+    assert told["names"] == "left: flaps.usdc, right: others.usdc"
+    assert told["same"] < 0.002  # in one camera and frame
+    assert min(told["drawn"]) > 0.01
+    assert told["other"] > 0.002
+    ends = [np.concatenate(Cache(each).points_of(range(4), 5.0)) for each in (cache, other)]
+    apart = 1e3 * np.linalg.norm(ends[1] - ends[0], axis=1).max()
+    assert told["farthest"] == pytest.approx(apart, rel=1e-2)
+    assert "difference (mm)" in told["key"]
+    assert told["whole"] > 0.01
+    assert told["nothing"] == 0.0
+
+
+def test_what_differs_in_feathers_has_no_difference(cache):
+    both = header_of(Played(cache, EVERYTHING), Played(cache, 100))
+    assert both["alike"] is False
+    assert "no difference" in both["told"]
+
+
+@needs_browser
 def test_a_served_cache_is_shown_and_its_change_is_told(cache, tmp_path):
     copy = tmp_path / "copy.usdc"
     shutil.copyfile(cache, copy)
@@ -149,7 +216,7 @@ def test_a_served_cache_is_shown_and_its_change_is_told(cache, tmp_path):
 
 
 def test_a_file_loads_nothing_else(cache, tmp_path):
-    write_page(cache, tmp_path / "page.html", EVERYTHING, overwrite=False)
+    write_page([cache], tmp_path / "page.html", EVERYTHING, overwrite=False)
     text = (tmp_path / "page.html").read_text()
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text)[1]
     assert "default-src 'none'" in policy
@@ -220,7 +287,7 @@ def test_only_who_has_the_token_and_asks_from_the_page_gets_anything(cache):
         token = server.token
         assert server.server_address[0] == HOST
         assert ask(server, f"/{token}/")[0] == 200
-        assert ask(server, f"/{token}/frame-0") == (200, server.played.frame(0))
+        assert ask(server, f"/{token}/frame-0") == (200, server.shown[0].frame(0))
         own = f"http://{HOST}:{server.server_port}"
         assert ask(server, f"/{token}/constant", Origin=own)[0] == 200
         for path in ("/", "/frame-0", f"/{token[:-1]}/", f"/{token}x/frame-0", "//", "/%2e%2e/"):
@@ -237,7 +304,7 @@ def test_only_who_has_the_token_and_asks_from_the_page_gets_anything(cache):
             assert status == 403
             assert token.encode() not in content
         with pytest.raises(InputError, match=r"view: port: \d+ cannot be used: .*in use"):
-            Server(server.played, server.server_port)
+            Server(*server.shown, port=server.server_port)
 
 
 def test_the_command_writes_a_page_and_replaces_none(cache, tmp_path):

@@ -108,18 +108,19 @@ def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
         if isinstance(value, Sourced):
             unit = key.type.describe()[1]
             note = f"{unit}, {value.source}" if unit else value.source
-            yield f"{prefix}{name} = {_toml(value.value)}", note
+            yield f"{prefix}{name} = {toml_of(value.value)}", note
         elif isinstance(inner, Table):
             yield from _lines(inner, value, f"{prefix}{name}.")
 
 
-def _toml(value: Any) -> str:
+def toml_of(value: Any) -> str:
+    """A value as TOML writes it in one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{k} = {_toml(v)}" for k, v in value.items()) + " }"
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_toml(each) for each in value) + "]"
+        return "{ " + ", ".join(f"{k} = {toml_of(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(toml_of(each) for each in value) + "]"
     return f"{value:.12g}"

@@ -106,7 +106,7 @@ def gripped(
     for place, grip in grips:
         g = used[place]
         used[place] += 1
-        node[place, g] = _grip_node(grip, feathers[place])
+        node[place, g] = grip_node(grip, feathers[place])
         rest = start_points[place][tuple(node[place, g])]
         for k, time in enumerate((start, end)):
             targets[k, place, g] = rest + grip_fraction(grip, time) * grip.displacement
@@ -121,7 +121,7 @@ def grip_fraction(grip: Grip, time: float) -> float:
     return smooth_step((time - grip.start) / (grip.end - grip.start))
 
 
-def _grip_node(grip: Grip, feather: Feather) -> tuple[int, int]:
+def grip_node(grip: Grip, feather: Feather) -> tuple[int, int]:
     """Row and node that a grip holds."""
     row = round(grip.row * (feather.rows - 1))
     column = round(grip.column * feather.columns)

@@ -1,0 +1,111 @@
+"""`featherfx tune`: presets changed by hand, in a browser, while feathers are simulated."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from featherfx.cli.options import default_jobs, presets_option
+from featherfx.cli.program import Command
+from featherfx.cli.view import serve
+
+# what is simulated where a preset is given: one feather of it, or of this kind
+_KIND, _WIND, _MOTION = "swan_primary", "breeze", "hold"
+_FAMILIES = ("feather", "material/vane", "material/rachis", "wind", "motion")
+
+
+@click.command(
+    cls=Command,
+    short_help="Change presets by sliders, in a browser, while feathers are simulated.",
+    epilog="""
+    featherfx tune swan_primary
+    featherfx tune samples/breeze/shot.toml --feather 'right_primary_0?' --into my_presets
+    featherfx bake samples/breeze/shot.toml -o breeze.usdc --presets my_presets
+    """,
+)
+@click.argument("what", metavar="SHOT|PRESET")
+@click.option(
+    "--feather",
+    "feathers",
+    multiple=True,
+    metavar="ID",
+    help="Only these of a shot, with * and ? as wild cards. Repeatable.",
+)
+@click.option(
+    "--into",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("tuned_presets"),
+    show_default=True,
+    metavar="FOLDER",
+    help="Folder of presets that `save` writes into.",
+)
+@click.option("--wind", metavar="NAME", help=f"Of a preset that is none.  [default: {_WIND}]")
+@click.option("--motion", metavar="NAME", help=f"The same, of motion.  [default: {_MOTION}]")
+@click.option("--quality", metavar="NAME", default="draft", show_default=True)
+@presets_option
+@click.option("--port", type=click.IntRange(1, 65535), help="Of the server.  [default: a free one]")
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@click.option("--overwrite", is_flag=True, help="`save` may replace presets in the folder.")
+def tune(
+    what: str,
+    feathers: Sequence[str],
+    into: Path,
+    wind: str | None,
+    motion: str | None,
+    quality: str,
+    preset_folders: Sequence[Path],
+    port: int | None,
+    no_browser: bool,
+    overwrite: bool,
+) -> None:
+    """Simulate a SHOT (TOML), or one feather of a PRESET, and change its presets by sliders.
+
+    Drag a feather to pull it, beside it to turn the view (with shift anywhere); b blows along the
+    view while it is held. `save` writes presets with only what was changed, which extend those of
+    their own names: give their folder to `bake --presets`. The server is on this machine alone, for
+    who has the address with its token, and writes nothing but these presets; Ctrl-C ends it.
+    """
+    # simulates and draws, which takes its time to load
+    from featherfx.view.live import Live, LiveServer, Source, presets_of
+
+    shot = Path(what)
+    given = shot.suffix == ".toml"
+    if given and (wind or motion):
+        raise click.UsageError("--wind and --motion are for presets; a shot has its own")
+    if feathers and not given:
+        raise click.UsageError("--feather is for shots")
+    with tempfile.TemporaryDirectory(prefix="featherfx-") as name:
+        folder = Path(name)
+        if not given:
+            shot = _stage(what, folder, preset_folders, wind or _WIND, motion or _MOTION)
+        source = Source(shot, folder, feathers, quality, preset_folders, default_jobs())
+        with Live(source, presets_of(source)) as live:
+            serve(LiveServer(live, into, overwrite, port or 0), no_browser)
+
+
+def _stage(preset: str, folder: Path, folders: Sequence[Path], wind: str, motion: str) -> Path:
+    """A shot of one feather that a preset is of."""
+    from featherfx.errors import InputError, Problem
+    from featherfx.groom.presets.presets import load_preset, toml_of
+
+    family, _ = load_preset(preset, folders)
+    name = preset.rpartition("/")[2]
+    if family not in _FAMILIES:
+        told = f"is a {family} preset, allowed: {', '.join(_FAMILIES)}"
+        raise InputError(Problem("tune", preset, told))
+    feather = {"id": "feather", "kind": name if family == "feather" else _KIND}
+    own = {"wind": wind, "motion": motion} | (
+        {family: name} if family in ("wind", "motion") else {}
+    )
+    lines = ['name = "groom"', "[[feather]]", "position = [0, 0, 0]"]
+    lines += [f"{key} = {toml_of(value)}" for key, value in feather.items()]
+    if family.startswith("material/"):
+        lines.append(f"overrides = {{ {family[9:]}_material = {toml_of(name)} }}")
+    (folder / "groom.toml").write_text("\n".join(lines), encoding="utf-8")
+    shot = {"name": name, "groom": "groom.toml", "frames": [1, 2], **own}
+    text = "\n".join(f"{key} = {toml_of(value)}" for key, value in shot.items())
+    (folder / "shot.toml").write_text(text, encoding="utf-8")
+    return folder / "shot.toml"

@@ -1,0 +1,441 @@
+"""A shot that is simulated while it is looked at: presets change, feathers are pulled and blown."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import struct
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.api import read_quality, read_shot
+from featherfx.baking.entries import entries_of
+from featherfx.errors import InputError, Problem, SimulationError
+from featherfx.files.store import nothing_kept
+from featherfx.groom.keys.preset import FAMILIES
+from featherfx.groom.keys.values import Place, Problems
+from featherfx.groom.presets.library import Library
+from featherfx.groom.read.toml_file import load_toml
+from featherfx.groom.types import Placement
+from featherfx.render.scene import DrawnPose
+from featherfx.shot.placement import place
+from featherfx.shot.simulate import Simulation, simulate
+from featherfx.shot.types import Frame, Grip, Shot
+from featherfx.usd.write.write import CacheWriter
+from featherfx.view.page import page
+from featherfx.view.played import STRAIN, Played
+from featherfx.view.serve import BYTES, HTML, JSON, Server
+from featherfx.view.tuned import Tuned
+
+Array = NDArray[np.float64]
+
+MOST_FEATHERS = 200
+# s without a page that asks, after which the simulation waits
+_PATIENCE = 2.0
+# frames that a shot goes on after its last one, where nothing in it is read from a file
+_ENDLESS = 1_000_000
+# N/m of the spring between a feather and the mouse
+_PULL = 50.0
+# frames a second that are simulated where the shot has fewer, so that motion is smooth
+_SMOOTH = 48.0
+_LIVE = re.compile(r"live-(\d{1,12})")
+
+
+@dataclass(frozen=True)
+class Source:
+    """What is simulated. shot: its file. feathers: patterns of ids, all by default. quality: name
+    of a preset. folders: of presets. jobs: threads. folder: for what is needed meanwhile."""
+
+    shot: Path
+    folder: Path
+    feathers: Sequence[str] = ()
+    quality: str = "draft"
+    folders: Sequence[Path] = ()
+    jobs: int = 1
+
+
+class Made(NamedTuple):
+    """A simulation that was set up. triangles: of all feathers, corners by feather. points, barbs:
+    (V, 3), (T, 3), as of DrawnPose, at rest."""
+
+    shot: Shot
+    simulation: Simulation
+    triangles: Array
+    points: Array
+    barbs: Array
+
+
+class Live:
+    """Simulates a shot for a page, in threads of its own, as fast as it plays and no faster.
+
+    tuned: presets of it that may be changed. A context manager that ends the threads. Raises
+    InputError where the shot cannot be read.
+    """
+
+    def __init__(self, source: Source, tuned: Tuned) -> None:
+        self.tuned, self._source = tuned, source
+        self._asked, self._number, self._version = time.monotonic(), 0, 0
+        self._told: dict[str, Any] = {}
+        self._content, self._problem = b"", ""
+        # stuck: no frame follows until something is changed. again: from the first frame
+        self._changed = self._ended = self._stuck = self._again = False
+        self._next: Made | None = None
+        self._pull: tuple[Grip, Array] | None = None
+        self._wind: tuple[Array, float] | None = None
+        self._speed = 1.0
+        self._news = threading.Condition()
+        self._made = self._make()
+        self._frame, self._frames = self._begun(self._made)
+        self.played = self._drawn(self._made, self._frame)
+        self._show(0.0)
+        self._threads = [
+            threading.Thread(target=each, daemon=True) for each in (self._step, self._prepare)
+        ]
+
+    def __enter__(self) -> Live:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._news:
+            self._ended = True
+            self._news.notify_all()
+        for thread in self._threads:
+            thread.join()
+
+    @property
+    def name(self) -> str:
+        return self._made.shot.name
+
+    def header(self) -> dict[str, Any]:
+        """As of Played, with the sliders."""
+        sliders = [each._asdict() for each in self.tuned.sliders]
+        with self._news:
+            own = {"name": self.name, "live": True, "version": self._version, "sliders": sliders}
+            return self.played.header() | own
+
+    def after(self, number: int, patience: float = 5.0) -> bytes:
+        """The newest frame, once it is a later one than this; the same after so many seconds.
+
+        The number of bytes of a JSON object (uint32), the object, padded to 4 bytes, the frame.
+        """
+        with self._news:
+            self._asked = time.monotonic()
+            self._news.notify_all()
+            self._news.wait_for(lambda: self._number > number or self._ended, patience)
+            text = json.dumps(self._told | {"number": self._number, "problem": self._problem})
+            told = text.encode() + b" " * (-len(text) % 4)
+            return struct.pack("<I", len(told)) + told + self._content
+
+    def change(self, key: str, value: Any) -> None:
+        """Set a value of a preset. Raises InputError where it is not allowed."""
+        with self._news:
+            self.tuned.change(key, value)
+            self._changed = True
+            self._news.notify_all()
+
+    def restart(self) -> None:
+        """Begin again at the first frame, at rest."""
+        with self._news:
+            self._again = self._changed = True
+            self._news.notify_all()
+
+    def play_at(self, speed: float) -> None:
+        """So many times real time. Raises ValueError where that is no number from 0.01 to 10."""
+        if not 0.01 <= speed <= 10.0:
+            raise ValueError(speed)
+        self._speed = float(speed)
+
+    def blow(self, direction: Any, speed: float) -> None:
+        """Let a wind of so many m/s blow instead of the shot's; None: the shot's again. Raises
+        InputError where that is no wind."""
+        if direction is None:
+            self._wind = None
+            return
+        problems, keys = Problems(), FAMILIES["wind"].keys
+        wind = [
+            keys[key].type.check(value, Place("tune", key, problems), False)
+            for key, value in (("direction", direction), ("speed", speed))
+        ]
+        problems.raise_any()
+        self._wind = np.array(wind[0]), wind[1]
+
+    def pull(self, feather: int | None, at: Any, to: Any) -> None:
+        """Take a feather, of those shown, where it is nearest to a place, and lead it to another;
+        if it is held already, go on with that. None: let go. Raises ValueError or IndexError."""
+        if feather is None:
+            self._pull = None
+            return
+        target = _vector(to)
+        with self._news:
+            held, name = self._pull, self._shown_feathers[feather].id
+            if held is None or held[0].feather != name:
+                held = self._nearest(feather, name, _vector(at)), target
+            self._pull = held[0], target
+
+    @property
+    def _shown_feathers(self) -> list[Placement]:
+        return some_of(self._made.shot, self._source.feathers)
+
+    def _nearest(self, feather: int, name: str, at: Array) -> Grip:
+        nodes = self._frame.poses[feather].points.nodes
+        far = np.linalg.norm(nodes - at, axis=-1)
+        row, node = np.unravel_index(int(far.argmin()), far.shape)
+        columns, rows = (nodes.shape[1] - 1) // 2, nodes.shape[0]
+        trailing = node > columns
+        return Grip(
+            feather=name,
+            row=float(row) / (rows - 1),
+            column=float(node - columns if trailing else node) / columns,
+            side="trailing" if trailing else "leading",
+            displacement=np.zeros(3),
+            end=0.0,
+            stiffness=_PULL,
+        )
+
+    def _make(self) -> Made:
+        """The simulation with the presets as they are now."""
+        source, changed = self._source, self._source.folder / "presets"
+        with self._news:
+            files = self.tuned.files()
+        shutil.rmtree(changed, ignore_errors=True)
+        for name, text in files.items():
+            path = changed / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        with nothing_kept() if files else nullcontext():
+            shot = read_shot(source.shot, (changed, *source.folders))
+            shot = replace(shot, quality=read_quality(source.quality, source.folders))
+            placements = some_of(shot, source.feathers)
+            if not 0 < len(placements) <= MOST_FEATHERS:
+                told = f"{len(placements)} feathers, allowed 1 to {MOST_FEATHERS}"
+                raise InputError(Problem(str(source.shot), "feather", told))
+            ids = {each.id for each in placements}
+            wanted = [k for k, each in enumerate(shot.groom.feathers) if each.id in ids]
+            often = max(1, round(_SMOOTH / shot.frames_per_second))
+            frames = shot.first_frame, shot.last_frame
+            if shot.skin is None and shot.wind_source is None and not shot.colliders:
+                frames = shot.first_frame, shot.first_frame + _ENDLESS
+            simulation = simulate(shot, source.jobs, frames, often, wanted=wanted)
+        surfaces = [each.surface for each in simulation.feathers]
+        starts = np.cumsum([0, *(len(each.row) for each in surfaces)])
+        rest = [
+            place(each.rest, own.position, own.rotation)
+            for each, own in zip(simulation.feathers, placements, strict=True)
+        ]
+        return Made(
+            shot,
+            simulation,
+            np.concatenate([s.triangles + k for s, k in zip(surfaces, starts, strict=False)]),
+            np.concatenate([s.points(r) for s, r in zip(surfaces, rest, strict=True)]),
+            np.concatenate(
+                [
+                    s.barb_direction @ own.rotation.T
+                    for s, own in zip(surfaces, placements, strict=True)
+                ]
+            ),
+        )
+
+    def _begun(self, made: Made) -> tuple[Frame, Iterator[Frame]]:
+        frames = iter(made.simulation)
+        return next(frames), frames
+
+    def _drawn(self, made: Made, frame: Frame) -> Played:
+        """The meshes, as the page knows them: through a cache of one frame."""
+        groom = replace(made.shot.groom, feathers=tuple(some_of(made.shot, self._source.feathers)))
+        path = self._source.folder / "live.usdc"
+        path.unlink(missing_ok=True)
+        entries = entries_of(groom, made.simulation.feathers, static=False)
+        with CacheWriter(path, entries, (1, 1), made.shot.frames_per_second) as writer:
+            writer.write(replace(frame, number=1.0))
+        played = Played(path, 1 << 62)
+        # hooks are drawn by bakes alone
+        played.values = [STRAIN]
+        return played
+
+    def _prepare(self) -> None:
+        """Set up simulations for what was changed, while another goes on."""
+        while True:
+            with self._news:
+                self._news.wait_for(lambda: self._changed or self._ended)
+                if self._ended:
+                    return
+                self._changed = False
+            try:
+                made = self._make()
+            except (InputError, SimulationError) as error:
+                self._tell(str(error))
+                continue
+            with self._news:
+                self._next, self._problem, self._stuck = made, "", False
+                self._news.notify_all()
+
+    def _tell(self, problem: str) -> None:
+        with self._news:
+            self._problem = problem
+            self._number += 1
+            self._news.notify_all()
+
+    def _step(self) -> None:
+        """Go from frame to frame."""
+        due = time.perf_counter()
+        while True:
+            with self._news:
+                self._news.wait_for(self._may_go_on)
+                if self._ended:
+                    return
+                made, self._next = self._next, None
+            begun = time.perf_counter()
+            try:
+                self._advance(made)
+            except (InputError, SimulationError) as error:
+                self._stuck = True
+                self._tell(f"{error}; restart begins again")
+                continue
+            except StopIteration:
+                self._stuck = True
+                self.restart()
+                continue
+            self._show(time.perf_counter() - begun)
+            due += 1.0 / (self._rate * self._speed)
+            left = due - time.perf_counter()
+            if left > 0.0:
+                time.sleep(left)
+            else:
+                due = time.perf_counter()
+
+    @property
+    def _rate(self) -> float:
+        """Frames a second of the shot, those between whole frames included."""
+        fps = self._made.shot.frames_per_second
+        return fps * max(1, round(_SMOOTH / fps))
+
+    def _may_go_on(self) -> bool:
+        watched = time.monotonic() - self._asked < _PATIENCE
+        return self._ended or self._next is not None or (watched and not self._stuck)
+
+    def _advance(self, made: Made | None) -> None:
+        if made is not None:
+            self._take(made)
+        with self._news:
+            wind, pull = self._made.shot.wind, self._pull
+            if self._wind is not None:
+                wind = replace(wind, direction=self._wind[0], speed=self._wind[1], gust=0.0)
+        self._made.simulation.act(wind, [] if pull is None else [pull])
+        self._frame = next(self._frames)
+
+    def _take(self, made: Made) -> None:
+        """Go on with another simulation from where this one stands."""
+        before, again, self._again = self._made, self._again, False
+        goes_on = not again and made.simulation.reshaped(before.simulation)
+        frames = iter(made.simulation)
+        if not goes_on:
+            self._frame = next(frames)
+        same = np.array_equal(made.triangles, before.triangles)
+        played = self.played if same else self._drawn(made, self._frame)
+        if not np.array_equal(made.points, before.points):
+            rest: DrawnPose = played.rest
+            played.rest = replace(rest, points=made.points, barbs=made.barbs)
+        with self._news:
+            self._made, self._frames, self.played = made, frames, played
+            self._version += not same
+
+    def _show(self, seconds: float) -> None:
+        """Hand the frame out. seconds: that it took."""
+        simulation, frame = self._made.simulation, self._frame
+        surfaces = [each.surface for each in simulation.feathers]
+        points = [s.points(p.points) for s, p in zip(surfaces, frame.poses, strict=True)]
+        counts = simulation.counted().summary()
+        told = {
+            "version": self._version,
+            "frame": frame.number,
+            "time": frame.time,
+            "milliseconds": 1e3 * seconds,
+            "energy": simulation.energy()._asdict(),
+            "iterations": counts["newton_iterations"]["mean"],
+            "substeps": counts["substeps"]["mean"],
+        }
+        content = self.played.packed(np.concatenate(points))
+        with self._news:
+            self._number += 1
+            self._told, self._content = told, content
+            self._news.notify_all()
+
+
+class LiveServer(Server):
+    """A server of a shot that is simulated. into: folder for presets that are saved."""
+
+    def __init__(self, live: Live, into: Path, overwrite: bool, port: int = 0) -> None:
+        super().__init__(port=port)
+        self._live, self._into, self._overwrite = live, into, overwrite
+
+    def content(self, name: str) -> tuple[str, bytes] | None:
+        found = _LIVE.fullmatch(name)
+        if found:
+            return BYTES, self._live.after(int(found[1]))
+        if name == "":
+            return HTML, "".join(page(self._live.header(), self._live.name)).encode()
+        if name == "header":
+            return JSON, json.dumps(self._live.header()).encode()
+        return (BYTES, self._live.played.constant()) if name == "constant" else None
+
+    def posted(self, name: str, content: Any) -> Any:
+        live = self._live
+        if name == "change":
+            live.change(content["key"], content["value"])
+        elif name == "pull":
+            live.pull(content.get("feather"), content.get("at"), content.get("to"))
+        elif name == "blow":
+            live.blow(content.get("direction"), content.get("speed", 0.0))
+        elif name == "speed":
+            live.play_at(content["speed"])
+        elif name == "restart":
+            live.restart()
+        elif name == "save":
+            written = live.tuned.write(self._into, self._overwrite)
+            return {"written": [str(each) for each in written]}
+        else:
+            return None
+        return {}
+
+
+def some_of(shot: Shot, patterns: Sequence[str]) -> list[Placement]:
+    """Feathers of a shot whose ids fit a pattern; all where there is none."""
+    feathers = shot.groom.feathers
+    return [f for f in feathers if not patterns or any(fnmatchcase(f.id, p) for p in patterns)]
+
+
+def _vector(values: Any) -> Array:
+    """Three finite numbers. Raises ValueError for anything else."""
+    found = np.array(values, dtype=float)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise ValueError(values)
+    return found
+
+
+def presets_of(source: Source) -> Tuned:
+    """The presets that a shot names: of its feathers' kinds, and of its wind and motion.
+
+    A value that the shot or its groom says itself wins over presets, in what is shown as in a bake.
+    """
+    problems = Problems()
+    raw = load_toml(source.shot, problems) or {}
+    problems.raise_any()
+    shot, library = read_shot(source.shot, source.folders), Library(source.folders, problems)
+    kinds = dict.fromkeys(each.kind.name for each in some_of(shot, source.feathers))
+    named = [("feather", name) for name in kinds]
+    for family, default in (("wind", "calm"), ("motion", "hold")):
+        given = raw.get(family, default)
+        named.append((family, given if isinstance(given, str) else str(given.get("base", ""))))
+    return Tuned([each for each in named if library.find(*each)], source.folders)
