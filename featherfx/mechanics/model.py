@@ -184,8 +184,9 @@ class Loads(NamedTuple):
     wind_rate: (K,) rad/s, wind_amplitude: (K, 3) m/s, wind_phase: (K,) rad: mean + sum amplitude
     cos(wave.x - rate t + phase). grip_node: (F, G, 2) row and node, row -1 for none.
     grip_start, grip_end: (F, G, 3) m, target at the frame's start and end. grip_stiffness: (F, G)
-    N/m. force: (F, n, 1 + 2 m, 3) N, dead loads on the nodes at the frame's start, or (F, 0, 0, 3)
-    where there are none. force_change: as force, what is added to it linearly up to the frame's
+    N/m. grip_slack: (F, G) m, how far a grip's point is free around the target, or (0, 0). force:
+    (F, n, 1 + 2 m, 3) N, dead loads on the nodes at the frame's start, or (F, 0, 0, 3) where there
+    are none. force_change: as force, what is added to it linearly up to the frame's
     end, or (0, 0, 0, 3). couple: (F, n, 2, 3) N m, dead loads on the directors, or (0, 0, 2, 3).
     contacts: with other bodies.
     """
@@ -205,6 +206,7 @@ class Loads(NamedTuple):
     contacts: Contacts
     force_change: Array = np.zeros((0, 0, 0, 3))
     couple: Array = np.zeros((0, 0, 2, 3))
+    grip_slack: Array = np.zeros((0, 0))
 
 
 def wind_of_each(loads: Loads, feathers: int) -> Loads:

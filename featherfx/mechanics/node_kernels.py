@@ -1,10 +1,11 @@
 """What acts on single nodes: inertia, gravity, air drag, grips and dead loads.
 
-    W = 1/2 a m |x - x_t|^2 - m g.x - f.x + D(v) / c + 1/2 k |x - x_g|^2,     v = c (x - x_v)
+    W = 1/2 a m |x - x_t|^2 - m g.x - f.x + D(v) / c + 1/2 k max(|x - x_g| - s, 0)^2
+    v = c (x - x_v)
 
 a, x_t and c, x_v come from the time integrator (featherfx/solver/step/integrator_kernels.py): they
 make the acceleration a (x - x_t) and the velocity c (x - x_v). m mass, g gravity, f dead load,
-k and x_g stiffness and target of a grip.
+k, x_g and s stiffness, target and slack of a grip.
 
 Air drag, with u = v - wind and n the unit normal of the vane around the point, S its area there:
 
@@ -177,13 +178,23 @@ def _grip_gap(loads, f, g, fraction, points):
 
 
 @kernel
+def _taut(loads, f, g, gap):
+    """Part of a gap beyond the grip's slack s: max(1 - s / d, 0), d its length."""
+    if loads.grip_slack.shape[1] == 0 or loads.grip_slack[f, g] == 0.0:
+        return 1.0
+    apart, slack = length(gap), loads.grip_slack[f, g]
+    return 1.0 - slack / apart if apart > slack else 0.0
+
+
+@kernel
 def grip_energy(loads, f, fraction, points):
     """Energy of feather f's grips at a fraction of the frame (J)."""
     total = 0.0
     for g in range(loads.grip_stiffness.shape[1]):
         if loads.grip_node[f, g, 0] >= 0:
             gap = _grip_gap(loads, f, g, fraction, points)
-            total += 0.5 * loads.grip_stiffness[f, g] * dot(gap, gap)
+            taut = _taut(loads, f, g, gap)
+            total += 0.5 * loads.grip_stiffness[f, g] * taut * taut * dot(gap, gap)
     return total
 
 
@@ -194,10 +205,19 @@ def add_grip_forces(loads, f, fraction, points, force, stiff):
         row, p = loads.grip_node[f, g, 0], loads.grip_node[f, g, 1]
         if row < 0:
             continue
-        stiffness = loads.grip_stiffness[f, g]
-        accumulate(force[row, p], stiffness, _grip_gap(loads, f, g, fraction, points))
+        stiffness, gap = loads.grip_stiffness[f, g], _grip_gap(loads, f, g, fraction, points)
+        taut, out = _taut(loads, f, g, gap), stiff[row, p]
+        accumulate(force[row, p], stiffness * taut, gap)
         for k in range(3):
-            stiff[row, p, k] += stiffness
+            out[k] += stiffness * taut
+        if 0.0 < taut < 1.0:
+            # s / d n n^T, the direction of what is taut
+            n, along = scale(1.0 / length(gap), gap), stiffness * (1.0 - taut)
+            for k in range(3):
+                out[k] += along * n[k] * n[k]
+            out[3] += along * n[0] * n[1]
+            out[4] += along * n[0] * n[2]
+            out[5] += along * n[1] * n[2]
 
 
 @kernel

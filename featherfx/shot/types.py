@@ -231,6 +231,11 @@ class Target(SomeFeathers):
     tolerance: Annotated[
         float, Number(0.01, 100, "%"), "Of a feather's length, how far off it may be in full hold."
     ] = 1.0
+    within: Annotated[
+        float,
+        Number(0, 10, "m"),
+        "How far each point is free around its place in the shape: keeps an outline, not a pose.",
+    ] = 0.0
     points: Mapping[str, Array] | None = None
 
 

@@ -84,6 +84,17 @@ def test_a_feather_that_is_held_at_rest_follows_its_root(shot, free):
     assert np.linalg.norm(nodes - free, axis=-1).max() > 0.002 * length(shot)
 
 
+def test_an_outline_is_kept_within_a_distance(shot, free):
+    """Of the rest shape on its root, from which a beat of the wing takes it farther."""
+    within = 0.002 * length(shot)
+    rigid = moved(shot, Target(keys=((1, 1),), tolerance=0.05))[0]
+    kept, run = moved(shot, Target(keys=((1, 1),), within=within, tolerance=0.1))
+    apart, before = (np.linalg.norm(x - rigid, axis=-1).max() for x in (kept, free))
+    assert before > 2.0 * within
+    assert 0.9 * within < apart < within + 0.0012 * length(shot)
+    assert run.report["targets"][0]["deviation"] < 0.1
+
+
 def test_other_feathers_move_as_before_and_need_no_new_bake(shot, free):
     target = Target(keys=HELD, feathers="left*")
     assert np.array_equal(moved(shot, target)[0], free)

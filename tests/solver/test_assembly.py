@@ -70,6 +70,7 @@ def loaded(name, seed, **sizes):
         grip_start=rng.normal(size=(1, 3, 3)),
         grip_end=rng.normal(size=(1, 3, 3)),
         grip_stiffness=np.array([[50.0, 20.0, 1e9]]),
+        grip_slack=np.array([[0.3, 0.0, 0.0]]),
     )
     around = {
         "target": RowPoints(rng.normal(size=(*size, 3)), rng.normal(size=(model.rows, 2, 3))),

@@ -2,13 +2,15 @@
 
 Every node x_i of mass m_i is pulled to its place y_i in the shape, which its root carries along:
 
-    E = sum_i 1/2 m_i w(h)^2 |x_i - y_i|^2
+    E = sum_i 1/2 m_i w(h)^2 max(|x_i - y_i| - s, 0)^2
     1 / w(h)^2 = (1 - h) / (h w_1^2) + 1 / w(1)^2,     w(1)^2 = SAFETY (g + 1/2 w_1^2 L) / (d L)
 
 h: hold, 0 to 1, smooth between its keys. w_1: the feather's first natural frequency: a
 constant force displaces it by w_1^2 / (w_1^2 + w^2) of what it would without springs, so h is the
 share of the way to the shape. L: length, d: tolerance. 1/2 w_1^2 L is about the acceleration with
-which a feather leaves a shape that is bent by half of its length, g that of gravity.
+which a feather leaves a shape that is bent by half of its length, g that of gravity. s: how
+far a node is free around its place, so that an outline stays within s of the shape's. m_i: mass of
+a node; where s > 0 that of the feather, because one node may have to hold all of it.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ class Pull:
     """What one target does to a batch of feathers.
 
     target: of the shot. hold: over time. members: (K,) places in the batch. local: (K, n, 1 + 2 m,
-    3) m, nodes of the shape in root frames. mass: (K, n, 1 + 2 m) kg, of the nodes. length: (K,) m.
+    3) m, nodes of the shape in root frames. mass: (K, n, 1 + 2 m) kg, m_i. length: (K,) m.
     first, most: (K,) 1/s^2, w_1^2 and w(1)^2.
     """
 
@@ -89,7 +91,7 @@ class Pulls:
             if pull.hold.value(time) < 1.0:
                 continue
             apart = np.linalg.norm(nodes[pull.members] - self._world(pull, time, False), axis=-1)
-            apart[pull.mass == 0.0] = 0.0
+            apart = np.where(pull.mass == 0.0, 0.0, np.maximum(apart - pull.target.within, 0.0))
             worst = apart.max(axis=(1, 2)) / pull.length
             told.append((pull.target, self._members[pull.members], worst))
         return told
@@ -119,7 +121,17 @@ def _gripped(loads: Loads, pull: Pull, hold: float, places: Sequence[Array]) -> 
         grip_start=np.concatenate([loads.grip_start, targets[0]], axis=1),
         grip_end=np.concatenate([loads.grip_end, targets[1]], axis=1),
         grip_stiffness=np.concatenate([loads.grip_stiffness, stiffness], axis=1),
+        grip_slack=_with_slack(loads, feathers, rows * points, pull.target.within),
     )
+
+
+def _with_slack(loads: Loads, feathers: int, count: int, within: float) -> Array:
+    """grip_slack of loads with so many more grips."""
+    before = loads.grip_slack
+    if not before.size and within == 0.0:
+        return before
+    own = before if before.size else np.zeros((feathers, loads.grip_stiffness.shape[1]))
+    return np.concatenate([own, np.full((feathers, count), within)], axis=1)
 
 
 def pulls_of(
@@ -151,7 +163,7 @@ def pulls_of(
                     hold=Curve.of_keys(shot, target.keys),
                     members=np.array(chosen, dtype=np.int64),
                     local=np.array(local),
-                    mass=model.mass[chosen],
+                    mass=_carried(model.mass[chosen], target.within),
                     length=length,
                     first=first,
                     most=SAFETY * strong / (target.tolerance / 100.0 * length),
@@ -164,12 +176,25 @@ def targets_of(shot: Shot) -> list[list[Any]]:
     """Of every feather of a shot, what brings it to a shape: keys, frame, tolerance and points."""
     return [
         [
-            (each.keys, each.frame, each.tolerance, each.points and each.points.get(placement.id))
+            (
+                each.keys,
+                each.frame,
+                each.tolerance,
+                each.within,
+                each.points and each.points.get(placement.id),
+            )
             for each in shot.targets
             if fits(each, placement)
         ]
         for placement in shot.groom.feathers
     ]
+
+
+def _carried(mass: Array, within: float) -> Array:
+    """m_i of nodes with mass (K, n, 1 + 2 m) kg."""
+    if within == 0.0:
+        return mass
+    return np.where(mass > 0.0, mass.sum(axis=(1, 2), keepdims=True), 0.0)
 
 
 def _first_square(model: Model, k: int, known: dict[bytes, float]) -> float:
@@ -239,7 +264,8 @@ def _row_points(surface: Surface, points: Array, feather: Feather) -> RowPoints:
 class Reached:
     """How near feathers come to the shapes that they are held in.
 
-    worst: by target's number, the greatest deviation (of the length), feather and frame.
+    worst: by target's number, the greatest deviation beyond `within` (of the length), the feather
+    and the frame.
     """
 
     def __init__(self, shot: Shot) -> None:
