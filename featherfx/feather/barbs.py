@@ -16,7 +16,7 @@ squeezed or folded (docs/barb_grid.md compares three ways).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from featherfx.feather.outline import (
     outline_curve,
     ray_lengths,
 )
-from featherfx.feather.rachis import Rachis, turn
+from featherfx.feather.rachis import Rachis, turn, turned
 from featherfx.feather.splits import splay, strips_of
 from featherfx.feather.types import LEADING, Array
 from featherfx.groom.splits import Split
@@ -79,8 +79,12 @@ def trace_barbs(
     """
     vane = kind.leading if side == LEADING else kind.trailing
     # The trailing vane is traced as its mirror image, in which rotations in y alone keep sign.
-    turning = rachis.turning * ([1.0, 1.0, 1.0] if side == LEADING else [-1.0, 1.0, -1.0])
+    signs = np.array([1.0, 1.0, 1.0] if side == LEADING else [-1.0, 1.0, -1.0])
     x = rachis.station - rachis.station[rachis.first_vane_row]
+
+    def turning(way: Array) -> Array:
+        return signs * turned(kind.rachis, rachis.station / kind.length, way / kind.length)
+
     if not vane.outline:
         return _place(np.zeros((3, len(x))), np.zeros(len(x)), x, turning, columns), []
     vane_length = (1.0 - kind.calamus) * kind.length
@@ -125,9 +129,17 @@ def without_barb(barbs: Barbs, row: int) -> Barbs:
     return replace(barbs, arc_length=arc_length, local=local, flat=flat)
 
 
-def _place(angles: Array, arc_length: Array, x: Array, turning: Array, columns: int) -> Barbs:
-    """Barbs from their angles (3, n) rad, lengths (n,) m and roots (n,) m on a shaft that turns
-    by `turning` (3,) rad/m."""
+def _place(
+    angles: Array,
+    arc_length: Array,
+    x: Array,
+    turning: Callable[[Array], Array],
+    columns: int,
+) -> Barbs:
+    """Barbs from their angles (3, n) rad, lengths (n,) m and roots (n,) m.
+
+    turning: (n, 3) rad that the shaft turns by from the roots on over ways (n,) m.
+    """
     angle, curl, camber = angles
     none = np.zeros_like(angle)
     root_frame, _ = turn(np.stack((none, none, angle), axis=-1))
@@ -136,7 +148,7 @@ def _place(angles: Array, arc_length: Array, x: Array, turning: Array, columns: 
     _, tangent = turn(np.stack((none, none, -curl), axis=-1)[:, None] * along)
     flat = np.einsum("nab,njb->nja", root_frame, arc * tangent)
     forward = flat[:, -1, 0]
-    followed = np.einsum("nba,nb->na", root_frame, forward[:, None] * turning)
+    followed = np.einsum("nba,nb->na", root_frame, turning(forward))
     bent, tangent = turn((np.stack((none, camber, -curl), axis=-1) + followed)[:, None] * along)
     flat[..., 0] += x[:, None]
     return Barbs(

@@ -1,9 +1,9 @@
 """The shaft at rest: stations of the rows, positions, frames and sections.
 
-Rachis and barbs at rest are curves whose frame turns at a constant rate. A frame R(s) with
-dR/ds = R [k] for a constant k turns to R(s) = exp(s [k]), and its first axis sweeps out the
-position s V(s k) e1, both in closed form (Rodrigues), so that a curve is exact at any number of
-points.
+Barbs at rest are curves whose frame turns at a constant rate, and so is a rachis without a course.
+A frame R(s) with dR/ds = R [k] for a constant k turns to R(s) = exp(s [k]), and its first
+axis sweeps out the position s V(s k) e1, both in closed form (Rodrigues), so that a curve is exact
+at any number of points. A rachis with a course is made of such pieces, always the same ones.
 """
 
 from __future__ import annotations
@@ -12,12 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from featherfx.feather.outline import monotone
 from featherfx.feather.types import Array
-from featherfx.groom.types import FeatherKind
+from featherfx.groom.types import FeatherKind, RachisShape
 
 # Below this angle the closed form of (angle - sin(angle)) / angle^3 loses digits to cancellation;
 # five terms of its series are exact to rounding there.
 _SERIES_BELOW = 0.25
+# pieces of constant rate that a shaft with a course of its own is made of
+_PIECES = 256
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,6 @@ class Rachis:
 
     station: (n,) m, arc length. position: (n, 3) m. frame: (n, 3, 3), columns d1, d2, d3.
     width, height: (n,) m, outer section along d2 and d3.
-    turning: (3,) rad/m, constant rate at which the frame turns, in the frame itself.
     first_vane_row: the row at which calamus and vane meet.
     """
 
@@ -35,7 +37,6 @@ class Rachis:
     frame: Array
     width: Array
     height: Array
-    turning: Array
     first_vane_row: int
 
 
@@ -57,10 +58,7 @@ def build_rachis(kind: FeatherKind, rows: int) -> Rachis:
     shape = kind.rachis
     station, first_vane_row = row_stations(kind.length, kind.calamus, rows)
     along = station / kind.length
-    # Positive rotation about d2 lowers the tangent (ventral), about d3 turns it to the leading
-    # side: hence the sign of the sweep.
-    total = np.radians([shape.twist, shape.camber, -shape.sweep])
-    frame, mean_tangent = turn(along[:, None] * total)
+    frame, mean_tangent = shaft(shape, along)
     difference = shape.diameter_base - shape.diameter_tip
     width = shape.diameter_tip + difference * (1.0 - along) ** shape.taper
     return Rachis(
@@ -69,9 +67,61 @@ def build_rachis(kind: FeatherKind, rows: int) -> Rachis:
         frame=frame,
         width=width,
         height=kind.rachis_material.flattening * width,
-        turning=total / kind.length,
         first_vane_row=first_vane_row,
     )
+
+
+def shaft(shape: RachisShape, along: Array) -> tuple[Array, Array]:
+    """(K, 3, 3) frames, and (K, 3) mean tangents as of `turn`, at shares (K,) of the length."""
+    if not shape.course:
+        return turn(along[:, None] * _arc(shape))
+    knots = np.linspace(0.0, 1.0, _PIECES + 1)
+    turnings = knots[:, None] * _arc(shape) + _course(shape, knots)
+    frames, means = turn(np.diff(turnings, axis=0))
+    frame, place = np.eye(3), np.zeros(3)
+    begun = [(frame, place)]
+    for step, mean in zip(frames, means, strict=True):
+        place = place + frame @ mean / _PIECES
+        frame = frame @ step
+        begun.append((frame, place))
+    piece = np.clip((along * _PIECES).astype(int), 0, _PIECES - 1)
+    rest = along[:, None] * _arc(shape) + _course(shape, along) - turnings[piece]
+    turned, mean = turn(rest)
+    before = np.array([begun[k][0] for k in piece])
+    way = (along - knots[piece])[:, None]
+    ends = np.array([begun[k][1] for k in piece]) + way * np.einsum("kij,kj->ki", before, mean)
+    straight = np.where(along[:, None] > 0.0, ends, [1.0, 0.0, 0.0])
+    return before @ turned, straight / np.where(along > 0.0, along, 1.0)[:, None]
+
+
+def turned(shape: RachisShape, start: Array, way: Array) -> Array:
+    """(K, 3) rad by which the frame turns from shares (K,) of the length on, over ways (K,) in
+    lengths; past the tip the arc goes on."""
+    arc = way[:, None] * _arc(shape)
+    if not shape.course:
+        return arc
+    places = _course(shape, np.concatenate([start, start + way]))
+    return arc + places[len(start) :] - places[: len(start)]
+
+
+def _arc(shape: RachisShape) -> Array:
+    """(3,) rad that the frame turns by from base to tip, without its course.
+
+    Positive rotation about d2 lowers the tangent (ventral), about d3 turns it to the leading side:
+    hence the sign of the sweep.
+    """
+    return np.radians([shape.twist, shape.camber, -shape.sweep])
+
+
+def _course(shape: RachisShape, along: Array) -> Array:
+    """(K, 3) rad, turnings of the course from the base to shares (K,) of the length."""
+    places, camber, sweep, twist = np.array(shape.course).T
+    values = np.radians(np.stack([twist, camber, -sweep], axis=1))
+    if len(places) == 1:
+        return np.zeros((len(along), 3))
+    at = np.clip(np.concatenate([[0.0], along]), places[0], places[-1])
+    found = monotone(places, values, at)
+    return found[1:] - found[0]
 
 
 def turn(rotation_vector: Array) -> tuple[Array, Array]:

@@ -43,6 +43,12 @@ class RachisShape:
     camber: Annotated[float, _TURNING, "Turning of the shaft towards ventral."] = 0.0
     sweep: Annotated[float, _HALF_TURNING, "Turning of the shaft towards the trailing side."] = 0.0
     twist: Annotated[float, _HALF_TURNING, "Turning of the vane about the shaft."] = 0.0
+    course: Annotated[
+        tuple[tuple[float, float, float, float], ...],
+        ArrayOf(ArrayOf(Number(-360, 360), 4, 4), 0, 200),
+        "For a shaft that is no arc, what it turns by besides, in degrees from the base: [share of "
+        "its length, camber, sweep, twist] in ascending shares, smooth between.",
+    ] = ()
 
 
 @dataclass(frozen=True)

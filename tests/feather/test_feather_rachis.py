@@ -10,7 +10,7 @@ from feather_kinds import NO_VANE, SWAN_PRIMARY, feather_kind
 from scipy.spatial.transform import Rotation
 
 from featherfx.feather.build import build_feather
-from featherfx.feather.rachis import build_rachis, row_stations, turn
+from featherfx.feather.rachis import build_rachis, row_stations, turn, turned
 
 
 def test_camber_alone_is_an_arc_towards_ventral():
@@ -45,6 +45,44 @@ def test_frames_and_positions_agree_with_a_fine_integration():
     middle = (np.arange(20000) + 0.5) / 20000
     tangent = Rotation.from_rotvec(middle[:, None] * total).as_matrix()[..., 0]
     np.testing.assert_allclose(rachis.position[-1], 0.35 * tangent.mean(axis=0), atol=1e-10)
+
+
+def with_course(course, **angles):
+    kind = feather_kind(NO_VANE, NO_VANE, **angles)
+    return replace(kind, rachis=replace(kind.rachis, course=course))
+
+
+def test_a_course_that_is_an_arc_is_that_arc():
+    """Two keys are a straight line of turning, as camber, sweep and twist are."""
+    arc = build_rachis(feather_kind(NO_VANE, NO_VANE, camber=30.0, sweep=20.0, twist=10.0), 7)
+    kind = with_course(((0, 5, 5, 5), (1, 25, 20, 15)), camber=10.0, sweep=5.0, twist=0.0)
+    course = build_rachis(kind, 7)
+    np.testing.assert_allclose(course.position, arc.position, atol=1e-15)
+    np.testing.assert_allclose(course.frame, arc.frame, atol=1e-13)
+    for forward in (0.01, 0.2):
+        start, way = np.array([0.0, 0.1]), np.full(2, forward)
+        steady = way[:, None] * np.radians([10.0, 30.0, -20.0])
+        np.testing.assert_allclose(turned(kind.rachis, start, way), steady, atol=1e-14)
+
+
+def test_a_course_bends_both_ways_as_its_turning_says():
+    """In one plane the tangent's angle is the turning itself: its integral is the place."""
+    course = ((0, 0, 0, 0), (0.3, 0, 40, 0), (0.7, 0, -30, 0), (1, 0, 10, 0))
+    kind = with_course(course, camber=0.0, sweep=15.0, twist=0.0)
+    fine, coarse = build_rachis(kind, 2001), build_rachis(kind, 21)
+    angle = np.arctan2(fine.frame[:, 1, 0], fine.frame[:, 0, 0])
+    at = np.interp([0.3, 0.7, 1.0], fine.station / kind.length, np.degrees(angle))
+    np.testing.assert_allclose(at, [-44.5, 19.5, -25.0], atol=0.02)
+    tangent = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    steps = np.diff(fine.station)[:, None] * 0.5 * (tangent[1:] + tangent[:-1])
+    # a chord of one of its 256 pieces errs by the square of their size
+    error = np.abs(fine.position[-1, :2] - steps.sum(axis=0)).max() / kind.length
+    assert error < (1.0 / 256.0) ** 2
+    np.testing.assert_allclose(fine.position[::100], coarse.position, atol=1e-14)
+    assert np.abs(fine.position[:, 2]).max() < 1e-14
+    # beyond the tip the arc alone goes on
+    beyond = turned(kind.rachis, np.array([1.0]), np.array([0.1]))
+    np.testing.assert_allclose(np.degrees(beyond[0]), [0.0, 0.0, -1.5], atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, 0.2499999, 0.2500001, 1.0, 3.0])

@@ -16,8 +16,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import cg
 from scipy.spatial import cKDTree
 
-from featherfx.feather.rachis import turn
-from featherfx.groom.types import Placement
+from featherfx.feather.rachis import shaft
+from featherfx.groom.types import Placement, RachisShape
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -48,22 +48,33 @@ class Strips:
     rank: Indices
 
 
+def _ends(shapes: Sequence[RachisShape]) -> tuple[Array, Array]:
+    """(F, 3) mean tangents of shafts, root to tip, and (F,) how far they leave the line to their
+    end, in lengths."""
+    found = {}
+    for shape in dict.fromkeys(shapes):
+        along = np.linspace(0.0, 1.0, 33 if shape.course else 2)
+        mean = shaft(shape, along)[1]
+        places = along[:, None] * mean
+        # an arc leaves the line to its end by an eighth of its turning
+        bow = 0.125 * np.linalg.norm(np.radians([shape.camber, shape.sweep]))
+        if shape.course:
+            bow = np.linalg.norm(places - along[:, None] * mean[-1], axis=1).max()
+        found[shape] = mean[-1], bow
+    straight, bows = zip(*(found[shape] for shape in shapes), strict=True) if shapes else ((), ())
+    return np.array(straight).reshape(-1, 3), np.array(bows)
+
+
 def strips_of(placements: Sequence[Placement]) -> Strips:
     """The feathers of a groom as strips."""
     kinds = [p.kind for p in placements]
     labels = {name: k for k, name in enumerate(dict.fromkeys(p.region for p in placements))}
     outlines = [k.leading.outline + k.trailing.outline for k in kinds]
     widest = [max((y for _, y in outline), default=0.0) for outline in outlines]
-    rates = [(k.rachis.twist, k.rachis.camber, -k.rachis.sweep) for k in kinds]
-    total = np.radians(rates).reshape(-1, 3) * [
-        [-1.0 if p.mirrored else 1.0, 1.0, 1.0] for p in placements
-    ]
-    total[:, 2] *= [-1.0 if p.mirrored else 1.0 for p in placements]
-    _, straight = turn(total)
+    straight, bow = _ends([k.rachis for k in kinds])
+    straight[:, 1] *= [-1.0 if p.mirrored else 1.0 for p in placements]
     length = np.array([k.length for k in kinds])
     rotation = np.array([p.rotation for p in placements]).reshape(-1, 3, 3)
-    # an arc leaves the line to its end by an eighth of its turning times its length
-    bow = 0.125 * np.linalg.norm(total[:, 1:], axis=1)
     return Strips(
         root=np.array([p.position for p in placements]).reshape(-1, 3),
         shaft=length[:, None] * np.einsum("fij,fj->fi", rotation, straight),

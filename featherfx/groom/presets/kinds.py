@@ -85,6 +85,11 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
             Place(source, place.child(f"{side}.{key}").key, place.problems).fail(message)
     if not (kind.leading.outline or kind.trailing.outline):
         place.child("leading.outline").fail("both vanes are empty, a feather needs one at least")
+    for index, (before, after) in enumerate(pairwise(kind.rachis.course), start=1):
+        if after[0] <= before[0]:
+            at = Place(_source(tree, "rachis", "course"), place.child("rachis").key, place.problems)
+            message = f"{after[0]:g} is not above the point before it ({before[0]:g})"
+            at.child("course").item(index).item(0).fail(f"{message}; points ascend")
     if kind.rachis.diameter_tip > kind.rachis.diameter_base:
         tip, base = kind.rachis.diameter_tip, kind.rachis.diameter_base
         source = _source(tree, "rachis", "diameter_tip")
@@ -233,6 +238,9 @@ def blended(first: Any, second: Any, weight: float) -> Any:
         return first if weight < 0.5 else second  # half of a split, or of a clump, is none
     if isinstance(first, Colour):
         return _blended_colour(first, second, weight)
+    if isinstance(first, RachisShape) and first.course != second.course:
+        nearer = (first if weight < 0.5 else second).course
+        return blended(replace(first, course=nearer), replace(second, course=nearer), weight)
     if isinstance(first, Hooked):
         return Hooked(
             _blended_curve(first.shaft, second.shaft, weight),

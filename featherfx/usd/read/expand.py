@@ -360,7 +360,7 @@ def _feather(
     frame = np.concatenate(
         [np.cross(rest.directors[:, 0], rest.directors[:, 1])[:, None], rest.directors], axis=1
     ).swapaxes(1, 2)
-    rachis = Rachis(station, nodes[:, 0], frame, width, height, np.zeros(3), first_vane_row)
+    rachis = Rachis(station, nodes[:, 0], frame, width, height, first_vane_row)
     surface = build_surface(nodes, rachis, barb_length, cell, _TUBE_SIDES, False)
     if mirrored:
         surface = replace(
