@@ -117,11 +117,27 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
         return path
 
     return SceneReaders(
-        feathers=reader("groom", "read_feathers", lambda entry, folder, *_: folder / entry["file"]),
-        skin=reader("skin", "read_skin", lambda skin, paths, folder, *_: folder / skin["usd"]),
-        curves=reader("skin", "read_curves", lambda folder, entry, *_: folder / entry["usd"]),
+        feathers=reader(
+            "groom", "read_feathers", lambda entry, folder, *_: _located(folder, entry["file"])
+        ),
+        skin=reader(
+            "skin", "read_skin", lambda skin, paths, folder, *_: _located(folder, skin["usd"])
+        ),
+        curves=reader(
+            "skin", "read_curves", lambda folder, entry, *_: _located(folder, entry["usd"])
+        ),
         meshes=reader("scenes", "open_meshes", itself),
         wind=reader("scenes", "open_wind", itself),
         camera=reader("scenes", "open_camera", itself),
         poses=reader("scenes", "read_poses", itself),
+        file=_located,
     )
+
+
+def _located(folder: Path, name: str) -> Path:
+    """As featherfx.usd.read.resolve has it; USD is imported for what is not in the folder alone."""
+    path = folder / name
+    if path.exists():
+        return path
+    found: Path = import_module("featherfx.usd.read.resolve").located(folder, name)
+    return found

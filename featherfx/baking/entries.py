@@ -58,9 +58,19 @@ def entries_of(
             held=_held(placement.kind, feather, static),
             hooked=not static and may_slip(placement.kind),
             colours=colours_of(placement.kind, feather, None, placement.id) if coloured else None,
+            shape=_shape(placement),
         )
         for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
     ]
+
+
+def _shape(placement: Placement) -> tuple[FeatherKind, bool, float]:
+    kind, size = placement.prototype, placement.size
+    return (
+        (placement.kind, placement.mirrored, 1.0)
+        if kind is None
+        else (kind, placement.mirrored, size)
+    )
 
 
 def _coloured(groom: Groom) -> bool:

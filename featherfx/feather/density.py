@@ -51,16 +51,21 @@ def scaled_map(unit: RowMap, size: float, rows: int) -> RowMap:
     rows: of the values that are mapped. Positions grow and directors do not, so only what goes
     from one to the other is scaled. Much faster than a map of its own.
     """
-    if size == 1.0:
+    return RowMap(scaled_points(unit.nodes, size, rows), _scaled(unit.directors, 1 / size, 1, rows))
+
+
+def scaled_points(unit: PointMap, size: float, rows: int) -> PointMap:
+    """The same of a map to points alone."""
+    return _scaled(unit, 1.0, size, rows)
+
+
+def _scaled(unit: PointMap, of_nodes: float, of_directors: float, rows: int) -> PointMap:
+    """A map of `rows` rows with what goes from nodes, and from directors, times a factor each."""
+    if of_nodes == of_directors:
         return unit
-    is_node = np.arange(unit.nodes.matrix.shape[1]) < unit.nodes.matrix.shape[1] - 2 * rows
-    factors = np.where(is_node, 1.0, size), np.where(is_node, 1.0 / size, 1.0)
-    return RowMap(*map(_with_columns_scaled, unit, factors))
-
-
-def _with_columns_scaled(unit: PointMap, factors: Array) -> PointMap:
     matrix = unit.matrix.copy()
-    matrix.data *= factors[matrix.indices]
+    nodes = matrix.shape[1] - 2 * rows
+    matrix.data *= np.where(matrix.indices < nodes, of_nodes, of_directors)
     return PointMap(matrix, unit.shape)
 
 

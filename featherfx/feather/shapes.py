@@ -37,7 +37,7 @@ def feathers_of(placements: Sequence[Placement], rows: int, columns: int) -> lis
     """
     first, chosen = repeated_shapes(placements)
     shapes = tuple((p.prototype or p.kind, p.mirrored) for p in (placements[k] for k in first))
-    built = _built(shapes, rows, columns)
+    built = built_shapes(shapes, rows, columns)
     sized: dict[tuple[int, float], Feather] = {}
     for shape, placement in zip(chosen, placements, strict=True):
         size = 1.0 if placement.prototype is None else placement.size
@@ -50,10 +50,10 @@ def feathers_of(placements: Sequence[Placement], rows: int, columns: int) -> lis
 
 
 @lru_cache(maxsize=_GRIDS)
-def _built(
+def built_shapes(
     shapes: tuple[tuple[FeatherKind, bool], ...], rows: int, columns: int
 ) -> tuple[Feather, ...]:
-    """shapes: kind, and whether mirrored."""
+    """The feather of each kind, as build_feather gives it. shapes: kind, and whether mirrored."""
 
     def compute() -> Arrays:
         tasks = (partial(build_feather, kind, rows, columns, side) for kind, side in shapes)

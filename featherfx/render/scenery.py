@@ -17,6 +17,7 @@ from featherfx.render.geometry import Geometry, geometry_of, vertex_normals
 from featherfx.render.light_kernels import SKIN as SKIN_MATERIAL
 from featherfx.render.scene import DrawnScene, load_points, load_scene
 from featherfx.usd.read.read import Cache
+from featherfx.usd.read.resolve import located
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -56,7 +57,7 @@ def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:
     """The skin and the colliders that a cache names; a warning tells what is not there."""
     found = []
     for entry in cache.scenery:
-        file = path.parent / entry["file"]
+        file = located(path.parent, entry["file"])
         if not file.is_file():
             message = f"{path}: its {entry['role']} {file} is not there and not drawn"
             warnings.warn(message, InputWarning, stacklevel=2)

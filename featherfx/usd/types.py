@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError
 from featherfx.feather.colours import Colours
 from featherfx.feather.types import BarbCurves, Feather, RowMap, RowPoints
+from featherfx.groom.types import FeatherKind
 from featherfx.shot.motion.skin import SkinRoot
 
 Array = NDArray[np.float64]
@@ -29,6 +30,8 @@ DIAGNOSTICS = {"strain": (STRAIN_ACROSS, STRAIN_SHEAR), "energy": (ENERGY_DENSIT
 # the rotation that turns x, y and z to along the shaft, its d2 and dorsal
 P_BARB = ("primvars:P_barbl", "primvars:P_barbr")
 ORIENT = "primvars:barborient"
+# the shape that they are built of, as text (featherfx/feather/shape_text.py), and its factor
+SHAPE, SHAPE_SIZE = "featherShape", "shapeSize"
 
 # The prims of a feather, or of several that share them, and what is written of these: what is a
 # rate, and what has a value for each face. All else has one for each point.
@@ -65,6 +68,8 @@ class FeatherEntry:
     hooked: whether the state of its hooks is written: the share that holds to 0 (open), and their
         slip. Else `held` is, where it is given.
     colours: linear; None where no feather of the cache has any.
+    shape: kind that the feather is built of, whether mirrored, and how many times as large it is;
+        condensed feathers are expanded by it.
     """
 
     id: str
@@ -82,3 +87,4 @@ class FeatherEntry:
     hooked: bool = False
     barb_widths: Array | None = None
     colours: Colours | None = None
+    shape: tuple[FeatherKind, bool, float] | None = None

@@ -12,7 +12,8 @@ from pxr import Sdf, Usd, UsdGeom
 
 import featherfx
 from featherfx.algebra.rotation import about_x
-from featherfx.baking.entries import entries_of
+from featherfx.baking.entries import drawn_entries, entries_of
+from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import RowPoints, both
@@ -135,23 +136,69 @@ def test_velocities_may_be_left_out(entries, tmp_path):
     assert check_usd(path) == []
 
 
-def test_other_densities_keep_shafts_and_outline(baked):
-    fine = expand(baked["condensed", "all"], rows=41, columns=8, barbs=30)
-    own, meshes = expand(baked["condensed", "all"]), Cache(baked["mesh", "feather"])
-    for code in CODES:
-        points, barbs, same = fine.points(code), fine.barbs(code), own.points(code)
-        assert np.isfinite(points).all()
-        for each, coarse in zip(fine.feathers, own.feathers, strict=True):
-            mine, wanted = points[each.points], same[coarse.points]
-            length = np.ptp(wanted, axis=0).max()
-            assert len(each.barb_side) > 50
-            # a point of the coarse mesh has a point of the fine one nearby
-            nearest = np.linalg.norm(wanted[:, None] - mine[None], axis=2).min(axis=1)
-            assert nearest.max() < 0.04 * length
-            roots = barbs[each.barbs][:, 0]
-            shaft = meshes.points([f.id for f in meshes.feathers].index(each.id), code)
-            nearest = np.linalg.norm(roots[:, None] - shaft[None], axis=2).min(axis=1)
-            assert nearest.max() < 0.1 * length
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    """Wing feathers as they are simulated, and as a bake draws them with finer
+    meshes and barbs: entries, both."""
+    groom = featherfx.read_groom(SAMPLES / "swan_wing/groom.toml")
+    chosen = replace(groom, feathers=groom.feathers[::6])
+    assert all(each.size != 1.0 for each in chosen.feathers)
+    quality = replace(featherfx.read_quality("draft"), rows=GRID[0], columns=GRID[1])
+    names = [each.id for each in chosen.feathers]
+    options = DrawnOptions(render_rows=47, render_columns=9, barbs=30)
+    coarse = entries_of(chosen, feathers_of(chosen.feathers, *GRID), static=False)
+    return coarse, drawn_entries(chosen, quality, options, names, None)
+
+
+def test_other_densities_are_what_a_bake_of_them_writes(drawn, tmp_path):
+    coarse, fine = drawn
+    poses = [bent(each.rest_points, 2) for each in coarse]
+    still = [both(np.zeros_like, each) for each in poses]
+    frame, caches = feathers.frame_of(1, 0.0, poses, still), {}
+    for form, given in (("condensed", coarse), ("mesh", fine)):
+        caches[form] = tmp_path / f"{form}.usdc"
+        options = WriteOptions(form=form, group="all", meters_per_unit=0.01, up_axis="Y")
+        with CacheWriter(caches[form], given, (1, 1), 24.0, options) as writer:
+            writer.write(frame)
+    made, meshes = expand(caches["condensed"], rows=47, columns=9, barbs=30), Cache(caches["mesh"])
+    points, barbs = made.points(1.0), made.barbs(1.0)
+    stage = Usd.Stage.Open(str(caches["mesh"]))
+    (curves,) = (
+        each for each in prims(stage, UsdGeom.BasisCurves) if "barbs" in str(each.GetPath())
+    )
+    wanted_barbs = np.array(UsdGeom.BasisCurves(curves).GetPointsAttr().Get(1.0)).reshape(-1, 9, 3)
+    ends = np.cumsum([0, *(len(each.barbs.side) for each in fine)])
+    for k, own in enumerate(made.feathers):
+        wanted = meshes.points(k, 1.0)
+        length = np.ptp(wanted, axis=0).max()
+        assert own.id == meshes.feathers[k].id == fine[k].id
+        np.testing.assert_array_equal(own.triangles, meshes.feathers[k].triangles)
+        np.testing.assert_allclose(own.st, meshes.feathers[k].st, atol=1e-6)
+        assert np.abs(points[own.points] - wanted).max() < 1e-3 * length
+        mine = wanted_barbs[ends[k] : ends[k + 1]]
+        assert np.abs(barbs[own.barbs] - mine).max() < 1e-3 * length
+        np.testing.assert_array_equal(own.barb_side, fine[k].barbs.side)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "[]",
+        "null",
+        '{"mirrored":true,"name":3}',
+        '{"mirrored":false,"size":1}',
+        "[" * 9000,
+    ],
+)
+def test_shapes_that_are_none_are_refused(baked, tmp_path, text):
+    stage = Usd.Stage.Open(str(baked["condensed", "all"]))
+    stage = Usd.Stage.Open(stage.Flatten())
+    (curves,) = prims(stage, UsdGeom.BasisCurves)
+    UsdGeom.PrimvarsAPI(curves).GetPrimvar("featherShape").Set([text])
+    with pytest.raises(InputError, match="featherShape"):
+        expand(stage)
 
 
 def test_a_rigid_motion_is_kept_at_every_density(entries, tmp_path):

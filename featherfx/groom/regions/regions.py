@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,11 +58,15 @@ class _Region:
 
 @dataclass(frozen=True)
 class GroomReaders:
-    """How a groom reads scenes; each returns None after adding problems at the place."""
+    """How a groom reads scenes; each returns None after adding problems at the place.
+
+    file: where a file is that is named by someone in a folder.
+    """
 
     feathers: SceneReader
     skin: SkinsReader
     curves: CurveReader
+    file: Callable[[Path, str], Path]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from fnmatch import fnmatchcase
 from itertools import pairwise
+from operator import truediv
 from pathlib import Path
 from typing import Any
 
@@ -224,14 +225,15 @@ def _groom(
     count = len(library.problems)
     if given is INVALID:
         return None
+    file = readers.file if readers is not None else truediv
     if isinstance(given, str):
-        groom = collect_groom(path.parent / given, library, readers, above)
+        groom = collect_groom(file(path.parent, given), library, readers, above)
     else:
         usd = given["usd"]
         entry = {name: value for name, value in raw["groom"].items() if name != "usd"}
         tables = {"name": Path(usd).stem, "usd": entry | {"file": usd}}
         groom = groom_of(tables, path, library, readers, above)
-        groom = groom and replace(groom, source=path.parent / usd)
+        groom = groom and replace(groom, source=file(path.parent, usd))
     if groom is None or len(library.problems) > count:
         return None  # half a groom would mislead later checks
     return groom

@@ -50,7 +50,7 @@ def read_skin(
         place.child("motion").fail("stands beside [skin], which moves the roots; leave one out")
     other = sorted({f.skin for f in groom.feathers if f.skin} - {entry["prim"]})
     needed = [entry["prim"], *other]
-    path = Path(place.source).parent / entry["usd"]
+    path = readers.file(Path(place.source).parent, entry["usd"])
     surfaces = readers.meshes(path, needed, None, entry["rest"], at)
     if surfaces is None:
         return None
@@ -117,7 +117,9 @@ def with_shapes(
     for index, target in enumerate(targets):
         at = place.child("target").item(index).child("shape")
         if target.shape != "rest" and _has_reader(readers, at):
-            points = readers.poses(Path(at.source).parent / target.shape, target.frame, at)
+            points = readers.poses(
+                readers.file(Path(at.source).parent, target.shape), target.frame, at
+            )
             target = replace(target, points=points)
         found.append(target)
     return tuple(found)
@@ -131,7 +133,7 @@ def read_wind(
     entry = checked["wind_usd"]
     if entry is None or not _has_reader(readers, at):
         return None
-    source = readers.wind(Path(place.source).parent / entry["usd"], entry, at)
+    source = readers.wind(readers.file(Path(place.source).parent, entry["usd"]), entry, at)
     if source is None:
         return None
     start = _start(entry, checked, source.time_codes_per_second)
@@ -150,7 +152,7 @@ def read_colliders(
         if not entry["prims"] and entry["collection"] is None:
             at.fail("names neither prims nor a collection")
             continue
-        path = Path(place.source).parent / entry["usd"]
+        path = readers.file(Path(place.source).parent, entry["usd"])
         meshes = readers.meshes(path, entry["prims"], entry["collection"], None, at)
         for mesh in meshes or []:
             if mesh.bones is not None:
@@ -184,7 +186,7 @@ def read_level_of_detail(
     if usd is not None:
         if not _has_reader(readers, at):
             return None
-        source = readers.camera(Path(place.source).parent / usd, prim, at)
+        source = readers.camera(readers.file(Path(place.source).parent, usd), prim, at)
         if source is None:
             return None
         camera = TimedCamera(source, _start(values, checked, source.time_codes_per_second))

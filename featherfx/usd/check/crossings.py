@@ -21,6 +21,7 @@ from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import RACHIS
 from featherfx.usd.check.crossing_kernels import crossings_between, fit_boxes, near_patches
 from featherfx.usd.read.read import Cache
+from featherfx.usd.read.resolve import located
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -198,7 +199,7 @@ def count_crossings(
 def _skins(cache: Cache, path: Path) -> Iterator[_Scene]:
     """The skins that a cache names."""
     for entry in cache.scenery:
-        file = path.parent / entry["file"]
+        file = located(path.parent, entry["file"])
         if entry["role"] != "skin":
             continue
         chosen: list[int] = []

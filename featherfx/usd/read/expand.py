@@ -1,17 +1,16 @@
 """Meshes and barbs from condensed feathers, at any density.
 
-A condensed feather (featherfx/usd/write/forms.py) has the nodes that its mesh stands on, so at its
-own density the mesh is the one that a bake would have written, to single precision. At others rows
-are interpolated along the shaft, and barbs between rows, by the map that a bake draws finer
-meshes with (featherfx/feather/density.py); what lies between rows of the outline is interpolated,
-too, since a cache does not hold it.
+A condensed feather (featherfx/usd/write/forms.py) has the nodes that its mesh stands on, and the
+shape that it is built of. At its own density the mesh is the one that a bake would have written, to
+single precision. Others, and barbs, are built of the shape and follow the nodes by the map that a
+bake draws finer meshes with (featherfx/feather/density.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,19 +21,14 @@ from scipy import sparse
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.errors import InputError, Problem
-from featherfx.feather.density import density_map, hermite_weights
-from featherfx.feather.rachis import Rachis, row_stations
+from featherfx.feather.barb_looks import drawn_barbs
+from featherfx.feather.build import scaled
+from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.render import BARB_SEGMENTS
-from featherfx.feather.surface import build_surface
-from featherfx.feather.types import (
-    LEADING,
-    TRAILING,
-    Array,
-    Feather,
-    Indices,
-    RowPoints,
-    barb_slice,
-)
+from featherfx.feather.shape_text import shape_of
+from featherfx.feather.shapes import built_shapes
+from featherfx.feather.types import Array, Feather, Indices, RowMap, RowPoints
+from featherfx.groom.types import FeatherKind
 from featherfx.limits import MOST_BARBS, MOST_COLUMNS, MOST_ROWS
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.members import Member, members_of
@@ -43,7 +37,6 @@ from featherfx.usd.read.values import (
     DEFAULT,
     INTEGERS,
     NUMBERS,
-    PAIRS,
     VECTORS,
     Kind,
     array_of,
@@ -51,12 +44,12 @@ from featherfx.usd.read.values import (
     fault,
     sized_array,
     text_of,
+    texts_of,
     times_of,
 )
-from featherfx.usd.types import ORIENT, P_BARB
+from featherfx.usd.types import ORIENT, P_BARB, SHAPE, SHAPE_SIZE
 
 _ROTATIONS = Kind("f", (4,), "an array of rotations")
-_TUBE_SIDES = 6  # as build_feather has it
 
 
 @dataclass(frozen=True)
@@ -111,7 +104,7 @@ def condensed_prims(stage: Any) -> list[Any]:
         prim
         for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
         if prim.IsA(UsdGeom.BasisCurves)
-        and all(prim.HasAttribute(name) for name in (*P_BARB, ORIENT, "primvars:firstVaneRow"))
+        and all(prim.HasAttribute(name) for name in (*P_BARB, ORIENT, f"primvars:{SHAPE_SIZE}"))
     ]
 
 
@@ -168,6 +161,17 @@ def _code(time: float | Usd.TimeCode | None) -> Any:
     return DEFAULT if time is None else Usd.TimeCode(time)
 
 
+@dataclass(frozen=True)
+class _Grown:
+    """What feathers of one shape and grid have in common, unit size and metres.
+
+    fine: as it is drawn. to_fine: the map to it from the written grid, None where that is its own.
+    """
+
+    fine: Feather
+    to_fine: RowMap | None
+
+
 class _Shafts:
     """The feathers of one curves prim."""
 
@@ -180,17 +184,58 @@ class _Shafts:
         members = members_of(prim) or [_only(prim)]
         if len(members) != len(counts):
             raise self._fault("curveVertexCounts", f"tell of {len(counts)}, {len(members)} named")
-        coarse = self._feathers_at_rest()
-        drawn = [_drawn(each, rows, columns) for each in coarse]
+        shapes = self._shapes(len(counts))
+        sizes = self._shaped(f"primvars:{SHAPE_SIZE}", DEFAULT, NUMBERS, counts.shape)
+        # of the values of this prim, which are in the units of its stage
+        scales = sizes.astype(float) / UsdGeom.GetStageMetersPerUnit(prim.GetStage())
+        grown = [
+            _grown(shape, (n, element), (rows or n, columns or element))
+            for shape, n in zip(shapes, counts.tolist(), strict=True)
+        ]
+        drawn = [scaled(each.fine, float(s)) for each, s in zip(grown, scales, strict=True)]
         self._surfaces = [each.surface for each in drawn]
-        same = rows is None and columns is None
-        self._map = None if same else self._mapped(coarse, drawn)
-        self._barbs = [_barb_rows(each, barbs) for each in coarse] if barbs else []
-        self._to_barbs = _barb_map(coarse, self._barbs) if barbs else None
+        self._grids = [(each.rows, 1 + 2 * each.columns) for each in drawn]
+        self._map = None
+        if any(each.to_fine is not None for each in grown):
+            maps = [
+                scaled_map(each.to_fine or density_map(each.fine, each.fine), float(s), int(n))
+                for each, s, n in zip(grown, scales, counts, strict=True)
+            ]
+            joined = [sparse.vstack([part.matrix for part in each]) for each in maps]
+            self._map = sparse.block_diag(joined, format="csr")
+        self._barb_sides, self._to_barbs = [np.zeros(0, dtype=np.int64)] * len(counts), None
+        if barbs:
+            curves = [
+                drawn_barbs(kind, (int(n), self._columns), barbs, mirrored, member.id)
+                for (kind, mirrored), n, member in zip(shapes, counts, members, strict=True)
+            ]
+            self._barb_sides = [each.side for each in curves]
+            parts = [
+                scaled_points(each.points_map, float(s), int(n)).matrix
+                for each, s, n in zip(curves, scales, counts, strict=True)
+            ]
+            self._to_barbs = sparse.block_diag(parts, format="csr")
         self.feathers = list(self._told(members))
         self.point_count = sum(len(each.row) for each in self._surfaces)
-        self.barb_count = sum(len(each.side) for each in self._barbs)
+        self.barb_count = sum(map(len, self._barb_sides))
         self._row, self._node, self._offset = self._joined(drawn)
+
+    def _shapes(self, count: int) -> list[tuple[FeatherKind, bool]]:
+        """Kind and side of each feather."""
+        primvar = UsdGeom.PrimvarsAPI(self.prim).GetPrimvar(SHAPE)
+        texts = texts_of(primvar.GetAttr()) if primvar else []
+        places = np.arange(len(texts))
+        if primvar and primvar.IsIndexed():
+            places = sized_array(primvar.GetIndicesAttr(), DEFAULT, INTEGERS).astype(np.int64)
+        if len(places) != count or not ((places >= 0) & (places < len(texts))).all():
+            raise self._fault(
+                f"primvars:{SHAPE}", f"has not one value for each of {count} feathers"
+            )
+        try:
+            known = [shape_of(text) for text in texts]
+        except ValueError as error:
+            raise self._fault(f"primvars:{SHAPE}", str(error)) from error
+        return [known[k] for k in places]
 
     def codes(self) -> list[float]:
         return times_of(self._curves.GetPointsAttr())
@@ -235,33 +280,6 @@ class _Shafts:
         flags = self._shaped("primvars:leadingIsRight", DEFAULT, INTEGERS, (len(counts),))
         return np.repeat(flags.astype(np.bool_), counts)
 
-    def _feathers_at_rest(self) -> list[Feather]:
-        nodes, directors = self._pose(DEFAULT)
-        counts, total = np.diff(self._starts), self._starts[-1]
-        first = self._shaped("primvars:firstVaneRow", DEFAULT, INTEGERS, (len(counts),))
-        section = self._shaped("primvars:section", DEFAULT, PAIRS, (total, 2)).astype(float)
-        shape = (total, self._columns)
-        along = self._shaped("primvars:uv_barbl", DEFAULT, PAIRS, (*shape, 2))[:, 0, 1].astype(
-            float
-        )
-        grown = [
-            self._shaped(f"primvars:width_barb{end}", DEFAULT, NUMBERS, shape)[:, 0] > 0.0
-            for end in "lr"
-        ]
-        swapped = self._leading_is_right
-        sides = np.stack([np.where(swapped, *grown[::-1]), np.where(swapped, *grown)])
-        return [
-            _feather(
-                RowPoints(nodes[own], directors[own]),
-                along[own],
-                section[own],
-                sides[:, own],
-                int(first[k]),
-                bool(swapped[own.start]),
-            )
-            for k, own in enumerate(self._rows())
-        ]
-
     def _rows(self) -> list[slice]:
         return [slice(*ends) for ends in zip(self._starts[:-1], self._starts[1:], strict=True)]
 
@@ -269,13 +287,6 @@ class _Shafts:
         """All nodes and directors as the maps take them, feather after feather."""
         each = (RowPoints(nodes[own], directors[own]) for own in self._rows())
         return np.concatenate([part.reshape(-1, 3) for points in each for part in points])
-
-    def _mapped(self, coarse: Sequence[Feather], drawn: Sequence[Feather]) -> Any:
-        """From the nodes and directors of all feathers to those of other grids."""
-        self._grids = [(each.rows, 1 + 2 * each.columns) for each in drawn]
-        maps = [density_map(*pair) for pair in zip(coarse, drawn, strict=True)]
-        joined = [sparse.vstack([part.matrix for part in each]) for each in maps]
-        return sparse.block_diag(joined, format="csr")
 
     def _split(self, flat: Array) -> tuple[Array, Array]:
         nodes, directors, start = [], [], 0
@@ -295,7 +306,7 @@ class _Shafts:
     def _told(self, members: Sequence[Member]) -> Iterator[ExpandedFeather]:
         points = barbs = 0
         for k, (member, surface) in enumerate(zip(members, self._surfaces, strict=True)):
-            side = self._barbs[k].side if self._barbs else np.zeros(0, dtype=np.int64)
+            side = self._barb_sides[k]
             yield ExpandedFeather(
                 id=member.id,
                 kind=member.kind,
@@ -333,122 +344,12 @@ def _only(prim: Any) -> Member:
     return Member(id, kind, region)
 
 
-def _feather(
-    rest: RowPoints,
-    along: Array,
-    section: Array,
-    grown: NDArray[np.bool_],
-    first_vane_row: int,
-    mirrored: bool,
-) -> Feather:
-    """A feather from what a cache has of it. along: (n,) share of the shaft. section: (n, 2).
-    grown: (2, n) whether a row has a barb."""
-    nodes, rows = rest.nodes, len(along)
-    columns = nodes.shape[1] // 2
-    length = float(np.linalg.norm(np.diff(nodes[:, 0], axis=0), axis=1).sum())
-    station = along * length
-    barb_length = np.zeros((2, rows))
-    cell = np.zeros((2, rows - 1, columns, 2), dtype=np.bool_)
-    for side in (LEADING, TRAILING):
-        barbs = np.concatenate([nodes[:, :1], nodes[:, barb_slice(side, columns)]], axis=1)
-        sizes = np.linalg.norm(np.diff(barbs, axis=1), axis=2).sum(axis=1)
-        barb_length[side] = np.where(grown[side], sizes, 0.0)
-        # a triangle has an area where the row of its edge has a barb
-        cell[side] = np.stack([grown[side, :-1], grown[side, 1:]], axis=1)[:, None]
-        cell[side, :first_vane_row] = False
-    width, height = section.T
-    frame = np.concatenate(
-        [np.cross(rest.directors[:, 0], rest.directors[:, 1])[:, None], rest.directors], axis=1
-    ).swapaxes(1, 2)
-    rachis = Rachis(station, nodes[:, 0], frame, width, height, first_vane_row)
-    surface = build_surface(nodes, rachis, barb_length, cell, _TUBE_SIDES, False)
-    if mirrored:
-        surface = replace(
-            surface,
-            offset=surface.offset * [-1.0, 1.0],
-            triangles=surface.triangles[:, [0, 2, 1]],
-        )
-    spans = np.zeros_like(barb_length)
-    return Feather(rest, station, width, height, barb_length, spans, cell, surface)
-
-
-def _drawn(feather: Feather, rows: int | None, columns: int | None) -> Feather:
-    """A feather on another grid; itself where that is its own."""
-    wanted = rows or feather.rows, columns or feather.columns
-    return feather if wanted == (feather.rows, feather.columns) else _resampled(feather, *wanted)
-
-
-def _first_row(feather: Feather) -> int:
-    rows = np.flatnonzero(feather.cell.any(axis=(0, 2, 3)))
-    return int(rows[0]) if len(rows) else feather.rows - 1
-
-
-def _is_mirrored(feather: Feather) -> bool:
-    """Whether the surface was turned round: the first corner of a tube stands off by +width / 2."""
-    tube = feather.surface.offset[feather.surface.row == 0]
-    return bool(tube[np.abs(tube[:, 0]).argmax(), 0] < 0.0)
-
-
-def _resampled(feather: Feather, rows: int, columns: int) -> Feather:
-    """A feather's rest shape at other rows and columns, interpolated as poses are."""
-    length, first = float(feather.station[-1]), _first_row(feather)
-    station, bare = row_stations(length, float(feather.station[first]) / length, rows)
-    weights = hermite_weights(feather.station, station)[0]
-    shaft = weights @ feather.rest.nodes[:, 0]
-    lateral, dorsal = (weights @ feather.rest.directors[:, k] for k in range(2))
-    lateral /= np.linalg.norm(lateral, axis=1, keepdims=True)
-    dorsal -= lateral * (lateral * dorsal).sum(axis=1, keepdims=True)
-    dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
-    nodes = np.repeat(shaft[:, None], 1 + 2 * columns, axis=1)
-    places = (np.linspace(0.0, 1.0, k + 1) for k in (feather.columns, columns))
-    across = hermite_weights(*places)[0]
-    grown = np.zeros((2, rows), dtype=np.bool_)
-    for side in (LEADING, TRAILING):
-        own = np.flatnonzero(feather.barb_length[side] > 0.0)
-        if not len(own):
-            continue
-        # lengths go to zero at the next rows without a barb, and are interpolated between
-        ends = np.unique(np.clip([own[0] - 1, *own, own[-1] + 1], first, feather.rows - 1))
-        reach = hermite_weights(feather.station[ends], station)[0] @ feather.barb_length[side, ends]
-        inside = (station >= feather.station[ends[0]]) & (station <= feather.station[ends[-1]])
-        reach = np.where(inside & (reach > 1e-6 * length), reach, 0.0)
-        barbs = feather.rest.nodes[own][:, barb_slice(side, feather.columns)]
-        offsets = barbs - feather.rest.nodes[own, :1]
-        offsets = np.concatenate([np.zeros_like(offsets[:, :1]), offsets], axis=1)
-        offsets /= feather.barb_length[side, own, None, None]
-        between = hermite_weights(feather.station[own], station)[0]
-        spread = np.einsum("ni,jk,ikc->njc", between, across[1:], offsets)
-        nodes[:, barb_slice(side, columns)] += reach[:, None, None] * spread
-        grown[side] = reach > 0.0
-    section = weights @ np.stack([feather.width, feather.height], axis=-1)
-    rest = RowPoints(nodes, np.stack([lateral, dorsal], axis=1))
-    mirrored = _is_mirrored(feather)
-    return _feather(rest, station / length, section, grown, bare, mirrored)
-
-
-@dataclass(frozen=True)
-class _Barbs:
-    """Barbs of a feather on a dense grid of it. picked: (B, K) numbers of nodes."""
-
-    dense: Feather
-    picked: Indices
-    side: Indices
-
-
-def _barb_rows(feather: Feather, count: int) -> _Barbs:
-    calamus = feather.station[_first_row(feather)] / feather.station[-1]
-    rows = max(3, round(count / max(1.0 - float(calamus), 1e-3)) + 2)
-    dense = _resampled(feather, min(rows, MOST_ROWS), BARB_SEGMENTS)
-    grown = [np.flatnonzero(dense.barb_length[side] > 0.0) for side in (LEADING, TRAILING)]
-    nodes = np.arange(1 + 2 * BARB_SEGMENTS)
-    each = [np.append(0, nodes[barb_slice(side, BARB_SEGMENTS)]) for side in (LEADING, TRAILING)]
-    picked = [row[:, None] * len(nodes) + barb for row, barb in zip(grown, each, strict=True)]
-    side = np.repeat([LEADING, TRAILING], [len(row) for row in grown])
-    return _Barbs(dense, np.concatenate(picked), side)
-
-
-def _barb_map(coarse: Sequence[Feather], barbs: Sequence[_Barbs]) -> Any:
-    """From the nodes and directors of all feathers to the points of all barbs."""
-    pairs = zip(coarse, barbs, strict=True)
-    maps = [density_map(own, each.dense).nodes.matrix[each.picked.ravel()] for own, each in pairs]
-    return sparse.block_diag(maps, format="csr")
+@lru_cache(maxsize=4096)
+def _grown(
+    shape: tuple[FeatherKind, bool], own: tuple[int, int], wanted: tuple[int, int]
+) -> _Grown:
+    """own, wanted: rows and columns."""
+    (fine,) = built_shapes((shape,), *wanted)
+    if own == wanted:
+        return _Grown(fine, None)
+    return _Grown(fine, density_map(built_shapes((shape,), *own)[0], fine))

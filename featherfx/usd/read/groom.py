@@ -17,6 +17,7 @@ from featherfx.groom.read.drawn import DrawnFeather
 from featherfx.usd.read.curve_values import Values
 from featherfx.usd.read.curves import curves_of
 from featherfx.usd.read.drawn_meshes import instance_matrices
+from featherfx.usd.read.resolve import located
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_note,
@@ -63,7 +64,7 @@ def read_feathers(
 
     folder: that relative files start from. Problems of prims name the file and the prim.
     """
-    path = folder / entry["file"]
+    path = located(folder, entry["file"])
     scene = open_scene(path, place.child("file"))
     if scene is None:
         return None

@@ -11,6 +11,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError, Problem
 from featherfx.usd.installed import refuse_unfit_usd
+from featherfx.usd.read.resolve import located
 from featherfx.usd.read.values import USD_ERRORS, described, reason_of
 from featherfx.usd.write.options import UP_AXES
 
@@ -30,17 +31,14 @@ def open_stage(path: str | Path) -> Any:
     Raises InputError if that fails, if layers form a cycle, and for units, axis, rates and range
     with which no time or place could be told.
     """
-    if not Path(path).is_file():
-        fault = "is a folder" if Path(path).is_dir() else "file does not exist"
+    path = located(Path(), str(path))
+    if not path.is_file():
+        fault = "is a folder" if path.is_dir() else "file does not exist"
         raise InputError(Problem(str(path), "", fault))
     if not os.access(path, os.R_OK):
         raise InputError(Problem(str(path), "", "no permission to read it"))
     if Sdf.FileFormat.FindByExtension(str(path)) is None:
-        told = (
-            "a TOML file: a groom, shot or preset"
-            if Path(path).suffix == ".toml"
-            else "no USD file"
-        )
+        told = "a TOML file: a groom, shot or preset" if path.suffix == ".toml" else "no USD file"
         raise InputError(Problem(str(path), "", f"is {told}, expects .usd, .usda or .usdc"))
     refuse_unfit_usd()
     opened = str(path)

@@ -15,6 +15,7 @@ from featherfx.groom.keys.values import Place, nearest
 from featherfx.groom.skin.faults import skin_faults
 from featherfx.usd.read.animated_mesh import AnimatedMesh, topology_of
 from featherfx.usd.read.curves import curves_of
+from featherfx.usd.read.resolve import located
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.skinning import points_of_joint
 from featherfx.usd.read.stage import (
@@ -55,7 +56,7 @@ def read_skin(
 
     Warns of holes and of faces that pass through each other.
     """
-    scene = open_scene(folder / skin["usd"], place.child("usd"))
+    scene = open_scene(located(folder, skin["usd"]), place.child("usd"))
     if scene is None:
         return None
     found = {}
@@ -197,7 +198,7 @@ def read_curves(folder: Path, entry: dict[str, Any], place: Place) -> list[Array
 
     entry: checked keys of the curve of a row. None after adding problems.
     """
-    scene = open_scene(folder / entry["usd"], place.child("usd"))
+    scene = open_scene(located(folder, entry["usd"]), place.child("usd"))
     root = (
         None
         if scene is None

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from featherfx.feather.types import LEADING, TRAILING, Feather
+from featherfx.feather.shape_text import shape_text
+from featherfx.feather.types import LEADING, TRAILING
 from featherfx.usd import arrays
-from featherfx.usd.types import BARB, MESH, P_BARB, RACHIS, FeatherEntry
+from featherfx.usd.types import BARB, MESH, P_BARB, RACHIS, SHAPE, SHAPE_SIZE, FeatherEntry
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import left_leads
 from featherfx.usd.write.prims import (
@@ -121,7 +122,7 @@ def define_prims(
             define_rachises(stage, at[RACHIS], group, own, rest[RACHIS], ups, materials)
             if group.is_condensed:
                 values = condensed_values(info, own, rest)
-                define_condensed(stage, at[RACHIS], group, values)
+                define_condensed(stage, at[RACHIS], group, values, own)
         if BARB in at:
             define_barbs(stage, at[BARB], group, own, rest[BARB], materials)
     del stage  # layers alone take copies much faster
@@ -160,7 +161,10 @@ def _copy(
             replace_primvars(layer, target[part], displayColor=arrays.vec3f(shades))
     replace_primvars(layer, target[RACHIS], up=arrays.vec3f(_ups(info, [entry])))
     if group.is_condensed:
-        replace_primvars(layer, target[RACHIS], **condensed_values(info, [entry], rest))
+        own = condensed_values(info, [entry], rest)
+        if entry.shape is not None:
+            own[SHAPE] = arrays.strings(shape_text(*entry.shape[:2]))
+        replace_primvars(layer, target[RACHIS], **own)
     widths = target[RACHIS].AppendProperty(UsdGeom.Tokens.widths)
     layer.GetAttributeAtPath(widths).default = arrays.floats(group.widths)
 
@@ -186,23 +190,17 @@ def condensed_values(
         st = [np.stack(np.broadcast_arrays(u, along[:, None]), -1) for u in (across, 1.0 - across)]
         widths = [(feather.barb_length[side] > 0.0)[:, None] * own for side in sides]
         left = slice(None) if left_leads(feather) else slice(None, None, -1)
-        values.append((st[left], widths[left], np.stack([feather.width, feather.height], -1)))
-    uv, widths, section = zip(*values, strict=True)
-    made: dict[str, Any] = {"section": arrays.vec2f(info.space.lengths(np.concatenate(section)))}
+        values.append((st[left], widths[left]))
+    uv, widths = zip(*values, strict=True)
+    made: dict[str, Any] = {}
     for side, end in enumerate("lr"):
         made[f"uv_barb{end}"] = arrays.vec2f(np.concatenate([v[side].reshape(-1, 2) for v in uv]))
         diameters = np.concatenate([each[side].ravel() for each in widths])
         made[f"width_barb{end}"] = arrays.floats(info.space.lengths(diameters))
         made[f"rest_barb{end}"] = rest[P_BARB[side]]
     made["leadingIsRight"] = arrays.ints([not left_leads(each.feather) for each in entries])
-    made["firstVaneRow"] = arrays.ints([first_vane_row(each.feather) for each in entries])
+    made[SHAPE_SIZE] = arrays.floats([each.shape[2] if each.shape else 1.0 for each in entries])
     return made
-
-
-def first_vane_row(feather: Feather) -> int:
-    """The row at which calamus and vane meet; the last one where there is no vane."""
-    rows = np.flatnonzero(feather.cell.any(axis=(0, 2, 3)))
-    return int(rows[0]) if len(rows) else feather.rows - 1
 
 
 def _ups(info: StageInfo, entries: Sequence[FeatherEntry]) -> Any:

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, UsdGeom, UsdShade
 
 from featherfx.feather import colours
+from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.usd import arrays
-from featherfx.usd.types import BARB, HOOKED, MESH, RANGES, FeatherEntry
+from featherfx.usd.types import BARB, HOOKED, MESH, RANGES, SHAPE, SHAPE_SIZE, FeatherEntry
 from featherfx.usd.types import RACHIS as SHAFT
 
 if TYPE_CHECKING:
@@ -58,10 +59,11 @@ _PRIMVARS = {
     **dict.fromkeys(("uv_barbl", "uv_barbr"), (_TYPES.TexCoord2fArray, UsdGeom.Tokens.vertex, 1)),
     **dict.fromkeys(("width_barbl", "width_barbr"), (_TYPES.FloatArray, UsdGeom.Tokens.vertex, 1)),
     **dict.fromkeys(("rest_barbl", "rest_barbr"), (_TYPES.Point3fArray, UsdGeom.Tokens.vertex, 1)),
-    # width and height of the shaft
-    "section": (_TYPES.Float2Array, UsdGeom.Tokens.vertex, 1),
-    # of the feather: whether its leading vane is the right one, and where the calamus ends
-    **dict.fromkeys(("leadingIsRight", "firstVaneRow"), (_TYPES.IntArray, _CONSTANT, 1)),
+    # of the feather: whether its leading vane is the right one; what it is built of, as text, and
+    # how many times as large it is
+    "leadingIsRight": (_TYPES.IntArray, _CONSTANT, 1),
+    SHAPE: (_TYPES.StringArray, _CONSTANT, 1),
+    SHAPE_SIZE: (_TYPES.FloatArray, _CONSTANT, 1),
     # for viewers that ignore materials
     "displayColor": (_TYPES.Color3fArray, _CONSTANT, 1),
 }
@@ -264,11 +266,20 @@ def define_rachises(
     _look(prim, "rachis", materials, shades, "" if shades is None else group.interpolation)
 
 
-def define_condensed(stage: Any, path: Any, group: PosedGroup, values: Mapping[str, Any]) -> None:
+def define_condensed(
+    stage: Any,
+    path: Any,
+    group: PosedGroup,
+    values: Mapping[str, Any],
+    entries: Sequence[FeatherEntry],
+) -> None:
     """Author what never changes of condensed feathers on their shafts. values: by primvar."""
     prim = stage.GetPrimAtPath(path)
+    texts = [shape_text(*each.shape[:2]) for each in entries if each.shape is not None]
+    if len(texts) == len(entries):
+        author_texts(prim, SHAPE, texts, group.interpolation)
     for name, value in values.items():
-        each = name in ("leadingIsRight", "firstVaneRow")
+        each = name in ("leadingIsRight", SHAPE_SIZE)
         author_primvars(prim, group.interpolation if each else "", **{name: value})
         if name.endswith(("_barbl", "_barbr")):
             UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).SetElementSize(group.columns)

@@ -1,0 +1,60 @@
+"""Files that shots name, found by the asset resolver where they are not beside them."""
+
+from __future__ import annotations
+
+import pytest
+from pxr import Ar
+
+import featherfx
+from featherfx.errors import InputError
+from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.resolve import located
+
+GROOM = 'name = "g"\n[[feather]]\nid = "a"\nkind = "covert"\nposition = [0, 0, 0]\n'
+SHOT = """
+name = "s"
+groom = "grooms/one.toml"
+frames = [1, 2]
+[level_of_detail]
+usd = "cameras/main.usda"
+prim = "/camera"
+"""
+CAMERA = '#usda 1.0\n(upAxis = "Z"\nmetersPerUnit = 1)\ndef Camera "camera" {}\n'
+
+
+@pytest.fixture
+def library(tmp_path):
+    """A folder on the search path, apart from the shot."""
+    folder = tmp_path / "library"
+    for name, text in (("grooms/one.toml", GROOM), ("cameras/main.usda", CAMERA)):
+        (folder / name).parent.mkdir(parents=True)
+        (folder / name).write_text(text)
+    Ar.DefaultResolver.SetDefaultSearchPath([str(folder)])
+    yield folder
+    Ar.DefaultResolver.SetDefaultSearchPath([])
+
+
+def test_what_is_beside_the_file_comes_before_the_search_path(library, tmp_path):
+    name = "cameras/main.usda"
+    shots = tmp_path / "shots"
+    assert located(shots, name) == library / name
+    own = shots / name
+    own.parent.mkdir(parents=True)
+    own.write_text(CAMERA)
+    assert located(shots, name) == own
+    assert located(shots, str(own)) == own
+    # what is nowhere is named as seen from the folder
+    assert located(shots, "no.usda") == shots / "no.usda"
+    assert located(shots, "asset:no.usda") == shots / "asset:no.usda"
+
+
+def test_a_shot_takes_groom_and_scenes_from_the_search_path(library, tmp_path):
+    path, read = tmp_path / "shot.toml", []
+    path.write_text(SHOT)
+    shot = featherfx.read_shot(path, note=read.append)
+    assert [each.id for each in shot.groom.feathers] == ["a"]
+    assert library / "cameras/main.usda" in read
+    assert open_stage("cameras/main.usda").GetPrimAtPath("/camera")
+    Ar.DefaultResolver.SetDefaultSearchPath([])
+    with pytest.raises(InputError, match=r"grooms/one\.toml: there is no such file"):
+        featherfx.read_shot(path)
