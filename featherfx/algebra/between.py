@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import rotation_part, rotation_vectors
+from featherfx.algebra.rotation import rotation_part, rotation_vectors, vectors_to_frames
 
 Array = NDArray[np.float64]
 
@@ -63,11 +63,11 @@ class Stencil(NamedTuple):
     def turn(self, samples: Array) -> Array:
         """(..., 3, 3) rotations between samples (n, ..., 3, 3)."""
         before, after = (
-            samples[middle] @ _rotations(self._chart(samples, middle, weights))
+            samples[middle] @ vectors_to_frames(self._chart(samples, middle, weights))
             for middle, weights in zip(self.middles, self.weights, strict=True)
         )
         way = rotation_vectors(np.swapaxes(before, -1, -2) @ after)
-        return np.asarray(before @ _rotations(self.share * way))
+        return np.asarray(before @ vectors_to_frames(self.share * way))
 
     def _chart(self, samples: Array, middle: int, weights: Array) -> Array:
         vectors = rotation_vectors(np.swapaxes(samples[middle], -1, -2) @ samples)
@@ -158,11 +158,3 @@ def _beyond(knots: NDArray[np.int64], way: float) -> tuple[Array, Array]:
     gone = math.copysign(x - x**4 * (2.5 + x * (x - 3.0)), way)
     bent = x * x * (0.5 + x * (x * (0.75 - 0.2 * x) - 1.0))
     return np.asarray(places), np.asarray(value + _FADE * gone * rate + _FADE**2 * bent * bend)
-
-
-def _rotations(vectors: Array) -> Array:
-    """(..., 3) rotation vectors to (..., 3, 3) rotation matrices."""
-    from scipy.spatial.transform import Rotation
-
-    flat = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix()
-    return np.asarray(flat.reshape(*vectors.shape, 3))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,28 +17,36 @@ Array = NDArray[np.float64]
 _SMALL_ANGLE = 1e-6
 
 
-def frames_to_quats(frames: Array) -> Array:
-    """(..., 3, 3) rotation matrices to (..., 4) unit quaternions."""
+@cache
+def _scipy() -> Any:
+    """scipy's rotations, which take longer to load than most commands to end."""
     from scipy.spatial.transform import Rotation
 
-    flat = Rotation.from_matrix(frames.reshape(-1, 3, 3)).as_quat()
+    return Rotation
+
+
+def frames_to_quats(frames: Array) -> Array:
+    """(..., 3, 3) rotation matrices to (..., 4) unit quaternions."""
+    flat = _scipy().from_matrix(frames.reshape(-1, 3, 3)).as_quat()
     return np.roll(flat, 1, axis=-1).reshape(*frames.shape[:-2], 4)
 
 
 def quats_to_frames(quats: Array) -> Array:
     """(..., 4) unit quaternions to (..., 3, 3) rotation matrices."""
-    from scipy.spatial.transform import Rotation
-
     flat = np.roll(quats.reshape(-1, 4), -1, axis=-1)
-    return Rotation.from_quat(flat).as_matrix().reshape(*quats.shape[:-1], 3, 3)
+    return np.asarray(_scipy().from_quat(flat).as_matrix().reshape(*quats.shape[:-1], 3, 3))
 
 
 def rotation_vectors(frames: Array) -> Array:
     """(..., 3, 3) rotation matrices to (..., 3) rotation vectors, rad."""
-    from scipy.spatial.transform import Rotation
+    flat = _scipy().from_matrix(frames.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat.reshape(*frames.shape[:-2], 3))
 
-    flat = Rotation.from_matrix(frames.reshape(-1, 3, 3)).as_rotvec()
-    return flat.reshape(*frames.shape[:-2], 3)
+
+def vectors_to_frames(vectors: Array) -> Array:
+    """(..., 3) rotation vectors, rad, to (..., 3, 3) rotation matrices."""
+    flat = _scipy().from_rotvec(vectors.reshape(-1, 3)).as_matrix()
+    return np.asarray(flat.reshape(*vectors.shape, 3))
 
 
 def along_rows(quats: Array) -> Array:
@@ -161,13 +171,11 @@ def interpolated(first: Array, last: Array, fraction: Array) -> Array:
 
 def shared_turns(first: Array, second: Array, shares: Array) -> Array:
     """(n, 3, 3) rotations on the shortest way from first to second, (n, 3, 3), by shares (n,)."""
-    from scipy.spatial.transform import Rotation
-
     turning = np.flatnonzero(shares)
     result = first.copy()
     if len(turning):
         ways = rotation_vectors(np.swapaxes(first[turning], -1, -2) @ second[turning])
-        part = Rotation.from_rotvec(shares[turning, None] * ways).as_matrix()
+        part = vectors_to_frames(shares[turning, None] * ways)
         result[turning] = first[turning] @ part
     return result
 
@@ -195,12 +203,6 @@ def to_rate_of_vector(vector: Array, angular_velocity: Array) -> Array:
     factor = 1.0 / 12.0 if angle < 1e-3 else (1.0 - half / math.tan(half)) / (angle * angle)
     first = np.cross(vector, angular_velocity)
     return np.asarray(angular_velocity - 0.5 * first + factor * np.cross(vector, first))
-
-
-def smooth_step(fraction: float) -> float:
-    """Rises from 0 to 1 over fraction 0..1 with zero slope and curvature at both ends (C2)."""
-    s = min(max(fraction, 0.0), 1.0)
-    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ from typing import Any
 from packaging.requirements import Requirement
 
 from featherfx._version import __version__
+from featherfx.baking.bake import bake
+from featherfx.baking.check import check
 from featherfx.baking.samples import sample_names
 from featherfx.errors import InputError, SimulationError
 from featherfx.files.cache_folder import doubt, wanted_folder
@@ -149,9 +151,6 @@ def _cache(problems: list[str]) -> dict[str, Any]:
 
 def _self_test(problems: list[str]) -> dict[str, Any]:
     """Bake a sample, check what was written, and read it back."""
-    from featherfx.baking.bake import bake
-    from featherfx.baking.check import check
-
     begin = time.perf_counter()
     shot, before = shipped("samples") / _SAMPLE / "shot.toml", len(problems)
     try:

@@ -11,7 +11,7 @@ from featherfx.cli.options import FrameRange, Size, progress_option, readable_pa
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 from featherfx.limits import MOST_JOBS, MOST_SHEET
-from featherfx.render.picture import COLOURS, FRAMINGS, SAMPLES, VIEWS
+from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
 
 
 @click.command(

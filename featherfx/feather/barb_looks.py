@@ -28,7 +28,8 @@ from featherfx.feather.density import linear_weights
 from featherfx.feather.render import barb_curves
 from featherfx.feather.types import BarbCurves, Feather, PointMap
 from featherfx.files.content import stable_number
-from featherfx.groom.types import BarbLook, FeatherKind
+from featherfx.groom.looks import BarbLook
+from featherfx.groom.types import FeatherKind
 
 Array = NDArray[np.float64]
 Matrix = Any

@@ -21,10 +21,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.ease import faded
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING, BarbCurves, Feather, barb_slice
 from featherfx.files.content import stable_number
-from featherfx.groom.types import Colour, FeatherKind, Pattern
+from featherfx.groom.looks import Colour, Pattern
+from featherfx.groom.types import FeatherKind
 
 Array = NDArray[np.float64]
 
@@ -137,7 +139,7 @@ def _cover(pattern: Pattern, calamus: float, places: Array) -> Array:
     size = pattern.size
     match pattern.kind:
         case "gradient":
-            return _smooth((along - start) / (end - start))
+            return faded((along - start) / (end - start))
         case "bars":
             distance, size = np.abs(along - middle), 0.5 * size * spacing
         case "spots":
@@ -149,9 +151,4 @@ def _cover(pattern: Pattern, calamus: float, places: Array) -> Array:
         case _:
             distance = np.where((along >= start) & (along <= end), off, np.inf)
     width = max(pattern.soft * size, 1e-9)
-    return _smooth((size - distance) / width + 0.5)
-
-
-def _smooth(x: Array) -> Array:
-    s = np.clip(x, 0.0, 1.0)
-    return np.asarray(s * s * (3.0 - 2.0 * s))
+    return faded((size - distance) / width + 0.5)

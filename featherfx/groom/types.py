@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import POINT
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Table, Text, keys_of
+from featherfx.groom.looks import BarbLook, Colour
 
 Array = NDArray[np.float64]
 
@@ -268,78 +269,6 @@ class RachisMaterial:
     cortex_density: Annotated[float, Number(1, 2e4, "kg/m^3"), "Density of the cortex."]
     core_density: Annotated[float, Number(0, 2e4, "kg/m^3"), "Density of the core."] = 0.0
     loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
-
-
-_COLOUR = ArrayOf(Number(0, 1), 3, 3)
-Shade = tuple[float, float, float]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pattern:
-    """A mark on both vanes, over those before it (featherfx/feather/colours.py)."""
-
-    kind: Annotated[
-        str,
-        Text(("bars", "spots", "fringe", "gradient", "eye", "streak")),
-        "bars across the feather; spots, a row on either vane; fringe along the edge; gradient "
-        "from base to tip; eye, round about the shaft; streak along the shaft.",
-    ]
-    colour: Annotated[Shade, _COLOUR, "Red, green and blue as displays show them (sRGB)."]
-    start: Annotated[float, _PLACE, "Where it begins, a share of the vane's length."] = 0.0
-    end: Annotated[float, _PLACE, "Where it ends; later than start."] = 1.0
-    number: Annotated[int, Number(1, 1000, whole=True), "Of bars, or of spots of a row."] = 6
-    size: Annotated[
-        float,
-        Number(0.001, 1),
-        "Of bars the share of their distance that is dark; of spots and eye the radius, of fringe "
-        "and streak the width, a share of the feather's length.",
-    ] = 0.4
-    soft: Annotated[float, _PLACE, "Share of the size over which its border fades."] = 0.3
-    strength: Annotated[float, _PLACE, "How far it covers what is below."] = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Colour:
-    """How a feather is coloured; colours are sRGB. base: None: as a preview draws keratin."""
-
-    base: Annotated[
-        Shade | None, _COLOUR, "Of the vanes; without it the feather has no colour of its own."
-    ] = None
-    shaft: Annotated[Shade | None, _COLOUR, "Of the shaft; default: darker than the vanes."] = None
-    patterns: Annotated[
-        tuple[Pattern, ...],
-        ArrayOf(Table(keys_of(Pattern), "table of a pattern"), 0, 50),
-        "Marks, each over those before it.",
-    ] = ()
-    vary: Annotated[
-        float, Number(0, 1), "Deviation of the brightness from feather to feather, a share."
-    ] = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class BarbLook:
-    """How barbs that are drawn differ from smooth ones (featherfx/feather/barb_looks.py)."""
-
-    clump: Annotated[
-        float, _PLACE, "How far the ends of barbs come together in clumps, a share of the distance."
-    ] = 0.0
-    clumps: Annotated[int, Number(1, 1000, whole=True), "Number of clumps along each vane."] = 16
-    clump_shape: Annotated[
-        float,
-        Number(0.2, 10),
-        "Exponent by which barbs come together along their length; large: at the ends alone.",
-    ] = 2.0
-    frizz: Annotated[
-        float, Number(0, 0.02, "m"), "How far the ends of barbs wave, across and out of the vane."
-    ] = 0.0
-    frizz_waves: Annotated[float, Number(0, 100), "Waves along a barb."] = 2.0
-    jitter: Annotated[
-        float, Number(0, 0.95), "Most that a barb is shortened, a share of its length."
-    ] = 0.0
-    seed: Annotated[int, Number(0, 2**31 - 1, whole=True), "Seed of what is drawn."] = 1
-    variants: Annotated[
-        int, Number(1, 1000, whole=True), "Different draws among feathers, each by its id."
-    ] = 8
 
 
 @dataclass(frozen=True, kw_only=True)

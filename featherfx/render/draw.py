@@ -28,7 +28,7 @@ from featherfx.render.camera import (
 )
 from featherfx.render.colour import Bar, Legend
 from featherfx.render.files import save
-from featherfx.render.picture import SHEET_FRAMES, PictureOptions, check_pixels
+from featherfx.render.options import SHEET_FRAMES, PictureOptions, check_pixels
 from featherfx.render.subject import Subject, open_subject
 from featherfx.render.trace import ROWS_AT_ONCE, Tracer
 from featherfx.usd.read.cameras import camera_of

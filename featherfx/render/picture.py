@@ -2,75 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from featherfx.errors import InputError, Problem
-from featherfx.limits import MOST_JOBS, MOST_PIXELS, MOST_SHEET, MOST_SIDE
-
-COLOURS = ("shaded", "barb", "region", "strain", "hooked")
-VIEWS = ("auto", "top", "side", "front")
-FRAMINGS = (None, "all", "drawn", "follow")
-SAMPLES = (1, 4, 16, 64)
-SUFFIXES = (".png", ".gif", ".mp4")
-SHEET_FRAMES = 9  # of a sheet, where nothing else is said
-
-
-@dataclass(frozen=True)
-class PictureOptions:
-    """What is drawn of a cache, and how.
-
-    frames: time codes; None: the first frame, on a sheet up to nine spread over the range, of a
-    film all whole frames. size: (width, height) in pixels of one frame, 1280 x 720, or 480 x 320 on
-    a sheet. colour: one of COLOURS: a look, barb angle, region, strain across the barbs, or hooks
-    that hold. sheet: all frames on one picture. view: one of VIEWS. framing: one of FRAMINGS: what
-    the camera keeps in view, the feathers as they are in all frames of the file, or in those drawn;
-    or it goes along with them. None: all, but those drawn of feathers and regions, and along with
-    what goes farther than it is large. camera: path of a camera prim of the file, or FILE:PATH of
-    another one; then `view` does not count. feathers, regions: ids and regions, or patterns, of
-    feathers to look at closely; the others are drawn only with surroundings. against: another
-    cache, drawn beside this one. scenery: further USD files whose meshes are drawn. bare: whether
-    skin and colliders of the shot are left out. samples: rays a pixel, one of SAMPLES. turntable:
-    number of views around the upright axis, 0 for none. f_stop: of the lens, sharp at the middle of
-    what is framed; 0: all is sharp. overwrite: whether files that exist are replaced.
-    """
-
-    frames: Sequence[float] | None = None
-    size: tuple[int, int] | None = None
-    colour: str = "shaded"
-    sheet: bool = False
-    view: str = "auto"
-    framing: str | None = None
-    camera: str | None = None
-    feathers: Sequence[str] = ()
-    regions: Sequence[str] = ()
-    surroundings: bool = False
-    against: str | Path | None = None
-    scenery: Sequence[str | Path] = ()
-    bare: bool = False
-    samples: int = 16
-    turntable: int = 0
-    f_stop: float = 0.0
-    overwrite: bool = False
-
-    @property
-    def pixels(self) -> tuple[int, int]:
-        """Of one frame."""
-        return self.size or ((480, 320) if self.sheet else (1280, 720))
-
-    @property
-    def framed(self) -> str:
-        """One of FRAMINGS that is not None."""
-        return self.framing or ("drawn" if self.feathers or self.regions else "all")
-
-    @property
-    def is_look(self) -> bool:
-        """Whether light falls on what is drawn; else colours stand for values."""
-        return self.colour in ("shaded", "region")
+from featherfx.limits import MOST_JOBS
+from featherfx.render.options import PictureOptions, check_options
 
 
 def render(
@@ -90,81 +27,8 @@ def render(
     """
     path, output, chosen = Path(path), Path(output), PictureOptions(**options)
     threads = jobs or min(os.cpu_count() or 1, MOST_JOBS)
-    _check(path, output, chosen)
+    check_options(path, output, chosen)
     # what it imports is checked
     from featherfx.render.draw import draw
 
     return draw(path, output, chosen, threads)
-
-
-def check_pixels(count: int, options: PictureOptions) -> list[Problem]:
-    """What is wrong with the sum of so many pictures."""
-    width, height = options.pixels
-    sides = 1 if options.against is None else 2
-    total = count * sides * width * height
-    if total <= MOST_PIXELS:
-        return []
-    pixels = f"{count * sides} pictures of {total / 1e6:.4g} million pixels in all"
-    most = f"allowed {MOST_PIXELS / 1e6:g} million; draw fewer frames at a time, or smaller"
-    return [Problem("preview", "size", f"{pixels}, {most}")]
-
-
-def _check(path: Path, output: Path, options: PictureOptions) -> None:
-    problems = [
-        Problem("preview", "", f'{name} is not installed; pip install "featherfx[{extra}]"')
-        for module, name, extra in _libraries(output)
-        if importlib.util.find_spec(module) is None
-    ]
-    names = (
-        ("colour", COLOURS),
-        ("view", VIEWS),
-        ("framing", FRAMINGS),
-        ("samples", SAMPLES),
-    )
-    for key, allowed in names:
-        value = getattr(options, key)
-        if value not in allowed:
-            told = ", ".join(str(each) for each in allowed if each is not None)
-            problems.append(Problem("preview", key, f"'{value}' is not one of {told}"))
-    problems += _number_problems(options)
-    if output.suffix.lower() not in SUFFIXES:
-        told = f"suffix '{output.suffix}' is not one of {', '.join(SUFFIXES)}"
-        problems.append(Problem(str(output), "", told))
-    elif options.sheet and output.suffix.lower() != ".png":
-        problems.append(Problem(str(output), "", "a sheet is one picture, a .png"))
-    if options.against is not None and not options.is_look:
-        told = f"'{options.colour}' would have a scale for each file; allowed: shaded, region"
-        problems.append(Problem("preview", "colour", told))
-    if not os.path.isdir(output.parent):
-        problems.append(Problem(str(output.parent), "", "folder does not exist"))
-    others = () if options.against is None else (options.against,)
-    for file in (path, *others, *options.scenery):
-        if not Path(file).is_file():
-            problems.append(Problem(str(file), "", "file does not exist"))
-    if problems:
-        raise InputError(*problems)
-
-
-def _number_problems(options: PictureOptions) -> list[Problem]:
-    width, height = options.pixels
-    problems = []
-    if not all(16 <= side <= MOST_SIDE for side in (width, height)):
-        message = f"{width} x {height}; allowed 16 to {MOST_SIDE} pixels a side"
-        problems.append(Problem("preview", "size", message))
-    else:
-        problems += check_pixels(1 if options.frames is None else len(options.frames), options)
-    if not (options.f_stop == 0.0 or 0.1 <= options.f_stop <= 1000.0):
-        message = f"{options.f_stop:g}; allowed 0.1 to 1000, or 0 where all is sharp"
-        problems.append(Problem("preview", "f_stop", message))
-    if not 0 <= options.turntable <= MOST_SHEET:
-        message = f"{options.turntable}; allowed 0 to {MOST_SHEET}"
-        problems.append(Problem("preview", "turntable", message))
-    return problems
-
-
-def _libraries(output: Path) -> list[tuple[str, str, str]]:
-    """Modules, their names for people, and the extras that hold them."""
-    needed = [("embreex", "Embree", "preview"), ("PIL", "Pillow", "preview")]
-    if output.suffix.lower() == ".mp4":
-        needed.append(("imageio_ffmpeg", "imageio-ffmpeg", "film"))
-    return needed

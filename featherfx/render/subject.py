@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 from featherfx.render.camera import Eye
 from featherfx.render.colour import SHAFT, SKIN, Bar, Legend, look_colours, value_colours
 from featherfx.render.geometry import Geometry, apart, joined
-from featherfx.render.picture import PictureOptions
+from featherfx.render.options import PictureOptions
 from featherfx.render.scene import (
     DrawnScene,
     chosen_feathers,

@@ -84,7 +84,7 @@ def test_the_first_accelerations_of_a_pair_belong_together():
     assert np.linalg.norm(momentum(model, after) - before) < 1e-4 * np.linalg.norm(before)
 
 
-@pytest.mark.parametrize("order", [ORDERED, UNORDERED])
+@pytest.mark.parametrize("order", [pytest.param(ORDERED, marks=pytest.mark.slow), UNORDERED])
 def test_nothing_passes_at_fifty_metres_a_second(order):
     """One on top of the other they close by 5 mm, 40 thicknesses, in a step that is cut only where
     it cannot be solved, and do not pass.

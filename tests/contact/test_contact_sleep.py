@@ -20,7 +20,7 @@ position = [0, 0, 0]
 SHOT = """
 name = "rising"
 groom = "groom.toml"
-frames = [1, 10]
+frames = [1, 8]
 frames_per_second = 24
 motion = "hold"
 quality = "draft"
@@ -30,7 +30,7 @@ gravity = [0, 0, 0]
 usd = "body.usda"
 prims = ["/body/mesh"]
 """
-LAST, SPEED, BELOW = 10, 1.2, 0.25
+LAST, SPEED, BELOW = 8, 1.2, 0.22
 
 
 def ball(radius=0.04, sides=8):

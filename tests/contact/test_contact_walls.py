@@ -35,7 +35,7 @@ def test_a_feather_comes_to_rest_on_the_floor_with_its_weight():
     model, state = free_feathers("body_contour", [[0, 0, 0.017]], **GRID)
     contact, late = solver_of(model, rounds=20), []
     loads = [no_loads(1, (0.0, 0.0, -GRAVITY))]
-    for _ in range(300):
+    for _ in range(220):
         (state,), (report,), contacts = contact.interval(
             [state], loads, [hold_roots(state)], 4e-3, [floor()]
         )
@@ -44,19 +44,19 @@ def test_a_feather_comes_to_rest_on_the_floor_with_its_weight():
         late.append((report.failed[0], contact.found.contacts["guest_force"].sum()))
     failed, forces = np.array(late).T
     assert failed.sum() == 0.0
-    assert forces[-100:] == pytest.approx(mass_of(model) * GRAVITY, rel=2e-3)
+    assert forces[-60:] == pytest.approx(mass_of(model) * GRAVITY, rel=2e-3)
     assert np.abs(velocity_of(model, state)).max() < 1e-5
 
 
 @pytest.mark.verification
-@pytest.mark.parametrize(("friction", "degrees"), [(0.3, 30.0), (0.7, 30.0), (0.3, 14.0)])
+@pytest.mark.parametrize(("friction", "degrees"), [(0.3, 30.0), (0.3, 14.0)])
 def test_on_an_incline_it_slides_if_the_slope_is_steeper_than_the_friction(friction, degrees):
     """Coulomb: it slides where tan(slope) > mu, with the acceleration g (sin - mu cos)."""
     slope = np.radians(degrees)
     gravity = GRAVITY * np.array([np.sin(slope), 0.0, -np.cos(slope)])
     model, state = free_feathers("body_contour", [[0, 0, 0.006]], **GRID)
     contact = solver_of(model, friction=friction, smoothing=1e-3, rounds=20)
-    step, count = 2e-3, 240
+    step, count = 2e-3, 180
     speeds = [
         velocity_of(model, new)[0]
         for new, _ in run(contact, state, step, count, gravity, [floor()])

@@ -53,14 +53,19 @@ def job(folder: Path, engine: SerialEngine, shares: int | None = 3, **options: o
 
 @pytest.mark.parametrize("layout", ["flat", "clips"])
 def test_merged_shares_have_the_bytes_of_a_single_bake(tmp_path, single, layout):
-    engine = SerialEngine()
-    (told,) = job(tmp_path, engine, layout=layout).run()
+    engine, counted = SerialEngine(), []
+    work = job(tmp_path, engine, layout=layout)
+    work._notify = lambda done, total: counted.append((done, total))
+    (told,) = work.run()
     assert tree(tmp_path / "out") == single[layout]
     # two chunks are merged one by one, then all of them
     steps = [(order.what, order.share or order.piece) for order, _ in engine.given]
     baked = [(BAKE, 1), (BAKE, 2), (BAKE, 3)]
     assert steps == [(PLAN, 0), *baked, (MERGE, 1), (MERGE, 2), (MERGE, 0)]
     assert [share["feathers"] for share in told["shares"]] == [7, 7, 6]
+    # frames of all shares are counted once
+    assert counted == sorted(counted)
+    assert counted[-1] == (3, 3)
 
 
 def test_what_cannot_be_written_is_tried_by_another_worker_and_then_given_up(tmp_path, single):
@@ -98,16 +103,18 @@ def test_a_job_goes_on_with_what_another_has_begun(tmp_path, single):
     assert tree(tmp_path / "out") == single["flat"]
 
 
-@pytest.mark.parametrize("piece", [1, 0])
-def test_merging_that_fails_is_done_again(tmp_path, single, piece):
+def test_merging_that_fails_is_done_again(tmp_path, single):
+    """Of a chunk, and of the whole; one worker merges in one piece."""
     full = OutputError(Problem("wing", "", "no space left on device"))
 
     def once(order, times):
-        return full if (order.what, order.piece, times) == (MERGE, piece, 1) else None
+        return full if (order.what, order.piece, times) in ((MERGE, 1, 1), (MERGE, 0, 1)) else None
 
     engine = SerialEngine(fail=once)
     job(tmp_path, engine, shares=2).run()
     assert tree(tmp_path / "out") == single["flat"]
+    merged = [order.piece for order, _ in engine.given if order.what == MERGE]
+    assert sorted(merged) == [0, 0, 1, 1, 2]
     one_worker = SerialEngine(workers=1)
     (tmp_path / "out" / "wing.usdc").unlink()
     job(tmp_path, one_worker, shares=2).run()
@@ -143,15 +150,6 @@ def test_an_output_that_another_bake_writes_is_refused(tmp_path):
     held.release()
     job(tmp_path, engine).run()
     assert sorted(each.name for each in (tmp_path / "out").iterdir()) == ["wing.usdc"]
-
-
-def test_frames_of_all_shots_are_counted_once(tmp_path):
-    told: list[tuple[float, float]] = []
-    work = job(tmp_path, SerialEngine())
-    work._notify = lambda done, total: told.append((done, total))
-    work.run()
-    assert told == sorted(told)
-    assert told[-1] == (3, 3)
 
 
 def test_outputs_of_shots_of_one_file_name_take_the_shots_names(tmp_path):

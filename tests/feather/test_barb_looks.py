@@ -13,7 +13,7 @@ from featherfx.feather.barb_looks import drawn_barbs
 from featherfx.feather.build import build_feather
 from featherfx.feather.render import barb_curves
 from featherfx.feather.types import both
-from featherfx.groom.types import BarbLook
+from featherfx.groom.looks import BarbLook
 
 KIND = preset_kind("swan_primary")
 GRID, COUNT = (11, 4), 60

@@ -12,8 +12,8 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.colours import colours_of, linear
 from featherfx.feather.render import barb_curves
 from featherfx.feather.types import RACHIS
+from featherfx.groom.looks import Colour, Pattern
 from featherfx.groom.presets.kinds import blended
-from featherfx.groom.types import Colour, Pattern
 
 WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
 KIND = preset_kind("swan_primary")

@@ -63,7 +63,7 @@ def normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(b - a, c - a)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(kind=kinds(flat=True), mirrored=st.booleans(), **SIZES)
 def test_flat_feathers_have_only_triangles_that_face_dorsal(kind, rows, columns, mirrored):
     feather = build_or_skip(kind, rows, columns, mirrored)
@@ -75,7 +75,7 @@ def test_flat_feathers_have_only_triangles_that_face_dorsal(kind, rows, columns,
         assert np.all(middle * outward * (-1.0 if mirrored else 1.0) > 0.0)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(kind=kinds(), mirrored=st.booleans(), **SIZES)
 def test_every_vane_triangle_has_one_edge_along_its_barb(kind, rows, columns, mirrored):
     feather = build_or_skip(kind, rows, columns, mirrored)
@@ -103,7 +103,7 @@ def test_every_vane_triangle_has_one_edge_along_its_barb(kind, rows, columns, mi
             np.testing.assert_allclose(direction, unit, atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(kind=kinds(), **SIZES)
 def test_barbs_are_equally_divided_and_directors_orthonormal(kind, rows, columns):
     feather = build_or_skip(kind, rows, columns)

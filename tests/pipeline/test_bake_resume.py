@@ -80,7 +80,7 @@ def kill_often(path: Path, layout: str, kills: int, seed: int) -> int:
 
 
 @pytest.mark.parametrize("layout", ["clips", "flat"])
-@pytest.mark.parametrize("kills", [3, pytest.param(25, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [2, pytest.param(25, marks=pytest.mark.slow)])
 def test_killed_and_resumed_equals_undisturbed(tmp_path, undisturbed, layout, kills):
     path = tmp_path / "pull.usdc"
     hits = 0

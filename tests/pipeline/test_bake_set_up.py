@@ -30,7 +30,7 @@ last = { position = [0.0, -0.06, 0.0], direction = [-1.0, 0.3, 0.0], up = [0, 0,
 SHOT = """
 name = "crowd"
 groom = "groom.toml"
-frames = [1, 3]
+frames = [1, 2]
 quality = "draft"
 wind = "breeze"
 

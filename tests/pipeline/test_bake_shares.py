@@ -23,10 +23,6 @@ from featherfx.shot.share import share_numbers
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 WING = SAMPLES / "swan_wing/shot.toml"
 OPTIONS = {"frames": (1, 3), "chunk": 2}
-BAKE = [
-    *(sys.executable, "-m", "featherfx", "bake", str(WING), "--frames", "1-3", "--chunk", "2"),
-    *("--layout", "clips", "-o"),
-]
 
 
 def run(*arguments):
@@ -53,11 +49,11 @@ def poses(path: Path) -> dict[str, list[np.ndarray]]:
 
 def test_shares_baked_at_once_make_up_the_whole(tmp_path, whole):
     path = tmp_path / "wing.usda"
-    running = [
-        subprocess.Popen([*BAKE, str(path), "--feathers", f"{k}/2"], stderr=subprocess.DEVNULL)
-        for k in (1, 2)
-    ]
-    assert [process.wait() for process in running] == [0, 0]
+    command = [sys.executable, "-m", "featherfx", "bake", str(WING), "-o", str(path)]
+    command += ["--frames", "1-3", "--chunk", "2", "--layout", "clips", "--feathers", "1/2"]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as other:
+        featherfx.bake(WING, path, feathers=(2, 2), layout="clips", **OPTIONS)
+    assert other.returncode == 0
     assert not path.exists()
     assert pipeline.join(path, 2) == 20
     found, expected = poses(path), poses(whole)

@@ -92,6 +92,7 @@ def test_energy_of_an_undamped_feather_drifts_little(coefficients, each, periods
     assert abs(energy[-1] / energy[0] - 1.0) < 0.01
 
 
+@pytest.mark.slow
 def test_energy_of_a_released_feather_drifts_little_in_100_periods() -> None:
     """Let go from under ten gravities, so that higher modes ring, too, which radius 0.8 damps."""
     model = feather(coefficients=0)

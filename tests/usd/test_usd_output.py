@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -22,10 +23,11 @@ from featherfx.usd.write.write import CacheWriter
 NAMES = {"flat": ["out.usda"], "payload": ["out.animation.usdc", "out.payload.usdc", "out.usda"]}
 
 
-def bake(path: Path, last: int = 3, **options) -> None:
+def bake(path: Path, last: int = 3, then=lambda writer: None, **options) -> None:
     with CacheWriter(path, feathers.entries(), (1, 3), 24.0, WriteOptions(**options)) as writer:
         for number in range(1, last + 1):
             writer.write(feathers.frame(number))
+        then(writer)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -99,42 +101,32 @@ def test_a_failed_rename_restores_all_files(tmp_path, monkeypatch, failing, exis
     assert contents(tmp_path) == before
 
 
-FULL_DISK = """
-import resource, signal, sys
-from pathlib import Path
-sys.path.insert(0, sys.argv[1])
-import feathers
-from featherfx.errors import InputError
-from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.write import CacheWriter
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-try:
-    options = WriteOptions(layout=sys.argv[3], overwrite=True)
-    with CacheWriter(sys.argv[2], feathers.entries(), (1, 3), options=options) as writer:
-        for number in (1, 2, 3):
-            writer.write(feathers.frame(number))
-        assert writer.samples_done == 3
-        resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[4]), resource.RLIM_INFINITY))
-except InputError as error:
-    print(error)
-    sys.exit(7)
-"""
+@pytest.fixture
+def limit_files():
+    """Sets the size in bytes beyond which the system refuses to write to a file."""
+    resource = pytest.importorskip("resource", reason="no file size limit to run into")
+    was = resource.getrlimit(resource.RLIMIT_FSIZE)
+    told = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, was[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, was)
+    signal.signal(signal.SIGXFSZ, told)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no file size limit to run into")
 @pytest.mark.parametrize(
     ("name", "layout", "limit"),
     [("out.usda", "flat", 0), ("out.usdc", "flat", 1500), ("out.usda", "payload", 1500)],
 )
-def test_a_full_disk_leaves_the_old_file(tmp_path, name, layout, limit):
+def test_a_full_disk_leaves_the_old_file(tmp_path, limit_files, name, layout, limit):
     """The system refuses to write beyond a limit, as it does on a full disk."""
     bake(tmp_path / name, layout=layout)
     before = contents(tmp_path)
-    here = str(Path(__file__).parent)
-    run = [sys.executable, "-c", FULL_DISK, here, str(tmp_path / name), layout, str(limit)]
-    result = subprocess.run(run, capture_output=True, text=True, check=False)
-    assert result.returncode == 7, result.stderr
-    assert "not written" in result.stdout
+
+    def fill(writer):
+        assert writer.samples_done == 3
+        limit_files(limit)
+
+    with pytest.raises(InputError, match="not written"):
+        bake(tmp_path / name, then=fill, layout=layout, overwrite=True)
     assert contents(tmp_path) == before
 
 

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 import featherfx
 from featherfx.shot.simulate import simulate
 
-SUBFRAMES = 8
+FIRST, SUBFRAMES = creature.FIRST, 8
 STEP = 1.0 / (creature.RATE * SUBFRAMES)
 
 
@@ -22,10 +22,13 @@ def flight(folder, make=creature.sampled, **changes):
     return points, np.array([frame.velocities[0][ends, 0] for frame in frames]), run
 
 
-@pytest.mark.parametrize("make", [creature.sampled, creature.skinned])
+@pytest.mark.parametrize(
+    "make", [pytest.param(creature.sampled, marks=pytest.mark.slow), creature.skinned]
+)
 def test_velocities_are_those_of_the_points(tmp_path, make):
     """From the first frame on, against a spline through eight samples a frame."""
-    points, velocities, run = flight(tmp_path, make)
+    beat = round(creature.RATE / creature.BEAT)
+    points, velocities, run = flight(tmp_path, make, frames=(FIRST, FIRST + beat))
     times = STEP * np.arange(len(points))
     off = np.linalg.norm(CubicSpline(times, points)(times, 1) - velocities, axis=2)
     speeds = np.linalg.norm(velocities, axis=2)
@@ -40,8 +43,7 @@ def test_velocities_are_those_of_the_points(tmp_path, make):
 @pytest.mark.parametrize("preroll", [0, 6])
 def test_the_first_frame_has_the_motions_velocity(tmp_path, preroll):
     """Also without any preroll, where the settled feather is carried by its root."""
-    first = creature.FIRST
-    _, velocities, _ = flight(tmp_path, more=f"preroll = {preroll}", frames=(first, first + 1))
+    _, velocities, _ = flight(tmp_path, more=f"preroll = {preroll}", frames=(FIRST, FIRST + 1))
     np.testing.assert_allclose(velocities[0, :, 0], creature.SPEED, rtol=0.01)
     speeds = np.linalg.norm(velocities, axis=2)
     # the air of the flight bends a feather that was settled at rest
@@ -49,7 +51,7 @@ def test_the_first_frame_has_the_motions_velocity(tmp_path, preroll):
 
 
 def test_a_skin_that_is_held_starts_and_stops_without_a_kick(tmp_path):
-    frames = (creature.FIRST - 4, creature.LAST + 4)
+    frames = (FIRST - 4, creature.LAST + 4)
     _, velocities, _ = flight(tmp_path, skin='beyond = "hold"', frames=frames)
     speeds = np.linalg.norm(velocities, axis=2)
     assert speeds[0].max() < 1e-9

@@ -16,7 +16,7 @@ from featherfx.groom.keys.values import (
     Text,
     keys_of,
 )
-from featherfx.groom.types import Colour
+from featherfx.groom.looks import Colour
 
 _LENGTH = Number(1e-3, 5, "m")
 _SPREAD_FOLDED = ArrayOf(Number(-180, 180, "deg"), 2, 2)

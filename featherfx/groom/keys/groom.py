@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from featherfx.groom.keys.anatomy import MOST_IN_A_ROW
-from featherfx.groom.keys.places import POINT, SPACE
+from featherfx.groom.keys.places import POINT, SPACE, Direction
 from featherfx.groom.keys.preset import DIALS, FAMILIES, FEATHER, names_or_list
 from featherfx.groom.keys.regions import LAYOUT, REGION, SKIN, WHERE
 from featherfx.groom.keys.values import (
     ArrayOf,
-    Direction,
     Flag,
     Key,
     Named,

@@ -1,4 +1,4 @@
-"""Points and lengths in the space of a groom: numbers, or landmarks of its skin.
+"""Points, directions and lengths in the space of a groom: numbers, or landmarks of its skin.
 
 Their types say where in the tables they stand, so that `featherfx/groom/read/space.py` finds them
 all and turns them into metres of the groom's frame.
@@ -6,10 +6,12 @@ all and turns them into metres of the groom's frame.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 from featherfx.groom.keys.values import (
+    INVALID,
     ArrayOf,
     Either,
     JsonSchema,
@@ -22,6 +24,29 @@ from featherfx.groom.keys.values import (
 )
 
 _COORDINATE = Number(-1e4, 1e4, "m")
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Three numbers that are not all zero; a unit vector when checked."""
+
+    def check(self, value: Any, place: Place, partial: bool) -> Any:
+        numbers = _DIRECTION.check(value, place, partial)
+        if numbers is INVALID:
+            return INVALID
+        norm = math.hypot(*numbers)
+        if norm < 1e-9:
+            return place.fail("a direction cannot be zero")
+        return tuple(each / norm for each in numbers)
+
+    def describe(self) -> tuple[str, str, str]:
+        return "array of 3 number", "", "not zero; made a unit vector"
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return _DIRECTION.schema(partial) | {"not": {"items": {"enum": [0]}}}
+
+
+_DIRECTION = vector(-1e6, 1e6, "")
 
 
 @dataclass(frozen=True)

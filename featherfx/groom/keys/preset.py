@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from featherfx.groom.keys.anatomy import BIRD_TYPE, WingType
 from featherfx.groom.keys.family import Preset
+from featherfx.groom.keys.places import Direction
 from featherfx.groom.keys.values import (
     REQUIRED,
     ArrayOf,
     Default,
-    Direction,
     Either,
     Key,
     Number,

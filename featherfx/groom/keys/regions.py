@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.places import POINT, RADIUS, Sphere
+from featherfx.groom.keys.places import POINT, RADIUS, Direction, Sphere
 from featherfx.groom.keys.preset import DIALS, FEATHER, names_or_list
 from featherfx.groom.keys.values import (
     ArrayOf,
-    Direction,
     Either,
     Flag,
     Key,

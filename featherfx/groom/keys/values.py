@@ -270,29 +270,6 @@ def vector(low: float, high: float, unit: str) -> ArrayOf:
 
 
 @dataclass(frozen=True)
-class Direction:
-    """Three numbers that are not all zero; a unit vector when checked."""
-
-    def check(self, value: Any, place: Place, partial: bool) -> Any:
-        numbers = _DIRECTION.check(value, place, partial)
-        if numbers is INVALID:
-            return INVALID
-        norm = math.hypot(*numbers)
-        if norm < 1e-9:
-            return place.fail("a direction cannot be zero")
-        return tuple(each / norm for each in numbers)
-
-    def describe(self) -> tuple[str, str, str]:
-        return "array of 3 number", "", "not zero; made a unit vector"
-
-    def schema(self, partial: bool) -> JsonSchema:
-        return _DIRECTION.schema(partial) | {"not": {"items": {"enum": [0]}}}
-
-
-_DIRECTION = vector(-1e6, 1e6, "")
-
-
-@dataclass(frozen=True)
 class Either:
     """One of several types, each for another kind of TOML value."""
 

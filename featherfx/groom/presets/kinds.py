@@ -9,17 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.groom.keys.values import Place
+from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
 from featherfx.groom.presets.scaling import dialled, materials_resized
 from featherfx.groom.splits import split_faults
 from featherfx.groom.types import (
     BarbGuide,
-    BarbLook,
-    Colour,
     FeatherKind,
     Hooked,
-    Pattern,
     RachisMaterial,
     RachisShape,
     Splits,

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from featherfx.groom.frames import Mirror
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.places import SPHERE_TABLE, Length, Point, Sphere
+from featherfx.groom.keys.places import SPHERE_TABLE, Direction, Length, Point, Sphere
 from featherfx.groom.keys.values import (
     INVALID,
     ArrayOf,
-    Direction,
     Either,
     Named,
     Partial,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from featherfx.algebra.ease import faded
 from featherfx.groom.keys.values import Place
 from featherfx.groom.read.space import Space
 from featherfx.groom.skin.points import Array, SkinSurface, SurfacePoints
@@ -174,8 +175,7 @@ def _fade(depth: Array, width: float) -> Array:
     """1 deep inside, 0 far outside, smooth over `width` around the border."""
     if width == 0.0:
         return (depth >= 0.0).astype(np.float64)
-    inside = np.clip(depth / width + 0.5, 0.0, 1.0)
-    return np.asarray(inside * inside * (3.0 - 2.0 * inside))
+    return faded(depth / width + 0.5)
 
 
 def flow(entry: dict[str, Any], surface: SkinSurface, place: Place) -> Rule | None:

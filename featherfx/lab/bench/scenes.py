@@ -11,108 +11,58 @@ from tempfile import TemporaryDirectory
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Shot
 
-_PRIMARY = """
-[[feather]]
-id = "primary"
-kind = "swan_primary"
-position = [0, 0, 0]
-direction = [1, 0, 0]
-up = [0, 0, 1]
-"""
-_OTHERS = """
-[[feather]]
-id = "covert"
-kind = "covert"
-position = [0, 1, 0]
-direction = [1, 0.2, 0]
-up = [0, 0, 1]
 
-[[feather]]
-id = "owl"
-kind = "owl_primary"
-position = [0, 2, 0]
-direction = [1, -0.3, 0.2]
-up = [0, 0, 1]
+def _feather(name: str, kind: str, y: int, direction: str, rest: str = "up = [0, 0, 1]") -> str:
+    head = f'[[feather]]\nid = "{name}"\nkind = "{kind}"\nposition = [0, {y}, 0]\n'
+    return f"{head}direction = {direction}\n{rest}\n"
 
-[[feather]]
-id = "contour"
-kind = "body_contour"
-position = [0, 3, 0]
-direction = [1, 0, 0.5]
-up = [0, 0, 1]
-"""
-_PLUMES = """
-[[feather]]
-id = "plume"
-kind = "ornamental_plume"
-position = [0, 0, 0]
-direction = [0, 0.3, 1]
-up = [-1, 0, 0]
-scale = 0.7
 
-[[feather]]
-id = "soft"
-kind = "swan_primary"
-position = [0, 1, 0]
-direction = [1, 0, 0.3]
-up = [0, 0, 1]
-overrides = { rachis_material = "measured_rachis", vane_material = "plume_vane" }
-"""
-_WING = """
-[[joint]]
-name = "body"
-position = [0, 0, 0]
-role = "body"
-
-[[joint]]
-name = "shoulder"
-position = [0, 0.05, 0]
-parent = "body"
-role = "shoulder"
-side = "left"
-
-[[joint]]
-name = "elbow"
-position = [0, 0.2, 0]
-parent = "shoulder"
-role = "elbow"
-side = "left"
-
-[[joint]]
-name = "wrist"
-position = [0, 0.4, 0]
-parent = "elbow"
-role = "wrist"
-side = "left"
-
-[[row]]
+def _wing(last: float, spread: float, count: int = 3) -> str:
+    """A left wing, on which a row of primaries spreads from the wrist to a place y = last (m)."""
+    joints, parent = "", ""
+    for name, y in (("body", 0.0), ("shoulder", 0.05), ("elbow", 0.2), ("wrist", 0.4)):
+        joints += f'[[joint]]\nname = "{name}"\nrole = "{name}"\nposition = [0, {y}, 0]\n{parent}'
+        parent = f'parent = "{name}"\nside = "left"\n'
+    return f"""{joints}[[row]]
 id = "feather"
 kind = "swan_primary"
-count = 3
-first = { position = [0, 0.42, 0], direction = [-1, 0.2, 0], up = [0, 0, 1] }
-last = { position = [0, LAST, -0.003], direction = [-1, SPREAD, 0], up = [0, 0, 1] }
+count = {count}
+first = {{ position = [0, 0.42, 0], direction = [-1, 0.2, 0], up = [0, 0, 1] }}
+last = {{ position = [0, {last}, -0.003], direction = [-1, {spread}, 0], up = [0, 0, 1] }}
 scale = [0.5, 0.8]
 joint = "wrist"
 """
+
+
+_FOUR = (
+    _feather("primary", "swan_primary", 0, "[1, 0, 0]")
+    + _feather("covert", "covert", 1, "[1, 0.2, 0]")
+    + _feather("owl", "owl_primary", 2, "[1, -0.3, 0.2]")
+    + _feather("contour", "body_contour", 3, "[1, 0, 0.5]")
+)
+_SOFT = 'overrides = { rachis_material = "measured_rachis", vane_material = "plume_vane" }'
+_PLUMES = _feather(
+    "plume", "ornamental_plume", 0, "[0, 0.3, 1]", "up = [-1, 0, 0]\nscale = 0.7"
+) + _feather("soft", "swan_primary", 1, "[1, 0, 0.3]", f"up = [0, 0, 1]\n{_SOFT}")
 _STILL = "wind = 'calm'\n"
 _VACUUM = "gravity = [0, 0, 0]\n[wind]\nbase = 'calm'\nair_density = 0\n"
 
 # name: groom, shot
 SCENES = {
     "shake in vacuum": (
-        _PRIMARY + _OTHERS,
+        _FOUR,
         "motion = { base = 'shake', amplitude = 0.05, direction = [0, 0, 1] }\n" + _VACUUM,
     ),
     "flap": (
-        _WING.replace("LAST", "0.6").replace("SPREAD", "0.6"),
+        _wing(0.6, 0.6),
         "motion = { base = 'flap', period = 0.5 }\n" + _STILL,
     ),
     "gust": (
-        _PRIMARY + _OTHERS,
+        _FOUR,
         "[wind]\nbase = 'gust'\nspeed = 3\ndirection = [-0.2, 0.1, 1]\n",
     ),
     "pull": (
-        _PRIMARY + _OTHERS,
+        _FOUR,
         _STILL
         + "".join(
             f"[[grip]]\nfeather = '{name}'\ndisplacement = {way}\nend = 0.8\nstiffness = 300\n"
@@ -125,7 +75,7 @@ SCENES = {
         ),
     ),
     "contact": (
-        _WING.replace("LAST", "0.46").replace("SPREAD", "0.3").replace("= 3", "= 2"),
+        _wing(0.46, 0.3, 2),
         "motion = { base = 'flap', period = 0.5 }\n" + _STILL + "[contact]\n",
     ),
     "soft plume": (_PLUMES, "[wind]\nbase = 'breeze'\ndirection = [1, 0.2, 0]\ngust = 0.4\n"),

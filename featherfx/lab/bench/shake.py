@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import smooth_step
+from featherfx.algebra.ease import smooth_step
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind

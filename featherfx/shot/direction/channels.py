@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
+from featherfx.algebra.ease import faded
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import CHANNELS, Channel, Shot
@@ -91,8 +92,7 @@ def _weights(shot: Shot, channel: Channel) -> Array:
         return weights
     roots = np.array([each.position for each in shot.groom.feathers])
     distance, _ = search_tree(roots[~inside]).query(roots[inside])
-    share = np.minimum(distance / channel.soft, 1.0)
-    weights[inside] *= share * share * (3.0 - 2.0 * share)
+    weights[inside] *= faded(distance / channel.soft)
     return weights
 
 

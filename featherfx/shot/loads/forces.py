@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import smooth_step
+from featherfx.algebra.ease import smooth_step
 from featherfx.errors import InputError, Problem
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather, barb_slice

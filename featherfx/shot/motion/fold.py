@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import from_rotation_vector, smooth_step
+from featherfx.algebra.ease import smooth_step
+from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.errors import InputError, Problem
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, still_poses

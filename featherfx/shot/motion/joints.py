@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import shared_turns, smooth_step
+from featherfx.algebra.ease import smooth_step
+from featherfx.algebra.rotation import shared_turns
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.roots import RootFrames
 

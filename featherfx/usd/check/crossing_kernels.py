@@ -135,13 +135,13 @@ def _chosen(boxes, start, end, low, high):
 
 
 @kernel
-def crossings_between(points, patches, boxes, bounds, pairs, low, high, corners, counts):
-    """Triangles that cross, of the pairs of patches from low to high - 1.
+def crossings_between(points, patches, boxes, bounds, pairs, span, corners, counts):
+    """Triangles that cross, of the pairs of patches in a span (first, last + 1).
 
     boxes, bounds: of fit_boxes. corners: (2, 3), overwritten. counts: (K, 2), by pair: those
     between vanes, and those of which one at least is of a shaft. A patch has 63 triangles at most.
     """
-    for k in range(low, high):
+    for k in range(span[0], span[1]):
         first, second = pairs[k, 0], pairs[k, 1]
         counts[k, 0] = counts[k, 1] = 0
         # only triangles where both patches are may meet

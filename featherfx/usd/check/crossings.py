@@ -105,7 +105,7 @@ def crossings_of(points: Array, patches: Patches, jobs: int = 1) -> Crossings:
 
         def look(low: int, high: int) -> None:
             corners = np.empty((2, 3))
-            crossings_between(points, patches, boxes, bounds, pairs, low, high, corners, counts)
+            crossings_between(points, patches, boxes, bounds, pairs, (low, high), corners, counts)
 
         _in_pieces(pool, len(pairs), jobs, look)
     crossed = np.flatnonzero(counts.any(axis=1))
