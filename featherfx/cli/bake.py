@@ -16,6 +16,7 @@ from featherfx.cli.farm import bake_many
 from featherfx.cli.log import tell
 from featherfx.cli.options import (
     default_jobs,
+    jobs_option,
     options_of,
     presets_option,
     progress_option,
@@ -58,11 +59,7 @@ OF_DASK = ("scheduler", "workers", "shares")
     "  [default: the shot's name with .usdc]",
 )
 @options_of(BakeOptions, "frames")
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, MOST_JOBS),
-    help="Feathers simulated at a time; the result does not depend on it.  [default: all cores]",
-)
+@jobs_option("Feathers simulated at a time; the result does not depend on it.")
 @options_of(BakeOptions, "quality", "error")
 @presets_option
 @options_of(BakeOptions, "report", "resume", "feathers", "chunk", "subframes")

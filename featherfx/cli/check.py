@@ -12,6 +12,7 @@ from featherfx.baking import pipeline
 from featherfx.cli.options import (
     FrameRange,
     default_jobs,
+    jobs_option,
     presets_option,
     progress_option,
     readable_path,
@@ -19,7 +20,6 @@ from featherfx.cli.options import (
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 from featherfx.groom.read.places import located
-from featherfx.limits import MOST_JOBS
 
 
 @click.command(
@@ -40,7 +40,7 @@ from featherfx.limits import MOST_JOBS
 )
 @click.option("--frames", type=FrameRange(), help="Frames to count in.  [default: all]")
 @click.option("--json", "as_json", is_flag=True, help="Crossings as one JSON object.")
-@click.option("--jobs", type=click.IntRange(1, MOST_JOBS), help="Threads.  [default: all cores]")
+@jobs_option()
 @progress_option
 @click.pass_context
 def check(

@@ -10,7 +10,6 @@ from featherfx.cli.bench import bench
 from featherfx.cli.check import check
 from featherfx.cli.completion import completion
 from featherfx.cli.doctor import doctor
-from featherfx.cli.error import error
 from featherfx.cli.export import export
 from featherfx.cli.inspect import inspect
 from featherfx.cli.lab.group import lab
@@ -21,7 +20,7 @@ from featherfx.cli.program import Program
 from featherfx.cli.retime import retime
 from featherfx.cli.sample import sample
 from featherfx.cli.schema import schema
-from featherfx.cli.stats import stats
+from featherfx.cli.stats import error, stats
 from featherfx.cli.tune import tune
 from featherfx.cli.view import view
 

@@ -103,6 +103,12 @@ def readable_path() -> click.Path:
     return click.Path(path_type=Path, readable=False)
 
 
+def jobs_option(meaning: str = "Threads.") -> Callable[[Decorated], Decorated]:
+    """--jobs of a command; None where it is not given."""
+    told = f"{meaning}  [default: all cores]"
+    return click.option("--jobs", type=click.IntRange(1, MOST_JOBS), help=told)
+
+
 def options_of(options: type, *names: str) -> Callable[[Decorated], Decorated]:
     """The options of a command for fields of a class of options, in this order.
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from featherfx.cli.options import FrameRange, Size, progress_option, readable_path
+from featherfx.cli.options import FrameRange, Size, jobs_option, progress_option, readable_path
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
-from featherfx.limits import MOST_JOBS, MOST_SHEET
+from featherfx.limits import MOST_SHEET
 from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
 
 
@@ -109,9 +109,7 @@ from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
 @click.option(
     "--f-stop", type=float, default=0.0, metavar="N", help="Blur of a lens, such as 2.8; 0: none."
 )
-@click.option(
-    "--jobs", type=click.IntRange(1, MOST_JOBS), help="Threads that draw.  [default: all cores]"
-)
+@jobs_option("Threads that draw.")
 @progress_option
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def preview(

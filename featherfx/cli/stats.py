@@ -1,4 +1,4 @@
-"""`featherfx stats`: what a groom or shot holds, and what a bake will cost."""
+"""What a groom or shot holds, what a bake will cost, and how far finer settings would differ."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import click
 
 from featherfx.baking import pipeline
 from featherfx.baking.options import TRIAL_SECONDS
+from featherfx.cli.lab.show import plain
 from featherfx.cli.options import (
     default_jobs,
+    jobs_option,
     presets_option,
     progress_option,
     quality_option,
@@ -19,7 +21,6 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
-from featherfx.limits import MOST_JOBS
 
 
 @click.command(
@@ -31,9 +32,7 @@ from featherfx.limits import MOST_JOBS
     """,
 )
 @click.argument("file", metavar="SHOT|GROOM", type=readable_path())
-@click.option(
-    "--jobs", type=click.IntRange(1, MOST_JOBS), help="Of the bake.  [default: all cores]"
-)
+@jobs_option("Of the bake.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object; SI units, bytes.")
 @quality_option("Quality preset.  [default: the shot's, or final]")
 @presets_option
@@ -118,4 +117,71 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
         f"  about {bake['memory_bytes'] / 1e6:.3g} MB of memory,"
         f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples"
     )
+    return lines
+
+
+@click.command(
+    cls=Command,
+    short_help="Error of a shot, on a few of its feathers.",
+    epilog="""
+    featherfx error samples/swan_wing/shot.toml
+    featherfx error samples/breeze/shot.toml --quality final --json
+    """,
+)
+@click.argument("file", metavar="SHOT", type=readable_path())
+@click.option(
+    "--feathers",
+    type=click.IntRange(1, 100),
+    default=4,
+    show_default=True,
+    help="How many to look at; more are surer and take longer.",
+)
+@jobs_option()
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@quality_option("Quality preset.  [default: the shot's, or final]")
+@presets_option
+@progress_option
+def error(
+    file: Path,
+    feathers: int,
+    jobs: int | None,
+    as_json: bool,
+    quality: str | None,
+    preset_folders: tuple[Path, ...],
+    style: str,
+) -> None:
+    """Estimate how far the nodes of a SHOT (a TOML file) are from where finer settings have them.
+
+    The feathers that bend most, are longest, or are pulled are simulated again with twice the rows,
+    twice the columns, more coefficients and shorter steps, each alone and all together. Feathers do
+    not touch in this.
+    """
+    with Progress("comparisons", style):
+        found = pipeline.error_of(
+            file,
+            quality=quality,
+            feathers=feathers,
+            jobs=jobs or default_jobs(),
+            preset_folders=preset_folders,
+        )
+    values = plain(found)
+    click.echo(json.dumps(values) if as_json else "\n".join(_error_lines(values)))
+
+
+def _error_lines(found: dict[str, Any]) -> list[str]:
+    lines = [
+        f"error {found['error_mm']:.3g} mm; {found['error_percent']:.3g} % of the length"
+        f" ({found['feather']})"
+    ]
+    lines += [
+        f"  {name}: {part['mm']:.3g} mm, {part['percent']:.3g} %"
+        for name, part in found["parts"].items()
+    ]
+    for name, grid in zip(found["feathers"], found["resolutions"], strict=True):
+        lines.append(
+            f"  {name}: {grid['level']}, {grid['rows']} rows, {grid['columns']} columns,"
+            f" {grid['coefficients']} coefficients"
+        )
+    touching = ", without contact" if found["contact"] else ""
+    lines.append(f"  {found['frames']} frames{touching}, in {found['seconds']:.3g} s")
     return lines

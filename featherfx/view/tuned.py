@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import into, standing, write_all
 from featherfx.groom.keys.family import Preset
+from featherfx.groom.keys.places import Direction
 from featherfx.groom.keys.preset import FAMILIES
 from featherfx.groom.keys.values import (
     ArrayOf,
-    Direction,
     Flag,
     Key,
     Number,

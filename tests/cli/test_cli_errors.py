@@ -237,23 +237,6 @@ def test_an_environment_that_cannot_work_is_one_message(tmp_path, variables, tol
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("command", "file", "words"),
-    [
-        ("bake", "samples/pigeon/groom.toml", 'is a groom, expects a shot, a file with groom = "'),
-        ("bake", "presets/feather/covert.toml", "is a feather preset, expects a shot"),
-        ("bake", "samples/pigeon/body.usdc", "is a USD file, expects a shot"),
-        ("groom", "samples/swan_wing/shot.toml", "is a shot, expects a groom"),
-    ],
-)
-def test_a_file_of_another_kind_is_told_in_one_line(command, file, words, tmp_path):
-    path = Path(__file__).parents[2] / file
-    done = CliRunner().invoke(main, [command, str(path), "-o", str(tmp_path / "out.usdc")])
-    assert done.exit_code == 1
-    (line,) = done.stderr.splitlines()
-    assert f"{path}: {words}" in line
-
-
 def test_problems_name_the_line_and_the_entry(tmp_path):
     groom = tmp_path / "groom.toml"
     groom.write_text(

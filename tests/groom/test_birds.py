@@ -133,17 +133,11 @@ def test_a_bird_has_the_colours_of_its_preset_below_the_overrides(bird, tmp_path
     shades = {feather.region: feather.kind.colour for feather in bird.feathers}
     assert shades["foreneck"].base != shades["belly"].base
     assert [mark.kind for mark in shades["secondaries"].patterns] == ["bars"]
-    text = changed(
-        tmp_path, "^name", "overrides = { 'belly*' = { colour.base = [1, 0, 0] } }\nname"
-    )
-    red = read_groom(text)
-    assert {f.kind.colour.base for f in red.feathers if f.region == "belly"} == {(1.0, 0.0, 0.0)}
     # a preset may name what a bird has not: another's crest
-    crested = read_groom(
-        changed(
-            tmp_path,
-            '^type = "pigeon"',
-            'type = { base = "pigeon", colours = { "crest*" = { base = [1, 1, 1] } } }',
-        )
-    )
-    assert shades == {feather.region: feather.kind.colour for feather in crested.feathers}
+    crest = 'type = { base = "pigeon", colours = { "crest*" = { base = [1, 1, 1] } } }'
+    path = changed(tmp_path, '^type = "pigeon"', crest)
+    red = "overrides = { 'belly*' = { colour.base = [1, 0, 0] } }\n"
+    path.write_text(red + path.read_text())
+    found = {feather.region: feather.kind.colour for feather in read_groom(path).feathers}
+    assert found.pop("belly").base == (1.0, 0.0, 0.0)
+    assert found == {region: shade for region, shade in shades.items() if region != "belly"}

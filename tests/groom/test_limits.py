@@ -61,12 +61,12 @@ def test_unknown_keys_are_compared_and_listed_up_to_a_number(
 def test_long_chains_of_joints_take_linear_time(tmp_path: Path) -> None:
     joints = [
         f'[[joint]]\nname = "j{i}"\nposition = [0, 0, 0]\nparent = "{f"j{i - 1}" if i else ""}"\n'
-        for i in range(4000)
+        for i in range(2000)
     ]
     begin = time.perf_counter()
     groom = read_groom(write(tmp_path, "".join(joints) + FEATHER))
-    assert time.perf_counter() - begin < 20.0
-    assert len(groom.joints) == 4000
+    assert time.perf_counter() - begin < 10.0
+    assert len(groom.joints) == 2000
 
 
 def test_a_cycle_of_joints_is_told_once(tmp_path: Path) -> None:

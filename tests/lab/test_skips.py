@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from featherfx.cli.main import main
@@ -34,6 +35,7 @@ def test_every_skip_has_a_line_with_its_error():
     assert sleeping["error added %"] < 1e-3
 
 
+@pytest.mark.slow
 def test_guides_and_cameras_are_measured_on_wings():
     wing = read_shot(SAMPLE.parents[1] / "swan_wing" / "shot.toml")
     for only, frames in (("detail guided", 3), ("levels*", 24)):

@@ -16,7 +16,7 @@ from featherfx.lab.vane.sample import Moduli, Sample
 from featherfx.lab.vane.traction import Traction, pull_test
 
 TRUE = Moduli(3.6e8, 4.8e4, 2.78e4)
-ELEMENTS = 1000
+ELEMENTS = 500
 
 
 def write_curves(path, curves):

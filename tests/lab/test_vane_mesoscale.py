@@ -91,6 +91,7 @@ def test_bands_have_their_share_of_the_surface():
     assert area.sum() == pytest.approx(8e-3 * 11e-3, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_shear_of_the_membrane_is_that_of_the_bands():
     """The fit gives the bands' slope; at small spacing bands shear as in series (within 5 %)."""
     found = fit_shear(SwanBands(0.14, 1e-3).bands())

@@ -93,7 +93,7 @@ def test_rigid_motion_costs_nothing():
 
 
 @pytest.mark.verification
-@pytest.mark.parametrize(("angle", "allowed"), [(15.0, 0.01), (30.0, 0.01), (45.0, 0.02)])
+@pytest.mark.parametrize(("angle", "allowed"), [(15.0, 0.01), (45.0, 0.02)])
 def test_slopes_converge(angle, allowed):
     """2,000 elements are within what is promised for 8,000; ratio of moduli 1e4."""
     coarse, fine = (slope_of(angle, count, STIFF, 1e-3) for count in (2000, 12000))

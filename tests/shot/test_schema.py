@@ -91,24 +91,28 @@ def test_command_takes_a_family_of_presets_alone() -> None:
     assert run(main, ["schema", "shot", "--family", "wind"]).exit_code == 2
 
 
-def changed(raw: Any, path: tuple[Any, ...]) -> Iterator[tuple[str, Any]]:
-    """(what was done, file) with one unknown key, lost key, wrong type or value out of range."""
+def changed(raw: Any, path: tuple[Any, ...]) -> Iterator[tuple[str, str, Any]]:
+    """(what was done, key, file) with one key unknown, lost, of a wrong type or out of range."""
     value = raw
     for step in path:
         value = value[step]
     if isinstance(value, dict):
-        yield "unknown", with_value(raw, (*path, "colour"), 1)
+        yield "unknown", dotted(*path, "colour"), with_value(raw, (*path, "colour"), 1)
         for key in value:
-            yield "lost", without(raw, (*path, key))
+            yield "lost", dotted(*path, key), without(raw, (*path, key))
     else:
         wrong = "text" if isinstance(value, int | float) and value is not True else 3.5
-        yield "type", with_value(raw, path, wrong)
+        yield "type", dotted(*path), with_value(raw, path, wrong)
         if isinstance(value, int | float) and not isinstance(value, bool):
             beyond = 10**16 if isinstance(value, int) else 1e16
-            yield "range", with_value(raw, path, beyond)
+            yield "range", dotted(*path), with_value(raw, path, beyond)
     if isinstance(value, dict | list):
         for item in value if isinstance(value, dict) else range(min(len(value), 2)):
             yield from changed(raw, (*path, item))
+
+
+def dotted(*path: Any) -> str:
+    return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in path).removeprefix(".")
 
 
 def with_value(raw: Any, path: tuple[Any, ...], value: Any) -> Any:
@@ -198,12 +202,15 @@ PRESETS = [each for each in FILES if family_of(each)]
 def judged_alike(file: Path, raw: dict[str, Any], validator: Draft202012Validator) -> None:
     """Whether reader and schema agree on a file and all changes of it. file: where to write."""
     assert validator.is_valid(raw)
-    for what, mutated in changed(raw, ()):
+    for what, path, mutated in changed(raw, ()):
         file.write_text("".join(f"{json.dumps(k)} = {toml(v)}\n" for k, v in mutated.items()))
         problems = check_file(file)
         if what == "lost":
             problems = [each for each in problems if each.message.startswith("missing, expects")]
         assert validator.is_valid(mutated) == (not problems), (what, mutated, problems)
+        # told by its key, or that of the value that it is a part of
+        keys = [each.key.replace('"', "") for each in problems if what != "lost"]
+        assert not keys or any(path.startswith(key) for key in keys if key), (what, path, keys)
 
 
 @pytest.mark.parametrize("path", {family_of(each): each for each in PRESETS}.values(), ids=name_of)

@@ -151,7 +151,7 @@ def swinging_rod(steps, settings):
     return state.points.nodes[0, -1, 0].copy()
 
 
-@pytest.mark.parametrize("radius", [0.0, 0.8])
+@pytest.mark.parametrize("radius", [pytest.param(0.0, marks=pytest.mark.slow), 0.8])
 def test_a_rod_under_growing_gravity_converges_with_the_second_order(radius):
     settings = Settings(tolerance=1e9, newton=1e-10, max_substeps=1, spectral_radius=radius)
     tips = np.array([swinging_rod(steps, settings) for steps in (160, 320, 640, 1280)])

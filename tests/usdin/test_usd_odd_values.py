@@ -353,7 +353,7 @@ def test_a_camera_of_odd_values(tmp_path):
     assert words in told(featherfx.read_shot, write_shot(tmp_path, SKIN, more=more))
 
 
-@pytest.mark.parametrize("number", [*range(12), *range(14, 22)])
+@pytest.mark.parametrize("number", [*range(0, 12, 2), *range(14, 22, 2)])
 def test_damage(tmp_path, capsys, monkeypatch, number):
     """Some of the damage of `python -m tests.fuzz usd`: every command ends with 0 or a message."""
     folder = tmp_path / "case"

@@ -34,8 +34,11 @@ stiffness over weight, the droop as weight over stiffness.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial
+
+Material = TypeVar("Material", VaneMaterial, RachisMaterial)
 
 
 def materials_resized(kind: FeatherKind, size: float) -> FeatherKind:
@@ -47,7 +50,7 @@ def materials_resized(kind: FeatherKind, size: float) -> FeatherKind:
         kind,
         barb_spacing=kind.barb_spacing * size,
         vane_material=_thicker(_stiffer(kind.vane_material, moduli), size),
-        rachis_material=_stiffer_shaft(kind.rachis_material, moduli),
+        rachis_material=_times(kind.rachis_material, moduli, *_MODULI),
     )
 
 
@@ -55,53 +58,40 @@ def dialled(kind: FeatherKind, stiffness: float, weight: float) -> FeatherKind:
     """The kind with all its stiffnesses and all its masses multiplied."""
     if (stiffness, weight) == (1.0, 1.0):
         return kind
-    vane, shaft = kind.vane_material, kind.rachis_material
-    vane = replace(vane, surface_density=vane.surface_density * weight)
-    shaft = replace(
-        shaft,
-        cortex_density=shaft.cortex_density * weight,
-        core_density=shaft.core_density * weight,
-    )
+    vane = _times(kind.vane_material, weight, "surface_density")
+    shaft = _times(kind.rachis_material, weight, "cortex_density", "core_density")
     return replace(
         kind,
         vane_material=_stiffer(vane, stiffness),
-        rachis_material=_stiffer_shaft(shaft, stiffness),
+        rachis_material=_times(shaft, stiffness, *_MODULI),
     )
+
+
+# of the shaft
+_MODULI = "young", "shear"
+# of a vane: what grows with the moduli; bending; compliance of the barbs' roots
+_BENDING = "barb_bending_normal", "barb_bending_in_plane", "bending_across"
+_COMPLIANCE = "barb_clamp_normal", "barb_clamp_in_plane"
+_STIFF = (
+    *("along", "across", "shear", "compression_guard", *_BENDING),
+    *("hook_yield_across", "hook_yield_shear", "hook_strength"),
+)
+
+
+def _times(part: Material, factor: float, *names: str) -> Material:
+    """A material with some of its figures multiplied."""
+    return replace(part, **{name: getattr(part, name) * factor for name in names})
 
 
 def _stiffer(vane: VaneMaterial, factor: float) -> VaneMaterial:
-    return replace(
-        vane,
-        along=vane.along * factor,
-        across=vane.across * factor,
-        shear=vane.shear * factor,
-        barb_bending_normal=vane.barb_bending_normal * factor,
-        barb_bending_in_plane=vane.barb_bending_in_plane * factor,
-        bending_across=vane.bending_across * factor,
-        compression_guard=vane.compression_guard * factor,
-        hook_yield_across=vane.hook_yield_across * factor,
-        hook_yield_shear=vane.hook_yield_shear * factor,
-        hook_strength=vane.hook_strength * factor,
-        barb_clamp_normal=vane.barb_clamp_normal / factor,
-        barb_clamp_in_plane=vane.barb_clamp_in_plane / factor,
-    )
+    return _less_compliant(_times(vane, factor, *_STIFF), factor)
+
+
+def _less_compliant(vane: VaneMaterial, factor: float) -> VaneMaterial:
+    return replace(vane, **{name: getattr(vane, name) / factor for name in _COMPLIANCE})
 
 
 def _thicker(vane: VaneMaterial, size: float) -> VaneMaterial:
     """`size` times as thick, with barbs `size` times as long and as thick."""
-    return replace(
-        vane,
-        thickness=vane.thickness * size,
-        hook_slip=vane.hook_slip * size,
-        hook_release=vane.hook_release * size,
-        surface_density=vane.surface_density * size,
-        barb_bending_normal=vane.barb_bending_normal * size**3,
-        barb_bending_in_plane=vane.barb_bending_in_plane * size**3,
-        bending_across=vane.bending_across * size**3,
-        barb_clamp_normal=vane.barb_clamp_normal / size**2,
-        barb_clamp_in_plane=vane.barb_clamp_in_plane / size**2,
-    )
-
-
-def _stiffer_shaft(shaft: RachisMaterial, factor: float) -> RachisMaterial:
-    return replace(shaft, young=shaft.young * factor, shear=shaft.shear * factor)
+    vane = _times(vane, size, "thickness", "hook_slip", "hook_release", "surface_density")
+    return _less_compliant(_times(vane, size**3, *_BENDING), size**2)
