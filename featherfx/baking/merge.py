@@ -14,7 +14,7 @@ from featherfx.baking.sink import compared, new_writer
 from featherfx.baking.task import Task
 from featherfx.errors import Problem
 from featherfx.phases import phase
-from featherfx.shot.types import Frame, sample_number
+from featherfx.shot.frames import Frame, sample_number
 from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.write import CacheWriter

@@ -23,6 +23,7 @@ from featherfx.shot.detail.detail import CARRIED, Resolution
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.direction.matter import NAMES, Blown, Matter, matter_of
 from featherfx.shot.direction.targets import Pulls, pulls_of
+from featherfx.shot.frames import FeatherPose
 from featherfx.shot.islands import ALONE
 from featherfx.shot.loads.forces import force_weights, grip_node
 from featherfx.shot.loads.loads import frame_loads
@@ -30,7 +31,7 @@ from featherfx.shot.loads.wet import Water
 from featherfx.shot.loads.wind import exposures, sheltered
 from featherfx.shot.motion.roots import Roots, arrived
 from featherfx.shot.patterns import last_fitting
-from featherfx.shot.types import FeatherPose, Force, Grip, Shot
+from featherfx.shot.types import Force, Grip, Shot
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping

@@ -28,6 +28,7 @@ from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.energy import Energy, energy_of
+from featherfx.shot.frames import Frame, sample_number
 from featherfx.shot.groups import Group, grips_of, loads_within, make_groups, pulled
 from featherfx.shot.hooks import Hooks
 from featherfx.shot.islands import ALONE, pushing_islands
@@ -48,7 +49,7 @@ from featherfx.shot.together import (
     islands_together,
     restore_contact,
 )
-from featherfx.shot.types import Frame, Grip, Shot, Wind, sample_number
+from featherfx.shot.types import Grip, Shot, Wind
 from featherfx.solver.solver import RootPath, raise_if_failed
 
 # of a frame, step in which a feather that has left its root begins to fall: the first one is of

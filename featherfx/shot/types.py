@@ -1,4 +1,4 @@
-"""A shot: what happens to a groom over time, and what comes out of it frame by frame."""
+"""A shot: what happens to a groom over time."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.feather.types import RowPoints
 from featherfx.groom.keys.preset import FAMILIES, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
-from featherfx.mechanics.model import Gaps
 from featherfx.shot.detail.view import TimedCamera
 from featherfx.shot.motion.skin import BoundSkin, SkinSurfaces
 from featherfx.shot.read.sources import TimedSurface, TimedWind
@@ -467,56 +465,3 @@ class Shot:
     def time_of(self, frame: float | None) -> float:
         """s since the first frame; None: the first."""
         return 0.0 if frame is None else (frame - self.first_frame) / self.frames_per_second
-
-
-@dataclass(frozen=True)
-class FeatherPose:
-    """Nodes and directors of one feather, world frame, and their rates per second.
-
-    gaps: of a vane whose hooks may slip, else None. clumped: how far barbs that are drawn come
-    together, 0 to 1, and in how many clumps a vane.
-    """
-
-    points: RowPoints
-    velocities: RowPoints
-    accelerations: RowPoints
-    gaps: Gaps | None = None
-    clumped: tuple[float, int] = (0.0, 1)
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One frame of every feather, handed to a sink.
-
-    number: frame number; fractional between two frames. time: s since the first frame. poses: of
-    the feathers.
-    """
-
-    number: float
-    time: float
-    poses: tuple[FeatherPose, ...]
-
-    @property
-    def points(self) -> tuple[Array, ...]:
-        """(n, 3 + 2 m, 3) of every feather, m and unit vectors, as RowPoints.rows gives them."""
-        return tuple(pose.points.rows() for pose in self.poses)
-
-    @property
-    def velocities(self) -> tuple[Array, ...]:
-        """The first rates of points, per second."""
-        return tuple(pose.velocities.rows() for pose in self.poses)
-
-    @property
-    def accelerations(self) -> tuple[Array, ...]:
-        """The second rates of points, per second squared."""
-        return tuple(pose.accelerations.rows() for pose in self.poses)
-
-
-def sample_number(first: int, index: int, subframes: int) -> float:
-    """Frame number of a sample, 0 at the first frame; the same for the same place in time.
-
-    Whole frames are integers. The fraction is divided by itself, so that the number does not
-    depend on where the counting began.
-    """
-    whole, part = divmod(index, subframes)
-    return first + whole + part / subframes if part else first + whole

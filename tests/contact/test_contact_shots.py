@@ -11,10 +11,11 @@ import pytest
 from contact_cases import crossings
 
 from featherfx.errors import InputError
+from featherfx.shot.frames import Frame
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.read.sources import TimedSurface
 from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Contact, Frame, Motion, Shot
+from featherfx.shot.types import Contact, Motion, Shot
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "flapping_bird" / "shot.toml"
 THICKNESS = 1.2e-4
@@ -142,7 +143,7 @@ def test_a_wing_at_rest_sleeps_as_a_whole():
 
 
 def test_threads_change_nothing():
-    first, second = baked(half_wing(bird()), 3, 1)[1], baked(half_wing(bird()), 3, 2)[1]
+    first, second = (baked(half_wing(bird()), 2, jobs)[1] for jobs in (1, 2))
     for a, b in zip(first, second, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a.points, b.points, strict=True))
 

@@ -125,12 +125,12 @@ def test_a_wing_folds_by_120_degrees_and_ten_beats_run_through():
 def test_feathers_of_different_grids_touch_each_other():
     shot = half_wing(bird())
     details = (Detail(feathers="*_02", level="coarse"), Detail(feathers="*_04", level="rachis"))
-    simulation, frames = baked(replace(shot, details=details), 10)
+    simulation, frames = baked(replace(shot, details=details), 6)
     assert {r.level for r in simulation.resolutions} == {"full", "coarse", "rachis"}
     contact = simulation.report["contact"]
     assert contact["most_contacts"] >= 3
     assert contact["worst_depth"] < THICKNESS
-    _, free = baked(replace(shot, details=details, contact=None), 10)
+    _, free = baked(replace(shot, details=details, contact=None), 6)
     apart = [np.abs(a - b).max() for a, b in zip(frames[-1].points, free[-1].points, strict=True)]
     assert max(apart) > 10.0 * THICKNESS
 

@@ -14,7 +14,7 @@ from featherfx.feather.types import (
     both,
     turned,
 )
-from featherfx.shot.types import FeatherPose, Frame
+from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.types import FeatherEntry
 
 ROWS, COLUMNS, LENGTH, RADIUS = 4, 2, 0.1, 0.001

@@ -17,7 +17,7 @@ from featherfx.baking.entries import entries_of
 from featherfx.feather.render import barb_curves
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import both
-from featherfx.shot.types import FeatherPose, Frame
+from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter

@@ -15,7 +15,7 @@ from featherfx.baking import pipeline
 from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.feather.types import both
-from featherfx.shot.types import FeatherPose, Frame
+from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.read.read import Cache
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter

@@ -21,7 +21,7 @@ import numpy as np
 from featherfx.api import read_groom
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import RowPoints, both
-from featherfx.shot.types import FeatherPose, Frame
+from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter

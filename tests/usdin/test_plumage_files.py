@@ -16,12 +16,32 @@ GROOM = SKIN + "[layout]\n"
 KEYS = "count = 60\nlength = 0.03\nvariants = 3\nvariation = { length = 0.1, width = 0.1 }\n"
 
 
-@pytest.fixture
-def groom(tmp_path):
-    write_skin(tmp_path)
-    path = tmp_path / "groom.toml"
+def written(folder):
+    write_skin(folder)
+    path = folder / "groom.toml"
     path.write_text(GROOM + region(keys=KEYS + "follow = 1"))
     return path
+
+
+@pytest.fixture
+def groom(tmp_path):
+    return written(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """The feathers as meshes."""
+    output = tmp_path_factory.mktemp("plain") / "plain.usdc"
+    assert export_groom(written(output.parent), output, quality="draft", instances=False) == 60
+    return output
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """The feathers as instances."""
+    output = tmp_path_factory.mktemp("small") / "small.usdc"
+    assert export_groom(written(output.parent), output, quality="draft") == 60
+    return output
 
 
 @pytest.fixture(autouse=True)
@@ -35,12 +55,15 @@ def by_id(path):
 
 
 @pytest.mark.parametrize("stage", [{}, {"meters_per_unit": 0.01, "up_axis": "Y"}])
-def test_instances_are_the_plain_feathers(groom, stage):
-    plain, small = groom.with_name("plain.usdc"), groom.with_name("small.usdc")
-    assert export_groom(groom, plain, quality="draft", instances=False, **stage) == 60
-    assert export_groom(groom, small, quality="draft", **stage) == 60
-    assert check(small) == []
-    first, second = by_id(plain), by_id(small)
+def test_instances_are_the_plain_feathers(request, groom, stage):
+    if stage:
+        one, other = groom.with_name("plain.usdc"), groom.with_name("small.usdc")
+        export_groom(groom, one, quality="draft", instances=False, **stage)
+        export_groom(groom, other, quality="draft", **stage)
+    else:
+        one, other = map(request.getfixturevalue, ("plain", "small"))
+    assert check(other) == []
+    first, second = by_id(one), by_id(other)
     assert first.keys() == second.keys()
     unit = stage.get("meters_per_unit", 1.0)
     for name, (feather, pose) in first.items():
@@ -88,11 +111,9 @@ def test_feathers_that_do_not_repeat_are_meshes(groom):
     assert len(Cache(output).feathers) == 60
 
 
-@pytest.mark.parametrize("instances", [True, False])
-def test_every_prim_has_a_type(groom, instances):
-    output = groom.with_name("o.usdc")
-    export_groom(groom, output, quality="draft", instances=instances)
-    stage = Usd.Stage.Open(str(output))
+@pytest.mark.parametrize("form", ["small", "plain"])
+def test_every_prim_has_a_type(request, form):
+    stage = Usd.Stage.Open(str(request.getfixturevalue(form)))
     assert [str(prim.GetPath()) for prim in stage.TraverseAll() if not prim.GetTypeName()] == []
 
 
@@ -131,7 +152,7 @@ def _saved(stage, path):
     return check(path)
 
 
-def test_stats_of_a_groom(groom):
+def test_stats_of_a_groom(groom, plain):
     found = plumage_stats(groom, quality="draft")
     assert found["feathers"] == 60
     assert found["regions"] == {"body": 60}
@@ -139,15 +160,9 @@ def test_stats_of_a_groom(groom):
     assert 3 <= found["shapes"] <= 30
     assert found["overlap"]["feathers_over_a_point"] > 1.0
     assert found["mesh_points_of_shapes"] < found["mesh_points"]
-    cache = Cache(_exported(groom))
+    cache = Cache(plain)
     points = sum(len(cache.pose(k).points) for k in range(len(cache.feathers)))
     assert found["mesh_points"] == points
-
-
-def _exported(groom):
-    output = groom.with_name("counted.usdc")
-    export_groom(groom, output, quality="draft", instances=False)
-    return output
 
 
 def test_stats_of_a_shot(groom):

@@ -1,17 +1,17 @@
-"""`featherfx inspect`: what a stage holds for grooms and shots to name, by another process."""
+"""`featherfx inspect`: what a stage holds for grooms and shots to name, and what it tells."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import creature
 import pytest
+from click.testing import CliRunner
 from pxr import Gf, UsdGeom
 from usdin_scenes import add_curves, add_mesh, add_skinned, arc, new_stage, sheet, write_shot
 
 from featherfx import read_groom, read_shot
 from featherfx.baking.pipeline import export_groom, inspect_stage
+from featherfx.cli.main import main
 from featherfx.errors import InputError
 
 SAMPLES = Path(__file__).parents[2] / "samples"
@@ -19,9 +19,8 @@ SAMPLES = Path(__file__).parents[2] / "samples"
 
 def inspected(*arguments):
     """Exit code, stdout and stderr of the command."""
-    command = [sys.executable, "-m", "featherfx", "inspect", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    return done.returncode, done.stdout, done.stderr
+    done = CliRunner().invoke(main, ["inspect", *map(str, arguments)])
+    return done.exit_code, done.stdout, done.stderr
 
 
 def only(prims):

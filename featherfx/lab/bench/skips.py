@@ -16,10 +16,11 @@ from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
 from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.view import TimedCamera, View
+from featherfx.shot.frames import Frame
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.share import part_of, share_numbers
 from featherfx.shot.simulate import Simulation, simulate
-from featherfx.shot.types import Detail, Frame, LevelOfDetail, Motion, Shot
+from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
 
 Array = NDArray[np.float64]
 Change = Callable[[Shot], Shot]

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
+from featherfx.shot.frames import FeatherPose
 from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
-from featherfx.shot.types import FeatherPose, Shot
+from featherfx.shot.types import Shot
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

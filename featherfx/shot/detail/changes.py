@@ -35,10 +35,11 @@ from featherfx.feather.types import (
 from featherfx.mechanics.batch import has_elastic_clamp, row_frames
 from featherfx.shot.detail.guided import Shapes, Turns, overlaps
 from featherfx.shot.detail.levels import LevelPlan
+from featherfx.shot.frames import FeatherPose
 from featherfx.shot.groups import Group
 from featherfx.shot.motion.roots import RootFrames
 from featherfx.shot.placement import place
-from featherfx.shot.types import FeatherPose, Shot
+from featherfx.shot.types import Shot
 from featherfx.solver.settle.take_up import take_up
 
 Array = NDArray[np.float64]

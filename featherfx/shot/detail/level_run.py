@@ -11,9 +11,10 @@ from featherfx.feather.types import Feather
 from featherfx.shot.detail.carried import Carried, rigid_poses
 from featherfx.shot.detail.changes import Change, Fades, take_level_up
 from featherfx.shot.detail.levels import NUMBER, LevelPlan
+from featherfx.shot.frames import FeatherPose
 from featherfx.shot.groups import Group, loads_within, pose_of
 from featherfx.shot.motion.roots import RootFrames, Roots
-from featherfx.shot.types import FeatherPose, Shot
+from featherfx.shot.types import Shot
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]

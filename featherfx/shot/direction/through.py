@@ -18,9 +18,10 @@ from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.shot.detail.carried import in_world, rates_of, seen_from_roots
 from featherfx.shot.detail.guided import INSTANT, Shapes, Turns
 from featherfx.shot.direction.channels import courses, product
+from featherfx.shot.frames import FeatherPose
 from featherfx.shot.motion.roots import Roots
 from featherfx.shot.patterns import last_fitting
-from featherfx.shot.types import FeatherPose, Shot
+from featherfx.shot.types import Shot
 
 NAMES = ("follow",)
 

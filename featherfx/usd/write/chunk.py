@@ -16,7 +16,7 @@ import numpy as np
 from pxr import Sdf
 
 from featherfx.files.whole import WrittenFile
-from featherfx.shot.types import FeatherPose, Frame
+from featherfx.shot.frames import FeatherPose, Frame
 from featherfx.usd.arrays import Floats
 from featherfx.usd.write.parts import ChunkRecord, checksum
 from featherfx.usd.write.posed_groups import Flags, WrittenPose

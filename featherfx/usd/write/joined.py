@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import RowPoints
-from featherfx.shot.types import FeatherPose
+from featherfx.shot.frames import FeatherPose
 from featherfx.usd.arrays import InPlace
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, MESH, ORIENT, P_BARB, RACHIS
 from featherfx.usd.write import surface_kernels

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.shot.types import FeatherPose
+from featherfx.shot.frames import FeatherPose
 from featherfx.usd.arrays import Floats, InPlace, Quath, Scalars, Vec3f
 from featherfx.usd.types import BARB, HOOKED, HOOKS, MESH, P_BARB, PER_FACE, RACHIS, RATES
 from featherfx.usd.write import surface_kernels

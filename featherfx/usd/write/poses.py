@@ -24,7 +24,7 @@ from featherfx.feather.types import (
     both,
 )
 from featherfx.feather.types import RACHIS as SHAFT
-from featherfx.shot.types import FeatherPose
+from featherfx.shot.frames import FeatherPose
 from featherfx.usd.arrays import Floats
 from featherfx.usd.space import StageSpace
 from featherfx.usd.types import (

@@ -14,7 +14,7 @@ from featherfx.errors import Problem, SimulationError
 from featherfx.files.background import Background
 from featherfx.files.whole import standing
 from featherfx.phases import phase
-from featherfx.shot.types import Frame, sample_number
+from featherfx.shot.frames import Frame, sample_number
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.space import StageSpace

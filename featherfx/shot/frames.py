@@ -1,0 +1,66 @@
+"""What comes out of a shot, frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.types import RowPoints
+from featherfx.mechanics.model import Gaps
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FeatherPose:
+    """Nodes and directors of one feather, world frame, and their rates per second.
+
+    gaps: of a vane whose hooks may slip, else None. clumped: how far barbs that are drawn come
+    together, 0 to 1, and in how many clumps a vane.
+    """
+
+    points: RowPoints
+    velocities: RowPoints
+    accelerations: RowPoints
+    gaps: Gaps | None = None
+    clumped: tuple[float, int] = (0.0, 1)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of every feather, handed to a sink.
+
+    number: frame number; fractional between two frames. time: s since the first frame. poses: of
+    the feathers.
+    """
+
+    number: float
+    time: float
+    poses: tuple[FeatherPose, ...]
+
+    @property
+    def points(self) -> tuple[Array, ...]:
+        """(n, 3 + 2 m, 3) of every feather, m and unit vectors, as RowPoints.rows gives them."""
+        return tuple(pose.points.rows() for pose in self.poses)
+
+    @property
+    def velocities(self) -> tuple[Array, ...]:
+        """The first rates of points, per second."""
+        return tuple(pose.velocities.rows() for pose in self.poses)
+
+    @property
+    def accelerations(self) -> tuple[Array, ...]:
+        """The second rates of points, per second squared."""
+        return tuple(pose.accelerations.rows() for pose in self.poses)
+
+
+def sample_number(first: int, index: int, subframes: int) -> float:
+    """Frame number of a sample, 0 at the first frame; the same for the same place in time.
+
+    Whole frames are integers. The fraction is divided by itself, so that the number does not
+    depend on where the counting began.
+    """
+    whole, part = divmod(index, subframes)
+    return first + whole + part / subframes if part else first + whole
