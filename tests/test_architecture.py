@@ -25,6 +25,7 @@ ORDER = (
     "solver",
     "shot",
     "usd",
+    "trace",
     "render",
     "api",
     "baking",
@@ -41,7 +42,7 @@ LAB_ENTRIES = ("cli/lab/", "cli/bench.py")
 HOME_OF = {
     "pxr": {"usd", "plugins"},
     "embreex": {"render"},
-    "PIL": {"render", "usd"},
+    "PIL": {"render", "trace", "usd"},
     "click": {"cli"},
     "alembic3d": {"usd"},
     "distributed": {"farm"},

@@ -21,6 +21,7 @@ from featherfx.cli.retime import retime
 from featherfx.cli.sample import sample
 from featherfx.cli.schema import schema
 from featherfx.cli.stats import error, stats
+from featherfx.cli.trace import trace
 from featherfx.cli.tune import tune
 from featherfx.cli.view import view
 
@@ -46,6 +47,7 @@ for command in (
     stats,
     error,
     presets,
+    trace,
     sample,
     preview,
     view,

@@ -1,0 +1,1 @@
+"""Feather presets from pictures of feathers."""

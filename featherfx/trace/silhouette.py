@@ -1,0 +1,168 @@
+"""A feather's silhouette in a picture, laid out from base to tip.
+
+The silhouette is what differs from the border of the picture (or is opaque): the largest connected
+piece, holes filled, beyond the border's own noise, and Otsu's threshold (1979) at most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy import ndimage
+
+from featherfx.errors import InputError, Problem
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# pixels of a picture, and its longest side while it is looked at
+MOST_PIXELS = 200_000_000
+SIDE = 1600
+# of the picture, what a silhouette covers at least and at most
+_COVERS = (0.002, 0.9)
+# distance in colour that is none, and times the noise of the border that is; chosen by eye
+_LEAST_APART, _NOISE = 0.03, 2.0
+# times as long as wide
+_LEAST_SLENDER = 1.5
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A picture. file: where it is. colours: (H, W, 3), 0 to 1. opaque: (H, W), or None. shrunk:
+    pixels of the file in one of these."""
+
+    file: Path
+    colours: Array
+    opaque: Mask | None
+    shrunk: float
+
+
+@dataclass(frozen=True)
+class Laid:
+    """The picture turned so that the feather lies along its first axis, base first.
+
+    grey: (U, V), the surroundings filled with the nearest of the feather. mask: (U, V). origin,
+    axes: (2,) and (2, 2), column and row of the picture's pixel at 0, 0 and steps along both axes;
+    the second goes to the left of one who looks from base to tip.
+    """
+
+    grey: Array
+    mask: Mask
+    origin: Array
+    axes: Array
+
+    def in_photo(self, places: Array) -> Array:
+        """(K, 2) columns and rows of the photo at (K, 2) places."""
+        return np.asarray(self.origin + places @ self.axes)
+
+    def from_photo(self, pixels: Array) -> Array:
+        """(K, 2) places of (K, 2) columns and rows of the photo."""
+        return np.asarray((pixels - self.origin) @ self.axes.T)
+
+
+def read_photo(path: Path) -> Photo:
+    """Read a picture, at most SIDE pixels long. Raises InputError."""
+    try:
+        with Image.open(path) as image:
+            if image.width * image.height > MOST_PIXELS:
+                told = f"has {image.width} x {image.height} pixels, at most {MOST_PIXELS} are read"
+                raise InputError(Problem(str(path), "", told))
+            shrunk = max(1.0, max(image.size) / SIDE)
+            size = round(image.width / shrunk), round(image.height / shrunk)
+            pixels = np.asarray(image.convert("RGBA").resize(size), dtype=np.float64) / 255.0
+    except FileNotFoundError:
+        raise InputError(Problem(str(path), "", "file does not exist")) from None
+    except (OSError, Image.DecompressionBombError) as error:
+        raise InputError(
+            Problem(str(path), "", f"is no picture that can be read: {error}")
+        ) from error
+    alpha = pixels[..., 3]
+    opaque = alpha > 0.5 if alpha.min() < 0.5 else None
+    return Photo(path, pixels[..., :3], opaque, shrunk)
+
+
+def silhouette(photo: Photo, threshold: float | None = None) -> Mask:
+    """(H, W) which pixels are the feather.
+
+    threshold: distance in colour from the border, 0 to 1; None: it is found. Raises InputError
+    where nothing, or nearly all, would be.
+    """
+    found = photo.opaque
+    if found is None:
+        edge = np.concatenate([photo.colours[[0, -1]].reshape(-1, 3), photo.colours[:, 0],
+                               photo.colours[:, -1]])  # fmt: skip
+        ground = np.median(edge, axis=0)
+        apart, noise = (
+            np.linalg.norm(each - ground, axis=-1) / np.sqrt(3.0) for each in (photo.colours, edge)
+        )
+        found = apart > (_least_apart(apart, noise) if threshold is None else threshold)
+    found = ndimage.binary_fill_holes(ndimage.binary_opening(found, iterations=1))
+    labels, count = ndimage.label(found)
+    if count:
+        sizes = np.bincount(labels.ravel())
+        sizes[0] = 0
+        found = labels == sizes.argmax()
+    share = float(found.mean())
+    if not count or not _COVERS[0] <= share <= _COVERS[1]:
+        message = (
+            f"no silhouette: {100.0 * share:.2g} % of the picture differ from its border, allowed"
+            f" {100.0 * _COVERS[0]:g} to {100.0 * _COVERS[1]:g}; a plain background, or a"
+            " threshold, may help"
+        )
+        raise InputError(Problem(str(photo.file), "", message))
+    return found
+
+
+def _least_apart(apart: Array, noise: Array) -> float:
+    """Threshold of distances in colour; a pale calamus may be nearer to the ground than vanes."""
+    return min(_otsu(apart), max(_LEAST_APART, _NOISE * float(np.quantile(noise, 0.995))))
+
+
+def _otsu(values: Array) -> float:
+    """The threshold between which and the rest the variance is greatest."""
+    counts, edges = np.histogram(values, bins=256)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    below, sums = np.cumsum(counts), np.cumsum(counts * middles)
+    above = below[-1] - below
+    inside = (below > 0) & (above > 0)
+    if not inside.any():
+        return np.inf
+    means = sums[inside] / below[inside], (sums[-1] - sums[inside]) / above[inside]
+    between = below[inside] * above[inside] * (means[0] - means[1]) ** 2
+    return float(middles[inside][np.argmax(between)])
+
+
+def laid_out(photo: Photo, mask: Mask, turned: bool = False) -> Laid:
+    """The feather along its longest axis, with its thinner end, the calamus, first.
+
+    turned: whether its other end is the base. Raises InputError where it is about as wide as long.
+    """
+    rows, columns = np.nonzero(mask)
+    pixels = np.stack([columns, rows], axis=1).astype(np.float64)
+    middle = pixels.mean(axis=0)
+    _, spread, axes = np.linalg.svd(pixels - middle, full_matrices=False)
+    if spread[0] < _LEAST_SLENDER * spread[1]:
+        message = "the silhouette is about as wide as long, expects a feather from base to tip"
+        raise InputError(Problem(str(photo.file), "", message))
+    along = (pixels - middle) @ axes[0]
+    ends = np.quantile(along, [0.0, 1.0])
+    tenth = 0.1 * (ends[1] - ends[0])
+    thick = [np.count_nonzero(np.abs(along - end) < tenth) for end in ends]
+    forward = axes[0] * (1.0 if (thick[0] < thick[1]) != turned else -1.0)
+    # rows go down, so the left of one who looks along (c, r) is (r, -c)
+    both = np.array([forward, [forward[1], -forward[0]]])
+    places = (pixels - middle) @ both.T
+    low = np.floor(places.min(axis=0)) - [2.0, 8.0]
+    long, wide = np.ceil(places.max(axis=0) - low).astype(int)
+    origin = middle + low @ both
+    grid = np.moveaxis(np.indices((long + 3, wide + 9)), 0, -1) @ both + origin
+    at = grid[..., 1], grid[..., 0]
+    inside = ndimage.map_coordinates(mask.astype(np.float64), at, order=1) > 0.5
+    grey = ndimage.map_coordinates(photo.colours.mean(axis=-1), at, order=1, mode="nearest")
+    core = ndimage.binary_erosion(inside, iterations=2)
+    nearest = ndimage.distance_transform_edt(~core, return_distances=False, return_indices=True)
+    return Laid(grey[tuple(nearest)], inside, origin, both)
