@@ -22,6 +22,14 @@ class Mirror:
         above = points @ self.normal - self.distance
         return np.asarray(points - 2.0 * above[..., None] * self.normal)
 
+    def directions(self, vectors: Array) -> Array:
+        """(3,) direction mirrored."""
+        return np.asarray(vectors - 2.0 * (vectors @ self.normal) * self.normal)
+
+    def rotation_vectors(self, vectors: Array) -> Array:
+        """(3,) rotation vector mirrored: it changes its sense, too."""
+        return -self.directions(vectors)
+
     def frames(self, rotation: Array) -> Array:
         """(..., 3, 3) frames of feathers mirrored, right-handed, dorsal still dorsal.
 

@@ -350,12 +350,16 @@ class Turning:
     """How a follicle turns between two joints, while the feather's joint carries its anchor.
 
     joints: names. share: 0 turns with the first, 1 with the second. anchor: (3,) m, in the groom's
-    frame at rest; the root turns about it.
+    frame at rest; the root turns about it. bow: (3,) rad, rotation vector, and shift: (3,) m, of
+    the root, in the groom's frame at rest, of the whole bow of a wing whose second joint is folded
+    (featherfx/groom/anatomy/bow.py); None: it stays flat.
     """
 
     joints: tuple[str, str]
     share: float
     anchor: Array
+    bow: Array | None = None
+    shift: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Makes body.usdc: the skin of a walking pigeon, as one closed mesh on a skeleton.
 
-python samples/pigeon/make_body.py [OUT.usdc [--plain]]
+python samples/pigeon/make_body.py [OUT.usdc]
 
---plain leaves the folded wings out of the shape, as for a bird whose wings are feathers alone.
+Folded wings are no part of the shape: they are feathers alone. samples/first_bird has the same one.
 
 The shape is a smooth union of ellipsoids and tapered capsules, given by its distance function and
 turned into a mesh by surface nets (Gibson 1998): one point in every cell of a lattice that the
@@ -25,7 +25,8 @@ ROUNDING = 0.012  # m, radius over which parts pass into each other
 SHARE_WIDTH = 0.006  # m, over which the parts' primvars pass into each other
 FRAMES, FRAMES_PER_SECOND = 96, 24
 STEP = 12  # frames from one step to the next
-LEFT_OUT: set[str] = set()  # parts
+# linear, by eye: skin, of which the coat shows little, beak and feet; other parts as torso
+COLOURS = {"torso": (0.10, 0.10, 0.12), "beak": (0.05, 0.05, 0.06), "leg": (0.42, 0.12, 0.10)}
 
 # joint: parent, pivot
 JOINTS = {
@@ -75,16 +76,14 @@ def parts(points):
         ((0.0, 0.03, 0.006), (-0.02, 0.03, 0.004)),
     ):
         leg = np.minimum(leg, capsule(right, start, end, 0.005, 0.0045))
-    found = {
+    return {
         "torso": torso,
         "neck": capsule(points, (0.06, 0, 0.2), (0.106, 0, 0.272), 0.036, 0.0215),
         "head": ellipsoid(points, (0.117, 0, 0.285), (0.0265, 0.0205, 0.0215), -8),
         "beak": capsule(points, (0.135, 0, 0.283), (0.166, 0, 0.272), 0.0075, 0.0035),
-        "wing": ellipsoid(right, (-0.022, 0.05, 0.176), (0.1, 0.011, 0.036), 14, -3),
         "rump": capsule(points, (-0.06, 0, 0.157), (-0.127, 0, 0.128), 0.034, 0.015),
         "leg": leg,
     }
-    return {name: value for name, value in found.items() if name not in LEFT_OUT}
 
 
 def distance(points):
@@ -222,8 +221,14 @@ def define_mesh(stage, points, faces, shares):
     for name, share in shares.items():
         primvar = api.CreatePrimvar(name, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
         primvar.Set(Vt.FloatArray.FromNumpy(np.round(share, 4).astype(np.float32)))
-    colour = api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "constant")
-    colour.Set(Vt.Vec3fArray([Gf.Vec3f(0.45, 0.36, 0.33)]))
+    colour = api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "vertex")
+    own = np.array([COLOURS.get(name, COLOURS["torso"]) for name in shares])
+    part = np.stack(list(shares.values()), axis=1)
+    thigh = part[:, -1] * smooth(points[:, 2], 0.06, 0.075)  # feathered skin
+    part[:, 0] += thigh
+    part[:, -1] -= thigh
+    mixed = part @ own
+    colour.Set(Vt.Vec3fArray.FromNumpy(mixed.astype(np.float32)))
     return mesh
 
 
@@ -286,8 +291,6 @@ def make(path):
 
 
 if __name__ == "__main__":
-    if "--plain" in sys.argv[2:]:
-        LEFT_OUT.add("wing")
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("body.usdc")
     target.unlink(missing_ok=True)
     print("{} points, {} faces".format(*make(target)))

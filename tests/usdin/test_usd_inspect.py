@@ -38,7 +38,7 @@ def test_the_body_of_the_pigeon():
     assert (mesh["path"], mesh["points"], mesh["parts"]) == ("/pigeon/body", 10582, 10582)
     assert (mesh["sampled"], mesh["skeleton"]) == ([1, 96], "/pigeon/skeleton")
     assert skeleton["joints"][2] == "body/neck/head"
-    primvar = next(each for each in mesh["primvars"] if each["name"] == "wing")
+    primvar = next(each for each in mesh["primvars"] if each["name"] == "torso")
     kind = (primvar["type"], primvar["interpolation"], primvar["count"])
     assert kind == ("float[]", "vertex", 10582)
 

@@ -265,7 +265,7 @@ class _Solving:
         starts = np.searchsorted(pairs[:, 0], np.arange(len(feathers.size) + 1))
         neighbours = Neighbours(order, starts, pairs)
         tilt = np.radians(np.where(feathers.grown, layout.most_tilt, layout.most_tilt_placed))
-        lift = np.full(len(tilt), layout.most_lift)
+        lift = np.where(tilt > 0.0, layout.most_lift, 0.0)
         least = np.stack([-0.5 * tilt, -tilt, np.zeros(len(tilt))], axis=1)
         limits = Limits(layout.clearance, least, np.stack([tilt, tilt, lift], axis=1))
         travel = Travel(np.zeros(len(tilt)), np.full(len(pairs), -1.0), np.zeros(len(pairs)))

@@ -7,22 +7,27 @@ between landmarks, so they fit any skin. What a bird becomes are tables of a gro
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_from, from_rotation_vector, parallel
-from featherfx.groom.keys.anatomy import PARTS
+from featherfx.groom.anatomy.fans import closed_fan
+from featherfx.groom.anatomy.lie import Body, hidden, lie_on
+from featherfx.groom.anatomy.wing import wing_type
+from featherfx.groom.keys.anatomy import PARTS, WingType
 from featherfx.groom.keys.groom import CREST, TAIL, WING
 from featherfx.groom.keys.regions import FLOW, LAYOUT, REGION, SPREAD, WHERE
 from featherfx.groom.keys.values import INVALID, Key, Place
 from featherfx.groom.presets.library import Library, plain, sourced
+from featherfx.groom.read.space import SkinsReader
 
 Array = NDArray[np.float64]
 Points = dict[str, Array]
 
-# of what lies over what, wings being 0 to 9: breast, neck and mantle over the wings' roots, what
+# of what lies over what, wings being -4 to 9: breast, neck and mantle over the wings' roots, what
 # wings lie on below; chosen by eye
 _LAYERS = {
     **dict.fromkeys(("face", "crown", "throat", "nape", "foreneck", "breast", "mantle"), 30),
@@ -33,18 +38,21 @@ _TAIL_LAYER = -30
 # feathers are laid over each other where the groom does not say how (chosen on the pigeon)
 _LAYOUT = {
     "most_tilt": 30.0,
-    "most_tilt_placed": 6.0,
+    "most_tilt_placed": 0.0,
     "most_lift": 2e-3,
     "least_size": 0.5,
     "drop": 2e-4,
 }
+_HIDES = 0.9  # fold, from which on a wing hides the flank
 _BEAK = 0.42  # of the way from beak to crown: bare
 
 
-def hatch(parts: dict[str, Any], place: Place, library: Library) -> dict[str, dict[str, Any]]:
+def hatch(
+    parts: dict[str, Any], place: Place, library: Library, read: SkinsReader | None
+) -> dict[str, dict[str, Any]]:
     """Adds what a groom's checked [bird] becomes to its other tables; problems go to place.
 
-    Returns overrides by patterns of ids, its colours, of which some may match no feather.
+    read: of skins; without one folded wings stay where the type has them. Returns overrides by patterns of ids, its colours, of which some may match no feather.
     """
     entry, at = parts["bird"], place.child("bird")
     if entry is None or entry is INVALID or len(place.problems):
@@ -60,12 +68,22 @@ def hatch(parts: dict[str, Any], place: Place, library: Library) -> dict[str, di
         return {}
     kind = plain(tree)
     scale = entry["scale"] or _distance(points, "beak", "tail") / kind["length"]
-    parts["wing"] += [(at, each) for each in _wings(entry, kind, points, axes, scale)]
-    if kind["tail"]["count"]:
-        parts["tail"].append((at, _tail(entry, kind["tail"], points, axes, scale)))
+    wing = wing_type(kind["wing"], at.child("type.wing"), library)
+    if wing is None:
+        return {}
+    tail = _tail(entry, kind["tail"], points, axes, scale) if kind["tail"]["count"] else None
+    body = _body(parts["skin"], place, read, tail, points["tail"], axes)
+    wings = [_wing(entry, wing, side, points, axes, scale) for side in ("right", "left")]
+    if body is not None:
+        wings = [_lying(each, body) for each in wings]
+    parts["wing"] += [(at, each) for each in wings]
+    if tail is not None:
+        parts["tail"].append((at, tail))
     if kind["crest"]["count"]:
         parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale)))
-    sites = _sites(points, axes, entry["fold"])
+    sites = _sites(points, axes)
+    if body is not None and entry["fold"] > _HIDES:
+        sites["below_wing"] = np.concatenate([_hidden(each, body) for each in wings])
     for name in PARTS:
         if kind["parts"][name]["cover"] > 0.0 and name in sites:
             region = _region(name, kind["parts"][name], sites, points, scale)
@@ -120,32 +138,65 @@ def _axes(points: Points, up: tuple[float, ...], place: Place) -> Array | None:
     return axes
 
 
-def _wings(
-    entry: dict[str, Any], kind: dict[str, Any], points: Points, axes: Array, scale: float
-) -> list[dict[str, Any]]:
-    found = []
-    for side in ("right", "left"):
-        joints = points.get(f"{side}_wing", (None, None, None))
-        posed = joints[0] is not None
-        found.append(
-            _filled(
-                WING,
-                id=f"{side}_wing",
-                type=kind["wing"],
-                shoulder=tuple(points[f"{side}_shoulder"]),
-                elbow=joints[0],
-                wrist=joints[1],
-                tip=joints[2],
-                fold=None if posed else entry["fold"],
-                forward=tuple(axes[:, 0]),
-                up=tuple(axes[:, 2]),
-                scale=scale,
-                side=side,
-                joint=entry["joint"],
-                below=posed or entry["fold"] < 1.0,
-            )
-        )
-    return found
+def _body(
+    skin: dict[str, Any],
+    place: Place,
+    read: SkinsReader | None,
+    tail: dict[str, Any] | None,
+    middle: Array,
+    axes: Array,
+) -> Body | None:
+    """What folded wings lie on: skin and tail; None without a reader, or after problems."""
+    if read is None or skin is INVALID:
+        return None
+    found = read(skin, (skin["prim"],), Path(place.source).parent, place.child("skin"))
+    if found is None:
+        return None
+    source = found[skin["prim"]]
+    corners = source.points[source.triangles]
+    if tail is not None:
+        corners = np.concatenate([corners, closed_fan(tail)])
+    return Body(corners, axes, middle)
+
+
+def _wing(
+    entry: dict[str, Any], kind: WingType, side: str, points: Points, axes: Array, scale: float
+) -> dict[str, Any]:
+    joints = points.get(f"{side}_wing", (None, None, None))
+    posed = joints[0] is not None
+    return _filled(
+        WING,
+        id=f"{side}_wing",
+        type=kind,
+        shoulder=tuple(points[f"{side}_shoulder"]),
+        elbow=joints[0],
+        wrist=joints[1],
+        tip=joints[2],
+        fold=None if posed else entry["fold"],
+        forward=tuple(axes[:, 0]),
+        up=tuple(axes[:, 2]),
+        scale=scale,
+        side=side,
+        joint=entry["joint"],
+        below=posed or entry["fold"] < 1.0,
+    )
+
+
+def _lying(wing: dict[str, Any], body: Body) -> dict[str, Any]:
+    """A wing whose folded pose lies on the body; one that landmarks pose stays as it is."""
+    if wing["fold"] is None:
+        return wing
+    shoulder, left = np.array(wing["shoulder"]), wing["side"] == "left"
+    kind, place = lie_on(wing["type"], shoulder, wing["scale"], body, left)
+    return wing | {"type": kind, "shoulder": tuple(place)}
+
+
+def _hidden(wing: dict[str, Any], body: Body) -> Array:
+    """(K, 3) m, sites of the skin beneath a folded wing, where nothing grows."""
+    if wing["fold"] is None:
+        return np.zeros((0, 3))
+    left = wing["side"] == "left"
+    return hidden(wing["type"], np.array(wing["shoulder"]), wing["scale"], body, left)
 
 
 def _tail(
@@ -156,7 +207,8 @@ def _tail(
     return _filled(
         TAIL,
         id="tail",
-        position=tuple(points["tail"]),
+        # quills stand within the body
+        position=tuple(points["tail"] + 0.08 * scale * max(kind["lengths"]) * turned[:, 0]),
         direction=tuple(-turned[:, 0]),
         up=tuple(turned[:, 2]),
         lengths=tuple(scale * np.array(kind["lengths"])),
@@ -188,8 +240,8 @@ def _crest(
     )
 
 
-def _sites(points: Points, axes: Array, fold: float) -> dict[str, Array]:
-    """(k, 3) m, the sites of each part, of the bare beak and feet, and of what folded wings hide.
+def _sites(points: Points, axes: Array) -> dict[str, Array]:
+    """(k, 3) m, the sites of each part, of the bare beak and feet, and of where the tail leaves.
 
     Shares between landmarks are chosen by eye.
     """
@@ -222,13 +274,9 @@ def _sites(points: Points, axes: Array, fold: float) -> dict[str, Array]:
             between(between(each, p["tail"], 0.35), between(p["breast"], p["vent"], 0.5), 0.5)
             for each in (right, left)
         ],
+        "stump": [p["tail"]],
         "vent": [p["vent"], between(p["vent"], p["tail"], 0.5)],
     }
-    if fold > 0.9:
-        low = between(p["tail"], p["vent"], 0.3)
-        found["below_wing"] = [
-            between(each, low, share) for each in (right, left) for share in (0.1, 0.22, 0.33)
-        ]
     for side in ("right", "left"):
         heel = p.get(f"{side}_heel")
         if heel is not None:

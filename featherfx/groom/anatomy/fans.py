@@ -64,6 +64,19 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
     return drafts, joints
 
 
+def closed_fan(entry: dict[str, Any]) -> Array:
+    """(T, 3, 3) m, triangles of the upper side of a [[tail]] that is closed."""
+    frame = frames_from(entry["direction"], entry["up"])
+    half = 0.5 * np.radians(entry["angles"][0])
+    along, aside = np.meshgrid(np.linspace(0.0, 1.0, 7), np.linspace(-1.0, 1.0, 4), indexing="ij")
+    way = max(entry["lengths"]) * along
+    wide = aside * (0.5 * entry["root_width"] + way * np.tan(half))
+    grid = np.stack([way, wide, np.zeros_like(way)], axis=-1) @ frame.T + entry["position"]
+    first, right, left, last = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
+    pairs = [(first, left, last), (first, last, right)]
+    return np.concatenate([np.stack(each, axis=2).reshape(-1, 3, 3) for each in pairs])
+
+
 def crest(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Draft], list[Joint]]:
     """The drafts of one [[crest]] and its joint, both empty after adding problems.
 

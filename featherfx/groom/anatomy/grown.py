@@ -51,9 +51,7 @@ def grown_parts(parts: dict[str, Any], store: KindStore, library: Library, space
 
 
 def _mirrored(joint: Joint, mirror: Mirror) -> Joint:
-    hinge = joint.hinge
-    if hinge is not None:  # of rotations, mirrored vectors change their sense
-        hinge = 2.0 * (hinge @ mirror.normal) * mirror.normal - hinge
+    hinge = None if joint.hinge is None else mirror.rotation_vectors(joint.hinge)
     return replace(
         joint,
         name=other_side(joint.name) or joint.name,

@@ -10,20 +10,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_from, from_rotation_vector
+from featherfx.algebra.rotation import frames_from, from_rotation_vector, rotation_vectors
+from featherfx.groom.anatomy.bow import Bow, bow_of, bow_share
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded, spread_plan
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingType
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.drafts import Draft
-from featherfx.groom.types import Joint, Turning
+from featherfx.groom.types import FeatherKind, Joint, Turning
 
 Array = NDArray[np.float64]
 
@@ -56,9 +57,18 @@ class _Remiges:
     forward: Array
 
 
+class _Closed(NamedTuple):
+    """A wing that is folded, in its plane, its flight feathers, and how they bend."""
+
+    wing: _Wing
+    remiges: _Remiges
+    bow: Bow
+
+
 @dataclass(frozen=True)
 class _Wing:
-    """A wing on its way into a groom. axes: (3, 3) of the body. scale: of the feathers."""
+    """A wing on its way into a groom. scale: of the feathers. closed: the same wing folded, where
+    it bends as it folds."""
 
     entry: dict[str, Any]
     place: Place
@@ -66,11 +76,7 @@ class _Wing:
     bones: WingBones
     store: KindStore
     scale: float
-
-    @property
-    def longest(self) -> float:
-        rows = [getattr(self.kind, name) for name in _ROWS]
-        return self.scale * max(max(row.lengths) for row in rows)
+    closed: _Closed | None = None
 
     def joint(self, bone: int) -> str:
         return f"{self.entry['id']}_{_BONES[bone]}"
@@ -88,7 +94,8 @@ def wing(
     if kind is None or bones is None:
         return [], []
     found = _Wing(entry, place, kind, bones, store, entry["scale"])
-    remiges = _remiges(found)
+    remiges = _remiges(kind, bones, entry["scale"])
+    found = replace(found, closed=_closed(found, axes))
     if not _sound(found, remiges, axes):
         return [], []
     drafts = list(_flight(found, remiges))
@@ -96,12 +103,50 @@ def wing(
         if row.side == "below" and not entry["below"]:
             continue
         drafts += _coverts(found, remiges, number)
-    drafts += _alula(found, remiges)
+    drafts += _alula(found)
     return drafts, _joints(found)
+
+
+def _closed(wing: _Wing, axes: Array) -> _Closed | None:
+    bones = wing.bones
+    shut = folded(wing.kind, bones.points[0], bones.lengths, axes, bones.left, 1.0)
+    remiges = _remiges(wing.kind, shut, wing.scale)
+    bow = _bow(wing.kind, shut, remiges, wing.scale)
+    return None if bow is None else _Closed(replace(wing, bones=shut), remiges, bow)
+
+
+def lying(kind: WingType, bones: WingBones, scale: float) -> tuple[Array, Array, Array]:
+    """Roots (N, 3) m, frames (N, 3, 3) and lengths (N,) m of the flight feathers of a folded wing
+    of bones, from the innermost outwards, bent as its type says."""
+    remiges = _remiges(kind, bones, scale)
+    frames, roots = _frames(bones, remiges.angles), remiges.roots
+    roots = roots - scale * kind.lift * _below(remiges)[:, None] * frames[:, :, 2]
+    bow = _bow(kind, bones, remiges, scale)
+    if bow is not None:
+        ways = [bow.way(*each) for each in zip(roots, frames, remiges.lengths, strict=True)]
+        bent = [bow.bent(*each) for each in zip(ways, remiges.roots, roots, strict=True)]
+        frames = np.stack([turn for turn, _ in bent]) @ frames
+        roots = np.stack([place for _, place in bent])
+    return roots, frames, remiges.lengths
+
+
+def _bow(kind: WingType, bones: WingBones, remiges: _Remiges, scale: float) -> Bow | None:
+    """bones: folded."""
+    shafts, arm = _frames(bones, remiges.angles)[:, :, 0], remiges.bone < 2
+    middles = remiges.roots + 0.5 * remiges.lengths[:, None] * shafts
+    dorsal, curvature = bones.frames[1][:, 2], _curvature(kind, scale)
+    return bow_of(middles[arm], shafts[arm], dorsal, kind.bow, curvature)
+
+
+def _below(remiges: _Remiges) -> Array:
+    """(N,) how many feathers deeper than the innermost primary each lies."""
+    return np.arange(len(remiges.rows)) - sum(each != "primaries" for each in remiges.rows)
 
 
 def wing_type(given: Any, place: Place, library: Library) -> WingType | None:
     """A type as it is written, with its bases; None after adding problems."""
+    if isinstance(given, WingType):
+        return given
     tree = library.merged("wing", sourced(given, place.source), place)
     if tree is None:
         return None
@@ -136,8 +181,7 @@ def _bones(entry: dict[str, Any], place: Place, kind: WingType, axes: Array) -> 
     return bones
 
 
-def _remiges(wing: _Wing) -> _Remiges:
-    kind, bones = wing.kind, wing.bones
+def _remiges(kind: WingType, bones: WingBones, scale: float) -> _Remiges:
     counts = [getattr(kind, name).count for name in _ROWS]
     shoulder, elbow, wrist, tip = bones.points
     half = 0.5 / max(counts[1], 1)
@@ -170,7 +214,7 @@ def _remiges(wing: _Wing) -> _Remiges:
         roots=np.concatenate(spots),
         angles=ends[:, 0] + shares * (bones.bend - spread),
         shares=shares,
-        lengths=wing.scale * np.concatenate(lengths),
+        lengths=scale * np.concatenate(lengths),
         forward=_to_leading_edge(kind, bones.lengths, counts, ends[:, 0]),
     )
 
@@ -229,7 +273,7 @@ def _sound(wing: _Wing, remiges: _Remiges, axes: Array) -> bool:
                 f"mm apart on a bone of {1e3 * wing.bones.lengths[number]:.3g} mm"
             )
     middle = remiges.bone == 1
-    ways = _frames(wing, remiges.angles[middle])[:, :, 0]
+    ways = _frames(wing.bones, remiges.angles[middle])[:, :, 0]
     if len(ways) and float((ways.mean(axis=0)) @ axes[:, 0]) > 0.5:
         wing.place.child("wrist").fail(
             "the feathers would point forwards: are landmarks, or the sides, exchanged?"
@@ -241,10 +285,10 @@ def _choice(wing: _Wing, name: str) -> KindChoice:
     return KindChoice((name,), 0.0, (), wing.place.child("type"))
 
 
-def _frames(wing: _Wing, angles: Array) -> Array:
+def _frames(bones: WingBones, angles: Array) -> Array:
     """(n, 3, 3) frames of feathers at angles (n,) deg against the forearm."""
-    forearm, turned = wing.bones.frames[1], np.radians(angles)[:, None]
-    ways = np.cos(turned) * forearm[:, 0] + wing.bones.turn * np.sin(turned) * forearm[:, 1]
+    forearm, turned = bones.frames[1], np.radians(angles)[:, None]
+    ways = np.cos(turned) * forearm[:, 0] + bones.turn * np.sin(turned) * forearm[:, 1]
     return frames_from(ways, np.tile(forearm[:, 2], (len(ways), 1)))
 
 
@@ -280,7 +324,7 @@ def _flight(wing: _Wing, remiges: _Remiges) -> Iterator[Draft]:
             name=_SINGULAR[name],
             region=name,
             width=row.width,
-            layer=0,
+            layer=1 - number,  # tertials over secondaries over primaries
             height=0.0,
             own=own,
             lengths=remiges.lengths[own],
@@ -301,7 +345,7 @@ def _coverts(wing: _Wing, remiges: _Remiges, number: int) -> Iterator[Draft]:
         name=row.name,
         region=f"{row.name}s",
         width=row.width,
-        layer=sign * level,
+        layer=sign * (level + 1),
         height=sign * height,
         own=np.arange(count),
         lengths=row.length * remiges.lengths,
@@ -317,63 +361,77 @@ def _stacked(wing: _Wing, side: str, count: int) -> tuple[int, float]:
     return len(gaps), wing.scale * sum(gaps)
 
 
-def _alula(wing: _Wing, remiges: _Remiges) -> Iterator[Draft]:
+def _alula(wing: _Wing) -> Iterator[Draft]:
     """Feathers of the thumb, along the leading edge of the hand and over its coverts."""
-    row, bones = wing.kind.alula, wing.bones
+    row = wing.kind.alula
     if not row.count:
         return
     level, height = _stacked(wing, "above", len(wing.kind.coverts))
-    # beside the primaries, not over them
-    across = wing.kind.depth * bones.lengths[2] * np.linspace(0.5, 1.0, row.count)
-    edge = -bones.turn * across[:, None] * bones.frames[2][:, 1]
-    spots = edge + _along(bones.points[2], bones.points[3], _ALULA, row.count)
-    outer = float(wing.kind.outermost[0])
-    alula = _Remiges(
-        rows=("alula",) * row.count,
-        numbers=tuple(range(1, row.count + 1)),
-        bone=np.full(row.count, 2),
-        roots=spots,
-        angles=np.full(row.count, bones.bend) + outer,
-        shares=np.ones(row.count),
-        lengths=wing.scale * _spread_evenly(row.lengths, row.count),
-        forward=np.zeros(row.count),
-    )
+    thumb = _thumb(wing)
     part = _Row(
         kind=row.kind,
         name="alula",
         region="alula",
         width=row.width,
-        layer=level + 1,
+        layer=level + 2,
         height=(1.0 + 0.5 / max(level, 1)) * height,
         own=np.arange(row.count),
-        lengths=alula.lengths,
-        forward=alula.forward,
-        numbers=alula.numbers,
+        lengths=thumb.lengths,
+        forward=thumb.forward,
+        numbers=thumb.numbers,
     )
-    yield from _feathers(wing, alula, part)
+    closed = wing.closed
+    shut = None if closed is None else closed._replace(remiges=_thumb(closed.wing))
+    yield from _feathers(replace(wing, closed=shut), thumb, part)
+
+
+def _thumb(wing: _Wing) -> _Remiges:
+    row, bones = wing.kind.alula, wing.bones
+    # beside the primaries, not over them
+    across = wing.kind.depth * bones.lengths[2] * np.linspace(0.5, 1.0, row.count)
+    edge = -bones.turn * across[:, None] * bones.frames[2][:, 1]
+    return _Remiges(
+        rows=("alula",) * row.count,
+        numbers=tuple(range(1, row.count + 1)),
+        bone=np.full(row.count, 2),
+        roots=edge + _along(bones.points[2], bones.points[3], _ALULA, row.count),
+        angles=np.full(row.count, bones.bend) + float(wing.kind.outermost[0]),
+        shares=np.ones(row.count),
+        lengths=wing.scale * _spread_evenly(row.lengths, row.count),
+        forward=np.zeros(row.count),
+    )
 
 
 def _feathers(wing: _Wing, remiges: _Remiges, row: _Row) -> Iterator[Draft]:
-    entry, scale = wing.entry, wing.scale
+    entry, closed = wing.entry, wing.closed
     choice = _choice(wing, row.kind)
     kind = wing.store.kind(choice)
     if kind is None:
         return
-    frames = _frames(wing, remiges.angles[row.own])
-    curvature = math.radians(wing.kind.camber) / wing.longest
-    below = np.arange(len(remiges.rows)) - sum(each != "primaries" for each in remiges.rows)
+    roots, frames = _in_plane(wing, remiges, row)
+    if closed is not None:
+        shut = _in_plane(closed.wing, closed.remiges, row)
+    share = float(bow_share(wing.bones.fold[2]))
     for k, remex in enumerate(row.own):
-        length, forward = float(row.lengths[k]), float(row.forward[k])
-        # on the flight feather's own arc, carried on towards the leading edge
-        raised = curvature * forward
-        height = row.height - scale * wing.kind.lift * below[remex] - 0.5 * raised * forward
-        shift = height * frames[k][:, 2] - forward * frames[k][:, 0]
-        rotation = frames[k] @ about_y(-raised)
-        root = remiges.roots[remex]
+        length, root = float(row.lengths[k]), remiges.roots[remex]
+        position, rotation, wrap = roots[k], frames[k], (0.0, 0.0)
+        turning = Turning((wing.joint(1), wing.joint(2)), float(remiges.shares[remex]), root)
+        if closed is not None:
+            way = closed.bow.way(shut[0][k], shut[1][k], length)
+            turn, place = closed.bow.bent(way, closed.remiges.roots[remex], shut[0][k])
+            back = rotation @ shut[1][k].T  # from the folded wing to this one
+            bow = back @ rotation_vectors(turn)
+            shift = back @ (place - shut[0][k])
+            turning = replace(turning, bow=bow, shift=shift)
+            position = position + share * shift
+            rotation = from_rotation_vector(share * bow) @ rotation
+            within = _bent(kind, row.width * length, closed.bow.edge - way)
+            bent = share * length / closed.bow.radius * within
+            wrap = float(bent[0]), float(bent[1])
         yield Draft(
             id=f"{entry['id']}_{row.name}_{row.numbers[k]:02d}",
             choice=choice,
-            position=root + shift,
+            position=position,
             rotation=rotation,
             region=row.region,
             joint=wing.joint(int(remiges.bone[remex])),
@@ -382,11 +440,40 @@ def _feathers(wing: _Wing, remiges: _Remiges, row: _Row) -> Iterator[Draft]:
             width=row.width,
             roll=wing.kind.roll,
             place=wing.place,
-            curl=math.degrees(curvature * length) - kind.rachis.camber,
+            curl=math.degrees(_curvature(wing.kind, wing.scale) * length) - kind.rachis.camber,
+            wrap=wrap,
             layer=entry["layer"] + row.layer,
             stack=len(remiges.rows) - int(remex),
-            turning=Turning((wing.joint(1), wing.joint(2)), float(remiges.shares[remex]), root),
+            turning=turning,
         )
+
+
+def _bent(kind: FeatherKind, size: float, within: float) -> Array:
+    """(2,) share of the leading and of the trailing vane that lies inwards of the bow's edge.
+
+    size: m, factor of the outlines' widths. within: m, from the shaft outwards to the edge.
+    """
+    leading, trailing = (
+        size * max(y for _, y in vane.outline) for vane in (kind.leading, kind.trailing)
+    )
+    return np.clip([within / leading, 1.0 + within / trailing], 0.0, 1.0)
+
+
+def _curvature(kind: WingType, scale: float) -> float:
+    """1/m, of all shafts of a wing."""
+    longest = max(max(getattr(kind, name).lengths) for name in _ROWS)
+    return math.radians(kind.camber) / (scale * longest)
+
+
+def _in_plane(wing: _Wing, remiges: _Remiges, row: _Row) -> tuple[Array, Array]:
+    """Roots (n, 3) m and frames (n, 3, 3) of a row before rolls, in the wing's plane."""
+    frames = _frames(wing.bones, remiges.angles[row.own])
+    # on the flight feather's own arc, carried on towards the leading edge
+    raised = _curvature(wing.kind, wing.scale) * row.forward
+    heights = row.height - wing.scale * wing.kind.lift * _below(remiges)[row.own] - 0.5 * raised * row.forward
+    shift = heights[:, None] * frames[:, :, 2] - row.forward[:, None] * frames[:, :, 0]
+    turned = np.stack([frame @ about_y(-angle) for frame, angle in zip(frames, raised, strict=True)])
+    return remiges.roots[row.own] + shift, turned
 
 
 def _joints(wing: _Wing) -> list[Joint]:

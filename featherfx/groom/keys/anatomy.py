@@ -94,6 +94,11 @@ class WingType:
         "Turn of the wing about the body's upright axis, its trailing end inwards.",
         Default((0.0, 0.0)),
     ] = (0.0, 0.0)
+    bow: Annotated[
+        float,
+        Number(0, 150, "deg"),
+        "How far the folded wing bends round the body, from its innermost feather to the wrist.",
+    ] = 0.0
     innermost: Annotated[
         tuple[float, float], _SPREAD_FOLDED, "Innermost feather, against the forearm."
     ]

@@ -171,7 +171,8 @@ class Change(NamedTuple):
 
     scale: factor of the size; materials follow the kind's `scaling`. width: factor of the vanes'
     widths. camber, sweep: deg, added to the shaft's. hollow: deg, added to the camber of all barbs.
-    stiffness, weight: factors of all stiffnesses and all masses. patterns: of the splits that the
+    wrap: of the leading and the trailing vane, what their barbs are bent to, not added: length of
+    the kind over the radius of a cylinder along the shaft; 0 leaves them. stiffness, weight: factors of all stiffnesses and all masses. patterns: of the splits that the
     leading and the trailing vane draw.
     """
 
@@ -180,6 +181,7 @@ class Change(NamedTuple):
     camber: float = 0.0
     sweep: float = 0.0
     hollow: float = 0.0
+    wrap: tuple[float, float] = (0.0, 0.0)
     stiffness: float = 1.0
     weight: float = 1.0
     patterns: tuple[int, int] = (0, 0)
@@ -199,14 +201,15 @@ def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
         kind,
         length=kind.length * scale,
         rachis=rachis,
-        leading=_reshaped(kind.leading, change, change.patterns[0]),
-        trailing=_reshaped(kind.trailing, change, change.patterns[1]),
+        leading=_reshaped(kind.leading, change, 0),
+        trailing=_reshaped(kind.trailing, change, 1),
     )
     return dialled(materials_resized(shaped, scale), change.stiffness, change.weight)
 
 
-def _reshaped(vane: VaneShape, change: Change, pattern: int) -> VaneShape:
-    vane = _hollowed(_widened(vane, change.width), change.hollow)
+def _reshaped(vane: VaneShape, change: Change, side: int) -> VaneShape:
+    pattern = change.patterns[side]
+    vane = _wrapped(_hollowed(_widened(vane, change.width), change.hollow), change.wrap[side])
     if pattern == vane.splits.pattern or pattern == 0:
         return vane
     return replace(vane, splits=replace(vane.splits, pattern=pattern))
@@ -217,6 +220,21 @@ def _hollowed(vane: VaneShape, hollow: float) -> VaneShape:
         return vane
     guides = tuple(replace(guide, camber=guide.camber + hollow) for guide in vane.guides)
     return replace(vane, guides=guides)
+
+
+def _wrapped(vane: VaneShape, wrap: float) -> VaneShape:
+    if wrap == 0.0:
+        return vane
+    places, widths = zip(*vane.outline, strict=True)
+    guides = []
+    for guide in vane.guides:
+        angle = np.radians(guide.angle - 0.5 * guide.curl)  # of the middle of the barb
+        width = 0.0
+        for _ in range(4):  # out to where the barb meets the outline; ends have no barbs
+            end = guide.position + width / np.tan(angle)
+            width = float(np.interp(np.clip(end, 0.05, 0.98), places, widths))
+        guides.append(replace(guide, camber=float(np.degrees(wrap * width * np.sin(angle)))))
+    return replace(vane, guides=tuple(guides))
 
 
 def _widened(vane: VaneShape, width: float) -> VaneShape:

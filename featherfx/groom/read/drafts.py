@@ -46,7 +46,7 @@ class Draft:
     position: (3,) m. rotation: (3, 3) before roll. roll: deg, positive lifts the leading vane.
     scale, width, stiffness, weight: factors. place: where it was written, for problems. shape: of
     a drawn feather. skin, skin_uv, layer, stack, grown, turning: as in Placement. curl, hollow:
-    deg, added to the camber of the shaft and of the barbs.
+    deg, added to the camber of the shaft and of the barbs. wrap: of barbs, as in Change.
     """
 
     id: str
@@ -65,6 +65,7 @@ class Draft:
     skin_uv: tuple[float, float] | None = None
     curl: float = 0.0
     hollow: float = 0.0
+    wrap: tuple[float, float] = (0.0, 0.0)
     layer: int = 0
     stack: int = 0
     grown: bool = False
@@ -109,7 +110,14 @@ def _mirrored(turning: Turning | None, mirror: Mirror) -> Turning | None:
     if turning is None:
         return None
     first, second = (other_side(name) or name for name in turning.joints)
-    return Turning((first, second), turning.share, mirror.points(turning.anchor))
+    bow, shift = turning.bow, turning.shift
+    return Turning(
+        (first, second),
+        turning.share,
+        mirror.points(turning.anchor),
+        None if bow is None else mirror.rotation_vectors(bow),
+        None if shift is None else mirror.directions(shift),
+    )
 
 
 def _changes(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[int, ...]:

@@ -108,7 +108,7 @@ def groom_of(
         readers = replace(readers, skin=kept_skins(readers.skin))
     space = in_groom(parts, place, None if readers is None else readers.skin)
     store = KindStore(library)
-    colours = hatch(parts, place, library)
+    colours = hatch(parts, place, library, None if readers is None else readers.skin)
     grown = grown_parts(parts, store, library, space)
     joints = _joints(parts["joint"], grown.joints, space)
     plumage = plumage_of(raw, parts, place, store, readers, space)
@@ -335,6 +335,7 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
             camber=camber,
             sweep=drawn[2],
             hollow=draft.hollow,
+            wrap=draft.wrap,
             stiffness=draft.stiffness,
             weight=draft.weight,
             patterns=_patterns(draft.id, kind),

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.ease import smooth_step
-from featherfx.algebra.rotation import shared_turns
+from featherfx.algebra.rotation import rotation_matrices, rotation_vectors, shared_turns
+from featherfx.groom.anatomy.bow import bow_share
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.roots import RootFrames
 
@@ -70,12 +71,57 @@ def skeleton_of(groom: Groom) -> Skeleton:
 
 
 @dataclass(frozen=True)
+class Bows:
+    """How B of the feathers bend with their wings. members: (B,). joints: (B,) whose fold counts.
+
+    turns: (B, 3) rad and shifts: (B, 3) m, of the whole bow. hinges: (J, 3) 1/rad, of all joints,
+    by which a turn since rest is more fold. folds: (J,) at rest.
+    """
+
+    members: Indices
+    joints: Indices
+    turns: Array
+    shifts: Array
+    hinges: Array
+    folds: Array
+
+    def bent(self, at_rest: RootFrames, poses: JointPoses) -> RootFrames:
+        """The roots as if the wings had not moved, bent as those of the poses are."""
+        turned = rotation_vectors(poses.rotations)
+        folds = self.folds + np.einsum("jk,jk->j", turned, self.hinges)
+        more = (bow_share(folds) - bow_share(self.folds))[self.joints, None]
+        positions, rotations = at_rest.positions.copy(), at_rest.rotations.copy()
+        positions[self.members] += more * self.shifts
+        turn = rotation_matrices(more * self.turns)
+        rotations[self.members] = turn @ rotations[self.members]
+        return RootFrames(positions, rotations)
+
+
+def _bows(groom: Groom, index: dict[str, int]) -> Bows | None:
+    found = [
+        (number, index[turning.joints[1]], turning.bow, turning.shift)
+        for number, feather in enumerate(groom.feathers)
+        if (turning := feather.turning) is not None and turning.bow is not None
+    ]
+    if not found:
+        return None
+    members, joints, turns, shifts = (np.array(each) for each in zip(*found, strict=True))
+    hinges, folds = np.zeros((len(index), 3)), np.zeros(len(index))
+    for number, joint in enumerate(groom.joints, 1):
+        if joint.hinge is not None and joint.hinge.any():
+            hinges[number] = joint.hinge / (joint.hinge @ joint.hinge)
+            folds[number] = joint.fold
+    return Bows(members, joints, turns, shifts, hinges, folds)
+
+
+@dataclass(frozen=True)
 class JointRoots:
     """The F roots of a groom on its joints.
 
     joints: (F,) number of each feather's joint. between: (F, 2) of those that it turns between,
     and shares: (F,) how far with the second. anchors: (F, 3) m, what the joint carries, about which
-    the root turns. at_rest: the roots in the groom's frame. poses: of the joints over time.
+    the root turns. at_rest: the roots in the groom's frame. poses: of the joints over time. bows:
+    of wings that bend as they fold.
     """
 
     skeleton: Skeleton
@@ -85,6 +131,7 @@ class JointRoots:
     anchors: Array
     at_rest: RootFrames
     poses: PosesOverTime
+    bows: Bows | None = None
 
     def frames(self, time: float) -> RootFrames:
         """Root frames at a time in s.
@@ -92,13 +139,15 @@ class JointRoots:
         Smooth in time; times before 0 give the pose at 0 for hold, shake and flap, and the first
         keyframe's for keys.
         """
-        rotations, shifts = self.skeleton.carriers(self.poses(time))
+        poses = self.poses(time)
+        rotations, shifts = self.skeleton.carriers(poses)
         turns = shared_turns(
             rotations[self.between[:, 0]], rotations[self.between[:, 1]], self.shares
         )
+        rest = self.at_rest if self.bows is None else self.bows.bent(self.at_rest, poses)
         positions = _applied(rotations[self.joints], self.anchors) + shifts[self.joints]
-        positions += _applied(turns, self.at_rest.positions - self.anchors)
-        return RootFrames(positions, turns @ self.at_rest.rotations)
+        positions += _applied(turns, rest.positions - self.anchors)
+        return RootFrames(positions, turns @ rest.rotations)
 
 
 def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> JointRoots:
@@ -113,7 +162,8 @@ def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> Joint
             between[number] = [index[name] for name in feather.turning.joints]
             shares[number] = feather.turning.share
             anchors[number] = feather.turning.anchor
-    return JointRoots(skeleton, joints, between, shares, anchors, at_rest, poses)
+    bows = _bows(groom, index)
+    return JointRoots(skeleton, joints, between, shares, anchors, at_rest, poses, bows)
 
 
 def roots_at_rest(groom: Groom) -> RootFrames:

@@ -1,0 +1,92 @@
+"""A folded wing is no board: it bends round the body, about a line along its feathers.
+
+Each feather is carried over rigidly, by the turn and the shift of a cylinder at the middle of its
+shaft, so that feathers that lay on each other in the plane still do where their vanes are as hollow
+as the cylinder. Along the feathers the wing is as curved as these are: each goes on where the arc
+that all share has come to at its root. An open wing is flat, and bends late as it folds, when its fan is nearly closed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import from_rotation_vector
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Bow:
+    """A cylinder that touches the folded wing's plane. middle: (3,) m, where it does. along,
+    across, dorsal: (3,) units, the axis, the way to the outer feathers, and out of the plane.
+    radius: m. edge: m, across, from where on it is flat: the hand with its primaries. curvature:
+    1/m, of all shafts."""
+
+    middle: Array
+    along: Array
+    across: Array
+    dorsal: Array
+    radius: float
+    edge: float
+    curvature: float
+
+    def way(self, position: Array, rotation: Array, length: float) -> float:
+        """m, of the middle of a shaft across the cylinder."""
+        return float((position + 0.5 * length * rotation[:, 0] - self.middle) @ self.across)
+
+    def bent(self, way: float, root: Array, position: Array) -> tuple[Array, Array]:
+        """The (3, 3) turn and the new place (3,) m of a position in the plane.
+
+        way: m across. root: (3,) m, of the flight feather that it belongs to.
+        """
+        way = min(way, self.edge)
+        sense = float(np.cross(self.across, self.dorsal) @ self.along)
+        # outwards is down the cylinder: the dorsal side turns towards `across`
+        turn = from_rotation_vector(-sense * way / self.radius * self.along)
+        centre = self.middle - self.radius * self.dorsal
+        arc, position = self._along_arc(root, position)
+        return turn @ arc, centre + turn @ (position - way * self.across - centre)
+
+    def _along_arc(self, root: Array, position: Array) -> tuple[Array, Array]:
+        if self.curvature == 0.0:
+            return np.eye(3), position
+        way = float((root - self.middle) @ self.along)
+        axis = np.cross(self.dorsal, self.along)
+        turn = from_rotation_vector(way * self.curvature * axis)
+        centre = self.middle - self.dorsal / self.curvature
+        return turn, centre + turn @ (position - way * self.along - centre)
+
+
+_FLATTEST = 1e-6  # rad, for a wing that bends along its feathers alone
+
+
+def bow_share(fold: Array | float) -> Any:
+    """How much of its bow a wing has at a fold: its cube, chosen by eye."""
+    return np.maximum(fold, 0.0) ** 3
+
+
+def bow_of(
+    points: Array, shafts: Array, dorsal: Array, degrees: float, curvature: float
+) -> Bow | None:
+    """The bow of a folded wing; None for a flat one.
+
+    points: (N, 3) m, middles of the flight feathers of the arm from the innermost outwards, and
+    shafts: (N, 3) units. dorsal: (3,). degrees: between the first and the last. curvature: 1/m, of
+    all shafts.
+    """
+    if len(points) < 2 or (degrees == 0.0 and curvature == 0.0):
+        return None
+    along = shafts.sum(axis=0)
+    along /= np.linalg.norm(along)
+    across = np.cross(dorsal, along)
+    ways = points @ across
+    if ways[-1] < ways[0]:
+        across, ways = -across, -ways
+    half = 0.5 * (ways[-1] - ways[0])
+    middle = points[0] + half * across
+    radius = 2.0 * half / max(np.radians(degrees), _FLATTEST)
+    return Bow(middle, along, across, dorsal, radius, half, curvature)

@@ -1,0 +1,147 @@
+"""How a folded wing lies on a body: as near as it may all over, its upper edge on the back.
+
+The wing stays what it is in its plane. Where the plane stands, how it leans and how far it bends is
+found by least squares over points of its flight feathers (Nelder and Mead 1965).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.groom.anatomy.pose import folded
+from featherfx.groom.anatomy.wing import lying
+from featherfx.groom.keys.anatomy import WingType
+from featherfx.groom.skin.search import search_tree
+
+Array = NDArray[np.float64]
+
+_ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
+_WEIGHTS = np.array([0.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of these: tips lie on
+_CLEAR = 0.012  # of the wing's longest feather, at least to the body
+_EDGE = 0.6  # of the innermost shaft, from where its inner vane reaches the middle of the back
+_ROOF, _TUCK, _BOW = (25.0, 95.0), (-15.0, 30.0), (0.0, 25.0)  # deg, allowed; beyond, vanes part
+_STEPS = 160
+_APART = 0.4  # tenths of the longest feather, from the middle of the back to either wing
+
+
+@dataclass(frozen=True)
+class Body:
+    """What a wing lies on. corners: (T, 3, 3) m, triangles that look outwards. axes: (3, 3)
+    forward, left and up. middle: (3,) m, a point of the plane of symmetry."""
+
+    corners: Array
+    axes: Array
+    middle: Array
+
+    @cached_property
+    def _centres(self) -> Array:
+        return self.corners.mean(axis=1)
+
+    @cached_property
+    def _tree(self) -> Any:
+        return search_tree(self._centres)
+
+    @cached_property
+    def _products(self) -> Array:
+        return np.cross(
+            self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]
+        )
+
+    def gaps(self, points: Array) -> Array:
+        """(N,) m, of points (N, 3) over the body, negative within."""
+        distance, near = self._tree.query(points)
+        size = np.linalg.norm(self._products[near], axis=1)
+        above = np.einsum("nc,nc->n", points - self._centres[near], self._products[near]) / size
+        beside = np.sqrt(np.maximum(distance**2 - above**2, 0.0))
+        # past an edge of the body, where a plane says nothing
+        return np.where(beside > 2.0 * np.sqrt(size), distance, above)
+
+
+def lie_on(
+    kind: WingType, shoulder: Array, scale: float, body: Body, left: bool
+) -> tuple[WingType, Array]:
+    """The type as its folded wing lies on a body, and where the shoulder (3,) m is then."""
+    from scipy.optimize import minimize
+
+    fit = _Fit(kind, shoulder, scale, body, left)
+    start = np.array([kind.roof[1], kind.tuck[1], 20.0, 0.0])
+    steps = np.vstack([start, start + np.diag([-15.0, 6.0, 15.0, 1.0])])
+    found = minimize(
+        lambda values: fit.cost(values),
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": steps, "maxfev": _STEPS, "xatol": 0.1, "fatol": 1e-4},
+    )
+    return fit.placed(found.x)[:2]
+
+
+def _shafts(kind: WingType, roots: Array, frames: Array, sizes: Array) -> Array:
+    """(N, K, 3) m, points along the shafts of a wing, each a shallow arc."""
+    way = sizes[:, None, None] * _ALONG[:, None]
+    down = 0.5 * np.radians(kind.camber) / sizes.max() * way**2
+    return roots[:, None] + way * frames[:, None, :, 0] - down * frames[:, None, :, 2]
+
+
+def hidden(kind: WingType, shoulder: Array, scale: float, body: Body, left: bool) -> Array:
+    """(K, 3) m, places of a folded wing well within its outline."""
+    lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
+    bones = folded(kind, shoulder, lengths, body.axes, left, 1.0)
+    points = _shafts(kind, *lying(kind, bones, scale))
+    some = slice(len(points) // 8, 5 * len(points) // 8, 3)
+    return points[some, 1:4].reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    kind: WingType
+    shoulder: Array
+    scale: float
+    body: Body
+    left: bool
+
+    @property
+    def longest(self) -> float:
+        return self.scale * max(self.kind.primaries.lengths)
+
+    def placed(self, values: Array) -> tuple[WingType, Array, Array, Array]:
+        """Type, shoulder, points (N, 3) m of the wing and the inner edge (3,) m. values: (4,)
+        roof, tuck and bow, deg, and the way down from the landmark, in tenths of the longest
+        feather."""
+        roof, tuck, bow = (
+            float(np.clip(value, *allowed))
+            for value, allowed in zip(values[:3], (_ROOF, _TUCK, _BOW), strict=True)
+        )
+        kind = replace(
+            self.kind, roof=(self.kind.roof[0], roof), tuck=(self.kind.tuck[0], tuck), bow=bow
+        )
+        lengths = self.scale * np.array([kind.humerus, kind.forearm, kind.hand])
+        bones = folded(kind, self.shoulder, lengths, self.body.axes, self.left, 1.0)
+        roots, frames, sizes = lying(kind, bones, self.scale)
+        dorsal = bones.frames[1][:, 2]
+        across = np.cross(dorsal, frames[0, :, 0])
+        across = across if (roots[-1] - roots[0]) @ across > 0.0 else -across
+        shift = 0.1 * self.longest * values[3] * across
+        points = _shafts(kind, roots, frames, sizes)
+        for _ in range(3):
+            gap = self.body.gaps((points + shift).reshape(-1, 3)).min()
+            shift = shift + (_CLEAR * self.longest - gap) * dorsal
+        inner = roots[0] + _EDGE * sizes[0] * frames[0, :, 0]
+        inner = inner - 0.16 * sizes[0] * across
+        return kind, self.shoulder + shift, (points + shift).reshape(-1, 3), inner + shift
+
+    def cost(self, values: Array) -> float:
+        kind, shoulder, points, inner = self.placed(values)
+        size = 0.1 * self.longest
+        gaps = self.body.gaps(points) / size
+        aside = (inner - self.body.middle) @ self.body.axes[:, 1] / size
+        aside = abs(aside) - _APART  # the back shows between both wings
+        outside = values[:3] - [kind.roof[1], kind.tuck[1], kind.bow]
+        moved = np.linalg.norm(shoulder - self.shoulder) / size
+        return float(
+            np.average(gaps**2, weights=np.tile(_WEIGHTS, len(gaps) // len(_WEIGHTS))) + 0.3 * aside**2 + 0.1 * moved**2 + 0.01 * outside @ outside
+        )
