@@ -11,6 +11,7 @@ import pytest
 
 from featherfx.api import scene_readers
 from featherfx.errors import InputError
+from featherfx.groom.anatomy.lie import Body
 from featherfx.groom.keys.anatomy import PARTS
 from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom as read_groom_file
@@ -62,8 +63,21 @@ def test_folded_wings_lie_along_the_flanks(bird):
         wing = [f for f in bird.feathers if f.id.startswith(f"{side}_wing_primary")]
         for feather in wing:
             assert feather.rotation[0, 0] < -0.9  # backwards
-            assert sign * feather.rotation[1, 2] > 0.8  # the upper side outwards
+            assert sign * feather.rotation[1, 2] > 0.5  # the upper side outwards
             assert sign * feather.position[1] > 0.03
+
+
+def test_folded_wings_lie_on_the_body_and_meet_on_the_back(bird):
+    body = Body(bird.skin, np.eye(3), np.zeros(3))
+    for side, sign in (("right", -1.0), ("left", 1.0)):
+        arm = [f for f in bird.feathers if re.match(f"{side}_wing_(secondary|tertial)", f.id)]
+        ways = np.linspace(0, 1, 5)[:, None]
+        shafts = np.array([f.position + f.kind.length * ways * f.rotation[:, 0] for f in arm])
+        gaps = body.gaps(shafts.reshape(-1, 3))
+        assert gaps.min() > 0.0
+        assert gaps.mean() < 0.01
+        # the vane of the innermost tertial reaches the middle of the back
+        assert 0.0 < (sign * shafts[:, :, 1]).min() < 0.03
 
 
 def test_sizes_follow_the_body(bird, tmp_path):

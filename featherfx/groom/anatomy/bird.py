@@ -52,7 +52,8 @@ def hatch(
 ) -> dict[str, dict[str, Any]]:
     """Adds what a groom's checked [bird] becomes to its other tables; problems go to place.
 
-    read: of skins; without one folded wings stay where the type has them. Returns overrides by patterns of ids, its colours, of which some may match no feather.
+    read: of skins; without one folded wings stay where the type has them. Returns overrides by
+    patterns of ids, its colours, of which some may match no feather.
     """
     entry, at = parts["bird"], place.child("bird")
     if entry is None or entry is INVALID or len(place.problems):
@@ -207,8 +208,7 @@ def _tail(
     return _filled(
         TAIL,
         id="tail",
-        # quills stand within the body
-        position=tuple(points["tail"] + 0.08 * scale * max(kind["lengths"]) * turned[:, 0]),
+        position=tuple(points["tail"]),
         direction=tuple(-turned[:, 0]),
         up=tuple(turned[:, 2]),
         lengths=tuple(scale * np.array(kind["lengths"])),

@@ -3,7 +3,8 @@
 Each feather is carried over rigidly, by the turn and the shift of a cylinder at the middle of its
 shaft, so that feathers that lay on each other in the plane still do where their vanes are as hollow
 as the cylinder. Along the feathers the wing is as curved as these are: each goes on where the arc
-that all share has come to at its root. An open wing is flat, and bends late as it folds, when its fan is nearly closed.
+that all share has come to at its root. An open wing is flat, and bends late as it folds, when its
+fan is nearly closed.
 """
 
 from __future__ import annotations

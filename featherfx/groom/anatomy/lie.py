@@ -143,5 +143,8 @@ class _Fit:
         outside = values[:3] - [kind.roof[1], kind.tuck[1], kind.bow]
         moved = np.linalg.norm(shoulder - self.shoulder) / size
         return float(
-            np.average(gaps**2, weights=np.tile(_WEIGHTS, len(gaps) // len(_WEIGHTS))) + 0.3 * aside**2 + 0.1 * moved**2 + 0.01 * outside @ outside
+            np.average(gaps**2, weights=np.tile(_WEIGHTS, len(gaps) // len(_WEIGHTS)))
+            + 0.3 * aside**2
+            + 0.1 * moved**2
+            + 0.01 * outside @ outside
         )

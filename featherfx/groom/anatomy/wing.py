@@ -140,7 +140,9 @@ def _bow(kind: WingType, bones: WingBones, remiges: _Remiges, scale: float) -> B
 
 def _below(remiges: _Remiges) -> Array:
     """(N,) how many feathers deeper than the innermost primary each lies."""
-    return np.arange(len(remiges.rows)) - sum(each != "primaries" for each in remiges.rows)
+    return np.arange(len(remiges.rows), dtype=float) - sum(
+        each != "primaries" for each in remiges.rows
+    )
 
 
 def wing_type(given: Any, place: Place, library: Library) -> WingType | None:
@@ -470,9 +472,15 @@ def _in_plane(wing: _Wing, remiges: _Remiges, row: _Row) -> tuple[Array, Array]:
     frames = _frames(wing.bones, remiges.angles[row.own])
     # on the flight feather's own arc, carried on towards the leading edge
     raised = _curvature(wing.kind, wing.scale) * row.forward
-    heights = row.height - wing.scale * wing.kind.lift * _below(remiges)[row.own] - 0.5 * raised * row.forward
+    heights = (
+        row.height
+        - wing.scale * wing.kind.lift * _below(remiges)[row.own]
+        - 0.5 * raised * row.forward
+    )
     shift = heights[:, None] * frames[:, :, 2] - row.forward[:, None] * frames[:, :, 0]
-    turned = np.stack([frame @ about_y(-angle) for frame, angle in zip(frames, raised, strict=True)])
+    turned = np.stack(
+        [frame @ about_y(-angle) for frame, angle in zip(frames, raised, strict=True)]
+    )
     return remiges.roots[row.own] + shift, turned
 
 
