@@ -75,7 +75,7 @@ def test_folded_wings_lie_on_the_body_and_meet_on_the_back(bird):
         shafts = np.array([f.position + f.kind.length * ways * f.rotation[:, 0] for f in arm])
         gaps = body.gaps(shafts.reshape(-1, 3))
         assert gaps.min() > 0.0
-        assert gaps.mean() < 0.01
+        assert gaps.mean() < 0.05 * 0.3  # of the length of the body
         # the vane of the innermost tertial reaches the middle of the back
         assert 0.0 < (sign * shafts[:, :, 1]).min() < 0.03
 

@@ -76,7 +76,7 @@ def hatch(
     body = _body(parts["skin"], place, read, tail, points["tail"], axes)
     wings = [_wing(entry, wing, side, points, axes, scale) for side in ("right", "left")]
     if body is not None:
-        wings = [_lying(each, body) for each in wings]
+        wings = _lying(wings, body)
     parts["wing"] += [(at, each) for each in wings]
     if tail is not None:
         parts["tail"].append((at, tail))
@@ -183,13 +183,20 @@ def _wing(
     )
 
 
-def _lying(wing: dict[str, Any], body: Body) -> dict[str, Any]:
-    """A wing whose folded pose lies on the body; one that landmarks pose stays as it is."""
-    if wing["fold"] is None:
-        return wing
-    shoulder, left = np.array(wing["shoulder"]), wing["side"] == "left"
-    kind, place = lie_on(wing["type"], shoulder, wing["scale"], body, left)
-    return wing | {"type": kind, "shoulder": tuple(place)}
+def _lying(wings: list[dict[str, Any]], body: Body) -> list[dict[str, Any]]:
+    """Both wings with a folded pose that lies on the body, the left one as the right one; those
+    that landmarks pose stay as they are."""
+    right = wings[0]
+    if right["fold"] is None:
+        return wings
+    shoulder = np.array(right["shoulder"])
+    kind, place = lie_on(right["type"], shoulder, right["scale"], body)
+    shift = place - shoulder
+    mirrored = shift - 2.0 * (shift @ body.axes[:, 1]) * body.axes[:, 1]
+    return [
+        wing | {"type": kind, "shoulder": tuple(np.array(wing["shoulder"]) + way)}
+        for wing, way in zip(wings, (shift, mirrored), strict=True)
+    ]
 
 
 def _hidden(wing: dict[str, Any], body: Body) -> Array:

@@ -22,10 +22,10 @@ Array = NDArray[np.float64]
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
 _WEIGHTS = np.array([0.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of these: tips lie on
-_CLEAR = 0.012  # of the wing's longest feather, at least to the body
+_CLEAR = 0.024  # of the wing's longest feather, at least to the body
 _EDGE = 0.6  # of the innermost shaft, from where its inner vane reaches the middle of the back
 _ROOF, _TUCK, _BOW = (25.0, 95.0), (-15.0, 30.0), (0.0, 25.0)  # deg, allowed; beyond, vanes part
-_STEPS = 160
+_STEPS = 300
 _APART = 0.4  # tenths of the longest feather, from the middle of the back to either wing
 
 
@@ -62,13 +62,11 @@ class Body:
         return np.where(beside > 2.0 * np.sqrt(size), distance, above)
 
 
-def lie_on(
-    kind: WingType, shoulder: Array, scale: float, body: Body, left: bool
-) -> tuple[WingType, Array]:
-    """The type as its folded wing lies on a body, and where the shoulder (3,) m is then."""
+def lie_on(kind: WingType, shoulder: Array, scale: float, body: Body) -> tuple[WingType, Array]:
+    """The type as its right folded wing lies on a body, and where its shoulder (3,) m is then."""
     from scipy.optimize import minimize
 
-    fit = _Fit(kind, shoulder, scale, body, left)
+    fit = _Fit(kind, shoulder, scale, body)
     start = np.array([kind.roof[1], kind.tuck[1], 20.0, 0.0])
     steps = np.vstack([start, start + np.diag([-15.0, 6.0, 15.0, 1.0])])
     found = minimize(
@@ -102,7 +100,6 @@ class _Fit:
     shoulder: Array
     scale: float
     body: Body
-    left: bool
 
     @property
     def longest(self) -> float:
@@ -120,7 +117,7 @@ class _Fit:
             self.kind, roof=(self.kind.roof[0], roof), tuck=(self.kind.tuck[0], tuck), bow=bow
         )
         lengths = self.scale * np.array([kind.humerus, kind.forearm, kind.hand])
-        bones = folded(kind, self.shoulder, lengths, self.body.axes, self.left, 1.0)
+        bones = folded(kind, self.shoulder, lengths, self.body.axes, False, 1.0)
         roots, frames, sizes = lying(kind, bones, self.scale)
         dorsal = bones.frames[1][:, 2]
         across = np.cross(dorsal, frames[0, :, 0])

@@ -173,8 +173,8 @@ class Change(NamedTuple):
     widths. camber, sweep: deg, added to the shaft's. hollow: deg, added to the camber of all barbs.
     wrap: of the leading and the trailing vane, what their barbs are bent to, not added: length of
     the kind over the radius of a cylinder along the shaft; 0 leaves them. stiffness, weight:
-    factors of all stiffnesses and all masses. patterns: of the splits that the leading and the trailing
-    vane draw.
+    factors of all stiffnesses and all masses. patterns: of the splits that the leading and the
+    trailing vane draw.
     """
 
     scale: float = 1.0
