@@ -5,7 +5,8 @@ shot says, then in full with twice the rows, twice the columns, more coefficient
 smaller tolerance, each alone and all together. A difference is multiplied by what a series of
 further doublings would add (4/3 where errors fall with the square of the spacing).
 
-What is compared are the nodes of the shot's own grid, at every frame. Feathers do not touch in it.
+What is compared are the nodes of the shot's own grid, at every frame. Where feathers touch, those
+that are looked at touch colliders and each other (those of one grid), and no others.
 """
 
 from __future__ import annotations
@@ -81,7 +82,8 @@ class ShotError:
     """error_mm, error_percent: of all together. feather: the worst, by percent. parts: of each
     alone; "detail" is what levels coarser than full cost. feathers: ids of those looked at.
     resolutions: what is simulated of each. frames: looked at. contact: whether the shot has
-    feathers that touch, which is left out. seconds: that it took."""
+    feathers that touch: what those that are not looked at do to the others is left out. seconds:
+    that it took."""
 
     error_mm: float
     error_percent: float
@@ -101,12 +103,17 @@ def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotErro
     cannot be simulated as the shot says or finer; InputWarning where contact is left out.
     """
     begin = time.perf_counter()
-    if shot.contact is not None:
-        text = f"{shot.source}: contact: is left out of the error: feathers touch nothing in it"
+    touching, contact = shot.contact is not None, shot.contact
+    if touching and feathers < len(shot.groom.feathers):
+        text = (
+            f"{shot.source}: contact: what feathers that are not looked at do to the others is left"
+            " out of the error"
+        )
         warnings.warn(text, InputWarning, stacklevel=2)
-    touching, shot = shot.contact is not None, replace(shot, contact=None, layers=None)
+    shot = replace(shot, contact=None, layers=None)
     chosen = chosen_feathers(shot, feathers)
-    part = part_of(shot, chosen)
+    alone = part_of(shot, chosen)
+    part = replace(alone, contact=contact)
     with phase("comparing", 2 + len(PARTS)) as done:
         simulation = simulate(shot, jobs, wanted=chosen.tolist())
         shown = _Run(simulation.feathers, _by_feather(simulation))
@@ -114,14 +121,15 @@ def shot_error(shot: Shot, feathers: int = LOOKED_AT, jobs: int = 1) -> ShotErro
         grids = own_grids(shot, simulation.resolutions, chosen)
         # what follows or is rigid is compared with itself simulated
         plain = _simulated(part, grids, frozenset(), jobs)
-        found = {"detail": _ways(plain, shown)}
+        bare = _simulated(alone, grids, frozenset(), jobs) if touching else plain
+        found = {"detail": _ways(bare, shown)}
         done(2)
         for number, (name, finer) in enumerate(PARTS.items(), 3):
             fine = _simulated(part, grids, finer, jobs)
-            coarse = shown if name == TOTAL else plain
+            coarse = shown if name == TOTAL and not touching else plain
             found[name] = REST[name] * _ways(fine, coarse)
             done(number)
-    total = found.pop(TOTAL)
+    total = found.pop(TOTAL) + (found["detail"] if touching else 0.0)
     lengths = np.array([each.kind.length for each in part.groom.feathers])
     if (found["detail"] < ROUNDING * lengths).all():
         found.pop("detail")

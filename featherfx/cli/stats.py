@@ -153,8 +153,8 @@ def error(
     """Estimate how far the nodes of a SHOT (a TOML file) are from where finer settings have them.
 
     The feathers that bend most, are longest, or are pulled are simulated again with twice the rows,
-    twice the columns, more coefficients and shorter steps, each alone and all together. Feathers do
-    not touch in this.
+    twice the columns, more coefficients and shorter steps, each alone and all together. Where
+    feathers touch, they touch colliders and each other; what others do to them is left out.
     """
     with Progress("comparisons", style):
         found = pipeline.error_of(
@@ -182,6 +182,6 @@ def _error_lines(found: dict[str, Any]) -> list[str]:
             f"  {name}: {grid['level']}, {grid['rows']} rows, {grid['columns']} columns,"
             f" {grid['coefficients']} coefficients"
         )
-    touching = ", without contact" if found["contact"] else ""
+    touching = ", without contact of other feathers" if found["contact"] else ""
     lines.append(f"  {found['frames']} frames{touching}, in {found['seconds']:.3g} s")
     return lines

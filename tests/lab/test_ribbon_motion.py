@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.lab.ribbons.energy import Ribbon
+from featherfx.lab.ribbons.equations import solved
 from featherfx.lab.ribbons.experiments import GRAVITY, clamp_frame, hang
 from featherfx.lab.ribbons.motion import Air, FarClamp, Pace, RibbonMotion
 
@@ -21,77 +19,12 @@ LEVEL = clamp_frame("level")
 STILL = np.zeros(3)
 
 
-def ruling_rate(value: np.ndarray) -> np.ndarray:
-    """x with H'(x) / H(x)^2 = value, H = artanh(x) / x, by bisection in artanh(x)."""
-    low, high = np.zeros_like(value), np.full_like(value, 18.0)
-    for _ in range(60):
-        y = 0.5 * (low + high)
-        x = np.maximum(np.tanh(y), 1e-9)
-        factor = np.maximum(y, 1e-9) / x
-        slope = np.where(x > 1e-4, (np.cosh(y) ** 2 - factor) / x, 2.0 * x / 3.0)
-        above = slope / factor**2 > np.abs(value)
-        high, low = np.where(above, y, high), np.where(above, low, y)
-    return np.sign(value) * np.tanh(0.5 * (low + high))
-
-
-def equations(s: np.ndarray, y: np.ndarray, ribbon: Ribbon, weight: np.ndarray) -> np.ndarray:
-    """Equilibrium of a ribbon clamped at one end, as differential equations in arc length.
-
-    y: place (3), frame (9, columns across, normal, along), moment in the frame (3), slope t of the
-    rulings, p = dE / dt' . With curvatures (c, 0, t c): dE / dc = M_1 + t M_3 and
-    dE / dt - p' = c M_3 hold at every place, M' + (c, 0, t c) x M + d_3 x n = 0 and n is the weight
-    (3,) per length of what is beyond.
-    """
-    width, rigidity, nu, k = ribbon.width, ribbon.rigidity, ribbon.poisson, ribbon.rest_curvature
-    frame, moment, t, p = y[3:12].reshape(3, 3, -1), y[12:15], y[15], y[16]
-    wide = 1.0 + t**2
-    bent = (moment[0] + t * moment[2]) / (rigidity * width) + k * (1.0 + nu * t**2)
-    x = ruling_rate(4.0 * p * wide**2 / (rigidity * width**2 * bent**2))
-    factor = np.where(np.abs(x) > 1e-6, np.arctanh(x) / np.where(x == 0.0, 1.0, x), 1.0)
-    c = bent / (factor * wide**2)
-    turn = np.stack([c, 0.0 * c, t * c])
-    force = np.einsum("i,ijs->js", weight, frame) * (ribbon.length - s)
-    across, normal, along = frame[:, 0], frame[:, 1], frame[:, 2]
-    by_ruling = 2.0 * rigidity * width * (factor * c**2 * wide * t - nu * k * c * t)
-    return np.concatenate(
-        [
-            along,
-            # d_i' = (c d_1 + t c d_3) x d_i
-            np.stack([turn[2] * normal, c * along - turn[2] * across, -c * normal], 1).reshape(
-                9, -1
-            ),
-            -np.cross(turn, moment, axis=0) - np.stack([-force[1], force[0], 0.0 * c]),
-            [2.0 * x / width, by_ruling - c * moment[2]],
-        ]
-    )
-
-
-def shot(ribbon: Ribbon, unknowns: np.ndarray, points: np.ndarray, frames: np.ndarray) -> Any:
-    """The solution of these equations near a guess, from solve_bvp of scipy."""
-    size = ribbon.elements + 1
-    place = np.linspace(0.0, ribbon.length, len(points))
-    t = np.interp(place, ribbon.stations, unknowns[size:])
-    guess = np.zeros((17, len(points)))
-    guess[:3], guess[3:12], guess[15] = points.T, frames.reshape(-1, 9).T, t
-    weight = ribbon.surface_density * ribbon.width * GRAVITY
-
-    def ends(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-        start = np.concatenate([STILL, LEVEL.ravel()])
-        return np.concatenate([first[:12] - start, first[16:], last[12:15], last[16:]])
-
-    return solve_bvp(lambda s, y: equations(s, y, ribbon, weight), ends, place, guess, tol=1e-5,
-                     max_nodes=20000)  # fmt: skip
-
-
 @pytest.mark.slow
 @pytest.mark.verification
 def test_a_peacocks_barb_at_rest_is_that_of_shooting():
     """Section 5.2: nearly the same. The largest gap is 0.05 % of the length."""
     rest = hang(PEACOCK).rest
-    found = shot(PEACOCK, rest.unknowns, rest.curve.points, rest.curve.frames)
-    assert found.status == 0
-    place = np.linspace(0.0, PEACOCK.length, len(rest.curve.points))
-    exact = np.stack([np.interp(place, found.x, found.y[k]) for k in range(3)], axis=1)
+    exact = solved(PEACOCK, rest, LEVEL, GRAVITY)
     assert np.abs(exact - rest.curve.points).max() < 1e-3 * PEACOCK.length
     # as an element that moves it stays there
     moving = RibbonMotion(PEACOCK, LEVEL, GRAVITY)

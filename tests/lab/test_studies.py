@@ -121,6 +121,22 @@ def test_report_holds_every_number_and_picture(tmp_path):
     assert "0 agree and 1 differ with ourselves, which does not count; 1 have nothing" in text
 
 
+def test_studies_that_were_not_run_stay_on_the_page(tmp_path):
+    done = runs.run_all(registry.studies(["elastica"]), tmp_path, compile_first=())
+    page = tmp_path / "page.md"
+    report.write_markdown(page, done, "1")
+    first = page.read_text()
+    more = runs.run_all(registry.studies(["fibre_merging"]), tmp_path, compile_first=())
+    report.write_markdown(page, more, "1")
+    text = page.read_text()
+    row = next(line for line in first.splitlines() if "shortening / L" in line)
+    assert row in text.splitlines()
+    assert text.index("`elastica`") < text.index("`fibre_merging`")
+    kept = json.loads((tmp_path / "page" / report.NUMBERS).read_text())["studies"]
+    assert list(kept) == ["elastica", "fibre_merging"]
+    assert report.moved(done, {"studies": kept}) == []
+
+
 def test_without_matplotlib_there_are_tables_and_it_says_so(tmp_path, monkeypatch):
     for module in (study, report):
         monkeypatch.setattr(module, "can_plot", lambda: False)
@@ -148,7 +164,10 @@ def test_a_number_that_moves_by_a_tenth_of_its_tolerance_is_named(tmp_path):
 def test_the_page_is_of_today(tmp_path):
     page = Path(__file__).parents[2] / "docs/validation/validation.json"
     quick = registry.studies(
-        ["elastica", "frequencies", "fibre_elements", "fibre_merging", "vane_mesoscale"]
+        [
+            *("elastica", "frequencies", "fibre_elements", "fibre_merging", "fibre_space"),
+            *("vane_mesoscale", "guard_truss"),
+        ]
     )
     now = runs.run_all(quick, tmp_path, compile_first=())
     assert report.moved(now, json.loads(page.read_text())) == []

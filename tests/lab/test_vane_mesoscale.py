@@ -9,7 +9,7 @@ from featherfx.lab.declare import out_of_range
 from featherfx.lab.vane.angles import band_width, fit_shear, tilted_sample
 from featherfx.lab.vane.elements import membrane
 from featherfx.lab.vane.locking import run_locking
-from featherfx.lab.vane.mesh import aligned_mesh
+from featherfx.lab.vane.mesh import aligned_mesh, corner_rows
 from featherfx.lab.vane.mesoscale import (
     Bands,
     SwanBands,
@@ -23,7 +23,7 @@ from featherfx.lab.vane.mesoscale import (
 )
 from featherfx.lab.vane.sample import Moduli, Sample, isotropic, strains
 from featherfx.lab.vane.statics import Statics
-from featherfx.lab.vane.traction import Traction, pull_test
+from featherfx.lab.vane.traction import Traction, clamped, pull_test
 
 BANDS = SwanBands(0.14, 5e-4).bands()
 
@@ -137,3 +137,21 @@ def test_bands_out_of_range():
     assert keys == ["barb_fraction", "barb_spacing", "barb", "barbule"]
     with pytest.raises(InputError):
         run_size_effect((2, 8, 12))
+
+
+def test_barbs_that_bend_within_the_plane_resist_as_clamped_beams():
+    """12 S b W / H^3 for clamps that part sideways, S the bending stiffness of an area."""
+    sample = Sample(90.0, 8e-3, 10e-3)
+    low, *_, high = corner_rows(sample)
+    mesh = aligned_mesh(sample, np.linspace(low, high, 7), 0.5e-3)
+    stiffness = 3.0e-4
+    body = membrane(sample, mesh, np.ones(3), barb_bending=stiffness)
+    form = body.bending.toarray()[::2, ::2]
+    held = clamped(sample, body)
+    moved = 1e-4 * (body.points[:, 1] >= sample.height)
+    load = -(form[~held] @ moved)
+    moved[~held] = np.linalg.solve(form[np.ix_(~held, ~held)], load)
+    wanted = 12.0 * stiffness * sample.thickness * sample.width / sample.height**3 * 1e-4**2
+    assert moved @ form @ moved == pytest.approx(wanted, rel=5e-3)
+    # moving as a whole is no bending
+    assert np.abs(form @ np.ones(len(form))).max() < 1e-9 * np.abs(form).max()

@@ -27,6 +27,7 @@ from featherfx.lab.studies.study import Study
     featherfx lab report -o validation
     featherfx lab report -o validation --only elastica --only ribbon_hanging
     featherfx lab report -o validation --markdown docs/validation.md
+    featherfx lab report -o validation --only elastica --markdown docs/validation.md
     featherfx lab report -o validation --against docs/validation/validation.json
     featherfx lab report --only elastica --json
     """,
@@ -42,7 +43,8 @@ from featherfx.lab.studies.study import Study
     "--markdown",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="The page as Markdown too, figures and numbers in a folder of its name beside it.",
+    help="The page as Markdown too, figures and numbers in a folder of its name beside it;"
+    " studies that are not run stay as they are there.",
 )
 @click.option(
     "--against",

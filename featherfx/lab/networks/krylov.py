@@ -5,7 +5,8 @@
     P_J = diag H        P_Db = [Hxx 0; 0 Hyy]    P_S  = [Hxx 0; 0 S]
                         P_Ab = [Hxx Hxy; 0 Hyy]  P_AS = [Hxx Hxy; 0 S]
 
-Unknowns are ordered x, x, ..., y, y, ... (equations 4.22 and 4.23, section 5.4.2).
+Unknowns are ordered x, x, ..., y, y, ... (equations 4.22 and 4.23, section 5.4.2). P_Db and P_Ab
+go with any number of directions.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -22,7 +24,7 @@ from scipy.sparse.linalg import LinearOperator, cg, gmres, minres
 
 from featherfx.errors import Problem
 from featherfx.lab.declare import require
-from featherfx.lab.networks.network import Array, HeldSystem, factor_of
+from featherfx.lab.networks.network import Array, HeldSystem, Indices, factor_of
 
 Method = Literal["pcg", "minres", "gmres", "direct"]
 Preconditioner = Literal["NONE", "P_J", "P_Db", "P_Ab", "P_S", "P_AS"]
@@ -41,7 +43,8 @@ class Solved:
     """iterations: of the method, 0 for the direct solution. seconds: processor time with that of
     the preconditioner, preparing: its share of it. unknowns: of the system. residual: |b - H u|
     over |b|. entries: numbers kept for the preconditioner or the factors. displacements: (n,) m, in
-    the order of the system."""
+    the order of the system. early: iterations of GMRES until the residual that the preconditioner
+    was applied to is small, by which others count; those of the method elsewhere."""
 
     iterations: int
     seconds: float
@@ -50,6 +53,7 @@ class Solved:
     residual: float
     entries: int
     displacements: Array
+    early: int
 
 
 def solve(
@@ -58,31 +62,35 @@ def solve(
     preconditioner: Preconditioner = "NONE",
     tolerance: float = 1e-10,
     most: int = 100_000,
+    directions: int = 2,
 ) -> Solved:
-    """Solution of a planar network's equations, from zero until the residual is tolerance |b|.
+    """Solution of a network's equations, from zero until the residual is tolerance |b|.
 
-    most: iterations. Raises InputError where method and preconditioner do not go together, or S
-    would be too large.
+    most: iterations. directions: of space; the direction of an unknown is its place modulo them.
+    Raises InputError where method and preconditioner do not go together, or S would be too large.
     """
     _check(len(system.right), method, preconditioner)
-    order = np.argsort(system.free % 2, kind="stable")
+    order = np.argsort(system.free % directions, kind="stable")
+    starts = np.searchsorted(system.free[order] % directions, np.arange(directions + 1))
     matrix, right = system.matrix[order][:, order], system.right[order]
-    begin = time.process_time()
+    begin, early = time.process_time(), 0
     if method == "direct":
         factor = factor_of(matrix)
         prepared = time.process_time()
         found, iterations, entries = factor.solve(right), 0, factor.nnz
     else:
-        apply, entries = _prepared(matrix, preconditioner)
+        apply, entries = _prepared(matrix, preconditioner, starts)
         prepared = time.process_time()
         operator = LinearOperator(matrix.shape, matvec=lambda given: apply(given.ravel()))
-        count = _Count(matrix, right, tolerance)
+        count = _Count(matrix, right, tolerance, tolerance * float(np.linalg.norm(apply(right))))
         found, iterations = count.run(method, operator, most)
+        early = count.early or iterations
     seconds = time.process_time() - begin
     residual = float(np.linalg.norm(right - matrix @ found) / (np.linalg.norm(right) or 1.0))
     moved = np.empty_like(found)
     moved[order] = found
-    return Solved(iterations, seconds, prepared - begin, len(right), residual, int(entries), moved)
+    spent = seconds, prepared - begin
+    return Solved(iterations, *spent, len(right), residual, int(entries), moved, early)
 
 
 def _check(unknowns: int, method: Method, preconditioner: Preconditioner) -> None:
@@ -97,35 +105,38 @@ def _check(unknowns: int, method: Method, preconditioner: Preconditioner) -> Non
 
 
 def _prepared(
-    matrix: sparse.csr_array, kind: Preconditioner
+    matrix: sparse.csr_array, kind: Preconditioner, starts: Indices
 ) -> tuple[Callable[[Array], Array], int]:
-    """What applies the inverse of a preconditioner, and how many numbers it keeps."""
+    """What applies the inverse of a preconditioner, and how many numbers it keeps.
+
+    starts: (d + 1,) of the unknowns of the directions.
+    """
     if kind == "NONE":
         return lambda given: given, 0
     if kind == "P_J":
         diagonal = matrix.diagonal()
         return lambda given: given / diagonal, len(diagonal)
-    half = matrix.shape[0] // 2
-    upper, corner = matrix[:half, :half], matrix[:half, half:].tocsr()
-    first = factor_of(upper)
-    entries = first.nnz
+    parts = [slice(a, b) for a, b in pairwise(starts.tolist())]
+    factors = [factor_of(matrix[each, each]) for each in parts[:1]]
+    entries, solves = factors[0].nnz, [factors[0].solve]
     if kind in ("P_Db", "P_Ab"):
-        second = factor_of(matrix[half:, half:])
-        entries, lower = entries + second.nnz, second.solve
+        factors += [factor_of(matrix[each, each]) for each in parts[1:]]
+        entries, solves = sum(each.nnz for each in factors), [each.solve for each in factors]
     else:
-        dense = corner.T @ first.solve(corner.toarray())
-        factors = linalg.cho_factor(matrix[half:, half:].toarray() - dense)
-        entries += half * half
-
-        def lower(given: Array) -> Array:
-            return np.asarray(linalg.cho_solve(factors, given))
-
+        corner = matrix[parts[0], parts[1]].toarray()
+        schur = matrix[parts[1], parts[1]].toarray() - corner.T @ solves[0](corner)
+        cholesky = linalg.cho_factor(schur)
+        entries += schur.size
+        solves.append(lambda given: linalg.cho_solve(cholesky, given))
     coupled = kind in ("P_Ab", "P_AS")
+    above = [matrix[each, each.stop :].tocsr() for each in parts]
 
     def apply(given: Array) -> Array:
-        below = lower(given[half:])
-        above = given[:half] - corner @ below if coupled else given[:half]
-        return np.concatenate([first.solve(above), below])
+        found = np.empty_like(given)
+        for each, one, rest in reversed(list(zip(parts, solves, above, strict=True))):
+            taken = rest @ found[each.stop :] if coupled and rest.shape[1] else 0.0
+            found[each] = one(given[each] - taken)
+        return found
 
     return apply, entries
 
@@ -137,9 +148,12 @@ class _Enough(Exception):
 class _Count:
     """Runs a method until the residual is small, and counts."""
 
-    def __init__(self, matrix: sparse.csr_array, right: Array, tolerance: float) -> None:
+    def __init__(
+        self, matrix: sparse.csr_array, right: Array, tolerance: float, small: float
+    ) -> None:
         self.matrix, self.right, self.tolerance = matrix, right, tolerance
-        self.iterations = 0
+        self.small = small / (float(np.linalg.norm(right)) or 1.0)
+        self.iterations = self.early = 0
         self.last = np.zeros_like(right)
 
     def run(self, method: Method, operator: LinearOperator, most: int) -> tuple[Array, int]:
@@ -152,12 +166,19 @@ class _Count:
         settings: dict[str, Any] = {"rtol": self.tolerance, "maxiter": most, "M": operator}
         if method == "gmres":
             settings |= {"restart": RESTART, "callback_type": "pr_norm"}
-        solver = cg if method == "pcg" else gmres
-        found, _ = solver(self.matrix, self.right, callback=self._one, **settings)
+        if method == "gmres":
+            found, _ = gmres(self.matrix, self.right, callback=self._left, **settings)
+        else:
+            found, _ = cg(self.matrix, self.right, callback=self._one, **settings)
         return found, self.iterations
 
     def _one(self, _: Any) -> None:
         self.iterations += 1
+
+    def _left(self, residual: float) -> None:
+        self.iterations += 1
+        if not self.early and residual <= self.small:
+            self.early = self.iterations
 
     def _look(self, found: Array) -> None:
         self.iterations += 1

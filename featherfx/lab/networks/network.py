@@ -14,7 +14,9 @@ Matrices are sparse.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -214,6 +216,26 @@ def network_energy(network: FibreNetwork, displacements: Array) -> float:
     """Energy (J) of displacements (N, d) m, without mean strain."""
     rows, _, weights = strain_rows(network)
     return 0.5 * float(weights @ (rows @ displacements.ravel()) ** 2)
+
+
+def strung(
+    places: Array, fibres: Sequence[Sequence[int]], stretch: float, bend: float
+) -> FibreNetwork:
+    """Fibres through nodes at places (N, d) m; fibres: their nodes in turn."""
+    ends = np.array([pair for nodes in fibres for pair in pairwise(nodes)])
+    fibre = np.repeat(np.arange(len(fibres)), [len(nodes) - 1 for nodes in fibres])
+    joint = np.flatnonzero(fibre[1:] == fibre[:-1])
+    span = places[ends[:, 1]] - places[ends[:, 0]]
+    length = np.linalg.norm(span, axis=1)
+    return FibreNetwork(
+        nodes=len(places),
+        ends=ends,
+        span=span,
+        stretch=np.full(len(ends), stretch),
+        pairs=np.stack([joint, joint + 1], axis=1),
+        reach=length[joint] + length[joint + 1],
+        bend=np.full(len(joint), bend),
+    )
 
 
 def chain(count: int, length: float, stretch: float, bend: float, size: int = 2) -> FibreNetwork:

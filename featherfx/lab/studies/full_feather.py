@@ -13,6 +13,7 @@ from featherfx.lab.feathers.full_feather import (
     LEAST,
     LENGTH,
     MATERIALS,
+    SWAN,
     FullPull,
     Material,
     PulledFeather,
@@ -32,6 +33,8 @@ from featherfx.lab.studies.study import (
 
 # rows and columns; wavelengths that differ by less than SAME are one
 GRIDS, SAME = ((61, 8), (81, 8), (121, 8), (81, 20)), 0.03
+# bending along and across the barbs of figure 6.6, over those of table 6.1; our choice
+WRONG = (0.01, 10.0)
 SHAPE = ourselves("a bound of ours that tells the behaviours apart; the published are pictures")
 
 
@@ -107,6 +110,7 @@ def tip_pull(folder: Path) -> StudyResult:
         ),
         *_converged("tip", 0.2),
         *_guarded(),
+        *_wrong_bending(),
         reported(
             "energy of a rolled strip by equations 6.2 and 6.3, over that of its modulus",
             _printed_hinge(),
@@ -165,6 +169,35 @@ def _guarded() -> list[Row]:
         ),
         reported("wavelength, the same", guarded.wavelength / plain.wavelength),
         reported("amplitude, the same", guarded.amplitude / plain.amplitude),
+    ]
+
+
+def _wrong_bending() -> list[Row]:
+    """Figure 6.6: barbs that bend too easily, and a vane that is too stiff across them."""
+    rows, columns = GRIDS[1]
+    pull = FullPull("tip", 0.2, rows=rows, columns=columns)
+    right = pull_feather(pull)
+    weak = pull_feather(pull, barb_bending_normal=WRONG[0] * SWAN.barb_bending_normal)
+    stiff = pull_feather(pull, bending_across=WRONG[1] * SWAN.bending_across)
+    # the side away from the pull is the leading one
+    far = [float(np.abs(each.points[:, 1 : 1 + columns, 2]).max()) for each in (weak, right)]
+    words = published("Jouve 2024, figure 6.6, in words")
+    return [
+        bounded(
+            f"height of the far vane with {WRONG[0]:g} times the bending along, over that without",
+            far[0] / far[1],
+            words,
+            at_least=1.0,
+            note="too small a longitudinal modulus lets the vane buckle",
+        ),
+        bounded(
+            f"wavelength with {WRONG[1]:g} times the bending across, over that without",
+            stiff.wavelength / right.wavelength,
+            words,
+            at_most=1.0,
+            note="said of too high a transverse modulus, which by the theory of wrinkles makes"
+            f" waves longer; amplitude times {stiff.amplitude / right.amplitude:.3g}",
+        ),
     ]
 
 

@@ -69,6 +69,18 @@ STUDIES: tuple[Study, ...] = (
         "featherfx.lab.studies.vane:shear_modulus",
     ),
     Study(
+        "vane_samples",
+        "The measured samples: tilted tests, Poisson effect, share of barbs",
+        "Jouve 2024, table 3.1, section 3.3, figures 3.10, 5.6, 5.8 and D.3",
+        "featherfx.lab.studies.samples:samples",
+    ),
+    Study(
+        "vane_penalty",
+        "Stiff barbs beside barbs of constant length",
+        "Jouve et al. 2024, figure 6",
+        "featherfx.lab.studies.vane:penalty",
+    ),
+    Study(
         "vane_calibration",
         "Moduli recovered from stress-strain curves",
         "Jouve 2024, chapter 5",
@@ -103,6 +115,12 @@ STUDIES: tuple[Study, ...] = (
         "The curled ribbon beside a rod of rectangular section",
         "Charrondiere et al. 2019, section 5.5 and figure 9",
         "featherfx.lab.studies.ribbons:against_rod",
+    ),
+    Study(
+        "ribbon_ends",
+        "A curled ribbon by its equations of equilibrium, and one held at both ends",
+        "Charrondiere et al. 2019, sections 5.2 and 6",
+        "featherfx.lab.studies.ribbons:ends",
     ),
     Study(
         "full_feather_side",
@@ -145,6 +163,30 @@ STUDIES: tuple[Study, ...] = (
         "What merging of near crossings costs",
         "Houghton 2020, section 5.2.4, tables 5.1 to 5.3",
         "featherfx.lab.studies.networks:merging",
+    ),
+    Study(
+        "fibre_space",
+        "Small networks in space, in a medium, and by steps of pseudo-time",
+        "Houghton 2020, sections 6.2 and 6.4, tables 6.5 to 6.8",
+        "featherfx.lab.studies.space:small",
+    ),
+    Study(
+        "fibre_layers",
+        "Random networks in space and layers of them",
+        "Houghton 2020, sections 6.3 and 6.4, table 6.3, figures 6.16 to 6.25",
+        "featherfx.lab.studies.space:random",
+    ),
+    Study(
+        "fibre_solvers",
+        "A sparse factorisation beside preconditioned iterations",
+        "Houghton 2020, section 5.3",
+        "featherfx.lab.studies.solvers:lattices",
+    ),
+    Study(
+        "vane_solvers",
+        "Preconditioned iterations on the nodal matrix of a vane",
+        "Houghton 2020, section 4.2, on a feather",
+        "featherfx.lab.studies.solvers:vane",
     ),
     Study(
         "fibre_rupture",

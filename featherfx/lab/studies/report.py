@@ -15,8 +15,9 @@ from typing import Any
 
 from featherfx.files.whole import write_text
 from featherfx.lab.bench.report import can_plot, facts_of, machine
+from featherfx.lab.studies.registry import STUDIES
 from featherfx.lab.studies.runs import Entry
-from featherfx.lab.studies.study import Kind, Row, StudyResult
+from featherfx.lab.studies.study import Figure, Kind, Row, Source, StudyResult
 
 COLUMNS = (
     "quantity",
@@ -78,7 +79,7 @@ def facts(entries: Sequence[Entry], version: str) -> list[str]:
     seconds = sum(s for e in entries if math.isfinite(s := e.result.processor_seconds))
     date, listed = facts_of(machine(version))
     return [
-        f"Run on {date}; the studies took {seconds:.0f} s of processor time, kernels"
+        f"Last written on {date}; the studies took {seconds:.0f} s of processor time, kernels"
         f" compiled before. Machine and versions: {listed}.",
         f"Of {len(rows)} numbers, {_sum_of(rows, 'published')} with published ones and"
         f" {_sum_of(rows, 'independent')} with independent solutions; {_sum_of(rows, 'self')} with"
@@ -232,6 +233,40 @@ def _room(row: Row) -> float:
     return (row.tolerance or 0.0) * share
 
 
+def kept(entries: Sequence[Entry], before: dict[str, Any], folder: Path) -> list[Entry]:
+    """Entries, and those that an earlier record (of `record`) has and they have not, in the order
+    of the registry. folder: of the earlier figures."""
+    new = {entry.study.name: entry for entry in entries}
+    old = before["studies"]
+    return [
+        new[study.name] if study.name in new else Entry(study, _result(old[study.name], folder))
+        for study in STUDIES
+        if study.name in new or study.name in old
+    ]
+
+
+def _result(old: dict[str, Any], folder: Path) -> StudyResult:
+    def number(value: float | None) -> float:
+        return math.nan if value is None else float(value)
+
+    rows = [
+        Row(
+            quantity=row["quantity"],
+            ours=number(row["value"]),
+            unit=row["unit"],
+            reference=row["reference"],
+            tolerance=row["tolerance"],
+            comparison=row["comparison"],
+            source=Source(row["kind"], row["source"]) if row["kind"] else None,
+            note=row["note"],
+        )
+        for row in old["rows"]
+    ]
+    figures = [Figure(folder / each["file"], each["caption"]) for each in old["figures"]]
+    times = number(old["seconds"]), number(old["processor_seconds"])
+    return StudyResult(rows, figures, *times)
+
+
 def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
@@ -263,12 +298,15 @@ def write_report(folder: Path, entries: Sequence[Entry], version: str) -> list[P
 
 def write_markdown(file: Path, entries: Sequence[Entry], version: str) -> None:
     """Write the page as Markdown, its figures and its numbers (JSON) in a folder of the same name
-    beside it."""
+    beside it. Studies that were not run stay as they are there."""
     folder = file.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
+    if (before := folder / NUMBERS).exists():
+        entries = kept(entries, json.loads(before.read_bytes()), folder)
     write_text(folder / NUMBERS, json.dumps(record(entries, version), indent=1) + "\n")
     for entry in entries:
         for figure in entry.result.figures:
-            shutil.copyfile(figure.file, folder / figure.file.name)
+            if figure.file.parent != folder:
+                shutil.copyfile(figure.file, folder / figure.file.name)
     file.parent.mkdir(parents=True, exist_ok=True)
     write_text(file, markdown(entries, version, folder.name))

@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.special import ellipe, ellipk
 
 from featherfx.lab.ribbons.energy import Ribbon
+from featherfx.lab.ribbons.equations import solved
 from featherfx.lab.ribbons.experiments import (
     GRAVITY,
     cantilever_ratios,
@@ -23,6 +25,7 @@ from featherfx.lab.ribbons.experiments import (
     planar_limit,
     rod_of,
 )
+from featherfx.lab.ribbons.motion import FarClamp, RibbonMotion
 from featherfx.lab.ribbons.rest import settle_ribbon
 from featherfx.lab.rods.experiments import bend, enough_segments
 from featherfx.lab.rods.oracles import heavy_elastica
@@ -180,6 +183,47 @@ def _many_strips(exact: np.ndarray) -> list[Row]:
     ]
 
 
+# section 5.2; D in N m, as in the other figures
+BARB = Ribbon(0.5, 0.015, 2e-4, 0.015, 30.0, elements=40)
+
+
+def ends(folder: Path) -> StudyResult:
+    """One end held, beside the equations of equilibrium; both, beside the elastica."""
+    rest, frame = hang(BARB).rest, clamp_frame("level")
+    gap = np.abs(solved(BARB, rest, frame, GRAVITY) - rest.curve.points).max() / BARB.length
+    equations = independent("equations of equilibrium, by collocation")
+    shown = "the text shows two curves that are nearly identical (section 5.2, figure 5)"
+    text = "largest gap over length, strip of section 5.2"
+    rows = [bounded(text, float(gap), equations, at_most=1e-3, note=shown)]
+    # section 6 has both ends held as work to do
+    strip = Ribbon(0.1, 0.005, 2e-4, 0.05, elements=16)
+    first, second = ellipk(MODULUS**2), ellipe(MODULUS**2)
+    apart = strip.length * (2.0 * second / first - 1.0)
+    far = FarClamp(np.array([apart, 0.0, 0.0]), frame)
+    held = RibbonMotion(strip, frame, np.zeros(3), far)
+    turns = -20.0 * np.cos(2.0 * np.pi * strip.stations / strip.length)
+    state = held.at_rest(np.concatenate([turns, np.zeros(strip.elements + 1)]))
+    height = float(np.abs(held.points(state.unknowns)[:, 1]).max())
+    push = -float(state.pull.sum(axis=0)[0])
+    elastica = independent("elastica clamped at both ends, elliptic integrals")
+    note = f"ends {apart / strip.length:.3f} of the length apart"
+    exact = 16.0 * first**2 * strip.rigidity * strip.width / strip.length**2
+    rows += [
+        compared(
+            "height of a strip held at both ends, over length",
+            height / strip.length,
+            MODULUS / first,
+            5e-3,
+            elastica,
+            note=note,
+        ),
+        compared("force that holds it", push, exact, 5e-3, elastica, unit="N"),
+    ]
+    return StudyResult(rows)
+
+
+# of the elliptic integrals of the strip that is held at both ends
+MODULUS = 0.5
 # links of an element
 WAYS = (("1 link an element", 1), ("8 links", 8), ("power series", 0))
 COUNTS = (5, 10, 20, 40)

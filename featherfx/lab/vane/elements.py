@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_matrix, csr_matrix, diags, kron, vstack
 
 from featherfx.lab.vane.mesh import Mesh, areas, quadratic
 from featherfx.lab.vane.sample import Sample
@@ -30,7 +31,8 @@ class Membrane:
     points: (N, 2) m, at rest. nodes: (M, K). along, across: (M, Q, K) 1/m, derivatives of the
     nodes' functions along and across the barbs. volume: (M, Q) m^3. moduli: (M, 3) Pa, along the
     barbs, across them, shear. chains: (S, 2) segments along barbs whose length is kept exactly;
-    none unless the barbs are inextensible.
+    none unless the barbs are inextensible. bending: (2 N, 2 N) N/m, form of the displacements that
+    is twice the energy of barbs bent within the plane, or None.
     """
 
     points: Array
@@ -40,15 +42,23 @@ class Membrane:
     volume: Array
     moduli: Array
     chains: Indices
+    bending: csc_matrix | None = None
 
 
 def membrane(
-    sample: Sample, mesh: Mesh, moduli: Array, order: Order = 1, *, inextensible: bool = False
+    sample: Sample,
+    mesh: Mesh,
+    moduli: Array,
+    order: Order = 1,
+    *,
+    inextensible: bool = False,
+    barb_bending: float = 0.0,
 ) -> Membrane:
     """Discretise a sample. moduli: (3,) or (M, 3) Pa.
 
-    inextensible: keep all segments along barbs at their length instead of giving them a stiffness;
-    aligned meshes of order 1 only.
+    inextensible: keep all segments along barbs at their length instead of giving them a stiffness.
+    barb_bending: Pa m^2, S of the energy density S |d2x / dv2|^2 / 2 along the barbs, the gradient
+    of strain that barbs of some width resist. Both for aligned meshes of order 1 only.
     """
     slopes = _slopes(mesh)
     points, nodes = (mesh.points, mesh.triangles) if order == 1 else quadratic(mesh)
@@ -68,7 +78,33 @@ def membrane(
         volume=volume,
         moduli=stiff,
         chains=chains,
+        bending=_bending(sample, mesh, barb_bending) if barb_bending else None,
     )
+
+
+def _bending(sample: Sample, mesh: Mesh, stiffness: float) -> csc_matrix:
+    """Bend triplets along the rows, each with the width of its row; clamps keep the direction."""
+    chains, points = mesh.chains, mesh.points
+    length = np.linalg.norm(points[chains[:, 1]] - points[chains[:, 0]], axis=1)
+    place = np.round(points[chains[:, 0]] @ sample.across / sample.height, 9)
+    rows, row = np.unique(place, return_inverse=True)
+    width = sample.height * np.diff(rows, prepend=rows[0], append=rows[-1])
+    width = 0.5 * (width[1:] + width[:-1])[row]
+    count, each = len(points), np.arange(len(chains))
+    turn = csr_matrix((1.0 / length, (each, chains[:, 1])), (len(chains), count))
+    turn -= csr_matrix((1.0 / length, (each, chains[:, 0])), (len(chains), count))
+    joint = np.flatnonzero(chains[:-1, 1] == chains[1:, 0])
+    lines = [turn[joint + 1] - turn[joint]]
+    weights = [width[joint] / (length[joint] + length[joint + 1])]
+    height = points[:, 1]
+    held = (height <= 0.0) | (height >= sample.height)
+    for end in range(2):
+        clamp = np.flatnonzero(held[chains[:, end]] & ~held[chains[:, 1 - end]])
+        lines.append(turn[clamp])
+        weights.append((width / length)[clamp])
+    every = vstack(lines)
+    weight = 2.0 * stiffness * sample.thickness * np.concatenate(weights)
+    return csc_matrix(kron(every.T @ diags(weight) @ every, np.eye(2)))
 
 
 def _slopes(mesh: Mesh) -> Array:

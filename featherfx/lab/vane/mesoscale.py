@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import Range, out_of_range, part, require, value
 from featherfx.lab.vane.descent import NoEquilibrium
-from featherfx.lab.vane.elements import Order, membrane
+from featherfx.lab.vane.elements import Membrane, Order, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_mesh, corner_rows
 from featherfx.lab.vane.sample import (
     FORM,
@@ -250,6 +250,7 @@ def _distinct(values: Array, tiny: float) -> Array:
 
 RATIO, BARB, FRACTION = 6.2e4, 2.43e9, 0.14
 SIZE = 13e-3
+SQUARE = Sample(90.0, SIZE, SIZE)
 COUNTS = (8, 12, 16, 25)
 STRAIN, STEPS = -0.03, 3
 # sideways deflection of the start from which the barbs are let go, as a share of the height
@@ -285,10 +286,31 @@ def run_size_effect(counts: Sequence[int] = COUNTS, fraction: float = FRACTION) 
 
 def _press(count: int, fraction: float, strain: Array) -> Array:
     """(n,) Pa."""
-    sample = Sample(90.0, SIZE, SIZE)
     bands = Bands(fraction, SIZE / count, BARB, BARB / RATIO)
-    mesh, moduli = band_mesh(sample, bands)
-    body = membrane(sample, mesh, moduli, 2)
+    mesh, moduli = band_mesh(SQUARE, bands)
+    return _pressed(membrane(SQUARE, mesh, moduli, 2), strain, count)
+
+
+def press_membrane(count: int, gradient: bool, cells: int = 12) -> float:
+    """Stress over the barbs' modulus of a homogeneous membrane at the strain of the size effect.
+
+    count: N of the bands that it stands for. gradient: with the energy that their barbs' bending
+    has, E_B P^3 T^2 / 12 |d2x / dv2|^2 / 2 (P share, T spacing). cells: of its coarse mesh, along
+    and across. Raises InputError where it has no equilibrium.
+    """
+    bands = Bands(FRACTION, SIZE / count, BARB, BARB / RATIO)
+    low, *_, high = corner_rows(SQUARE)
+    mesh = aligned_mesh(SQUARE, np.linspace(low, high, cells + 1), SIZE / cells)
+    stiffness = BARB * FRACTION**3 * bands.barb_spacing**2 / 12.0 if gradient else 0.0
+    moduli = effective_moduli(bands, series_shear(bands)).as_array()
+    body = membrane(SQUARE, mesh, moduli, barb_bending=stiffness)
+    strain = STRAIN * np.arange(1, STEPS + 1) / STEPS
+    return float(_pressed(body, strain, count)[-1]) / BARB
+
+
+def _pressed(body: Membrane, strain: Array, count: int) -> Array:
+    """(n,) Pa."""
+    sample = SQUARE
     statics = Statics(body, clamped(sample, body))
     rest = body.points
     top = rest[:, 1] >= sample.height

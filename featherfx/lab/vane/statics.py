@@ -56,12 +56,20 @@ class Statics:
     membrane: constant data. held: (N,) bool, nodes whose positions are prescribed. Unknowns are
     the coordinates of the others and the tensions of chains that are not held at both ends.
     folding: let elements turn over, as they do where a mesh locks. accuracy: share of its energy
-    that a step of a descent must win to be followed by another.
+    that a step of a descent must win to be followed by another. textbook: Newton's iterations take
+    the stresses of the pose itself, which is kept as a measure.
     """
 
     def __init__(
-        self, membrane: Membrane, held: Bools, *, folding: bool = False, accuracy: float = 1e-10
+        self,
+        membrane: Membrane,
+        held: Bools,
+        *,
+        folding: bool = False,
+        accuracy: float = 1e-10,
+        textbook: bool = False,
     ) -> None:
+        self._textbook = textbook
         self.system = MembraneSystem(membrane, held, folding=folding)
         self.membrane, self._accuracy = membrane, accuracy
         self._chains = membrane.chains[~held[membrane.chains].all(axis=1)]
@@ -137,8 +145,13 @@ class Statics:
             size = float(np.abs(step).max()) / self.system.size
             if not size < ASTRAY:
                 raise NoEquilibrium("the iterations diverge")
-            stresses = self.system.predicted_stresses(pose.positions, step)
-            moved = replace(pose, positions=pose.positions + step, stresses=stresses)
+            positions = pose.positions + step
+            stresses = (
+                self.system.stresses(positions)
+                if self._textbook
+                else self.system.predicted_stresses(pose.positions, step)
+            )
+            moved = replace(pose, positions=positions, stresses=stresses)
             pose = replace(moved, tensions=tensions, iterations=pose.iterations + 1)
             if iteration and size < CLOSE and last < 1e3 * CLOSE:
                 self._check(pose.positions)
@@ -148,13 +161,12 @@ class Statics:
 
     def _step(self, pose: MembranePose, shift: Array) -> tuple[Array, Array]:
         _, forces, stiffness = self.system.assembled(pose.positions, pose.stresses)
-        load = -forces.ravel() - self.system.pattern.matrix(stiffness) @ shift.ravel()
+        load = -forces.ravel() - self.system.matrix(stiffness) @ shift.ravel()
         step = shift.ravel().copy()
         if not len(self._chains):
             try:
-                step[self.system.free] = factorised(self.system.pattern.inner(stiffness)).solve(
-                    load[self.system.free]
-                )
+                factor = factorised(self.system.inner(stiffness))
+                step[self.system.free] = factor.solve(load[self.system.free])
             except RuntimeError as error:
                 raise NoEquilibrium("the stiffness is singular") from error
             return step.reshape(-1, 2), pose.tensions
@@ -164,7 +176,7 @@ class Statics:
         self, pose: MembranePose, stiffness: Array, load: Array, step: Array
     ) -> tuple[Array, Array]:
         excess, jacobian = self._chain(pose)
-        inner = self.system.pattern.inner(stiffness) + self._tension_stiffness(pose)
+        inner = self.system.inner(stiffness) + self._tension_stiffness(pose)
         coupled = jacobian[:, self.system.free]
         system = bmat([[inner, coupled.T], [coupled, None]], format="csc")
         pulled = self._tension_stiffness(pose, whole=True) @ step

@@ -119,7 +119,23 @@ class MembraneSystem:
         energy = sample_system(
             *(positions, self._elements, stresses, UNIT, self._scratch, forces, self._blocks)
         )
+        if self.membrane.bending is not None:
+            moved = (positions - self.membrane.points).ravel()
+            bent = self.membrane.bending @ moved
+            energy, forces = energy + 0.5 * float(moved @ bent), forces + bent.reshape(-1, 2)
         return energy, forces, self.pattern.sum(self._blocks)
+
+    def matrix(self, values: Array) -> csc_matrix:
+        """Stiffness of all coordinates. values: of the pattern's pairs, from assembled."""
+        whole = self.pattern.matrix(values)
+        return whole if self.membrane.bending is None else whole + self.membrane.bending
+
+    def inner(self, values: Array) -> csc_matrix:
+        """The same of the free coordinates."""
+        inner = self.pattern.inner(values)
+        if self.membrane.bending is None:
+            return inner
+        return inner + self.membrane.bending[self.free][:, self.free]
 
     def predicted_stresses(self, positions: Array, step: Array) -> Array:
         """(M, Q, 3) Pa after a step (N, 2), to first order."""
@@ -133,11 +149,11 @@ class MembraneSystem:
         stresses: (M, Q, 3) Pa, of the stiffness. shift: (N, 2) m, of the held nodes.
         """
         _, forces, stiffness = self.assembled(positions, stresses)
-        factor = factorised(self.pattern.inner(stiffness))
+        factor = factorised(self.inner(stiffness))
         definite = np.array_equal(factor.perm_r, factor.perm_c) and factor.U.diagonal().min() > 0.0
         if not definite:
             return None
-        load = -forces.ravel() - self.pattern.matrix(stiffness) @ shift.ravel()
+        load = -forces.ravel() - self.matrix(stiffness) @ shift.ravel()
         step = shift.ravel().copy()
         step[self.free] = factor.solve(load[self.free])
         return step.reshape(-1, 2), forces

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,8 +152,8 @@ def run_traction(test: Traction, *, check_mesh: bool = True) -> TractionResult:
     )
 
 
-def pull_test(test: Traction, *, folding: bool = False, accuracy: float = 1e-10) -> PulledSample:
-    """The test itself, without checks of input or mesh; folding, accuracy: see Statics."""
+def pull_test(test: Traction, **options: Any) -> PulledSample:
+    """The test itself, without checks of input or mesh. options: of Statics."""
     moduli = isotropic(test.moduli.across) if test.model == "isotropic" else test.moduli
     body = membrane(
         test.sample,
@@ -161,7 +161,7 @@ def pull_test(test: Traction, *, folding: bool = False, accuracy: float = 1e-10)
         moduli.as_array(),
         inextensible=test.model == "inextensible",
     )
-    statics = Statics(body, clamped(test.sample, body), folding=folding, accuracy=accuracy)
+    statics = Statics(body, clamped(test.sample, body), **options)
     return pull(test.sample, statics, strains(test.strain, test.steps))
 
 

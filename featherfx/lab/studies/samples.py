@@ -1,0 +1,203 @@
+"""The measured samples of Jouve 2024: sizes of table 3.1, tilted tests, Poisson effect, share of
+barbs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.studies.study import (
+    Row,
+    StudyResult,
+    bounded,
+    compared,
+    draw,
+    independent,
+    ourselves,
+    published,
+    reported,
+)
+from featherfx.lab.vane.mesoscale import (
+    SwanBands,
+    effective_moduli,
+    pull_bands,
+    series_shear,
+)
+from featherfx.lab.vane.sample import Moduli, Sample, strains
+from featherfx.lab.vane.traction import PulledSample, Traction, pull_test
+
+THESIS = "Jouve 2024"
+# table 3.1: width and height in mm, thickness in micrometres
+TRANSVERSE = (
+    *((15, 14, 120), (8, 14, 100), (12, 11, 120), (10, 11, 110), (10, 13, 95), (12, 11, 140)),
+    *((11, 13, 120), (10, 15, 100), (17, 14, 112), (10, 13, 125), (11, 12, 120), (12, 16, 150)),
+    *((8, 10, 110), (11, 12, 120)),
+)
+LONGITUDINAL = (
+    *((9, 18, 73), (7, 15, 133), (9, 23, 60), (8, 13, 120), (9, 16, 129), (4, 12, 116)),
+    *((10, 11, 80), (7, 19, 125), (10, 10, 117), (6, 6, 100), (7, 10, 145), (2, 6, 130)),
+    (5, 11, 140),
+)
+# without that of 16 by 16 mm, where one barb joins both clamps
+TILTED = (
+    *((12, 16, 155), (14, 19, 114), (13, 18, 103), (8, 14, 143)),
+    *((9, 16, 132), (6, 15, 120), (3, 14, 110)),
+)
+# figure D.3: slopes of a swan's vane, Pa
+SCATTER = {"across": (37e3, 61e3), "along": (263e6, 457e6)}
+SPACING, STRAIN, STEPS, ELEMENTS = 5e-4, 0.1, 2, 4000
+# of the tilted ones, those that are pulled
+PULLED = (TILTED[0], TILTED[2], TILTED[5], TILTED[6])
+# share of barbs in the surface: figure 5.8, and the bounds of both texts
+SHARES = (0.11, 0.12, 0.14, 0.16, 0.19)
+
+
+def samples(folder: Path) -> StudyResult:
+    """All samples of table 3.1, and what figures 5.6 and 5.8 are drawn of."""
+    bands = SwanBands(0.14, SPACING).bands()
+    moduli = effective_moduli(bands, series_shear(bands))
+    tilted = [_sample(45.0, each) for each in PULLED]
+    strain = strains(STRAIN, STEPS)
+    by_bands = [pull_bands(each, bands, strain) for each in tilted]
+    by_membrane = [pull_test(Traction(each, moduli, STRAIN, STEPS, ELEMENTS)) for each in tilted]
+    rows = [*_scatter(), *_uniform()]
+    resolved = independent("bands of barbs and barbules, resolved one by one")
+    for sample, meso, macro in zip(tilted, by_bands, by_membrane, strict=True):
+        text = f"{1e3 * sample.width:g} by {1e3 * sample.height:g} mm, tilted"
+        ratio = float(macro.stress[-1] / meso.stress[-1])
+        note = f"bands: {meso.stress[-1]:.4g} Pa at {100 * STRAIN:g} % strain"
+        rows.append(
+            compared(
+                f"stress of the membrane over the bands', {text}",
+                ratio,
+                1.0,
+                0.1,
+                resolved,
+                note=f"{note}; one place of the barbs, which moves the bands by some 5 %",
+            )
+        )
+        rows.append(
+            compared(
+                f"Poisson's ratio at half height of the membrane, {text}",
+                poisson(sample, macro),
+                poisson(sample, meso),
+                0.1,
+                resolved,
+                absolute=True,
+            )
+        )
+    widest, narrowest = by_bands[0].stress[-1], by_bands[-1].stress[-1]
+    words = published(f"{THESIS}, section 3.3, in words: narrow samples are much softer")
+    text = "stress of the narrowest tilted sample over the widest's"
+    rows.append(bounded(text, narrowest / widest, words, at_most=0.5))
+    rows += [*_poisson(moduli), *_shares()]
+    caption = (
+        "Tilted tests of the samples of table 3.1 (figure 5.6 of Jouve 2024, without its measured"
+        " curves, which are a picture): bands (lines) and membrane (dots), by width and height."
+    )
+
+    def paint(canvas: Any) -> None:
+        axes = canvas.add_subplot()
+        for k, (sample, meso, macro) in enumerate(zip(tilted, by_bands, by_membrane, strict=True)):
+            label = f"{1e3 * sample.width:g} x {1e3 * sample.height:g} mm"
+            axes.plot(strain, 1e-3 * meso.stress, color=f"C{k % 6}", label=label)
+            axes.plot(strain, 1e-3 * macro.stress, "o", color=f"C{k % 6}", ms=4)
+        axes.set_xlabel("Green-Lagrange strain")
+        axes.set_ylabel("second Piola-Kirchhoff stress, kPa")
+        axes.legend(fontsize=8)
+
+    return StudyResult(rows, draw(folder / "vane_samples.png", caption, paint))
+
+
+def poisson(sample: Sample, pulled: PulledSample) -> float:
+    """Equation 3.1 with the width at half height: - e_xx / e_yy of the last strain."""
+    rest, now = pulled.statics.membrane.points, pulled.pose.positions
+    sides = []
+    for place in (0.0, sample.width):
+        edge = np.flatnonzero(np.abs(rest[:, 0] - place) < 1e-9)
+        edge = edge[np.argsort(rest[edge, 1])]
+        sides.append(np.interp(0.5 * sample.height, rest[edge, 1], now[edge, 0]))
+    across = 0.5 * (((sides[1] - sides[0]) / sample.width) ** 2 - 1.0)
+    return -float(across / pulled.strain[-1])
+
+
+def _sample(angle: float, size: tuple[int, int, int]) -> Sample:
+    return Sample(angle, 1e-3 * size[0], 1e-3 * size[1], 1e-6 * size[2])
+
+
+def _scatter() -> list[Row]:
+    """The shipped vane within what was measured."""
+    vane = feather_kind("swan_primary").vane_material
+    source = published(f"{THESIS}, figure D.3: 37 to 61 kPa and 263 to 457 MPa")
+    rows = []
+    for name, (low, high) in SCATTER.items():
+        text = f"modulus {name} of the preset swan_primary, in the middle of what was measured"
+        half = 0.5 * (high - low)
+        middle, found = 0.5 * (low + high), getattr(vane, name)
+        rows.append(compared(text, found, middle, half, source, unit="Pa", absolute=True))
+        share = published(f"{THESIS}, section 3.3: slopes vary by 25 % around their middle")
+        text = f"half of the printed range over its middle, {name}"
+        rows.append(compared(text, half / middle, 0.25, 0.1, share, note="two numbers of the text"))
+    return rows
+
+
+def _uniform() -> list[Row]:
+    """The measure does not depend on the size of samples that deform evenly."""
+    swan = Moduli(3.6e8, 4.8e4, 2.78e4)
+    worst = max(
+        abs(pull_test(Traction(_sample(angle, size), swan, 0.01, 1, 128)).slope / modulus - 1.0)
+        for angle, sizes, modulus in (
+            (0.0, TRANSVERSE, swan.across),
+            (90.0, LONGITUDINAL, swan.along),
+        )
+        for size in sizes
+    )
+    text = f"slope of {len(TRANSVERSE) + len(LONGITUDINAL)} samples of table 3.1, largest error"
+    given = ourselves("the modulus that was given to the samples, which are pulled evenly")
+    return [bounded(text, worst, given, at_most=1e-8)]
+
+
+def _poisson(moduli: Moduli) -> list[Row]:
+    """Section 3.3: none in transverse samples, a strong one in tilted ones."""
+    across = _sample(0.0, TRANSVERSE[0])
+    pulled = pull_test(Traction(across, moduli, STRAIN, STEPS, 500))
+    tilted = _sample(45.0, (13, 18, 103))
+    isotropic = pull_test(Traction(tilted, moduli, STRAIN, 1, 500, model="isotropic"))
+    none = published(f"{THESIS}, section 3.3: null")
+    return [
+        bounded("Poisson's ratio, transverse", abs(poisson(across, pulled)), none, at_most=1e-3),
+        reported(
+            "Poisson's ratio of an isotropic membrane without Poisson effect, 13 by 18 mm, tilted",
+            poisson(tilted, isotropic),
+            note="so the effect of tilted samples is that of the barbs",
+        ),
+    ]
+
+
+def _shares() -> list[Row]:
+    """Figure 5.8: the share of barbs hardly matters to what bands carry."""
+    sample = _sample(45.0, (13, 18, 103))
+    strain = strains(0.5 * STRAIN, 1)
+    found = {
+        share: pull_bands(sample, SwanBands(share, SPACING).bands(), strain).stress[-1]
+        for share in SHARES
+    }
+    printed = [found[share] for share in (0.12, 0.14, 0.16)]
+    words = published(f"{THESIS}, figure 5.8, in words: not much impacted")
+    rows = [
+        bounded(
+            "spread of the stress over shares of barbs of 0.12 to 0.16, aspect 1.38",
+            float(np.ptp(printed) / printed[1]),
+            words,
+            at_most=0.1,
+        ),
+        reported(
+            "the same over 0.11 to 0.19",
+            float(np.ptp(list(found.values())) / printed[1]),
+            note="bounds of 0.14 +- 0.03 and 0.16 +- 0.03, the shares of the two texts",
+        ),
+    ]
+    return rows
