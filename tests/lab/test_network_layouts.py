@@ -16,6 +16,7 @@ from featherfx.lab.networks.experiments import (
     sheared_system,
 )
 from featherfx.lab.networks.krylov import METHODS, PRECONDITIONERS, SYMMETRIC, solve
+from featherfx.lab.networks.large import _pose
 from featherfx.lab.networks.layouts import FibreSection, Mikado, mikado, triangular
 from featherfx.lab.networks.network import network_energy
 from featherfx.lab.studies.networks import merging
@@ -201,3 +202,28 @@ def test_commands_give_their_keys():
 def test_plans_check_themselves():
     with pytest.raises(InputError, match="bend"):
         NetworkPlan(bend=-1.0).layout(periodic=True)
+
+
+def test_large_strain_has_forces_that_are_the_energys_slopes():
+    layout = triangular(6, 6, FibreSection(1.0, 1e-2), "x", 0.8, 1).carrying()
+    random = np.random.default_rng(0)
+    moved, way = random.normal(size=(2, 2 * layout.network.nodes))
+    errors = []
+    for step in (1e-3, 5e-4):
+        ahead, behind = (_pose(layout, 0.05 * moved + s * step * way).energy for s in (1, -1))
+        errors.append(
+            abs((ahead - behind) / (2.0 * step) - _pose(layout, 0.05 * moved).gradient @ way)
+        )
+    assert errors[1] < 1e-4
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+
+
+def test_scattered_fibres_lie_about_the_x_axis():
+    layout = mikado(Mikado(2000, 9.0, seed=4, scatter=0.2), SECTION)
+    span = layout.network.span
+    angle = np.arctan2(span[:, 1], span[:, 0])
+    angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+    # fibres that lie across others have more segments, which widens it
+    assert 0.15 < angle.std() < 0.35
+    with pytest.raises(InputError, match="scatter"):
+        NetworkPlan("triangular", scatter=10.0).layout(periodic=True)

@@ -53,6 +53,11 @@ class NetworkPlan:
         Range(0.0, 0.1),
     )
     bend: float = value("N m^2, bending stiffness of a fibre.", 2.5e-5, NOT_NEGATIVE)
+    scatter: float | None = value(
+        "deg, of random fibres' directions about x, normally distributed.  [default: all alike]",
+        None,
+        Range(0.1, 90.0),
+    )
     seed: int = value("Of what is random.", 0, NOT_NEGATIVE)
 
     @property
@@ -69,6 +74,9 @@ class NetworkPlan:
         if self.lattice == "mikado" and self.dilution != 1.0:
             text = f"{self.dilution:g}; allowed with mikado: 1"
             problems.append(Problem("network", "dilution", text))
+        if self.lattice == "triangular" and self.scatter is not None:
+            text = f"{self.scatter:g}; allowed with mikado only"
+            problems.append(Problem("network", "scatter", text))
         if self.lattice == "mikado" and periodic and not problems and self.width < 2.0:
             text = f"{self.density:g}; allowed: up to a quarter of the number of fibres"
             problems.append(Problem("network", "density", text))
@@ -78,7 +86,12 @@ class NetworkPlan:
         section = FibreSection(1.0, self.bend)
         if self.lattice == "mikado":
             plan = Mikado(
-                self.fibres, self.width, merge=self.merge, periodic=periodic, seed=self.seed
+                self.fibres,
+                self.width,
+                merge=self.merge,
+                periodic=periodic,
+                seed=self.seed,
+                scatter=None if self.scatter is None else float(np.radians(self.scatter)),
             )
             return mikado(plan, section).carrying()
         edges: Periodic = "both" if periodic else "no"

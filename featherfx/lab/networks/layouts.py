@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.special import ndtri
 
 from featherfx.lab.networks.network import Array, FibreNetwork, Indices
 
@@ -107,7 +108,8 @@ class Mikado:
 
     fibres: how many. width: m, of the square. length: m. merge: m; crossings of one fibre that are
     closer to each other are one node. periodic: in both directions; if not, fibres end at the edge
-    of the square and are held there.
+    of the square and are held there. scatter: rad, standard deviation of a fibre's direction from
+    the x axis; None: all directions alike.
     """
 
     fibres: int
@@ -116,6 +118,7 @@ class Mikado:
     merge: float = 0.0
     periodic: bool = True
     seed: int = 0
+    scatter: float | None = None
 
 
 def mikado(plan: Mikado, section: FibreSection) -> Layout:
@@ -124,7 +127,9 @@ def mikado(plan: Mikado, section: FibreSection) -> Layout:
     # drawn one after the other, so that a network with more fibres holds one with fewer
     drawn = random.random((plan.fibres, 3))
     middle = plan.width * drawn[:, :2]
-    along = np.stack([np.cos(np.pi * drawn[:, 2]), np.sin(np.pi * drawn[:, 2])], axis=1)
+    evenly = plan.scatter is None
+    angle = np.pi * drawn[:, 2] if evenly else plan.scatter * ndtri(drawn[:, 2])
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     stops = _crossings(plan, middle, along)
     held = np.zeros(len(stops.places), dtype=bool)
     if not plan.periodic:

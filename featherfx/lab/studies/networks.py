@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from featherfx.lab.networks.experiments import (
+    GRADIENTS,
     SHEAR,
     NetworkModuli,
     NetworkPlan,
@@ -19,10 +20,12 @@ from featherfx.lab.networks.experiments import (
     sheared_system,
 )
 from featherfx.lab.networks.krylov import Method, Preconditioner, solve
+from featherfx.lab.networks.large import sheared_energies
 from featherfx.lab.networks.layouts import FibreSection, Layout, triangular
 from featherfx.lab.networks.network import (
     equilibrium,
     held_displacements,
+    homogenised,
     network_energy,
     strain_rows,
     strung,
@@ -30,6 +33,7 @@ from featherfx.lab.networks.network import (
 from featherfx.lab.studies.study import (
     Row,
     StudyResult,
+    bounded,
     compared,
     draw,
     independent,
@@ -251,6 +255,7 @@ def random(folder: Path) -> StudyResult:
             closed,
         ),
     ]
+    rows += _scattered()
     limit = _threshold(_random_plan, (5.0, 8.0))
     source = published(f"{HOUGHTON}, section 2.2.4, of Latva-Kokko and Timonen")
     note = f"mean of {TRIALS} networks of 12 by 12 fibre lengths; standard error {limit[1]:.2g}"
@@ -296,6 +301,30 @@ def random(folder: Path) -> StudyResult:
 
     figure = draw(folder / "fibre_random.png", caption, paint, (9.0, 4.2))
     return StudyResult(rows, figure)
+
+
+def _scattered() -> list[Row]:
+    """Section 7.1: directions that scatter about one, normally distributed with s."""
+    closed = independent("moments of a wrapped normal distribution")
+    rows = []
+    for degrees in (20.0, 40.0):
+        plan = NetworkPlan("mikado", fibres=2000, merge=0.0, bend=1e-4, scatter=degrees)
+        relaxed, affine = homogenised(plan.layout(periodic=True).network, GRADIENTS)
+        twice, fourfold = (np.exp(-0.5 * (k * np.radians(degrees)) ** 2) for k in (2.0, 4.0))
+        # means of cos^4 and sin^4
+        exact = (3.0 + 4.0 * twice + fourfold) / (3.0 - 4.0 * twice + fourfold)
+        text = f"stiffness along over across, directions scattered by {degrees:g} deg"
+        rows.append(
+            compared(
+                f"affine {text}",
+                affine[0, 0] / affine[1, 1],
+                exact,
+                0.1,
+                closed,
+                note=f"of free nodes {relaxed[0, 0] / relaxed[1, 1]:.3g}",
+            )
+        )
+    return rows
 
 
 def _affinities(ratio: float) -> list[tuple[float, float, float, float]]:
@@ -346,6 +375,44 @@ def _table_5_6() -> list[Row]:
                 compared(text, mean, printed[place][0], allowed, source, absolute=True, note=note)
             )
     return rows
+
+
+# share of segments below that at which springs are rigid, shears, and the whole lattice's rows
+LOOSE, SHEARS, SMALL_LATTICE = 0.6, np.linspace(0.02, 0.4, 20), 12
+
+
+def large(folder: Path) -> StudyResult:
+    """Section 7.1: large strain, of the whole lattice and of one that only bending holds."""
+    section = FibreSection(1.0, 1e-4)
+    whole = triangular(SMALL_LATTICE, SMALL_LATTICE, section, "x")
+    found = sheared_energies(whole, np.array([0.1, 0.5]))
+    closed = independent("closed form of springs that move with the strain")
+    rows = []
+    for shear, energy in zip((0.1, 0.5), found, strict=True):
+        gradient = np.array([[1.0, 0.0], [shear, 1.0]])
+        stretch = np.linalg.norm(whole.network.span @ gradient, axis=1)
+        exact = 0.5 * float(((stretch - 1.0) ** 2).sum())
+        text = f"energy of the whole lattice at the shear {shear:g}"
+        rows.append(compared(text, energy, exact, 1e-9, closed, unit="J"))
+    loose = triangular(20, 20, section, "x", LOOSE, 1).carrying()
+    linear = independent("the linear network")
+    modulus = 2.0 * float(sheared_energies(loose, np.array([1e-4]))[0]) / 1e-8 / loose.area
+    text = f"shear modulus at the shear 0.0001, {LOOSE:g} of the segments"
+    rows.append(compared(text, modulus, _sheared_modulus(loose), 0.01, linear, unit="N/m"))
+    energies = sheared_energies(loose, SHEARS)
+    slopes = np.gradient(np.gradient(energies, SHEARS), SHEARS)[1:-1] / loose.area
+    words = published(f"{HOUGHTON}, section 7.1, in words: such networks stiffen with strain")
+    text = "shear modulus at the largest shear over that at the least"
+    rows.append(bounded(text, float(slopes[-1] / slopes[0]), words, at_least=2.0))
+
+    def paint(canvas: Any) -> None:
+        axes = canvas.add_subplot()
+        axes.semilogy(SHEARS[1:-1], slopes, "o-", ms=3)
+        axes.set_xlabel("shear")
+        axes.set_ylabel("shear modulus of a further strain, N/m")
+
+    caption = "A diluted lattice that only bending holds stiffens as its fibres draw straight."
+    return StudyResult(rows, draw(folder / "fibre_large.png", caption, paint))
 
 
 # Houghton 2020, tables 5.1 to 5.3: relative errors of bending and of whole energy of two merged

@@ -165,6 +165,12 @@ STUDIES: tuple[Study, ...] = (
         "featherfx.lab.studies.networks:merging",
     ),
     Study(
+        "fibre_large",
+        "Networks under large strain",
+        "Houghton 2020, section 7.1",
+        "featherfx.lab.studies.networks:large",
+    ),
+    Study(
         "fibre_space",
         "Small networks in space, in a medium, and by steps of pseudo-time",
         "Houghton 2020, sections 6.2 and 6.4, tables 6.5 to 6.8",

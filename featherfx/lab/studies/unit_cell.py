@@ -24,6 +24,7 @@ from featherfx.lab.networks.unit_cell import (
     cell_moduli,
     cell_network,
     cell_of,
+    scattered,
 )
 from featherfx.lab.studies.study import (
     StudyResult,
@@ -175,6 +176,17 @@ def lattice(folder: Path) -> StudyResult:
             note=f"the vane's value, chosen by eye in the reference, is {vane.bending_across:g}",
         ),
     ]
+    for degrees in (0.1, 1.0, 3.0):
+        bounds = [1.0 / np.linalg.inv(each)[1, 1] for each in scattered(moduli.relaxed, degrees)]
+        rows.append(
+            reported(
+                f"modulus across over that of straight barbs, directions scattered by {degrees:g}"
+                " deg, equal stress",
+                bounds[1] / cell.thickness / moduli.across,
+                note=f"equal strain {bounds[0] / cell.thickness / moduli.across:.4g}; the vane lies"
+                " between, and how neighbours shift decides",
+            )
+        )
     hooks = np.unique(np.geomspace(1, 2 * cell.crossings - 1, 9).round().astype(int))
     swept = [cell_moduli(replace(fitted, hooks=int(each))) for each in hooks]
 
