@@ -71,7 +71,9 @@ def test_pulled_feather_errs_as_estimated():
 def test_samples_err_as_estimated(name):
     shot = sample(name, 8)
     found, true = shot_error(shot, jobs=2), 1e3 * true_error(shot, 4)
-    assert 0.5 * true < found.error_mm < 2.0 * true
+    # nothing moves the torn feather but what it touches
+    nothing = 1e-6
+    assert 0.5 * true - nothing < found.error_mm < 2.0 * true + nothing
 
 
 def test_feathers_that_are_pulled_or_bend_most_are_chosen():
