@@ -25,25 +25,45 @@ FADE = 3.0
 LEAST_COSINE = 0.5
 # parts into which the rim between two rows is divided
 RIM_PARTS = 3
-# how often an edge is halved to find where it leaves an outline
-HALVES = 6
+# fields along and across a vane of which the heights are known
+FIELDS = 12, 8
+# over a distance along a vane's normals, that along the third axis of the vane's own frame
+LEAN = 1.5
 
 
 @kernel
-def lift_points(vanes, points, pose, low, high):
+def lift_points(vanes, points, lift, pose, fresh, low, high):
     """Lift RowPoints of feathers from low to high - 1 along their rows' dorsal directors, to a
-    pose, and fit its boxes."""
-    columns, lift, out = vanes.exists.shape[3], pose.lift, pose.points
+    pose, and fit its boxes and heights. fresh: whether the points are others than before; else
+    only feathers with another lift are moved."""
+    columns, out, thickest = vanes.exists.shape[3], pose.points, 0.0
+    for f in range(vanes.half.shape[0]):
+        thickest = max(thickest, vanes.half[f])
     for f in range(low, high):
+        pose.moved[f] = 1 if fresh or _differ(lift[f], pose.lift[f]) else 0
+        if pose.moved[f] == 0:
+            continue
         for i in range(out.shape[1]):
             for k in range(3):
-                d = points.directors[f, i, 1, k]
-                pose.dorsal[f, i, k] = d
-                for c in range(2 * columns + 1):
-                    p = strip_point(c, columns)
-                    out[f, i, p, k] = points.nodes[f, i, p, k] + lift[f, i, c] * d
+                pose.dorsal[f, i, k] = points.directors[f, i, 1, k]
+            for c in range(2 * columns + 1):
+                p, pose.lift[f, i, c] = strip_point(c, columns), lift[f, i, c]
+                for k in range(3):
+                    risen = lift[f, i, c] * pose.dorsal[f, i, k]
+                    out[f, i, p, k] = points.nodes[f, i, p, k] + risen
         row_boxes(out[f], out[f], vanes.present[f], pose.boxes[f], pose.bounds[f])
         _fit_own(vanes.present[f], out[f], pose.dorsal[f], pose.frames[f], pose.own[f])
+        own = pose.frames[f], pose.own[f]
+        _fit_heights(vanes.exists[f], out[f], own, 2.0 * FADE * thickest, pose.heights[f])
+
+
+@kernel
+def _differ(first, second):
+    for i in range(first.shape[0]):
+        for c in range(first.shape[1]):
+            if first[i, c] != second[i, c]:
+                return True
+    return False
 
 
 @kernel
@@ -68,6 +88,51 @@ def _fit_own(present, points, dorsal, frame, own):
                 for k in range(3):
                     x = dot(frame[1 + k], away)
                     own[k], own[3 + k] = min(own[k], x), max(own[3 + k], x)
+
+
+@kernel
+def _field(x, own, k):
+    """Field that a place is in along axis k of a feather's own box (6,), the first or last for
+    what lies before or after it."""
+    size = max(own[3 + k] - own[k], 1e-300)
+    return min(max(int((x - own[k]) / size * FIELDS[k]), 0), FIELDS[k] - 1)
+
+
+@kernel
+def _fit_heights(exists, points, fitted, reach, heights):
+    """Least and greatest height (12, 8, 2) of the vane over each field of its own box, or beside it
+    by no more than a reach; that of the box where no triangle is. fitted: frame and box."""
+    frame, own = fitted
+    for p in range(FIELDS[0]):
+        for q in range(FIELDS[1]):
+            heights[p, q, 0], heights[p, q, 1] = 1e300, -1e300
+    for side in range(2):
+        for i in range(exists.shape[1]):
+            for j in range(exists.shape[2]):
+                for half in range(2):
+                    if exists[side, i, j, half] != 0:
+                        corners = _corners(points, (side, i, j, half))
+                        _raise_heights(corners, frame, own, reach, heights)
+    for p in range(FIELDS[0]):
+        for q in range(FIELDS[1]):
+            if heights[p, q, 0] > heights[p, q, 1]:
+                heights[p, q, 0], heights[p, q, 1] = own[2], own[5]
+
+
+@kernel
+def _raise_heights(corners, frame, own, reach, heights):
+    """Heights with one triangle more."""
+    a, b, c = sub(corners[0], frame[0]), sub(corners[1], frame[0]), sub(corners[2], frame[0])
+    x = dot(frame[1], a), dot(frame[1], b), dot(frame[1], c)
+    y = dot(frame[2], a), dot(frame[2], b), dot(frame[2], c)
+    z = dot(frame[3], a), dot(frame[3], b), dot(frame[3], c)
+    low, high = min(z[0], min(z[1], z[2])), max(z[0], max(z[1], z[2]))
+    first, last = min(x[0], min(x[1], x[2])) - reach, max(x[0], max(x[1], x[2])) + reach
+    left, right = min(y[0], min(y[1], y[2])) - reach, max(y[0], max(y[1], y[2])) + reach
+    for p in range(_field(first, own, 0), _field(last, own, 0) + 1):
+        for q in range(_field(left, own, 1), _field(right, own, 1) + 1):
+            heights[p, q, 0] = min(heights[p, q, 0], low)
+            heights[p, q, 1] = max(heights[p, q, 1], high)
 
 
 @kernel
@@ -128,20 +193,19 @@ def _walk(x, points, exists, place):
     met. Returns it, the weights of its corners, its normal, not of unit length, and whether the
     point is over it, not beside."""
     weight, product, inside = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), False
+    before = place
     for _ in range(points.shape[0] + points.shape[1]):
         a, b, c = _corners(points, place)
-        product, away = normal_of(a, b, c), sub(x, a)
+        product = normal_of(a, b, c)
         area = dot(product, product)
         if area <= 0.0:
             break
-        second = dot(cross(away, sub(c, a)), product) / area
-        third = dot(cross(sub(b, a), away), product) / area
-        weight = 1.0 - second - third, second, third
-        least = min(weight[0], min(second, third))
+        weight = _parted(x, (a, b, c), product, area)
+        least = min(weight[0], min(weight[1], weight[2]))
         if least >= 0.0:
             inside = True
             break
-        k = 0 if least == weight[0] else (1 if least == second else 2)
+        k = 0 if least == weight[0] else (1 if least == weight[1] else 2)
         after = _beyond(place, k)
         if not _is_there(after, exists):
             # around the corner, if it is beyond another edge, too
@@ -150,7 +214,11 @@ def _walk(x, points, exists, place):
             if weight[k] >= 0.0 or not _is_there(after, exists):
                 weight = closest_weights(x, a, b, c)
                 break
-        place = after
+        if after == before:
+            # over the ridge between two triangles, beyond either along its normal
+            weight, inside = closest_weights(x, a, b, c), True
+            break
+        before, place = place, after
     return place, weight, product, inside
 
 
@@ -226,19 +294,18 @@ def _lap(vanes, pose, bodies, point, place, margin, lap):
 
 @kernel
 def _nodes_of(vanes, pose, bodies, margin, laps, count, seen):
-    """Laps of the nodes of a guest; returns how many there are then. bodies: guest, host, and
-    whether the guest lies above. seen: (n, 2 m + 1, 5) becomes 1 for nodes that are over the host,
-    2 beside it, and its triangle there; 0 for those that are not near."""
+    """Laps of the nodes of a guest; returns how many there are then, and whether any node is near.
+    bodies: guest, host, and whether the guest lies above. seen: (n, 2 m + 1, 5) becomes 1 for nodes
+    that are over the host, 2 beside it, and its triangle there; 0 for those that are not near."""
     guest, host, above = bodies
     frame, own, exists = pose.frames[host], pose.own[host], vanes.exists[host]
-    columns, place = exists.shape[2], (-1, 0, 0, 0)
+    columns, place, near = exists.shape[2], (-1, 0, 0, 0), False
     deepest = 2.0 * min(vanes.deepest[guest], vanes.deepest[host])
-    low = own[2] - (deepest if above else margin)
-    high = own[5] + (margin if above else deepest)
-    seen[:, :, 0] = 0
-    if not _boxes_meet(pose, guest, host, low, high):
-        return count
+    followed = LEAN * (margin + vanes.half[guest] + vanes.half[host])
+    under, over = (LEAN * deepest, followed) if above else (followed, LEAN * deepest)
     for i in range(pose.points.shape[1]):
+        for c in range(vanes.present.shape[2]):
+            seen[i, c, 0] = 0
         if boxes_apart(pose.boxes[guest, i], pose.bounds[host], margin):
             continue
         for c in range(vanes.present.shape[2]):
@@ -247,22 +314,26 @@ def _nodes_of(vanes, pose, bodies, margin, laps, count, seen):
             node, p = (i, c), strip_point(c, columns)
             away = sub(pose.points[guest, i, p], frame[0])
             x, y, z = dot(frame[1], away), dot(frame[2], away), dot(frame[3], away)
-            if z < low or z > high or y < own[1] - margin or y > own[4] + margin:
+            if y < own[1] - margin or y > own[4] + margin:
                 continue
             if x < own[0] - margin or x > own[3] + margin:
+                continue
+            heights = pose.heights[host, _field(x, own, 0), _field(y, own, 1)]
+            if z < heights[0] - under or z > heights[1] + over:
                 continue
             if place[0] < 0:
                 place = _first_place((x, y, z), own, exists)
                 if place[0] < 0:
-                    return count
+                    return count, near
             lap = laps[min(count, laps.shape[0] - 1)]
             point = node, node, 0.0
             place, inside, found = _lap(vanes, pose, bodies, point, place, margin, lap)
             if found:
                 count += 1
+            near = True
             seen[i, c, 0] = 1 if inside else 2
             seen[i, c, 1], seen[i, c, 2], seen[i, c, 3], seen[i, c, 4] = place
-    return count
+    return count, near
 
 
 @kernel
@@ -312,6 +383,9 @@ def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
                 if rim:
                     near = seen[i, c] if seen[i, c, 0] != 0 else seen[row, column]
                     place = near[1], near[2], near[3], near[4]
+                    edge = (i, c), (row, column)
+                    if _leads_away(vanes, pose, bodies, edge, place, margin):
+                        continue
                     for k in range(1, RIM_PARTS):
                         lap = laps[min(count, laps.shape[0] - 1)]
                         point = (i, c), (row, column), k / RIM_PARTS
@@ -322,55 +396,134 @@ def _edges_of(vanes, pose, bodies, margin, laps, count, seen):
 
 
 @kernel
+def _leads_away(vanes, pose, bodies, edge, place, margin):
+    """Whether an edge stays farther than a margin from where a triangle's plane goes on."""
+    (guest, host, above), (node, after) = bodies, edge
+    columns, points = vanes.exists.shape[3], pose.points[guest]
+    a, b, c = _corners(pose.points[host], place)
+    normal = normal_of(a, b, c)
+    size = length(normal)
+    if size <= 0.0:
+        return True
+    up = (dot(normal, pose.dorsal[host, place[1]]) >= 0.0) == above
+    normal = scale(1.0 / size if up else -1.0 / size, normal)
+    first = dot(normal, sub(points[node[0], strip_point(node[1], columns)], a))
+    second = dot(normal, sub(points[after[0], strip_point(after[1], columns)], a))
+    bent = min(vanes.clear[guest], vanes.clear[host])
+    return min(first, second) > margin + bent + vanes.half[guest] + vanes.half[host]
+
+
+@kernel
+def _parted(x, corners, normal, area):
+    """Weights of a triangle's corners at a point, seen along its normal."""
+    a, b, c = corners
+    away = sub(x, a)
+    second = dot(cross(away, sub(c, a)), normal) / area
+    third = dot(cross(sub(b, a), away), normal) / area
+    return 1.0 - second - third, second, third
+
+
+@kernel
+def _way_out(start, end, points, exists, place):
+    """Part of the way from a point over a triangle to another at which the vane ends, 1 where it
+    does not, and the triangle there."""
+    part = 0.0
+    for _ in range(points.shape[0] + points.shape[1]):
+        corners = _corners(points, place)
+        normal = normal_of(corners[0], corners[1], corners[2])
+        area = dot(normal, normal)
+        if area <= 0.0:
+            break
+        now = _parted(start, corners, normal, area)
+        then = _parted(end, corners, normal, area)
+        first, out = 1.0, -1
+        for k in range(3):
+            if then[k] < 0.0 and now[k] - then[k] > 0.0 and now[k] < first * (now[k] - then[k]):
+                first, out = now[k] / (now[k] - then[k]), k
+        if out < 0:
+            return 1.0, place
+        part = max(part, first)
+        after = _beyond(place, out)
+        if not _is_there(after, exists):
+            break
+        place = after
+    return part, place
+
+
+@kernel
 def _at_outline(vanes, pose, bodies, edge, margin, laps, count, seen):
-    """The lap where the edge between two nodes, of which one is over the host, leaves it."""
+    """The lap where the edge between two nodes, of which one is over the host, leaves it, or at the
+    other node, where it does not."""
     (guest, host, _), (node, after) = bodies, edge
     columns, exists = vanes.exists.shape[3], vanes.exists[host]
     if seen[node[0], node[1], 0] != 1:
         node, after = after, node
     start = seen[node[0], node[1]]
-    place, low, high = (start[1], start[2], start[3], start[4]), 0.0, 1.0
-    for _ in range(HALVES):
-        part = 0.5 * (low + high)
-        x = _on_edge(pose.points[guest], node, after, part, columns)
-        place, _, _, inside = _walk(x, pose.points[host], exists, place)
-        low, high = (part, high) if inside else (low, part)
-    if low == 0.0:
+    place = start[1], start[2], start[3], start[4]
+    if _leads_away(vanes, pose, bodies, (node, after), place, margin):
+        return count
+    x = _on_edge(pose.points[guest], node, after, 0.0, columns)
+    y = _on_edge(pose.points[guest], node, after, 1.0, columns)
+    part, place = _way_out(x, y, pose.points[host], exists, place)
+    if part <= 0.0:
         return count
     lap = laps[min(count, laps.shape[0] - 1)]
-    place, _, found = _lap(vanes, pose, bodies, (node, after, low), place, margin, lap)
+    place, _, found = _lap(vanes, pose, bodies, (node, after, part), place, margin, lap)
     return count + 1 if found else count
 
 
 @kernel
-def find_laps(vanes, stack, pose, stale, follow, span, laps, seen):
-    """Laps of the pairs span[0] to span[1] - 1 of which a feather is stale; returns how many there
-    are. Of those that laps has no room for, only that they are too many is right. follow: gap up to
-    which points count, in thicknesses. seen: scratch, (n, 2 m + 1, 5)."""
-    count = 0
+def _may_lap(vanes, pose, upper, lower, margin):
+    """Whether the own boxes of two feathers meet, each in the other's frame."""
+    if boxes_apart(pose.bounds[upper], pose.bounds[lower], margin):
+        return False
+    deepest = 2.0 * min(vanes.deepest[upper], vanes.deepest[lower])
+    own = pose.own[lower]
+    if not _boxes_meet(pose, upper, lower, own[2] - deepest, own[5] + margin):
+        return False
+    own = pose.own[upper]
+    return _boxes_meet(pose, lower, upper, own[2] - margin, own[5] + deepest)
+
+
+@kernel
+def find_laps(vanes, stack, pose, stale, follow, span, before, laps, seen):
+    """Laps of the pairs span[0] to span[1] - 1, in their order; returns how many there are. Of
+    those that laps has no room for, only that they are too many is right. before: those of the same
+    pairs, which hold where neither feather is stale. follow: gap up to which points count, in
+    thicknesses. seen: scratch, (n, 2 m + 1, 5)."""
+    count, known = 0, 0
     for pair in range(span[0], span[1]):
         upper, lower = stack.pairs[pair, 0], stack.pairs[pair, 1]
-        if stale[upper] == 0 and stale[lower] == 0:
+        holds, start = stale[upper] == 0 and stale[lower] == 0, count
+        while known < before.shape[0] and before[known].pair == pair:
+            if holds:
+                laps[min(count, laps.shape[0] - 1)] = before[known]
+                count += 1
+            known += 1
+        if holds:
             continue
         margin = follow * (vanes.half[upper] + vanes.half[lower])
         margin += min(vanes.clear[upper], vanes.clear[lower])
-        if boxes_apart(pose.bounds[upper], pose.bounds[lower], margin):
+        if not _may_lap(vanes, pose, upper, lower, margin):
             continue
-        before = count
         for role in range(2):
             bodies = (upper, lower, True) if role == 0 else (lower, upper, False)
-            count = _nodes_of(vanes, pose, bodies, margin, laps, count, seen)
-            count = _edges_of(vanes, pose, bodies, margin, laps, count, seen)
-        for k in range(before, min(count, laps.shape[0])):
+            count, near = _nodes_of(vanes, pose, bodies, margin, laps, count, seen)
+            if near:
+                count = _edges_of(vanes, pose, bodies, margin, laps, count, seen)
+        for k in range(start, min(count, laps.shape[0])):
             laps[k].pair = pair
     return count
 
 
 @kernel
-def ground_lacks(vanes, pose, ground, skin, wanted, low, high):
-    """Lifts (m) that a skin (V, 3) m asks of the nodes of feathers from low to high - 1."""
+def ground_lacks(vanes, pose, ground, skin, asked, low, high):
+    """Lifts (m) that a skin (V, 3) m asks of the nodes of feathers from low to high - 1 that have
+    moved in the pose."""
     columns, points, lift = vanes.exists.shape[3], pose.points, pose.lift
     for f in range(low, high):
+        if pose.moved[f] == 0:
+            continue
         for i in range(points.shape[1]):
             for c in range(2 * columns + 1):
                 triangle = ground.triangle[f, i, c]
@@ -379,8 +532,6 @@ def ground_lacks(vanes, pose, ground, skin, wanted, low, high):
                 x = points[f, i, strip_point(c, columns)]
                 height, normal, _ = skin_under(x, skin, ground, triangle)
                 own = dot(normal, pose.dorsal[f, i])
-                if own < LEAST_COSINE:
-                    continue
                 lack = ground.clear[f, i, c] - height + own * lift[f, i, c]
-                if lack < 2.0 * vanes.deepest[f]:
-                    wanted[f, i, c] = max(wanted[f, i, c], lack / own)
+                facing = own >= LEAST_COSINE and lack < 2.0 * vanes.deepest[f]
+                asked[f, i, c] = max(lack / own, 0.0) if facing else 0.0

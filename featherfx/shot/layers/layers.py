@@ -19,20 +19,20 @@ from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.layers.depths import Depths
 from featherfx.shot.layers.ground import skins_beneath
-from featherfx.shot.layers.lap_kernels import find_laps, ground_lacks, lift_points
+from featherfx.shot.layers.lap_kernels import ground_lacks, lift_points
 from featherfx.shot.layers.lift_kernels import lift_all, pair_depths
 from featherfx.shot.layers.stack import (
+    Room,
     among,
     beneath,
     part_of,
     pose_like,
-    scratch_for,
     stack_of,
     vanes_of,
 )
 from featherfx.shot.layers.types import (
-    LAP,
     Array,
+    Ground,
     Indices,
     Laid,
     Laps,
@@ -93,22 +93,29 @@ class Layers:
         self.needed = beneath(stack, wanted)
         self.stack, self.vanes = part_of(stack, vanes, self.needed)
         rest = rest.at(self.needed)
-        count = len(self.needed)
         self._names = [shot.groom.feathers[f].id for f in self.needed]
         self._depths = Depths(self.stack)
-        self._rank = np.empty(count, dtype=np.int64)
-        self._rank[self.stack.order] = np.arange(count)
         shape = self.vanes.present.shape
-        self.lifts = Lifts(*(np.zeros(shape) for _ in Lifts._fields))
+        self.lifts = Lifts(
+            lift=np.zeros(shape),
+            before=np.zeros(shape),
+            asked=np.zeros(shape),
+            sought=np.zeros(shape),
+            wanted=np.zeros(shape[1:]),
+            renewed=np.zeros(shape[0], dtype=np.int8),
+        )
         self._pose = pose_like(rest, shape)
         self._skins = []
         if shot.skin is not None and shot.layers is not None and shot.layers.contact.skin:
             self._skins = skins_beneath(shot.skin, self.needed, self.vanes, _nodes(rest.nodes))
             for skin in self._skins:
                 skin.ground.triangle[~_touching(shot)[self.needed]] = -1
-        self._rooms = [np.zeros(1024, dtype=LAP) for _ in range(PIECES * jobs)]
-        self._scratch = [scratch_for(self.vanes) for _ in self._rooms]
         self._jobs = jobs
+        # places in the order, between which there are about as many pairs
+        ends = np.linspace(0, len(self.stack.pairs), PIECES * jobs + 1)
+        self._ends = np.searchsorted(self.stack.first, ends.astype(np.int64), side="right") - 1
+        self._ends[0] = 0
+        self._rooms = [Room(self.vanes) for _ in self._ends[1:]]
 
     def lay(
         self, poses: Sequence[FeatherPose], frame: float, time: float, duration: float
@@ -122,73 +129,71 @@ class Layers:
         lifts, pose = self.lifts, self._pose
         kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
         lifts.before[:] = lifts.lift
-        laps, stale = np.zeros(0, dtype=LAP), np.ones(len(poses), dtype=np.bool_)
+        stale, skins = np.ones(len(poses), dtype=np.bool_), self._moved(time)
         with ThreadPoolExecutor(self._jobs) as pool:
             for number in range(MOST_ROUNDS if duration > 0.0 else FIRST_ROUNDS):
-                self._pose_lifted(pool, points)
-                self._ask_ground(pool, time)
-                laps = self._found(pool, laps, stale)
-                self._lift(laps, kept, number > 0)
-                change = np.abs(lifts.lift - pose.lift).max(axis=(1, 2))
+                self._pose_lifted(pool, points, number == 0)
+                self._ask_ground(pool, skins)
+                self._lift(self._found(pool, stale), stale, kept, number > 0)
+                change = np.abs(lifts.lift - lifts.sought).max(axis=(1, 2))
                 stale = change > OFF * self.vanes.half
-
                 if not stale.any():
                     break
-            self._pose_lifted(pool, points)
-            laps = self._found(pool, laps, change > SEEN * self.vanes.half)
+            self._pose_lifted(pool, points, False)
+            found = self._found(pool, change > SEEN * self.vanes.half)
         depths = np.full(len(self.stack.pairs), -np.inf)
         touching = np.zeros(len(depths), dtype=np.bool_)
-        pair_depths(self.vanes, laps, lifts.lift, depths, touching)
+        for laps in found:
+            pair_depths(self.vanes, laps, lifts.lift, depths, touching)
         self._depths.add(depths, touching, frame)
+        nodes, rates = pose.points.copy(), np.stack([given.velocities.nodes for given in poses])
         if duration > 0.0:
-            rate = _along_dorsal((lifts.lift - lifts.before) / duration, pose.dorsal)
-        else:
-            rate = np.zeros_like(pose.points)
+            rates += _along_dorsal((lifts.lift - lifts.before) / duration, pose.dorsal)
         return [
             FeatherPose(
-                given.points._replace(nodes=own.copy()),
-                given.velocities._replace(nodes=given.velocities.nodes + added),
+                RowPoints(own, given.points.directors),
+                RowPoints(rate, given.velocities.directors),
                 given.accelerations,
                 given.gaps,
             )
-            for own, given, added in zip(pose.points, poses, rate, strict=True)
+            for own, rate, given in zip(nodes, rates, poses, strict=True)
         ]
 
     def of(self, wanted: Indices, laid: Sequence[FeatherPose]) -> list[FeatherPose]:
         """Those of the needed feathers' poses that are wanted, by numbers."""
         return [laid[k] for k in np.searchsorted(self.needed, wanted).tolist()]
 
-    def _pose_lifted(self, pool: ThreadPoolExecutor, points: RowPoints) -> None:
-        self._pose.lift[:] = self.lifts.lift
-        self._each(pool, partial(lift_points, self.vanes, points, self._pose))
+    def _pose_lifted(self, pool: ThreadPoolExecutor, points: RowPoints, fresh: bool) -> None:
+        asked = self.vanes, points, self.lifts.lift, self._pose, fresh
+        self._each(pool, partial(lift_points, *asked))
 
-    def _ask_ground(self, pool: ThreadPoolExecutor, time: float) -> None:
-        vanes, pose, wanted = self.vanes, self._pose, self.lifts.wanted
-        for skin in self._skins:
-            moved = skin.skin.points(time)
-            self._each(pool, partial(ground_lacks, vanes, pose, skin.ground, moved, wanted))
+    def _moved(self, time: float) -> list[tuple[Ground, Array]]:
+        """The skins at a time, (V, 3) m."""
+        return [(skin.ground, skin.skin.points(time)) for skin in self._skins]
 
-    def _found(self, pool: ThreadPoolExecutor, before: Laps, stale: NDArray[np.bool_]) -> Laps:
+    def _ask_ground(self, pool: ThreadPoolExecutor, skins: list[tuple[Ground, Array]]) -> None:
+        for ground, moved in skins:
+            asked = self.vanes, self._pose, ground, moved, self.lifts.asked
+            self._each(pool, partial(ground_lacks, *asked))
+
+    def _found(self, pool: ThreadPoolExecutor, stale: NDArray[np.bool_]) -> list[Laps]:
         """Laps of all pairs, by upper feather; those of pairs that are not stale hold on."""
-        search = partial(self._search, stale.astype(np.int8))
-        found = list(pool.map(search, range(len(self._rooms))))
-        hold = ~(stale[before["upper"]] | stale[before["lower"]])
-        laps = np.concatenate([before[hold], *found])
-        return laps[np.argsort(self._rank[laps["upper"]], kind="stable")] if hold.any() else laps
+        stack, numbers = self.stack, stale.astype(np.int8)
+        self.lifts.sought[stale] = self._pose.lift[stale]
 
-    def _search(self, stale: NDArray[np.int8], piece: int) -> Laps:
-        pieces, pairs = len(self._rooms), len(self.stack.pairs)
-        span = piece * pairs // pieces, (piece + 1) * pairs // pieces
-        while True:
-            room, seen = self._rooms[piece], self._scratch[piece]
-            count = find_laps(self.vanes, self.stack, self._pose, stale, MARGIN, span, room, seen)
-            if count <= len(room):
-                return room[:count]
-            self._rooms[piece] = np.zeros(int(1.25 * count), dtype=LAP)
+        def search(room: Room, begin: int, end: int) -> Laps:
+            span = int(stack.first[begin]), int(stack.first[end])
+            return room.search((self.vanes, stack, self._pose), numbers, MARGIN, span)
 
-    def _lift(self, laps: Laps, kept: float, begun: bool) -> None:
-        first = np.searchsorted(self._rank[laps["upper"]], np.arange(len(self._rank) + 1))
-        lift_all(self.vanes, self.stack, laps, first, self.lifts, kept, begun)
+        return list(pool.map(search, self._rooms, self._ends[:-1], self._ends[1:]))
+
+    def _lift(
+        self, found: Sequence[Laps], stale: NDArray[np.bool_], kept: float, begun: bool
+    ) -> None:
+        numbers = stale.astype(np.int8)
+        for laps, *span in zip(found, self._ends[:-1], self._ends[1:], strict=True):
+            args = (int(span[0]), int(span[1])), numbers, self.lifts, kept, begun
+            lift_all(self.vanes, self.stack, laps, *args)
 
     def _each(self, pool: ThreadPoolExecutor, work: Callable[[int, int], object]) -> None:
         ends = np.linspace(0, len(self.vanes.half), PIECES * self._jobs + 1).astype(int).tolist()

@@ -14,6 +14,8 @@ from featherfx.jit.compiled import kernel
 
 # what a lift may rise along shaft or barb
 SLOPE = 0.1
+# of a point, that a node has at least where it is asked for all that is lacking there
+SHARE = 0.1
 # thicknesses beside the other's edge from which on a point does not touch it
 BESIDE = 1.0
 # thicknesses beyond what is to be between them, up to which feathers touch
@@ -21,26 +23,41 @@ TOUCH = 0.1
 
 
 @kernel
-def _ask(laps, k, lifts):
-    """Raise what one lap asks for of its upper feather."""
+def _raise(wanted, vanes, f, node, need, share):
+    """What is wanted at a node of a feather, of which a point that lacks something has a share.
+
+    Towards a share of none it falls to what the others' lifts give it anyway, so that nothing jumps
+    where points pass from one triangle to the next.
+    """
+    i, c = node
+    columns, before = vanes.exists.shape[3], max(i - 1, 0)
+    near = min(vanes.row[f, before], vanes.barb[f, 1 if c < columns else 0, i])
+    need -= SLOPE * near * max(0.0, 1.0 - share / SHARE)
+    wanted[i, c] = max(wanted[i, c], need)
+
+
+@kernel
+def _ask(vanes, laps, k, lifts):
+    """Raise what is wanted of the upper feather of a lap."""
     lap = laps[k]
     lift, total, other = lifts.lift, 0.0, 0.0
     for q in range(3):
         total += lap.weight[q]
         if lap.above == 1:
             other += lap.weight[q] * lift[lap.lower, lap.corner[q, 0], lap.corner[q, 1]]
-    wanted, (i, c), (j, d) = lifts.wanted[lap.upper], lap.node, lap.after
+    wanted, (i, c), (j, d) = lifts.wanted, lap.node, lap.after
     if lap.above == 1:
         need = lap.share * (lap.base + other) / lap.own
-        wanted[i, c] = max(wanted[i, c], need)
-        wanted[j, d] = max(wanted[j, d], need)
+        _raise(wanted, vanes, lap.upper, (i, c), need, 1.0 - lap.part)
+        if lap.part > 0.0:
+            _raise(wanted, vanes, lap.upper, (j, d), need, lap.part)
         return
     lifted = (1.0 - lap.part) * lift[lap.lower, i, c] + lap.part * lift[lap.lower, j, d]
     need = (lap.base + lap.own * lifted) * lap.share / total
     for q in range(3):
         if lap.weight[q] > 0.0:
-            i, c = lap.corner[q, 0], lap.corner[q, 1]
-            wanted[i, c] = max(wanted[i, c], need)
+            corner = lap.corner[q, 0], lap.corner[q, 1]
+            _raise(wanted, vanes, lap.upper, corner, need, lap.weight[q] / total)
 
 
 @kernel
@@ -80,28 +97,39 @@ def _to_root(values, vanes, f):
 
 
 @kernel
-def lift_all(vanes, stack, laps, first, lifts, kept, begun):
-    """Lifts of all feathers from the lowest up.
+def lift_all(vanes, stack, laps, span, stale, lifts, kept, begun):
+    """Lifts of the feathers at span[0] to span[1] - 1 of the order, from the lowest up.
 
-    laps: (L,), of stack.order[k] first[k] to first[k + 1] - 1. kept: share of the lift before that
-    is kept at least. begun: whether the lifts are of this sample, and do not fall: what is lifted
-    off something is beside it at times, and would come and go. wanted: what the skin asks for; used
-    up.
+    stale: (F,) those whose laps were searched; others are left, unless what lies beneath them was
+    searched or lifted anew, so that what lies above a feather never matters to it. laps: (L,) of
+    their pairs, in the order of these. kept: share of the lift before that is kept at least. begun:
+    whether the lifts are of this sample, and do not fall: what is lifted off something is beside it
+    at times, and would come and go.
     """
-    for k in range(stack.order.shape[0]):
-        f = stack.order[k]
-        for lap in range(first[k], first[k + 1]):
-            _ask(laps, lap, lifts)
-        wanted, before, lift = lifts.wanted[f], lifts.before[f], lifts.lift[f]
+    lap = 0
+    for k in range(span[0], span[1]):
+        f, wanted = stack.order[k], lifts.wanted
+        lifts.renewed[f] = stale[f]
+        for pair in range(stack.first[k], stack.first[k + 1]):
+            lower = stack.pairs[pair, 1]
+            lifts.renewed[f] = max(lifts.renewed[f], max(stale[lower], lifts.renewed[lower]))
+        if lifts.renewed[f] == 0:
+            while lap < laps.shape[0] and laps[lap].pair < stack.first[k + 1]:
+                lap += 1
+            continue
+        before, lift, asked = lifts.before[f], lifts.lift[f], lifts.asked[f]
         for i in range(wanted.shape[0]):
             for c in range(wanted.shape[1]):
                 least = lift[i, c] if begun else kept * before[i, c]
-                wanted[i, c] = max(wanted[i, c], least)
+                wanted[i, c] = max(asked[i, c], least)
+        while lap < laps.shape[0] and laps[lap].pair < stack.first[k + 1]:
+            _ask(vanes, laps, lap, lifts)
+            lap += 1
         _spread(wanted, vanes, f)
         _to_root(wanted, vanes, f)
         for i in range(wanted.shape[0]):
             for c in range(wanted.shape[1]):
-                lift[i, c], wanted[i, c] = wanted[i, c], 0.0
+                lift[i, c] = wanted[i, c]
 
 
 @kernel

@@ -14,7 +14,7 @@ from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.feather.types import LEADING, Feather, RowPoints
 from featherfx.files.store import kept
 from featherfx.groom.types import Placement
-from featherfx.shot.layers.lap_kernels import find_laps, lift_points
+from featherfx.shot.layers.lap_kernels import FIELDS, find_laps, lift_points
 from featherfx.shot.layers.types import LAP, Array, Bytes, Indices, Laps, Pose, Stack, Vanes
 
 # feathers may come over each other that are, at rest, so many times as far apart as they are wide
@@ -62,14 +62,11 @@ def _laps_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> Laps:
     """Of all pairs, also of those that lie the other way round."""
     length = vanes.row.sum(axis=1)
     pose = pose_like(rest, vanes.present.shape)
-    lift_points(vanes, rest, pose, 0, len(length))
+    lift_points(vanes, rest, pose.lift, pose, True, 0, len(length))
     seen = vanes._replace(deepest=NEAR * length)
     stale, span = np.ones(len(length), dtype=np.int8), (0, len(stack.pairs))
-    laps = np.zeros(1024, dtype=LAP)
-    follow, scratch = NEAR * float((length / vanes.half).max(initial=0.0)), scratch_for(vanes)
-    while (count := find_laps(seen, stack, pose, stale, follow, span, laps, scratch)) > len(laps):
-        laps = np.zeros(int(1.25 * count), dtype=LAP)
-    laps = laps[:count]
+    follow = NEAR * float((length / vanes.half).max(initial=0.0))
+    laps = Room(vanes).search((seen, stack, pose), stale, follow, span)
     return laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
 
 
@@ -113,9 +110,29 @@ def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:
     return sorted_stack(agreeing, np.array(found, dtype=np.int64))
 
 
-def scratch_for(vanes: Vanes) -> Indices:
-    """What a search for laps writes over."""
-    return np.zeros((*vanes.present.shape[1:], 5), dtype=np.int64)
+Searched = tuple[Vanes, Stack, Pose]
+
+
+class Room:
+    """What a search for laps writes to. laps: as found last."""
+
+    def __init__(self, vanes: Vanes) -> None:
+        self._seen = np.zeros((*vanes.present.shape[1:], 5), dtype=np.int64)
+        self._spare, self._used = (np.zeros(1024, dtype=LAP) for _ in range(2))
+        self.laps = self._used[:0]
+
+    def search(self, bodies: Searched, stale: Bytes, follow: float, span: tuple[int, int]) -> Laps:
+        """Laps of the pairs span[0] to span[1] - 1 (find_laps); those found last hold for pairs of
+        which neither feather is stale. bodies: as the kernel takes them."""
+        while True:
+            buffers = self.laps, self._spare, self._seen
+            count = find_laps(*bodies, stale, follow, span, *buffers)
+            if count <= len(self._spare):
+                break
+            self._spare = np.zeros(int(1.25 * count), dtype=LAP)
+        self._spare, self._used = self._used, self._spare
+        self.laps = self._used[:count]
+        return self.laps
 
 
 def pose_like(points: RowPoints, shape: tuple[int, ...]) -> Pose:
@@ -129,6 +146,8 @@ def pose_like(points: RowPoints, shape: tuple[int, ...]) -> Pose:
         bounds=np.zeros((count, 6)),
         frames=np.zeros((count, 4, 3)),
         own=np.zeros((count, 6)),
+        heights=np.zeros((count, *FIELDS, 2)),
+        moved=np.zeros(count, dtype=np.int8),
     )
 
 

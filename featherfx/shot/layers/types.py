@@ -84,19 +84,25 @@ class Ground(NamedTuple):
 
 
 class Lifts(NamedTuple):
-    """How far nodes are lifted. lift: (F, n, 2 m + 1) m, now; before: at the sample before.
-    wanted: scratch, (F, n, 2 m + 1) m."""
+    """How far nodes are lifted. lift: (F, n, 2 m + 1) m, now; before: at the sample before; asked:
+    by the skin; sought: when laps were last searched. wanted: scratch, (n, 2 m + 1) m. renewed:
+    (F,) scratch."""
 
     lift: Array
     before: Array
+    asked: Array
+    sought: Array
     wanted: Array
+    renewed: Bytes
 
 
 class Pose(NamedTuple):
     """F feathers at one time. points: (F, n, 1 + 2 m, 3) m, nodes, lifted by lift,
     (F, n, 2 m + 1) m, along dorsal, (F, n, 3), the rows' dorsal directors. boxes: (F, n, 6) around
     rows and bounds: (F, 6) around vanes. frames: (F, 4, 3) origin and axes of each feather, along
-    its shaft, across and dorsal; own: (F, 6) box around the vane in that."""
+    its shaft, across and dorsal; own: (F, 6) box around the vane in that, and heights:
+    (F, 12, 8, 2) m, least and greatest height of the vane in it, over fields along and across.
+    moved: (F,) whether a feather is elsewhere than in the pose before."""
 
     points: Array
     dorsal: Array
@@ -105,3 +111,5 @@ class Pose(NamedTuple):
     bounds: Array
     frames: Array
     own: Array
+    heights: Array
+    moved: Bytes
