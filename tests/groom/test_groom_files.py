@@ -167,6 +167,28 @@ def test_variation_depends_on_seed_and_id_alone(tmp_path: Path) -> None:
     assert np.std(factors) == pytest.approx(0.1, rel=0.15)
 
 
+def test_matter_varies_as_measured_and_nothing_else_with_it(tmp_path: Path) -> None:
+    """Slopes of samples within a quarter of the middle one: half of that is two deviations."""
+    many = "".join(feather(f"f{number}") for number in range(300))
+    sizes = "[variation]\nlength = 0.1\n"
+    spread = sizes + "across = 0.12\nalong = 0.12\nthickness = 0.12\nangle = 2\n"
+    plain, varied = (groom_of(tmp_path, many + text).feathers for text in (sizes, spread))
+    for name in ("across", "along", "thickness"):
+        pairs = zip(varied, plain, strict=True)
+        found = [getattr(a.kind.vane_material, name) / getattr(b.kind.vane_material, name)
+                 for a, b in pairs]  # fmt: skip
+        assert np.mean(found) == pytest.approx(1.0, abs=0.02)
+        assert np.std(found) == pytest.approx(0.12, rel=0.15)
+    first = [(a.kind.length, a.kind.vane_material.surface_density) for a in varied]
+    assert first == [(a.kind.length, a.kind.vane_material.surface_density) for a in plain]
+    angles = [[g.angle for g in each.kind.leading.guides] for each in varied]
+    turned = np.array(angles) - [g.angle for g in plain[0].kind.leading.guides]
+    assert np.ptp(turned, axis=1).max() < 1e-9
+    assert np.std(turned[:, 0]) == pytest.approx(2.0, rel=0.15)
+    shared = groom_of(tmp_path, many + spread + "variants = 5\n").feathers
+    assert len({each.kind.vane_material.across for each in shared}) == 5
+
+
 def test_equal_feathers_share_their_kind(tmp_path: Path) -> None:
     feathers = groom_of(tmp_path, ROW).feathers
     assert len({id(each.kind) for each in feathers}) == 1

@@ -327,10 +327,22 @@ VARIATION = {
     "width": Key(Number(0, 0.3), "Standard deviation of the vanes' widths, relative.", 0.0),
     "camber": Key(Number(0, 60, "deg"), "Standard deviation of the shaft's camber.", 0.0),
     "roll": Key(Number(0, 60, "deg"), "Standard deviation of the roots' roll.", 0.0),
+    "angle": Key(Number(0, 15, "deg"), "Standard deviation of all barb angles together.", 0.0),
+    "across": Key(
+        Number(0, 0.3),
+        "Standard deviation of the vane's moduli across and in shear, relative.",
+        0.0,
+    ),
+    "along": Key(
+        Number(0, 0.3),
+        "Standard deviation of the vane's modulus along and of barbs' stiffness.",
+        0.0,
+    ),
+    "thickness": Key(Number(0, 0.3), "Standard deviation of the vane's thickness, relative.", 0.0),
     "variants": Key(
         Number(0, 10_000, whole=True),
-        "Different draws of width and camber for each region and kind, so that feathers repeat and "
-        "can be instanced; 0: every feather its own.",
+        "Different draws of all but length and roll for each region and kind, so that feathers "
+        "repeat and can be instanced; 0: every feather its own.",
         0,
     ),
 }

@@ -12,7 +12,7 @@ from featherfx.groom.keys.values import Place
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
-from featherfx.groom.presets.scaling import dialled, materials_resized
+from featherfx.groom.presets.scaling import dialled, materials_resized, varied
 from featherfx.groom.splits import split_faults
 from featherfx.groom.types import (
     BarbGuide,
@@ -174,7 +174,8 @@ class Change(NamedTuple):
     wrap: of the leading and the trailing vane, what their barbs are bent to, not added: length of
     the kind over the radius of a cylinder along the shaft; 0 leaves them. stiffness, weight:
     factors of all stiffnesses and all masses. patterns: of the splits that the leading and the
-    trailing vane draw.
+    trailing vane draw. angle: deg, added to all barb angles. across, along, thickness: factors of
+    the vane's figures.
     """
 
     scale: float = 1.0
@@ -186,6 +187,10 @@ class Change(NamedTuple):
     stiffness: float = 1.0
     weight: float = 1.0
     patterns: tuple[int, int] = (0, 0)
+    angle: float = 0.0
+    across: float = 1.0
+    along: float = 1.0
+    thickness: float = 1.0
 
 
 def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
@@ -202,6 +207,7 @@ def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
         kind,
         length=kind.length * scale,
         rachis=rachis,
+        vane_material=varied(kind.vane_material, change.across, change.along, change.thickness),
         leading=_reshaped(kind.leading, change, 0),
         trailing=_reshaped(kind.trailing, change, 1),
     )
@@ -210,16 +216,20 @@ def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
 
 def _reshaped(vane: VaneShape, change: Change, side: int) -> VaneShape:
     pattern = change.patterns[side]
-    vane = _wrapped(_hollowed(_widened(vane, change.width), change.hollow), change.wrap[side])
+    turned = _hollowed(_widened(vane, change.width), change.hollow, change.angle)
+    vane = _wrapped(turned, change.wrap[side])
     if pattern == vane.splits.pattern or pattern == 0:
         return vane
     return replace(vane, splits=replace(vane.splits, pattern=pattern))
 
 
-def _hollowed(vane: VaneShape, hollow: float) -> VaneShape:
-    if hollow == 0.0:
+def _hollowed(vane: VaneShape, hollow: float, angle: float) -> VaneShape:
+    if hollow == 0.0 and angle == 0.0:
         return vane
-    guides = tuple(replace(guide, camber=guide.camber + hollow) for guide in vane.guides)
+    guides = tuple(
+        replace(guide, camber=guide.camber + hollow, angle=guide.angle + angle)
+        for guide in vane.guides
+    )
     return replace(vane, guides=guides)
 
 

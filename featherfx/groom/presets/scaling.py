@@ -67,6 +67,16 @@ def dialled(kind: FeatherKind, stiffness: float, weight: float) -> FeatherKind:
     )
 
 
+def varied(vane: VaneMaterial, across: float, along: float, thickness: float) -> VaneMaterial:
+    """A vane with other moduli across the barbs and along them, and another thickness, of the same
+    barbs and weight. Factors."""
+    if (across, along, thickness) == (1.0, 1.0, 1.0):
+        return vane
+    vane = _times(vane, across, "across", "shear", "bending_across")
+    vane = _times(vane, along, "along", "barb_bending_normal", "barb_bending_in_plane")
+    return _times(vane, thickness, "thickness")
+
+
 # of the shaft
 _MODULI = "young", "shear"
 # of a vane: what grows with the moduli; bending; compliance of the barbs' roots

@@ -49,6 +49,8 @@ SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 # changes of feathers by id pattern
 Overrides = dict[str, dict[str, Any]]
 _WILD = re.compile(r"[*?[]")  # what makes a pattern more than an id
+# of [variation], what is drawn besides size, width, camber and roll
+_MATTER = ("angle", "across", "along", "thickness")
 _MULTIPLIED = ("scale", "width", "stiffness", "weight")
 _SIDES = {"left": 1, "right": -1, "middle": 0}
 
@@ -288,15 +290,18 @@ def _check_joints(drafts: list[Draft], joints: tuple[Joint, ...]) -> None:
 
 
 def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> NDArray[np.float64]:
-    """(n, 4) draws of all feathers; of few different widths and cambers where asked for."""
-    own = draws(spread["seed"], [draft.id for draft in drafts])
+    """(n, 8) draws of all feathers, of length, width, camber, roll, and of _MATTER; but for length
+    and roll few different ones where asked for."""
+    names = [draft.id for draft in drafts]
+    own = draws(spread["seed"], names)
     if spread["variants"]:
-        keys = [
+        names = [
             f"{draft.region}/{draft.choice.names}/{variant_number(draft.id, spread['variants'])}"
             for draft in drafts
         ]
-        own[:, 1:3] = draws(spread["seed"], keys)[:, 1:3]
-    return own
+        own[:, 1:3] = draws(spread["seed"], names)[:, 1:3]
+    matter = draws(spread["seed"], [f"{name}/matter" for name in names])
+    return np.concatenate([own, matter], axis=1)
 
 
 def _patterns(name: str, kind: FeatherKind) -> tuple[int, int]:
@@ -312,9 +317,9 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
     """spread: checked [variation], or None."""
     if not drafts:
         return ()
-    changes = np.zeros((len(drafts), 4))
+    changes = np.zeros((len(drafts), 8))
     if spread is not None and spread is not INVALID:
-        sizes = [spread[name] for name in ("length", "width", "camber", "roll")]
+        sizes = [spread[name] for name in ("length", "width", "camber", "roll", *_MATTER)]
         changes = _drawn(spread, drafts) * sizes
     sign = np.array([-1.0 if draft.left else 1.0 for draft in drafts])
     roll = sign * (np.array([draft.roll for draft in drafts]) + changes[:, 3])
@@ -339,6 +344,8 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
             stiffness=draft.stiffness,
             weight=draft.weight,
             patterns=_patterns(draft.id, kind),
+            angle=change[4],
+            **{name: 1.0 + change[k] for k, name in enumerate(_MATTER[1:], start=5)},
         )
         prototype = store.adjusted(kind, shape)
         placements.append(
