@@ -164,6 +164,14 @@ def default_jobs() -> int:
     return min(os.cpu_count() or 1, MOST_JOBS)
 
 
+def serving_options(command: Decorated) -> Decorated:
+    """--port and --no-browser, of a page that is served."""
+    port = click.IntRange(1, 65535)
+    quiet = click.option("--no-browser", is_flag=True, help="Only print the address.")
+    told = "Of the server.  [default: a free one]"
+    return click.option("--port", type=port, help=told)(quiet(command))
+
+
 def quality_option(text: str) -> Callable[[Decorated], Decorated]:
     return click.option("--quality", metavar="NAME", help=text)
 

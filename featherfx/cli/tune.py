@@ -5,10 +5,11 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
-from featherfx.cli.options import default_jobs, presets_option
+from featherfx.cli.options import default_jobs, presets_option, serving_options
 from featherfx.cli.program import Command
 from featherfx.cli.view import serve
 
@@ -46,8 +47,7 @@ _FAMILIES = ("feather", "material/vane", "material/rachis", "wind", "motion")
 @click.option("--motion", metavar="NAME", help=f"The same, of motion.  [default: {_MOTION}]")
 @click.option("--quality", metavar="NAME", default="draft", show_default=True)
 @presets_option
-@click.option("--port", type=click.IntRange(1, 65535), help="Of the server.  [default: a free one]")
-@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@serving_options
 @click.option("--overwrite", is_flag=True, help="`save` may replace presets in the folder.")
 def tune(
     what: str,
@@ -57,9 +57,8 @@ def tune(
     motion: str | None,
     quality: str,
     preset_folders: Sequence[Path],
-    port: int | None,
-    no_browser: bool,
     overwrite: bool,
+    **serving: Any,
 ) -> None:
     """Simulate a SHOT (TOML), or one feather of a PRESET, and change its presets by sliders.
 
@@ -83,7 +82,8 @@ def tune(
             shot = _stage(what, folder, preset_folders, wind or _WIND, motion or _MOTION)
         source = Source(shot, folder, feathers, quality, preset_folders, default_jobs())
         with Live(source, presets_of(source)) as live:
-            serve(LiveServer(live, into, overwrite, port or 0), no_browser)
+            server = LiveServer(live, into, overwrite, serving["port"] or 0)
+            serve(server, serving["no_browser"])
 
 
 def _stage(preset: str, folder: Path, folders: Sequence[Path], wind: str, motion: str) -> Path:

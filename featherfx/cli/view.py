@@ -7,13 +7,13 @@ import tempfile
 import webbrowser
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from featherfx.baking import pipeline
 from featherfx.cli.log import tell
-from featherfx.cli.options import default_jobs, progress_option, readable_path
+from featherfx.cli.options import default_jobs, progress_option, readable_path, serving_options
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 
@@ -54,8 +54,7 @@ _QUALITY = "draft"
     help="Of all frames of a file before they are packed, or of those of a second that a server"
     " gives: above, points, then frames of a file, are left out, and the page says so.",
 )
-@click.option("--port", type=click.IntRange(1, 65535), help="Of the server.  [default: a free one]")
-@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@serving_options
 @click.option("--quality", metavar="NAME", help=f"Of grooms and shots.  [default: {_QUALITY}]")
 @progress_option
 @click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
@@ -64,11 +63,10 @@ def view(
     against: Path | None,
     html: Path | None,
     megabytes: float,
-    port: int | None,
-    no_browser: bool,
     quality: str | None,
     style: str,
     overwrite: bool,
+    **serving: Any,
 ) -> None:
     """Play CACHE (USD), or a GROOM at rest, or a SHOT (TOML), which is baked for it.
 
@@ -96,7 +94,7 @@ def view(
         if html is not None:
             click.echo(str(html))
         else:
-            serve(Server(*shown, port=port or 0), no_browser)
+            serve(Server(*shown, port=serving["port"] or 0), serving["no_browser"])
 
 
 def serve(server: Server, no_browser: bool) -> None:

@@ -194,6 +194,21 @@ def test_list_names_every_experiment():
         ),
         (("feather", "--preset", "no_such_feather", "--columns", "0"), ("columns", "no_such")),
         (("feather", "--preset", "swan_vane"), ("swan_vane",)),
+        (
+            (
+                *("ribbon", "--length", "0", "--width", "-1"),
+                *("--rigidity", "nan", "--density", "1"),
+            ),
+            ("length", "width", "rigidity"),
+        ),
+        (("unitcell", "--preset", "swan_primary", "--angle", "95"), ("angle",)),
+        (("unitcell", "--preset", "swan_vane"), ("swan_vane",)),
+        (
+            ("unitcell", "--preset", "swan_primary", "--spacing", "0", "--hooks", "-1"),
+            ("barbule_spacing", "hooks"),
+        ),
+        (("locking", "--ratio", "0", "--elements", "-3"), ("ratio", "elements")),
+        (("fullfeather", "--scene", "tip", "--distance", "nan"), ("distance",)),
     ],
 )
 def test_wrong_values_are_all_told_and_exit_with_one(arguments, keys):

@@ -55,6 +55,7 @@ def test_a_straight_strip_swings_at_a_beams_frequency_and_keeps_its_energy():
     assert moving.energy(state) > 0.9 * energy
 
 
+@pytest.mark.slow
 def test_a_limp_strip_in_wind_stands_where_drag_and_weight_balance():
     """At sin a / cos^2 a = rho C U^2 / (2 sigma g) from the plumb line."""
     ribbon = Ribbon(0.2, 0.002, 1e-9, 0.05, elements=4)
@@ -69,6 +70,7 @@ def test_a_limp_strip_in_wind_stands_where_drag_and_weight_balance():
     assert np.arctan2(away[0], -away[1]) == pytest.approx(angle, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_strip_held_at_both_ends_is_the_elastica():
     """Clamped at both ends, brought together: ends L (2 E / K - 1) apart, the middle k L / K away,
     pushed by 16 K^2 D w / L^2; K, E elliptic integrals of modulus k."""
