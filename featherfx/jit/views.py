@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import typeof
 from numba.core import types
 from numba.extending import NativeValue, intrinsic, models, register_model, typeof_impl, unbox
 from numba.np import arrayobj
@@ -20,10 +21,10 @@ from featherfx.jit.compiled import kernel
 
 
 class Kind:
-    """Tells kernels the type of a tuple of arrays, and nothing else of it."""
+    """Tells kernels the type of a tuple of arrays, and nothing else of it. like: such a tuple."""
 
     def __init__(self, like: Any) -> None:
-        self.like = like
+        self.type = KindType(typeof(like))
 
 
 class KindType(types.Type):
@@ -39,7 +40,7 @@ register_model(KindType)(models.OpaqueModel)
 
 @typeof_impl.register(Kind)
 def _typeof_kind(value: Any, context: Any) -> Any:
-    return KindType(typeof_impl(value.like, context))
+    return value.type
 
 
 @unbox(KindType)
@@ -65,7 +66,24 @@ def views_of(tuples: Sequence[Any]) -> Held:
     """Views of named tuples of arrays, nested or not; arrays that are not contiguous are copied."""
     kept = tuple(_contiguous(each) for each in tuples)
     lines = [[word for array in _arrays(each) for word in _words(array)] for each in kept]
-    return Held(Views(Kind(kept[0]), np.array(lines, dtype=np.int64)), kept)
+    return Held(Views(_kind_of(kept[0]), np.array(lines, dtype=np.int64)), kept)
+
+
+_KINDS: dict[Any, Kind] = {}
+
+
+def _kind_of(value: Any) -> Kind:
+    """The one kind of all tuples of a type, of whose arrays it takes long to tell."""
+    form = _form(value)
+    if form not in _KINDS:
+        _KINDS[form] = Kind(value)
+    return _KINDS[form]
+
+
+def _form(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.ndim
+    return type(value), tuple(_form(each) for each in value)
 
 
 def _contiguous(value: Any) -> Any:

@@ -37,6 +37,7 @@ class Together:
         self._shot, self.groups, self._motion = shot, groups, motion
         # what contact kept after the samples that the batches' cycles keep
         self._kept: deque[dict[str, Any]] = deque()
+        self._led: tuple[tuple[float, float], list[RootPath]] = (np.nan, np.nan), []
         self.contact = ShotContact(
             shot,
             [group.solver for group in groups],
@@ -145,7 +146,16 @@ class Together:
         self._kept = deque(kept[k] for k in sorted(kept))
 
     def _paths(self, start: float, end: float) -> list[RootPath]:
-        return [root_path(self._motion, group.members, start, end) for group in self.groups]
+        """Of the roots from start to end (s); those asked for last are kept."""
+        if self._led[0] != (start, end):
+            members = np.concatenate([group.members for group in self.groups])
+            whole, low, paths = root_path(self._motion, members, start, end), 0, []
+            for group in self.groups:
+                own = slice(low, low + len(group.members))
+                paths.append(RootPath(whole.samples[own], whole.base[own]))
+                low = own.stop
+            self._led = (start, end), paths
+        return self._led[1]
 
     def _resting(
         self, paths: Sequence[RootPath], loads: Sequence[Loads], duration: float

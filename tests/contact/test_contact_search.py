@@ -37,24 +37,27 @@ def turned(points, turn, rng):
 class Scene:
     """Feathers in a loose stack that drift, turn and bend; every pair in both roles."""
 
-    def __init__(self, seed):
+    def __init__(self, seed, size=(0.01, 0.01, 0.006)):
         self.rng = np.random.default_rng(seed)
-        places = self.rng.uniform(-1.0, 1.0, (FEATHERS, 3)) * (0.01, 0.01, 0.006)
+        places = self.rng.uniform(-1.0, 1.0, (FEATHERS, 3)) * size
         model, state = free_feathers("body_contour", places, rows=7, columns=3)
         grids = grids_of([model])
         self.surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * FEATHERS)
         self.points = grids.together([state.points.nodes])
         pairs = np.array([(a, b) for a in range(FEATHERS) for b in range(FEATHERS) if a != b])
-        above = np.where(places[pairs[:, 0], 2] > places[pairs[:, 1], 2], 1, -1)
-        self.candidates = Candidates(pairs, np.where(self.rng.random(len(pairs)) < 0.9, above, 0))
+        self.above = np.where(places[pairs[:, 0], 2] > places[pairs[:, 1], 2], 1, -1)
+        chosen = self.rng.random(len(pairs)) < 0.9
+        self.candidates = Candidates(pairs, np.where(chosen, self.above, 0))
 
-    def searches(self, count, drift=3e-4, turn=0.02):
-        """Poses one after the other, each feather with a speed of its own; some stay."""
+    def searches(self, count, drift=3e-4, turn=0.02, common=0.0):
+        """Poses one after the other, each feather with a speed of its own; some stay. common: m,
+        that all go each time."""
         speed = self.rng.normal(size=(FEATHERS, 1, 1, 3)) * drift
         speed[: FEATHERS // 4] = 0.0
+        speed += common * np.array((1.0, 0.3, 0.5))
         for _ in range(count):
             start = self.points
-            ahead = start + speed * self.rng.uniform(-0.3, 1.0)
+            ahead = start + speed * (1.0 if common else self.rng.uniform(-0.3, 1.0))
             for body in range(FEATHERS // 4, FEATHERS):
                 ahead[body] = turned(ahead[body], turn, self.rng)
                 ahead[body, :, :, 2] += 2e-5 * self.rng.normal(size=ahead.shape[1:3])
@@ -70,11 +73,14 @@ def assert_same(first, second):
         assert np.array_equal(first.contacts[name], second.contacts[name]), name
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_what_is_left_out_is_no_contact(seed):
+MOVES = [*((seed, 0.0) for seed in range(6)), (0, 0.02), (1, 0.02)]
+
+
+@pytest.mark.parametrize(("seed", "common"), MOVES)
+def test_what_is_left_out_is_no_contact(seed, common):
     scene = Scene(seed)
     kept, most, left_out, pairs = Searcher(scene.candidates, scene.surfaces), 0, 0, set()
-    for search in scene.searches(40):
+    for search in scene.searches(40, common=common):
         anew = Searcher(scene.candidates, scene.surfaces)
         found = kept.find(search)
         assert_same(found, anew.find(search))
@@ -96,6 +102,35 @@ def test_a_jump_is_seen():
         scene.points[0, :, :, 2] += way
         (search,) = scene.searches(1)
         assert_same(kept.find(search), Searcher(scene.candidates, scene.surfaces).find(search))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_pressed_in_a_search_of_a_step_is_found_in_the_next(seed):
+    """Feathers that come from afar and are pressed apart again: without the contact they would be
+    led to where they met first, and poses would alternate as long as a step is searched."""
+    scene = Scene(seed, (1e-3, 1e-3, 1e-4))
+    candidates = scene.candidates._replace(order=scene.above)
+    rank = np.argsort(np.argsort(scene.points[:, 0, 0, 2]))
+    (met,) = scene.searches(1, drift=0.0, turn=0.0)
+    up = MARGIN * rank[:, None, None, None] * np.array((0.0, 0.0, 1.0))
+    ones = np.ones(met.bodies.ahead.shape[:3])
+
+    def search(lift, memory, again):
+        bodies = moving_bodies(met.bodies.ahead + 4.0 * up, met.bodies.ahead + lift * up, ones)
+        return met._replace(bodies=bodies, memory=memory, again=again)
+
+    found = Searcher(candidates, scene.surfaces).find(search(0.0, met.memory, False))
+    found.contacts["guest_force"] = found.contacts["host_force"] = 1.0
+    memory = found.remembered(candidates.order, met.memory)
+    alone = Searcher(candidates, scene.surfaces).find(search(3.0, memory, False))
+    again = Searcher(candidates, scene.surfaces).find(search(3.0, memory, True))
+    assert found.number > 100
+    # but for steep places at the hosts' ends
+    assert alone.number < 0.05 * found.number
+    # but for what is beside the host now
+    assert again.number > 0.5 * found.number
+    pairs = (len(np.unique(each.contacts["pair"])) for each in (again, found))
+    assert next(pairs) > 0.9 * next(pairs)
 
 
 def test_threads_change_no_contact(monkeypatch):

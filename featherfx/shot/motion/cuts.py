@@ -33,6 +33,8 @@ FARTHER = 10.0
 _REACH = 2
 # of a frame: as near a time is a frame
 _NEAR = 1e-6
+# times whose roots are kept: all groups of feathers ask for the same few
+_KEPT = 16
 
 
 @dataclass
@@ -84,6 +86,7 @@ class CutRoots:
     frame: float
     last: int
     _frames: dict[int, RootFrames] = field(default_factory=dict)
+    _known: dict[tuple[float, bool], RootFrames] = field(default_factory=dict)
 
     @cached_property
     def finder(self) -> CutFinder:
@@ -102,17 +105,28 @@ class CutRoots:
 
     def frames(self, time: float) -> RootFrames:
         """Where the roots are at a time, s since the first frame; at a cut, before it."""
-        k = time / self.frame
-        if abs(k - round(k)) < _NEAR:
-            return self.motion.frames(time)
-        return self._between(math.floor(k), k - math.floor(k), time)
+        return self._kept(time, False)
 
     def after(self, time: float) -> RootFrames:
         """The same; at a cut, after it."""
         k = round(time / self.frame)
-        if abs(time / self.frame - k) < _NEAR:
-            return self._between(k, 0.0, time)
-        return self.frames(time)
+        return self._kept(time, abs(time / self.frame - k) < _NEAR)
+
+    def _kept(self, time: float, after: bool) -> RootFrames:
+        """Roots at a time; after: at a frame, from it on."""
+        if (time, after) not in self._known:
+            self._known[time, after] = self._found(time, after)
+            if len(self._known) > _KEPT:
+                del self._known[next(iter(self._known))]
+        return RootFrames(*(values.copy() for values in self._known[time, after]))
+
+    def _found(self, time: float, after: bool) -> RootFrames:
+        k = time / self.frame
+        if after:
+            return self._between(round(k), 0.0, time)
+        if abs(k - round(k)) < _NEAR:
+            return self.motion.frames(time)
+        return self._between(math.floor(k), k - math.floor(k), time)
 
     def _at(self, k: int) -> RootFrames:
         if k not in self._frames:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from featherfx.shot.read.sources import MovingSurface
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_KEPT = 16  # poses; the groups of feathers of one frame ask for the same few times
 _MOST_NAMED = 10
 
 
@@ -59,20 +57,12 @@ class BoundSkin:
     start: float
     parts: tuple[_Part, ...]
     roots: tuple[SkinRoot, ...]
-    _poses: OrderedDict[float, RootFrames] = field(default_factory=OrderedDict, repr=False)
 
     def frames(self, time: float) -> RootFrames:
         """Root frames at a time in s.
 
         Raises InputError where a triangle that carries a root has collapsed.
         """
-        if time not in self._poses:
-            self._poses[time] = self._evaluated(time)
-            if len(self._poses) > _KEPT:
-                self._poses.popitem(last=False)
-        return RootFrames(*(values.copy() for values in self._poses[time]))
-
-    def _evaluated(self, time: float) -> RootFrames:
         positions, rotations = np.zeros((len(self.ids), 3)), self.rotations.copy()
         for part in self.parts:
             surface, members = part.surface, part.members

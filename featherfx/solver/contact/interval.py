@@ -376,7 +376,7 @@ class ContactSolver:
             islands=islands,
             colours=self._colours,
         )
-        run.solve(sweep)
+        self._team.solve(sweep)
         del held
         return sweep
 

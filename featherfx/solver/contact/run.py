@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from featherfx.jit.team import new_team
-from featherfx.jit.views import Held, views_of
+from featherfx.jit.views import Held, Kind, Views, views_of
 from featherfx.mechanics.model import Contacts, Loads, wind_of_each
 from featherfx.solver.contact.surfaces import Grids
 from featherfx.solver.contact.sweep_kernels import (
@@ -50,14 +50,20 @@ class Team:
         counts = np.diff(grids.first)
         self.batch = np.repeat(np.arange(len(models)), counts)
         self.place = np.concatenate([np.arange(count) for count in counts])
+        self._entries: dict[tuple[Kind, ...], Callable[..., None]] = {}
 
-    def on_all(self, function: Callable[[int], None]) -> None:
-        """Call a function with the number of every thread, by all threads at once."""
-        if self._pool is None:
-            function(0)
-            return
-        others = [self._pool.submit(function, thread) for thread in range(1, self.jobs)]
-        function(0)
+    def solve(self, sweep: Sweep) -> None:
+        """All rounds of a sweep, by all threads."""
+        counters, size = new_team(KINDS), self.jobs
+        # of the types in a sweep only those of views may change, and it takes long to tell them
+        kinds = tuple(each.kind for each in sweep.batches if isinstance(each, Views))
+        if kinds not in self._entries:
+            types = tuple(map(solve_rounds.typeof_pyval, (0, counters, size, sweep)))
+            self._entries[kinds] = solve_rounds.compile(types)
+        rounds = self._entries[kinds]
+        pool = self._pool
+        others = [pool.submit(rounds, k, counters, size, sweep) for k in range(1, size) if pool]
+        rounds(0, counters, size, sweep)
         for other in others:
             other.result()
 
@@ -162,11 +168,6 @@ class Run:
             work=team.works.views,
         )
         return batches, loads
-
-    def solve(self, sweep: Sweep) -> None:
-        """All rounds of a sweep over these batches."""
-        counters, size = new_team(KINDS), self._team.jobs
-        self._team.on_all(lambda thread: solve_rounds(thread, counters, size, sweep))
 
     @property
     def step(self) -> StepSettings:
