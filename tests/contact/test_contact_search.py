@@ -49,15 +49,13 @@ class Scene:
         chosen = self.rng.random(len(pairs)) < 0.9
         self.candidates = Candidates(pairs, np.where(chosen, self.above, 0))
 
-    def searches(self, count, drift=3e-4, turn=0.02, common=0.0):
-        """Poses one after the other, each feather with a speed of its own; some stay. common: m,
-        that all go each time."""
+    def searches(self, count, drift=3e-4, turn=0.02):
+        """Poses one after the other, each feather with a speed of its own; some stay."""
         speed = self.rng.normal(size=(FEATHERS, 1, 1, 3)) * drift
         speed[: FEATHERS // 4] = 0.0
-        speed += common * np.array((1.0, 0.3, 0.5))
         for _ in range(count):
             start = self.points
-            ahead = start + speed * (1.0 if common else self.rng.uniform(-0.3, 1.0))
+            ahead = start + speed * self.rng.uniform(-0.3, 1.0)
             for body in range(FEATHERS // 4, FEATHERS):
                 ahead[body] = turned(ahead[body], turn, self.rng)
                 ahead[body, :, :, 2] += 2e-5 * self.rng.normal(size=ahead.shape[1:3])
@@ -73,15 +71,14 @@ def assert_same(first, second):
         assert np.array_equal(first.contacts[name], second.contacts[name]), name
 
 
-MOVES = [*((seed, 0.0) for seed in range(6)), (0, 0.02), (1, 0.02)]
-
-
-@pytest.mark.parametrize(("seed", "common"), MOVES)
-def test_what_is_left_out_is_no_contact(seed, common):
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_left_out_is_no_contact(seed):
     scene = Scene(seed)
     kept, most, left_out, pairs = Searcher(scene.candidates, scene.surfaces), 0, 0, set()
-    for search in scene.searches(40, common=common):
+    for search in scene.searches(40):
         anew = Searcher(scene.candidates, scene.surfaces)
+        # vanes so thick that no point is above what it may meet
+        anew._clearance.half[:] = 1.0
         found = kept.find(search)
         assert_same(found, anew.find(search))
         most = max(most, found.number)

@@ -8,6 +8,7 @@ from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.clearance_kernels import (
     BESIDE,
     CREASE,
+    OVER,
     SLANT,
     clear,
     follow,
@@ -19,11 +20,13 @@ from featherfx.solver.contact.search_kernels import (
     boxes_apart,
     closest_point,
     corner_node,
+    fit_slab,
     guest_place,
     guest_point,
     nearest_node,
     row_boxes,
     strip_point,
+    swing_of,
 )
 
 # part of a depth of up to so many thicknesses that a contact keeps in an interval: to close it at
@@ -92,11 +95,11 @@ def set_gaps(contact, thickness, along, recovery):
 
 
 @kernel
-def _find_node(node, guess, search, touch, count):
+def _find_node(node, guess, ceiling, search, touch, count):
     """Add the contact of one guest's node with one host, if there is one.
 
-    guess: row and column of a node of the host that may be near, or -1. Returns the count, and the
-    node that is.
+    guess: row and column of a node of the host that may be near, or -1. ceiling: as _ceiling gives.
+    Returns the count, and the node that is.
     """
     surfaces, bodies, guest, host = search.surfaces, search.bodies, node.guest, node.host
     columns, side = surfaces.exists.shape[3], node.side
@@ -106,6 +109,8 @@ def _find_node(node, guess, search, touch, count):
     # once the side is known the pose ahead can be searched, however deep
     now = bodies.ahead if side != 0 else bodies.start
     x = guest_place(now[guest], node.row, p, fraction)
+    if node.known < 0 and dot(ceiling[0], x) > ceiling[1]:
+        return count, guess
     if box_distance(x, bodies.bounds[host]) > search.margin * search.margin:
         return count, guess
     limit = surfaces.far[host] + search.margin + bodies.way[guest] + bodies.way[host]
@@ -286,10 +291,41 @@ def _press(contact, known, search):
 
 
 @kernel
-def _find_pair(pair, side, bodies, search, touch, state):
-    """Contacts of all nodes of a pair. bodies: guest and host. state: how many contacts there are,
-    and the place in the memory that was reached; returns both as they are then."""
+def _ceiling(guest, host, side, search, half):
+    """A direction and a height, m, along it beyond which no point of a guest meets its host. half:
+    (B,) m, largest half thickness.
+
+    What meets the host (clearance_kernels) is along a normal of it no farther on its own side than
+    margin, thickness and way, and beside that by OVER thicknesses: so far above the slab at most.
+    """
+    bodies = search.bodies
+    slab = bodies.slab[host]
+    led = sub(bodies.ahead[guest, 0, 0], bodies.start[guest, 0, 0])
+    other = sub(bodies.ahead[host, 0, 0], bodies.start[host, 0, 0])
+    way = bodies.swing[guest] + bodies.swing[host] + length(sub(led, other))
+    room = search.margin + way + (1.0 + OVER) * (half[guest] + half[host])
+    if side == 0:
+        return (0.0, 0.0, 0.0), 1e300
+    top = slab[4] if side > 0 else -slab[3]
+    return (side * slab[0], side * slab[1], side * slab[2]), top + room
+
+
+@kernel
+def _is_above(box, ceiling):
+    """Whether all of a box (6,) is beyond a ceiling."""
+    lowest = 0.0
+    for k in range(3):
+        lowest += min(ceiling[0][k] * box[k], ceiling[0][k] * box[3 + k])
+    return lowest > ceiling[1]
+
+
+@kernel
+def _find_pair(pair, side, bodies, search, half, touch, state):
+    """Contacts of all nodes of a pair. bodies: guest and host. half: as in _ceiling. state: how
+    many contacts there are, and the place in the memory that was reached; returns both as they are
+    then."""
     guest, host = bodies
+    ceiling = _ceiling(guest, host, side, search, half)
     count, at = state
     surfaces, boxes, bounds = search.surfaces, search.bodies.boxes, search.bodies.bounds[host]
     _, rows, width = surfaces.guests.shape
@@ -301,6 +337,12 @@ def _find_pair(pair, side, bodies, search, touch, state):
             boxes[guest, after], bounds, search.margin
         ):
             continue
+        key = (pair * rows + i) * width
+        at = _remembered(key, search.memory, at)
+        is_known = at < search.memory.key.shape[0] and search.memory.key[at] < key + width
+        above = _is_above(boxes[guest, i], ceiling) and _is_above(boxes[guest, after], ceiling)
+        if above and not is_known:
+            continue
         for c in range(width):
             if surfaces.guests[guest, i, c] == 0:
                 continue
@@ -308,7 +350,7 @@ def _find_pair(pair, side, bodies, search, touch, state):
             at = _remembered(key, search.memory, at)
             is_known = at < search.memory.key.shape[0] and search.memory.key[at] == key
             node = Node(pair, guest, host, i, c, side, at if is_known else -1)
-            count, near = _find_node(node, near, search, touch, count)
+            count, near = _find_node(node, near, ceiling, search, touch, count)
     return count, at
 
 
@@ -327,6 +369,9 @@ def refit(search, clearance, near, low, high):
             bodies.boxes[body],
             bodies.bounds[body],
         )
+        bodies.swing[body] = swing_of(bodies.start[body], bodies.ahead[body])
+        exists = search.surfaces.exists[body]
+        fit_slab(bodies.ahead[body], present[body], exists, bodies.slab[body])
         follow(body, search, clearance)
 
 
@@ -384,7 +429,8 @@ def find_contacts(candidates, search, earlier, clearance, low, high, touch):
             continue
         side, already = candidates.order[pair], count
         looked_at += 1
-        count, at = _find_pair(pair, side, (guest, host), search, touch, (count, at))
+        half, state = clearance.half, (count, at)
+        count, at = _find_pair(pair, side, (guest, host), search, half, touch, state)
         if count == already and side != 0:
             clear(pair, guest, host, side, search, clearance)
     return count, looked_at

@@ -9,7 +9,7 @@ A triangle is told by its place: side, cell (i, j) and half, 0 or 1.
 
 from math import sqrt
 
-from featherfx.algebra.vec3_kernels import add, dot, length, normal_of, scale, sub
+from featherfx.algebra.vec3_kernels import add, dot, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
 
@@ -78,6 +78,54 @@ def row_boxes(start, ahead, present, boxes, bounds):
             bounds[k] = min(bounds[k], boxes[i, k])
             bounds[3 + k] = max(bounds[3 + k], boxes[i, 3 + k])
     return sqrt(farthest)
+
+
+@kernel
+def swing_of(start, ahead):
+    """The farthest, m, that a node goes from one pose (n, 1 + 2 m, 3) to another, without what its
+    root goes."""
+    led, farthest = sub(ahead[0, 0], start[0, 0]), 0.0
+    for i in range(start.shape[0]):
+        for p in range(start.shape[1]):
+            farthest = max(farthest, _square(sub(ahead[i, p], start[i, p]), led))
+    return sqrt(farthest)
+
+
+@kernel
+def fit_slab(points, present, exists, slab):
+    """The slab (5,) of a pose (n, 1 + 2 m, 3) (types.MovingBodies)."""
+    normal, turned = (0.0, 0.0, 0.0), False
+    for again in range(2):
+        for side in range(2):
+            for i in range(exists.shape[1]):
+                for j in range(exists.shape[2]):
+                    for half in range(2):
+                        if exists[side, i, j, half] == 0:
+                            continue
+                        own = _facing(points, (side, i, j, half), exists.shape[2])
+                        if again == 0:
+                            normal = add(normal, own)
+                        elif dot(own, normal) < 0.0:
+                            turned = True
+    slab[3], slab[4] = 1e300, -1e300
+    store(slab, normal)
+    for i in range(points.shape[0]):
+        for c in range(present.shape[1]):
+            if present[i, c] != 0:
+                height = dot(normal, points[i, strip_point(c, exists.shape[2])])
+                slab[3], slab[4] = min(slab[3], height), max(slab[4], height)
+    size = length(normal)
+    for k in range(5):
+        slab[k] = slab[k] / size if size > 0.0 else 0.0
+    if turned or not size > 0.0:
+        slab[3], slab[4] = -1e300, 1e300
+
+
+@kernel
+def _facing(points, place, columns):
+    """Unit normal of a triangle, zero of one without area."""
+    a, b = _corner(points, place, 0, columns), _corner(points, place, 1, columns)
+    return side_normal(place[0], a, b, _corner(points, place, 2, columns))
 
 
 @kernel

@@ -164,6 +164,8 @@ def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
         bounds=np.zeros((bodies, 6)),
         impedance=impedance,
         way=np.zeros(bodies),
+        swing=np.zeros(bodies),
+        slab=np.zeros((bodies, 5)),
     )
 
 
