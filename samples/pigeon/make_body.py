@@ -1,7 +1,8 @@
 """Makes body.usdc: the skin of a walking pigeon, as one closed mesh on a skeleton.
 
-python samples/pigeon/make_body.py [OUT.usdc]
+python samples/pigeon/make_body.py [OUT.usdc [BIRD]]
 
+BIRD is pigeon, gull, owl or sparrow; the landmarks of a groom's [bird] are printed.
 Folded wings are no part of the shape: they are feathers alone. samples/first_bird has the same one.
 
 The shape is a smooth union of ellipsoids and tapered capsules, given by its distance function and
@@ -15,18 +16,39 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 CELL = 0.004
-LOW, HIGH = np.array([-0.165, -0.1, -0.012]), np.array([0.185, 0.1, 0.325])
+LOW, HIGH = np.array([-0.165, -0.1, -0.012]), np.array([0.2, 0.1, 0.335])
 ROUNDING = 0.012  # m, radius over which parts pass into each other
 SHARE_WIDTH = 0.006  # m, over which the parts' primvars pass into each other
 FRAMES, FRAMES_PER_SECOND = 96, 24
 STEP = 12  # frames from one step to the next
 # linear, by eye: skin, of which the coat shows little, beak and feet; other parts as torso
 COLOURS = {"torso": (0.10, 0.10, 0.12), "beak": (0.05, 0.05, 0.06), "leg": (0.42, 0.12, 0.10)}
+
+
+class Build(NamedTuple):
+    """A bird beside the pigeon, by eye. size: of all of it. trunk: factors of its length, breadth
+    and depth. neck: of its length, head: of its radii, beak: of its length and thickness."""
+
+    size: float
+    trunk: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    neck: float = 1.0
+    head: float = 1.0
+    beak: tuple[float, float] = (1.0, 1.0)
+
+
+BUILDS = {
+    "pigeon": Build(1.0),
+    "gull": Build(1.5, (1.05, 0.95, 0.95), 0.9, 1.05, (1.3, 1.2)),
+    "owl": Build(0.95, (0.95, 1.0, 1.05), 0.6, 1.45, (0.75, 1.0)),
+    "sparrow": Build(0.36, (0.9, 1.05, 1.05), 0.65, 1.2, (0.7, 1.3)),
+}
+NECK = np.array((0.06, 0.0, 0.2))  # where it begins
 
 # joint: parent, pivot
 JOINTS = {
@@ -59,13 +81,22 @@ def capsule(points, start, end, first, last):
     return gap - (first + (last - first) * share)
 
 
-def parts(points):
-    """About the distance (m) to each part, negative inside. points: (..., 3) m."""
+def on_neck(build, point):
+    """Where a place of the pigeon's neck or head is."""
+    return NECK + build.neck * (np.array(point) - NECK)
+
+
+def parts(points, build=BUILDS["pigeon"]):
+    """About the distance (m) to each part, negative inside, at the pigeon's size.
+
+    points: (..., 3) m.
+    """
     x, y, z = np.moveaxis(points, -1, 0)
     right = np.stack([x, np.abs(y), z], axis=-1)  # both sides at once, on the left
+    trunk = np.array(build.trunk)
     torso = np.minimum(
-        ellipsoid(points, (-0.012, 0, 0.168), (0.1, 0.052, 0.055), 17),
-        ellipsoid(points, (0.042, 0, 0.172), (0.055, 0.05, 0.058), 30),
+        ellipsoid(points, (-0.012, 0, 0.168), (0.1, 0.052, 0.055) * trunk, 17),
+        ellipsoid(points, (0.042, 0, 0.172), (0.055, 0.05, 0.058) * trunk, 30),
     )
     leg = capsule(right, (0.005, 0.026, 0.122), (0.0, 0.028, 0.085), 0.021, 0.008)
     for start, end in (
@@ -76,30 +107,58 @@ def parts(points):
         ((0.0, 0.03, 0.006), (-0.02, 0.03, 0.004)),
     ):
         leg = np.minimum(leg, capsule(right, start, end, 0.005, 0.0045))
+    skull = on_neck(build, (0.117, 0, 0.285))
     return {
         "torso": torso,
-        "neck": capsule(points, (0.06, 0, 0.2), (0.106, 0, 0.272), 0.036, 0.0215),
-        "head": ellipsoid(points, (0.117, 0, 0.285), (0.0265, 0.0205, 0.0215), -8),
-        "beak": capsule(points, (0.135, 0, 0.283), (0.166, 0, 0.272), 0.0075, 0.0035),
+        "neck": capsule(
+            points, NECK, on_neck(build, (0.106, 0, 0.272)), 0.036, 0.0215 * build.head
+        ),
+        "head": ellipsoid(points, skull, np.array((0.0265, 0.0205, 0.0215)) * build.head, -8),
+        "beak": capsule(points, *beak(build), 0.0075 * build.beak[1], 0.0035 * build.beak[1]),
         "rump": capsule(points, (-0.06, 0, 0.157), (-0.127, 0, 0.128), 0.034, 0.015),
         "leg": leg,
     }
 
 
-def distance(points):
+def beak(build):
+    """Its root and tip, (3,) m."""
+    skull = on_neck(build, (0.117, 0, 0.285))
+    root = skull + build.head * np.array((0.018, 0.0, -0.002))
+    return root, root + build.beak[0] * np.array((0.031, 0.0, -0.011))
+
+
+def landmarks(build):
+    """Those of a groom's [bird], (3,) m by name, at the bird's size."""
+    skull, (long, wide, deep) = on_neck(build, (0.117, 0, 0.285)), build.trunk
+    found = {
+        "beak": beak(build)[1],
+        "crown": skull + build.head * np.array((0.001, 0, 0.022)),
+        "nape": skull + build.head * np.array((-0.023, 0, 0.005)),
+        "breast": np.array((0.042 + 0.055 * long, 0, 0.185)),
+        "right_shoulder": np.array((0.055, -0.058 * wide, 0.205)),
+        "left_shoulder": np.array((0.055, 0.058 * wide, 0.205)),
+        "vent": np.array((-0.075, 0, 0.168 - 0.053 * deep)),
+        "tail": np.array((-0.134, 0, 0.138)),
+        "right_heel": np.array((-0.008, -0.0285, 0.068)),
+        "left_heel": np.array((-0.008, 0.0285, 0.068)),
+    }
+    return {name: build.size * place for name, place in found.items()}
+
+
+def distance(points, build=BUILDS["pigeon"]):
     """Smooth union of all parts (exponential minimum)."""
-    values = np.stack(list(parts(points).values()))
+    values = np.stack(list(parts(points, build).values()))
     least = values.min(axis=0)
     width = ROUNDING / 3.0
     return least - width * np.log(np.exp(-(values - least) / width).sum(axis=0))
 
 
-def surface_net():
+def surface_net(build):
     """Points (V, 3) m and faces (F, 4) of the closed surface."""
     counts = np.ceil((HIGH - LOW) / CELL).astype(int) + 1
     axes = [LOW[k] + CELL * np.arange(counts[k]) for k in range(3)]
     corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    inside = distance(corners) < 0.0
+    inside = distance(corners, build) < 0.0
     cells = tuple(c - 1 for c in counts)
     mixed = np.zeros(cells, dtype=int)
     for i, j, k in np.ndindex(2, 2, 2):
@@ -107,7 +166,7 @@ def surface_net():
     number = np.full(cells, -1)
     used = np.argwhere((mixed > 0) & (mixed < 8))
     number[tuple(used.T)] = np.arange(len(used))
-    points = onto_surface(LOW + CELL * (used + 0.5))
+    points = onto_surface(LOW + CELL * (used + 0.5), build)
     faces = []
     for axis in range(3):
         first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -126,26 +185,27 @@ def surface_net():
     return points, np.concatenate(faces)
 
 
-def onto_surface(points):
+def onto_surface(points, build):
     """Points drawn onto the surface along the gradient of the distance, within their cells."""
     start, step = points, 1e-5
     for _ in range(6):
         gradient = np.stack(
             [
-                (distance(points + step * e) - distance(points - step * e)) / (2.0 * step)
+                (distance(points + step * e, build) - distance(points - step * e, build))
+                / (2.0 * step)
                 for e in np.eye(3)
             ],
             axis=-1,
         )
         size = np.maximum((gradient**2).sum(axis=-1, keepdims=True), 0.05)
-        points = points - distance(points)[:, None] * gradient / size
+        points = points - distance(points, build)[:, None] * gradient / size
         points = start + np.clip(points - start, -0.5 * CELL, 0.5 * CELL)
     return points
 
 
-def part_shares(points):
+def part_shares(points, build):
     """Share of each part at points (V, 3), adding up to 1."""
-    values = parts(points)
+    values = parts(points, build)
     least = np.min(list(values.values()), axis=0)
     raw = {name: np.exp(-(value - least) / SHARE_WIDTH) for name, value in values.items()}
     total = sum(raw.values())
@@ -224,7 +284,7 @@ def define_mesh(stage, points, faces, shares):
     colour = api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "vertex")
     own = np.array([COLOURS.get(name, COLOURS["torso"]) for name in shares])
     part = np.stack(list(shares.values()), axis=1)
-    thigh = part[:, -1] * smooth(points[:, 2], 0.06, 0.075)  # feathered skin
+    thigh = part[:, -1] * smooth(points[:, 2] / np.ptp(points[:, 2]), 0.19, 0.24)  # feathered skin
     part[:, 0] += thigh
     part[:, -1] -= thigh
     mixed = part @ own
@@ -271,8 +331,9 @@ def bind_skeleton(stage, mesh, points, shares):
     )
 
 
-def make(path):
-    """Write the skin to a USD file."""
+def make(path, bird="pigeon"):
+    """Write the skin of a bird to a USD file, that of others than the pigeon without a walk."""
+    build = BUILDS[bird]
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -283,14 +344,19 @@ def make(path):
     root = UsdSkel.Root.Define(stage, "/pigeon")
     Usd.ModelAPI(root).SetKind("component")
     stage.SetDefaultPrim(root.GetPrim())
-    points, faces = surface_net()
-    shares = part_shares(points)
-    bind_skeleton(stage, define_mesh(stage, points, faces, shares), points, shares)
+    points, faces = surface_net(build)
+    shares = part_shares(points, build)
+    mesh = define_mesh(stage, build.size * points, faces, shares)
+    if bird == "pigeon":
+        bind_skeleton(stage, mesh, points, shares)
     stage.GetRootLayer().Save()
     return len(points), len(faces)
 
 
 if __name__ == "__main__":
     target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("body.usdc")
+    bird = sys.argv[2] if len(sys.argv) > 2 else "pigeon"
     target.unlink(missing_ok=True)
-    print("{} points, {} faces".format(*make(target)))
+    print("# {} points, {} faces".format(*make(target, bird)))
+    for name, place in landmarks(BUILDS[bird]).items():
+        print(f"{name} = {np.round(place, 4).tolist()}")

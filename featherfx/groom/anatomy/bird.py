@@ -83,7 +83,7 @@ def hatch(
     if kind["crest"]["count"]:
         parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale)))
     sites = _sites(points, axes)
-    if body is not None and entry["fold"] > _HIDES:
+    if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
         sites["below_wing"] = np.concatenate([_hidden(each, body) for each in wings])
     for name in PARTS:
         if kind["parts"][name]["cover"] > 0.0 and name in sites:
@@ -179,7 +179,7 @@ def _wing(
         scale=scale,
         side=side,
         joint=entry["joint"],
-        below=posed or entry["fold"] < 1.0,
+        below=posed or entry["fold"] < 1.0 or entry["opens"],
     )
 
 
@@ -190,7 +190,9 @@ def _lying(wings: list[dict[str, Any]], body: Body) -> list[dict[str, Any]]:
     if right["fold"] is None:
         return wings
     shoulder = np.array(right["shoulder"])
-    kind, place = lie_on(right["type"], shoulder, right["scale"], body)
+    rows = right["type"].coverts if right["below"] else ()
+    below = right["scale"] * sum(row.gap for row in rows if row.side == "below")
+    kind, place = lie_on(right["type"], shoulder, right["scale"], body, below)
     shift = place - shoulder
     mirrored = shift - 2.0 * (shift @ body.axes[:, 1]) * body.axes[:, 1]
     return [

@@ -62,11 +62,16 @@ class Body:
         return np.where(beside > 2.0 * np.sqrt(size), distance, above)
 
 
-def lie_on(kind: WingType, shoulder: Array, scale: float, body: Body) -> tuple[WingType, Array]:
-    """The type as its right folded wing lies on a body, and where its shoulder (3,) m is then."""
+def lie_on(
+    kind: WingType, shoulder: Array, scale: float, body: Body, below: float
+) -> tuple[WingType, Array]:
+    """The type as its right folded wing lies on a body, and where its shoulder (3,) m is then.
+
+    below: m, that coverts below its flight feathers take up.
+    """
     from scipy.optimize import minimize
 
-    fit = _Fit(kind, shoulder, scale, body)
+    fit = _Fit(kind, shoulder, scale, body, below)
     start = np.array([kind.roof[1], kind.tuck[1], 20.0, 0.0])
     steps = np.vstack([start, start + np.diag([-15.0, 6.0, 15.0, 1.0])])
     found = minimize(
@@ -100,6 +105,7 @@ class _Fit:
     shoulder: Array
     scale: float
     body: Body
+    below: float
 
     @property
     def longest(self) -> float:
@@ -126,7 +132,7 @@ class _Fit:
         points = _shafts(kind, roots, frames, sizes)
         for _ in range(3):
             gap = self.body.gaps((points + shift).reshape(-1, 3)).min()
-            shift = shift + (_CLEAR * self.longest - gap) * dorsal
+            shift = shift + (self.below + _CLEAR * self.longest - gap) * dorsal
         inner = roots[0] + _EDGE * sizes[0] * frames[0, :, 0]
         inner = inner - 0.16 * sizes[0] * across
         return kind, self.shoulder + shift, (points + shift).reshape(-1, 3), inner + shift

@@ -283,6 +283,11 @@ BIRD = {
     "fold": Key(Number(0, 1), "Of the wings: spread (0) to folded (1).", 1.0),
     "fan": Key(Number(0, 1), "Of the tail: closed (0) to open (1).", 0.0),
     "raise": Key(Number(0, 1), "Of the crest: flat (0) to raised (1).", 0.0),
+    "opens": Key(
+        Flag(),
+        "Whether folded wings open in a shot: coverts below them, and feathers on the flank.",
+        False,
+    ),
     "bare": Key(
         ArrayOf(Table(WHERE), 0, 100), "Rules as of a region: where the body has no feathers.", ()
     ),

@@ -18,6 +18,7 @@ from featherfx.shot.motion.joints import (
     skeleton_of,
 )
 from featherfx.shot.motion.keys import keyed
+from featherfx.shot.motion.limbs import carried
 from featherfx.shot.motion.roots import SAMPLES, Roots, arrived
 from featherfx.shot.types import Shot
 from featherfx.solver.step.root_path import RootPath
@@ -30,10 +31,13 @@ def root_motion(shot: Shot) -> Roots:
 
     Raises InputError for a flap where the groom has no shoulder on either side.
     """
-    if shot.skin is not None:
+    if shot.skin is not None and shot.motion.kind != "fold":
         return directed(shot, shot.skin)
     skeleton = skeleton_of(shot.groom)
-    return directed(shot, joint_roots(shot.groom, skeleton, _poses(shot, skeleton)))
+    roots: Roots = joint_roots(shot.groom, skeleton, _poses(shot, skeleton))
+    if shot.skin is not None:
+        roots = carried(shot.groom, shot.skin, roots)
+    return directed(shot, roots)
 
 
 def _poses(shot: Shot, skeleton: Skeleton) -> PosesOverTime:

@@ -120,6 +120,9 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     if not sound or groom is None:
         return None
     scenes = _scenes(raw, parts, groom, place, readers)
+    folds = motion is not None and motion.kind == "fold"
+    if "motion" in raw and parts["skin"] is not None and not folds:
+        place.child("motion").fail("stands beside [skin], which moves the roots; a fold may")
     loads["channels"] = with_maps(loads["channels"], groom, parts, place, readers)
     loads["targets"] = with_shapes(loads["targets"], place, readers)
     if len(problems):
@@ -132,7 +135,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         groom=groom,
         first_frame=first,
         last_frame=last,
-        motion=motion if scenes["surfaces"] is None else Motion("skin", {}),
+        motion=Motion("skin", {}) if scenes["surfaces"] and not folds else motion,
         wind=wind,
         quality=quality,
         gravity=np.array(parts["gravity"]),

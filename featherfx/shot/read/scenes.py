@@ -46,8 +46,6 @@ def read_skin(
     if entry is None or not _has_reader(readers, at):
         return None
     count = len(place.problems)
-    if "motion" in raw:
-        place.child("motion").fail("stands beside [skin], which moves the roots; leave one out")
     other = sorted({f.skin for f in groom.feathers if f.skin} - {entry["prim"]})
     needed = [entry["prim"], *other]
     path = readers.file(Path(place.source).parent, entry["usd"])
