@@ -131,7 +131,8 @@ def load_pose(cache: Cache, scene: DrawnScene, time: float | None) -> DrawnPose:
 
 def load_points(cache: Cache, scene: DrawnScene, time: float | None) -> Array:
     """(V, 3) points alone, much faster than load_pose."""
-    return np.concatenate(cache.points_of(scene.chosen.tolist(), time)) @ scene.to_world
+    points = np.concatenate(cache.points_of(scene.chosen.tolist(), time), dtype=float)
+    return points if (scene.to_world == np.eye(3)).all() else points @ scene.to_world
 
 
 def _pose(

@@ -120,7 +120,8 @@ async function live(kit) {
 
   // Frames as they come.
   async function next() {
-    const answer = await fetch(`live-${newest}`, { cache: "no-store" });
+    const value = header.values.find((each) => each.name === kit.mode())?.name || "points";
+    const answer = await fetch(`${value}-after-${newest}`, { cache: "no-store" });
     if (!answer.ok) throw new Error(await answer.text());
     const buffer = await answer.arrayBuffer(), size = new DataView(buffer).getUint32(0, true);
     const now = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
@@ -133,11 +134,12 @@ async function live(kit) {
       return;
     }
     const found = kit.unpacked(header, buffer, 4 + size);
+    if (value !== "points") found.values[value] = new Uint8Array(buffer, 28 + size + 6 * header.points, header.points);
     if (kit.mode() === "velocity") {
       const seconds = before ? now.time - before.time : 0;
-      found.speeds = seconds > 0 ? kit.speedsBetween(before.points, found.points, seconds) : new Float32Array(header.points);
+      found.speeds = seconds > 0 ? kit.speedsBetween(kit.pointsOf(before.found), kit.pointsOf(found), seconds) : new Float32Array(header.points);
     }
-    before = { time: now.time, points: found.points };
+    before = { time: now.time, found };
     first.put(found);
     kit.paint(first, found);
     kit.draw();

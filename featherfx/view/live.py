@@ -49,7 +49,7 @@ _ENDLESS = 1_000_000
 _PULL = 50.0
 # frames a second that are simulated where the shot has fewer, so that motion is smooth
 _SMOOTH = 48.0
-_LIVE = re.compile(r"live-(\d{1,12})")
+_LIVE = re.compile(r"(points|strain)-after-(\d{1,12})")
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Live:
         self.tuned, self._source = tuned, source
         self._asked, self._number, self._version = time.monotonic(), 0, 0
         self._told: dict[str, Any] = {}
-        self._content, self._problem = b"", ""
+        self._points, self._problem = np.zeros((0, 3)), ""
         # stuck: no frame follows until something is changed. again: from the first frame
         self._changed = self._ended = self._stuck = self._again = False
         self._next: Made | None = None
@@ -126,18 +126,21 @@ class Live:
             own = {"name": self.name, "live": True, "version": self._version, "sliders": sliders}
             return self.played.header() | own
 
-    def after(self, number: int, patience: float = 5.0) -> bytes:
+    def after(self, number: int, value: str = "", patience: float = 5.0) -> bytes:
         """The newest frame, once it is a later one than this; the same after so many seconds.
 
-        The number of bytes of a JSON object (uint32), the object, padded to 4 bytes, the frame.
+        value: that is wanted of its points besides. The number of bytes of a JSON object (uint32),
+        the object, padded to 4 bytes, the frame, the value.
         """
         with self._news:
             self._asked = time.monotonic()
             self._news.notify_all()
             self._news.wait_for(lambda: self._number > number or self._ended, patience)
             text = json.dumps(self._told | {"number": self._number, "problem": self._problem})
-            told = text.encode() + b" " * (-len(text) % 4)
-            return struct.pack("<I", len(told)) + told + self._content
+            points, played = self._points, self.played
+        told = text.encode() + b" " * (-len(text) % 4)
+        values = [played.valued(value, points)] if value else []
+        return b"".join([struct.pack("<I", len(told)), told, played.packed(points), *values])
 
     def change(self, key: str, value: Any) -> None:
         """Set a value of a preset. Raises InputError where it is not allowed."""
@@ -367,10 +370,9 @@ class Live:
             "iterations": counts["newton_iterations"]["mean"],
             "substeps": counts["substeps"]["mean"],
         }
-        content = self.played.packed(np.concatenate(points))
         with self._news:
             self._number += 1
-            self._told, self._content = told, content
+            self._told, self._points = told, np.concatenate(points)
             self._news.notify_all()
 
 
@@ -384,7 +386,7 @@ class LiveServer(Server):
     def content(self, name: str) -> tuple[str, bytes] | None:
         found = _LIVE.fullmatch(name)
         if found:
-            return BYTES, self._live.after(int(found[1]))
+            return BYTES, self._live.after(int(found[2]), found[1].replace("points", ""))
         if name == "":
             return HTML, "".join(page(self._live.header(), self._live.name)).encode()
         if name == "header":

@@ -31,7 +31,7 @@
     async function frameOf(number) {
       if (!kept.has(number)) {
         kept.set(number, load(`${prefix}frame-${number}`).then((buffer) => unpacked(header, buffer, 0)));
-        const most = Math.max(8, Math.floor(header.keptBytes / (16 * header.points)));
+        const most = Math.max(8, Math.floor(header.keptBytes / (6 * header.points)));
         while (kept.size > most) kept.delete(kept.keys().next().value);
       }
       const found = kept.get(number);
@@ -47,13 +47,14 @@
     const geometry = new THREE.BufferGeometry();
     const mesh = new THREE.Mesh(geometry, material);
     mesh.frustumCulled = false;
-    const own = { header, geometry, mesh, frameOf, base: {}, position: null, colour: null };
+    const own = { header, geometry, mesh, frameOf, base: {}, position: null, colour: null, painted: "" };
     own.refresh = async () => {
       const constant = await load(`${prefix}constant`);
       BASES.forEach((name, k) => {
         own.base[name] = new Uint8Array(constant, 12 * header.triangles + 3 * k * header.points, 3 * header.points);
       });
-      own.position = new THREE.BufferAttribute(new Float32Array(3 * header.points), 3);
+      own.position = new THREE.BufferAttribute(new Uint16Array(3 * header.points), 3, true);
+      own.painted = "";
       own.colour = new THREE.BufferAttribute(new Float32Array(3 * header.points), 3);
       own.position.usage = own.colour.usage = 35048; // changes often
       geometry.setAttribute("position", own.position);
@@ -61,26 +62,37 @@
       geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(constant, 0, 3 * header.triangles), 1));
       kept.clear();
     };
+    // A value of a frame, which comes when a colour asks for it.
+    own.value = async (found, name, number) => {
+      found.values[name] = found.values[name] || new Uint8Array(await load(`${prefix}${name}-${number}`));
+    };
+    // Places in the box of a frame are drawn as they are; the mesh has its size.
     own.put = (found) => {
-      own.position.array.set(found.points);
+      own.position.array.set(found.places);
       own.position.needsUpdate = true;
+      mesh.position.fromArray(found.box);
+      mesh.scale.fromArray(found.box, 3);
+      mesh.updateMatrixWorld();
       geometry.boundingSphere = null;
     };
+    own.point = (k, to) => to.fromBufferAttribute(own.position, k).applyMatrix4(mesh.matrixWorld);
     return own;
   }
 
-  // Points, and values by name, of a frame that begins somewhere in a buffer.
+  // A frame that begins somewhere in a buffer, and room for values by name.
   function unpacked(header, buffer, begin) {
-    const box = new Float32Array(buffer, begin, 6), count = header.points;
-    const places = new Uint16Array(buffer, begin + 24, 3 * count), points = new Float32Array(3 * count);
-    for (let k = 0; k < points.length; k++) points[k] = box[k % 3] + (places[k] / 65535) * box[3 + (k % 3)];
-    let start = begin + 24 + 4 * Math.ceil((6 * count) / 4);
-    const values = {};
-    for (const value of header.values) {
-      values[value.name] = new Uint8Array(buffer, start, count);
-      start += 4 * Math.ceil(count / 4);
+    const box = new Float32Array(buffer, begin, 6), places = new Uint16Array(buffer, begin + 24, 3 * header.points);
+    return { box, places, values: {} };
+  }
+
+  // Its points, which only distances need.
+  function pointsOf({ box, places }) {
+    const points = new Float32Array(places.length);
+    for (let c = 0; c < 3; c++) {
+      const start = box[c], size = box[3 + c] / 65535;
+      for (let k = c; k < points.length; k += 3) points[k] = start + places[k] * size;
     }
-    return { points, values };
+    return points;
   }
 
   const toLight = (c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
@@ -108,7 +120,12 @@
   const ramps = Object.fromEntries(header.values.map((v) => [v.name, table(v.ramp)]));
   ramps.velocity = ramps.difference = table(header.ramp);
 
-  const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+  // Without a graphics card smooth edges take more time than all else.
+  function hasCard() {
+    const probe = document.createElement("canvas").getContext("webgl2"), info = probe?.getExtension("WEBGL_debug_renderer_info");
+    return !(info && /swiftshader|llvmpipe|software/i.test(probe.getParameter(info.UNMASKED_RENDERER_WEBGL)));
+  }
+  const renderer = new THREE.WebGLRenderer({ antialias: hasCard(), preserveDrawingBuffer: true });
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
   document.body.prepend(renderer.domElement);
   const scene = new THREE.Scene();
@@ -151,10 +168,12 @@
   // A box around some points, seen from the front, left and above.
   function look(begin, count) {
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    for (let k = 3 * begin; k < 3 * (begin + count); k++) {
-      const value = first.position.array[k];
-      if (value < low[k % 3]) low[k % 3] = value;
-      if (value > high[k % 3]) high[k % 3] = value;
+    const p = new THREE.Vector3();
+    for (let k = begin; k < begin + count; k++) {
+      first.point(k, p).toArray().forEach((value, c) => {
+        if (value < low[c]) low[c] = value;
+        if (value > high[c]) high[c] = value;
+      });
     }
     const size = Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) || 1;
     controls.target.set(...low.map((value, k) => 0.5 * (value + high[k])));
@@ -173,7 +192,7 @@
     const high = Math.tan((Math.PI / 180) * 0.5 * camera.fov) * 0.84, wide = high * camera.aspect, p = new THREE.Vector3();
     let away = 0.01 * size;
     for (let k = begin; k < begin + count; k++) {
-      p.fromArray(first.position.array, 3 * k).sub(controls.target);
+      first.point(k, p).sub(controls.target);
       away = Math.max(away, p.dot(way) + Math.max(Math.abs(p.dot(right)) / wide, Math.abs(p.dot(up)) / high));
     }
     return away;
@@ -181,6 +200,7 @@
 
   // Frames and colours. fastest, farthest: m/s and mm that were met with so far.
   let mode = "pattern", fastest = 1e-6, farthest = 1e-6;
+  const isValue = (name) => header.values.some((each) => each.name === name);
   const ofSecond = (number) => {
     const code = header.frames[number], codes = header.second.frames;
     const nearby = codes.map((each) => Math.abs(each - code));
@@ -194,7 +214,11 @@
     try {
       const asked = [first.frameOf(wanted), ...(second ? [second.frameOf(ofSecond(wanted))] : [])];
       found = await Promise.all(asked);
-      if (mode === "velocity") for (const [k, each] of found.entries()) each.speeds = each.speeds || (await speedsOf(shown[k], k ? ofSecond(wanted) : wanted));
+      for (const [k, each] of found.entries()) {
+        const number = k ? ofSecond(wanted) : wanted;
+        if (mode === "velocity") each.speeds = each.speeds || (await speedsOf(shown[k], number));
+        else if (isValue(mode)) await shown[k].value(each, mode, number);
+      }
     } catch (error) {
       state.problem = String(error.message || error);
       state.playing = false;
@@ -221,7 +245,7 @@
   async function speedsOf(own, number) {
     const before = Math.max(0, number - 1), after = Math.min(own.header.frames.length - 1, number + 1);
     const [low, high] = [await own.frameOf(before), await own.frameOf(after)];
-    return speedsBetween(low.points, high.points, (after - before) / own.header.framesPerSecond || 1);
+    return speedsBetween(pointsOf(low), pointsOf(high), (after - before) / own.header.framesPerSecond || 1);
   }
 
   function speedsBetween(low, high, seconds) {
@@ -232,7 +256,7 @@
 
   // Millimetres between the same points of both caches.
   function apart(found) {
-    const far = distances(found[0].points, found[1].points).map((each) => 1000 * each);
+    const far = distances(pointsOf(found[0]), pointsOf(found[1])).map((each) => 1000 * each);
     for (const each of far) if (each > farthest) farthest = each;
     state.farthest = far.reduce((most, each) => Math.max(most, each), 0);
     return far;
@@ -247,6 +271,8 @@
   }
 
   function paint(own, found) {
+    if (mode in own.base && own.painted === mode) return; // it does not change
+    own.painted = mode;
     const out = own.colour.array, ramp = ramps[mode];
     if (mode in own.base) {
       const from = own.base[mode];
@@ -401,7 +427,7 @@
   if (header.live) {
     document.body.classList.add("live");
     resize();
-    await live({ header, state, first, byId, told, draw, paint, showKey, unpacked, speedsBetween, under, rayAt, camera, controls, renderer, mode: () => mode });
+    await live({ header, state, first, byId, told, draw, paint, showKey, unpacked, pointsOf, speedsBetween, under, rayAt, camera, controls, renderer, mode: () => mode });
   } else await setFrame(0);
   resize();
   look(0, header.points);

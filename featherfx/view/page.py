@@ -79,7 +79,10 @@ def write_page(
         for played, prefix in zip(shown, PREFIXES, strict=False):
             yield f"{prefix}constant", played.constant()
             numbers = counted("drawing", range(len(played.codes)), len(played.codes))
-            yield from ((f"{prefix}frame-{number}", played.frame(number)) for number in numbers)
+            for number in numbers:
+                yield f"{prefix}frame-{number}", played.frame(number)
+                for value in played.values:
+                    yield f"{prefix}{value.name}-{number}", played.value(value.name, number)
 
     pieces = page(header_of(*shown), shown[0].path.name, data())
     write_all([(output, into(lambda file: file.writelines(map(str.encode, pieces))))], before)

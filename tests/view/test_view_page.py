@@ -69,6 +69,8 @@ STEPS = f"""
   told.last = await f.setFrame(f.frames - 1);
   told.frame = f.frame;
   told.moved = differing(before, shot());
+  await f.setColour("strain");
+  told.strained = differing(before, shot());
   await f.setColour("velocity");
   told.coloured = differing(before, shot());
   for (let y = 40; y < innerHeight - 60 && !told.picked; y += 12)
@@ -173,6 +175,7 @@ def test_a_file_plays_in_a_browser(cache, tmp_path):
     assert 0.01 < told["drawn"] < 0.9
     assert told["moved"] > 0.001
     assert told["coloured"] > told["moved"]
+    assert told["strained"] > told["moved"]
     assert told["picked"] in told["ids"]
     assert told["panel"].startswith(told["picked"])
     assert told["nothing"] is None
@@ -236,7 +239,9 @@ def test_frames_hold_the_points_of_the_cache(cache):
     np.testing.assert_allclose(points, wanted, atol=box[3:].max() / 65535)
     corners = np.frombuffer(played.constant(), "<u4", 3 * header["triangles"])
     assert corners.max() == header["points"] - 1
-    assert len(frame) == pytest.approx(played.frame_bytes, abs=8)
+    strain = played.value("strain", 3)
+    assert len(frame) + len(strain) == played.frame_bytes
+    assert set(strain) <= {127, 128}  # they flap without a strain
 
 
 def test_what_does_not_fit_is_left_out_and_told(cache):
@@ -288,11 +293,21 @@ def test_only_who_has_the_token_and_asks_from_the_page_gets_anything(cache):
         assert server.server_address[0] == HOST
         assert ask(server, f"/{token}/")[0] == 200
         assert ask(server, f"/{token}/frame-0") == (200, server.shown[0].frame(0))
+        assert ask(server, f"/{token}/strain-4") == (200, server.shown[0].value("strain", 4))
         own = f"http://{HOST}:{server.server_port}"
         assert ask(server, f"/{token}/constant", Origin=own)[0] == 200
         for path in ("/", "/frame-0", f"/{token[:-1]}/", f"/{token}x/frame-0", "//", "/%2e%2e/"):
             assert ask(server, path)[0] == 404
-        for name in ("frame-5", "frame--1", "../page.py", "..%2fpage.py", "/etc/passwd", "x"):
+        for name in (
+            "frame-5",
+            "frame--1",
+            "hooked-0",
+            "second-frame-0",
+            "../page.py",
+            "..%2fpage.py",
+            "/etc/passwd",
+            "x",
+        ):
             assert ask(server, f"/{token}/{name}")[0] == 404
         for headers in (
             {"Host": "evil.example"},

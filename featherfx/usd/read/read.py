@@ -210,7 +210,9 @@ class Cache:
         found = []
         for run in self._runs(chosen):
             points, matrix, _ = self._placed(run, time)
-            moved = np.asarray(points @ matrix[:3, :3] + matrix[3, :3])
+            moved = points.astype(float)
+            if (matrix != np.eye(4)).any():
+                moved = moved @ matrix[:3, :3] + matrix[3, :3]
             own = [self._own[index].points for index in run]
             ends = [0 if each.start is None else each.start - own[0].start for each in own]
             found += [moved[a:b] for a, b in pairwise([*ends, len(moved)])]
