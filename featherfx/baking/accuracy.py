@@ -251,6 +251,7 @@ def finer_quality(quality: Quality, grid: Resolution, finer: frozenset[str]) -> 
         columns=columns,
         coefficients=count,
         simulated_rows=0,
+        simulated_columns=0,
         error=None,
         tolerance=tolerance,
         max_substeps=substeps,

@@ -48,8 +48,9 @@ def barb_deflection(feather: Feather, kind: FeatherKind, pressure: float) -> flo
 
 
 # What the grid may miss, over the tolerance of a single step: steps within the tolerance add up to
-# trajectories that err by ten times as much (docs/benchmarks.md), so a finer grid would not show.
-GRID_SCALE = 3.0
+# trajectories that err by 6 to 20 times as much (docs/benchmarks.md), so a finer grid would not
+# show.
+GRID_SCALE = 5.0
 
 
 def coefficients_for(feather: Feather, kind: FeatherKind, pressure: float, tolerance: float) -> int:

@@ -40,7 +40,9 @@ def row_of(count: int, frames: int = 5, spread: float = 0.02) -> Shot:
         gravity=np.array([0.0, 0.0, -9.81]),
         motion=Motion("shake", swing),
         wind=replace(shot.wind, speed=0.0, gust=0.0),
-        quality=replace(shot.quality, rows=13, columns=3, coefficients=1, simulated_rows=0),
+        quality=replace(
+            shot.quality, rows=13, columns=3, coefficients=1, tolerance=1e-4, simulated_rows=0
+        ),
     )
 
 

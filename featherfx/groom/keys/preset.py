@@ -64,9 +64,9 @@ class Quality:
     max_substeps: Annotated[
         int,
         Number(1, 4096, whole=True),
-        "Most sub-steps per frame, a bound on work where feathers flutter or are struck; where "
-        "they touch, 32 at most.",
-    ] = 256
+        "Most sub-steps per frame, a bound on work: half of them may be as short as their errors "
+        "ask, the others share what is left of the frame. Where feathers touch, 32 at most.",
+    ] = 4096
     radius: Annotated[
         float,
         Number(0, 0.8),
@@ -78,6 +78,12 @@ class Quality:
         Number(-1, 400, whole=True),
         "Rows that are simulated, at most `rows`, which the meshes have anyhow; 0: all of them, or "
         "by `error`, -1: the solver chooses.",
+    ] = 0
+    simulated_columns: Annotated[
+        int,
+        Number(0, 100, whole=True),
+        "Nodes along each barb that are simulated, at most `columns`, which the meshes have "
+        "anyhow; 0: all of them, or by `error`.",
     ] = 0
     coarse_below: Annotated[
         float, _LENGTH, "Feathers shorter than this get half the rows and columns."
@@ -103,6 +109,11 @@ class Quality:
     ] = 0.0
 
     @property
+    def own_columns(self) -> int:
+        """Nodes along each barb that are simulated, where no error is promised."""
+        return min(self.simulated_columns or self.columns, self.columns)
+
+    @property
     def promised(self) -> float | None:
         """The error, share of a feather's length, that is promised; None: none is."""
         if self.error is None:
@@ -111,7 +122,14 @@ class Quality:
 
     def with_error(self, error: float) -> Quality:
         """The same meshes, and what is simulated by an error in percent alone."""
-        return replace(self, error=error, tolerance=None, coefficients=-1, simulated_rows=0)
+        return replace(
+            self,
+            error=error,
+            tolerance=None,
+            coefficients=-1,
+            simulated_rows=0,
+            simulated_columns=0,
+        )
 
 
 @dataclass(frozen=True)

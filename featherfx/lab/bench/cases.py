@@ -76,7 +76,6 @@ def draw_case(seed: int, most_rows: int = 200) -> Case:
     settings = Settings(
         tolerance=log_uniform(random, 1e-5, 1e-1) * drawn.kind.length,
         newton=1e-6 * drawn.kind.length,
-        max_substeps=int(random.choice([1, 8, 64])),
     )
     numbers = _numbers(drawn, model, loads, settings, duration)
     numbers |= {"pose": pose, "root": root}
@@ -100,7 +99,6 @@ def _numbers(
         "gravity": float(np.linalg.norm(loads.gravity)),
         "wind": float(np.linalg.norm(loads.wind_mean)),
         "tolerance": settings.tolerance,
-        "max_substeps": settings.max_substeps,
         "max_iterations": settings.max_iterations,
     }
 

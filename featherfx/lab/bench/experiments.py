@@ -25,14 +25,8 @@ from featherfx.lab.bench.shake import (
     swan_primary,
     trajectory_error,
 )
-from featherfx.mechanics.resolution import (
-    GRID_SCALE,
-    barb_deflection,
-    coefficients_for,
-    rachis_deflection,
-)
-from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
-from featherfx.shot.detail.promise import chosen_for, rounded_up, stepped_down
+from featherfx.mechanics.resolution import barb_deflection, rachis_deflection
+from featherfx.shot.detail.detail import settings_for
 from featherfx.shot.groups import NEWTON_FRACTION
 from featherfx.shot.types import Quality
 
@@ -199,21 +193,12 @@ def preset_shake(kind: FeatherKind, name: str) -> Shake:
 def quality_shake(kind: FeatherKind, quality: Quality) -> Shake:
     """The shake as a bake of that quality simulates it."""
     feather = build_feather(kind, quality.rows, quality.columns)
-    acceleration, pressure = ACCELERATION, kind.vane_material.surface_density * ACCELERATION
-    if quality.promised is not None:
-        bends = (
-            rachis_deflection(feather, kind, acceleration, 0.0),
-            barb_deflection(feather, kind, pressure),
-        )
-        shares = (rounded_up(each / kind.length) for each in bends)
-        rows, columns, coefficients, share = chosen_for(quality.promised, *shares)
-        tolerance = quality.tolerance or stepped_down(share * kind.length)
-    else:
-        assert quality.tolerance is not None
-        rows, columns, tolerance = quality.rows, quality.columns, quality.tolerance
-        coefficients = coefficients_for(feather, kind, pressure, GRID_SCALE * tolerance)
-    if quality.coefficients != CHOSEN_BY_SOLVER:
-        coefficients = quality.coefficients
+    pressure = kind.vane_material.surface_density * ACCELERATION
+    bent = (
+        rachis_deflection(feather, kind, ACCELERATION, 0.0),
+        barb_deflection(feather, kind, pressure),
+    )
+    rows, columns, coefficients, tolerance = settings_for(quality, feather, kind, bent, pressure)
     return Shake(
         rows=rows,
         columns=columns,

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.shot.detail.detail import CHOSEN_BY_SOLVER
-from featherfx.shot.detail.promise import common_tolerance
 from featherfx.shot.detail.view import TimedCamera, View
 from featherfx.shot.frames import Frame
 from featherfx.shot.motion.motion import root_motion
@@ -31,8 +30,6 @@ WARMING = 16
 MOST_COEFFICIENTS = 4
 # fewer feathers are no plumage whose feathers could follow each other
 GUIDABLE = 8
-# of the tolerance, so small that every sub-step is the shortest allowed
-TIGHT = 1e-3
 
 NOTE = """\
 Each line switches one skip on and compares with the same shot without it, everything else as in
@@ -156,12 +153,8 @@ def _level(level: str) -> Change:
 _FULL = _level("full")
 
 
-def _same(shot: Shot) -> Shot:
-    return shot
-
-
-def _tight(shot: Shot) -> Shot:
-    return _quality(tolerance=TIGHT * common_tolerance(shot))(shot)
+def _all_rows(shot: Shot) -> Shot:
+    return _quality(simulated_rows=shot.quality.rows)(shot)
 
 
 def _always(shot: Shot) -> bool:
@@ -212,10 +205,9 @@ SKIPS = (
     Skip(
         "rows chosen, not all",
         _quality(simulated_rows=CHOSEN_BY_SOLVER),
-        _quality(simulated_rows=0),
+        _all_rows,
         _always,
     ),
-    Skip("sub-steps chosen, not the shortest", _same, _tight, _always),
     Skip("detail coarse", _level("coarse"), _FULL, _untouched),
     Skip("detail rachis", _level("rachis"), _FULL, _untouched),
     Skip("detail guided", _level("guided"), _FULL, _guidable),

@@ -185,8 +185,9 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
             # there are no rates to go on with
             way = max(way, FOLLOW)
         radius = EULER if way == BACKWARD else settings.spectral_radius
-        attempt = Attempt(step, fraction, way, radius, settings.iterations, promise)
-        place = Attempt(step, fraction, STAY, radius, settings.iterations, promise)
+        floor, limit = settings.shortest, settings.iterations
+        attempt = Attempt(step, floor, fraction, way, radius, limit, promise)
+        place = Attempt(step, floor, fraction, STAY, radius, limit, promise)
         factors = _predict(
             model, nodal, loads, f, frame.path, place if textbook else attempt, state, work
         )

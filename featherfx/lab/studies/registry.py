@@ -39,6 +39,12 @@ STUDIES: tuple[Study, ...] = (
         "featherfx.lab.studies.rods:released",
     ),
     Study(
+        "feather_masses",
+        "Masses of presets, and what cutting off the vanes does",
+        "Harvey et al. 2022, data of AvInertia; Deng et al. 2022, abstract",
+        "featherfx.lab.studies.feathers:masses",
+    ),
+    Study(
         "vane_traction",
         "Traction of vane samples",
         "Jouve 2024, chapter 4",

@@ -35,7 +35,7 @@ from featherfx.shot.detail.promise import Chosen, chosen_for, rounded_up, steppe
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.motion.roots import Roots, sampled_rates
 from featherfx.shot.patterns import fits, last_fitting
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Quality, Shot
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,9 @@ CHOSEN_BY_SOLVER = -1
 CARRIED = ("guided", "rigid")
 # accelerations beyond gravity that feathers see, in gravities
 LOAD_FACTOR = 3.0
-SAMPLES = 33
+# of the motion, a frame and in a shot at most; the place along a feather that is looked at
+SAMPLES_A_FRAME, MOST_SAMPLES = 2, 240
+REACH = 0.7
 LEAST_ROWS, LEAST_COLUMNS = 6, 2
 
 
@@ -174,38 +176,49 @@ def simulated_settings(
     if loads is None:
         assert tolerance is not None
         rows = min(quality.simulated_rows or quality.rows, quality.rows)
-        every = Chosen(rows, quality.columns, quality.coefficients, tolerance)
+        every = Chosen(rows, quality.own_columns, quality.coefficients, tolerance)
         return [every] * len(feathers)
     bent, pulled = deflections(shot, feathers, loads), _pulled(shot)
     free = last_fitting(shot.frees, shot.groom.feathers)
     found = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
-        kind, error = placement.kind, quality.promised
-        if error is not None:
-            shares = (rounded_up(each / kind.length) for each in bent[f])
-            own = chosen_for(error, *shares)
-            own = own._replace(tolerance=tolerance or stepped_down(own.tolerance * kind.length))
-            if may_slip(kind):
-                own = own._replace(columns=quality.columns)
-        else:
-            assert tolerance is not None
-            most = GRID_SCALE * tolerance
-            own = Chosen(
-                rows_for(bent[f][0], most, quality.rows),
-                quality.columns,
-                coefficients_for(feather, kind, _doubled(_pressure(kind, loads, f)), most),
-                tolerance,
-            )
-            if quality.simulated_rows == 0:
-                own = own._replace(rows=quality.rows)
-        if quality.simulated_rows > 0:
-            own = own._replace(rows=min(quality.simulated_rows, quality.rows))
-        least = 2 if placement.id in pulled or free[f] >= 0 else 1
-        count = max(own.coefficients, least)
-        if quality.coefficients != CHOSEN_BY_SOLVER:
-            count = quality.coefficients
-        found.append(own._replace(coefficients=count))
+        kind = placement.kind
+        own = settings_for(quality, feather, kind, bent[f], _pressure(kind, loads, f))
+        if may_slip(kind):
+            own = own._replace(columns=quality.columns)
+        if quality.coefficients == CHOSEN_BY_SOLVER:
+            least = 2 if placement.id in pulled or free[f] >= 0 else 1
+            own = own._replace(coefficients=max(own.coefficients, least))
+        found.append(own)
     return found
+
+
+def settings_for(
+    quality: Quality,
+    feather: Feather,
+    kind: FeatherKind,
+    bent: tuple[float, float],
+    pressure: float,
+) -> Chosen:
+    """What a quality simulates of a feather whose shaft and barbs loads bend so far (m), with so
+    much pressure (Pa) on its vane. feather: as the meshes have it."""
+    error, tolerance = quality.promised, quality.tolerance
+    if error is not None:
+        own = chosen_for(error, *(rounded_up(each / kind.length) for each in bent))
+        own = own._replace(tolerance=tolerance or stepped_down(own.tolerance * kind.length))
+    else:
+        assert tolerance is not None
+        most = GRID_SCALE * tolerance
+        rows = (
+            quality.rows if quality.simulated_rows == 0 else rows_for(bent[0], most, quality.rows)
+        )
+        count = coefficients_for(feather, kind, _doubled(pressure), most)
+        own = Chosen(rows, quality.own_columns, count, tolerance)
+    if quality.simulated_rows > 0:
+        own = own._replace(rows=min(quality.simulated_rows, quality.rows))
+    if quality.coefficients != CHOSEN_BY_SOLVER:
+        own = own._replace(coefficients=quality.coefficients)
+    return own
 
 
 def _pressure(kind: FeatherKind, loads: LoadEstimate, f: int) -> float:
@@ -243,8 +256,11 @@ def load_estimate(shot: Shot, motion: Roots) -> LoadEstimate | None:
     if not chosen and quality.promised is None:
         return None
     frames = shot.last_frame - shot.first_frame
-    times = np.linspace(0.0, max(frames, 1) / shot.frames_per_second, SAMPLES)
-    places = np.stack([motion.frames(float(time)).positions for time in times])
+    samples = min(SAMPLES_A_FRAME * max(frames, 1), MOST_SAMPLES)
+    times = np.linspace(0.0, max(frames, 1) / shot.frames_per_second, samples + 1)
+    along = REACH * np.array([p.kind.length for p in shot.groom.feathers])[:, None]
+    poses = [motion.frames(float(time)) for time in times]
+    places = np.stack([each.positions + along * each.rotations[:, :, 0] for each in poses])
     speed, acceleration = (
         np.linalg.norm(rate, axis=2).max(axis=0) for rate in sampled_rates(places, times)
     )

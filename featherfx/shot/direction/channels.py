@@ -15,16 +15,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from featherfx.algebra.ease import faded
 from featherfx.groom.skin.search import search_tree
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import CHANNELS, Channel, Shot
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,9 @@ class Curve:
 
     @cached_property
     def _curve(self) -> CubicHermiteSpline:
+        # with all of scipy.optimize behind it 12 MiB, which most shots have no use for
+        from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+
         slopes = PchipInterpolator(self.times, self.values).derivative()(self.times)
         slopes[[0, -1]] = 0.0
         return CubicHermiteSpline(self.times, self.values, slopes)

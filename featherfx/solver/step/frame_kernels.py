@@ -57,6 +57,7 @@ from featherfx.solver.step.retry_kernels import (
     count_try,
     judge,
     next_step,
+    shortest_now,
     stop,
 )
 from featherfx.solver.step.root_kernels import root_at
@@ -203,7 +204,7 @@ def advance(model, loads, f, path, state, settings, work, report):
     """
     duration, left = settings.duration, settings.most_iterations
     h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
-    done, way = 0.0, GO_ON
+    done, taken, way = 0.0, 0, GO_ON
     promise = promise_of(model, loads, f, path, duration, state)
     while done < duration * (1.0 - 1e-9):
         if left <= 0:
@@ -212,7 +213,8 @@ def advance(model, loads, f, path, state, settings, work, report):
         if state.step[f] <= 0.0:
             way = max(way, FOLLOW)  # there are no rates to go on with
         radius = EULER if way == BACKWARD else settings.spectral_radius
-        attempt = Attempt(step, fraction, way, radius, min(settings.iterations, left), promise)
+        floor, limit = shortest_now(settings, done, taken, left), min(settings.iterations, left)
+        attempt = Attempt(step, floor, fraction, way, radius, limit, promise)
         outcome = _try(model, loads, f, path, attempt, state, settings, work)
         verdict, h, way = judge(h, GO_ON, attempt, outcome, settings)
         count_try(report, f, verdict, attempt, outcome, settings)
@@ -221,6 +223,7 @@ def advance(model, loads, f, path, state, settings, work, report):
             released = _accept(model, f, attempt, state, work)
             slow_down(outcome.keeps, promise.drift, points_of(state.velocity, f))
             promise, done = with_energy(promise, outcome.energy - released), done + step
+            taken += 1
             h, way = after_step(GO_ON, attempt, outcome, settings)
         elif h == 0.0:
             return stop(report, f, outcome.status)

@@ -2,9 +2,13 @@
 
 A step is tried from the predicted pose, then from the rigidly moved one, then by implicit Euler,
 and is then cut. Steps that were cut grow again from their own length, by implicit Euler if that
-was needed, because where Newton failed it mostly fails again at once. Implicit Euler is also taken
-where the shortest step misses the tolerance by far: the other method may gain energy from motions
-that it does not resolve.
+was needed, because where Newton failed it mostly fails again at once.
+
+The length of a step follows from its error. What is bounded is the work of a frame: half of its
+steps may be as short as their errors ask, which what is struck or starts at full speed needs for a
+moment; the others share evenly what is left of the frame, however large their errors. Implicit
+Euler is also taken where such a step misses the tolerance by far: the other method may gain energy
+from motions that it does not resolve.
 """
 
 from typing import NamedTuple
@@ -21,12 +25,15 @@ GO_ON, FOLLOW, BACKWARD = 0, 1, 2
 LOST = 30.0
 # a regular step may be cut this far when Newton fails, by this factor each time
 SMALLEST, CUT = 1e6, 0.25
+# a step for its error alone over a regular one, at least; Newton iterations set aside for a step
+FINEST, SET_ASIDE = 1e-4, 12.0
 
 
 class StepSettings(NamedTuple):
     """How a feather goes through one frame.
 
-    duration: s, of the frame. shortest: s, regular step. spectral_radius: of the integrator.
+    duration: s, of the frame. shortest: s, of a frame in as many even steps as it may have.
+    spectral_radius: of the integrator.
     tolerance: m, error of a step. coarse: m, error that no step may have where it can be shorter.
     newton: m, distance from a step's solution that counts as converged. iterations: Newton's of a
     try at most. hard: those beyond which the next step is not made longer. most_iterations: of the
@@ -67,10 +74,12 @@ def settings_of(frame, length):
 
 
 class Attempt(NamedTuple):
-    """A try of a step: its length h (s), the fraction of the frame at its end, GO_ON, FOLLOW or
-    BACKWARD (way), the spectral radius, Newton iterations at most (limit), the Promise."""
+    """A try of a step: its length h (s), the length below which none is tried for its error (floor,
+    s), the fraction of the frame at its end, GO_ON, FOLLOW or BACKWARD (way), the spectral radius,
+    Newton iterations at most (limit), the Promise."""
 
     h: float
+    floor: float
     fraction: float
     way: int
     spectral_radius: float
@@ -117,6 +126,16 @@ def stop(report, f, status):
 
 
 @kernel
+def shortest_now(settings, done, taken, left):
+    """Length (s) below which no step is tried for its error, once so many steps have brought the
+    frame to done (s) and so many Newton iterations are left."""
+    most = settings.duration / settings.shortest
+    if 2.0 * (taken + 1) <= most and 2 * left >= settings.most_iterations:
+        return FINEST * settings.shortest
+    return (settings.duration - done) / max(1.0, min(most - taken, left / SET_ASIDE))
+
+
+@kernel
 def next_step(h, done, duration):
     """Length (s) of a step if h is wanted, and the fraction of the frame (duration, of which done
     have passed, s) at its end: no step leaves a much shorter one behind."""
@@ -141,7 +160,7 @@ def judge(h, first, attempt, outcome, settings):
     h: s, wanted length, the one tried may be shorter. first: way of a fresh step. The next h is 0
     where a step cannot be cut further.
     """
-    shortest, tolerance = settings.shortest, settings.tolerance
+    shortest, floor, tolerance = settings.shortest, attempt.floor, settings.tolerance
     step, way, error = attempt.h, attempt.way, outcome.error
     smallest, shorter = shortest / SMALLEST, CUT * step
     if outcome.status == GREW:
@@ -152,8 +171,8 @@ def judge(h, first, attempt, outcome, settings):
         if way <= BACKWARD:
             return FAILED, h, way
         return FAILED, shorter if shorter >= smallest else 0.0, first
-    if error > tolerance and step > 1.001 * shortest:
-        return REJECTED, max(shortest, _length_for(error, tolerance, step, 0.2, 1.0)), first
+    if error > tolerance and step > 1.001 * floor:
+        return REJECTED, max(floor, _length_for(error, tolerance, step, 0.2, 1.0)), first
     lost = error > LOST * tolerance
     if lost and way != BACKWARD:
         return REJECTED, h, BACKWARD
@@ -165,10 +184,12 @@ def judge(h, first, attempt, outcome, settings):
 @kernel
 def after_step(first, attempt, outcome, settings):
     """The next (h, way) where a step was taken; arguments as in judge."""
-    shortest, tolerance, error = settings.shortest, settings.tolerance, outcome.error
+    tolerance, error = settings.tolerance, outcome.error
     # an iteration with a matrix at hand costs a quarter of one with a new one
     costly = (outcome.iterations + 3 * outcome.matrices) // 4
     most = 1.0 if costly > settings.hard or error > LOST * tolerance else 2.0
-    h = max(min(shortest, most * attempt.h), _length_for(error, tolerance, attempt.h, 0.5, most))
-    way = BACKWARD if attempt.way == BACKWARD and attempt.h < 0.999 * shortest else first
+    wanted = _length_for(error, tolerance, attempt.h, 0.5, most)
+    h = max(min(attempt.floor, most * attempt.h), wanted)
+    cut = attempt.way == BACKWARD and attempt.h < 0.999 * settings.shortest
+    way = BACKWARD if cut else first
     return h, way
