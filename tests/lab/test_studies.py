@@ -166,7 +166,7 @@ def test_the_page_is_of_today(tmp_path):
     quick = registry.studies(
         [
             *("elastica", "frequencies", "fibre_elements", "fibre_merging", "fibre_space"),
-            *("vane_mesoscale", "guard_truss"),
+            *("vane_mesoscale", "guard_truss", "feather_masses"),
         ]
     )
     now = runs.run_all(quick, tmp_path, compile_first=())
