@@ -33,9 +33,9 @@ class Gaps(NamedTuple):
 
     slip: (2, n-1, m, 2, 2), p_w and p_v of triangles A and B. level: (2, n-1, m, 2) of yield, or n
     of an open one (vane_hook_kernels). hooked: (2, n-1, m, 2), the part of the strength that is
-    left. spent: (4,) J, what slip and opening have cost so far, what opened gaps have released
-    besides, and what preening has put in. length: (2,) m, of gaps that have opened so far, and that
-    were closed again.
+    left. spent: (5,) J, what slip and opening have cost so far, what opened gaps have released
+    besides, what preening has put in, and what damping has taken. length: (2,) m, of gaps that have
+    opened so far, and that were closed again.
     """
 
     slip: Array

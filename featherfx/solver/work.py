@@ -163,7 +163,7 @@ def whole_gaps(model: Model, *lead: int) -> Gaps:
         slip=np.zeros((*shape, 2)),
         level=np.where(opened > 0.0, opened, 1.0),
         hooked=np.where(opened > 0.0, 0.0, 1.0),
-        spent=np.zeros((*lead, 4)),
+        spent=np.zeros((*lead, 5)),
         length=np.zeros((*lead, 2)),
     )
 

@@ -90,6 +90,17 @@ def elastic_energy(model, f, strains, reference, gaps, strain_rate):
 
 
 @kernel
+def damped_energy(model, f, strains, reference, gaps, strain_rate, h):
+    """What damping takes in a step of h (s) that ends at strains, J: h sum k tau (ds/dt)^2.
+
+    Others as elastic_energy, in which damping is 1/2 k tau (ds/dt)^2 / strain_rate.
+    """
+    with_damping = elastic_energy(model, f, strains, reference, gaps, strain_rate)
+    without = elastic_energy(model, f, strains, reference, gaps, 0.0)
+    return 2.0 * h * strain_rate * (with_damping - without)
+
+
+@kernel
 def step_energy(model, loads, f, fraction, factors, pose, around):
     """Energy that an implicit step minimises, of a pose whose strains are known (J).
 

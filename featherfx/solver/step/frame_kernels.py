@@ -12,8 +12,9 @@ from featherfx.algebra.vec3_kernels import over, store
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.row_kernels import points_of
-from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
+from featherfx.mechanics.vane_hook_kernels import all_hold, copy_gaps, gaps_of
 from featherfx.solver.status import CONVERGED, GREW, TOO_MUCH_WORK
+from featherfx.solver.step.energy_kernels import damped_energy
 from featherfx.solver.step.energy_promise_kernels import (
     held_energy,
     promise_of,
@@ -22,6 +23,7 @@ from featherfx.solver.step.energy_promise_kernels import (
     with_energy,
 )
 from featherfx.solver.step.gap_kernels import (
+    DAMPED,
     LARGEST_SLIP,
     PASSED,
     barbs_pass,
@@ -135,12 +137,18 @@ def _place(model, f, path, attempt, state, now, expected):
 
 
 @kernel
+def _weights(h, radius, before):
+    """Of the strains' difference: that over two steps may put energy into strains that relax within
+    a step."""
+    return difference_weights(h, 0.0 if radius == EULER else before)
+
+
+@kernel
 def _predict(model, loads, f, path, attempt, state, work):
     """Set up a step: pose work.now, surroundings; returns the factors of the integrator."""
     now, around, h, radius = work.now, work.around, attempt.h, attempt.spectral_radius
     begin_points(radius, h, state, f, around)
-    # the two-step difference may put energy into strains that relax within a step
-    weights = difference_weights(h, 0.0 if radius == EULER else state.step[f])
+    weights = _weights(h, radius, state.step[f])
     last, before = strains_of(state.strains, f, 0), strains_of(state.strains, f, 1)
     set_reference_strains(weights, last, before, around.reference)
     copy_gaps(gaps_of(state.gaps, f), around.gaps)
@@ -184,6 +192,11 @@ def _accept(model, f, attempt, state, work):
     """
     now, around, h = work.now, work.around, attempt.h
     released = give_way(model, f, now.strains.cell, around.gaps, work.gaps)
+    if not all_hold(around.gaps):
+        rate = _weights(h, attempt.spectral_radius, state.step[f])[2] / h
+        work.gaps.spent[DAMPED] += damped_energy(
+            model, f, now.strains, around.reference, around.gaps, rate, h
+        )
     copy_gaps(work.gaps, gaps_of(state.gaps, f))
     end_points(attempt.spectral_radius, h, state, f, now.points, around)
     _keep_rates(f, h, now, state)

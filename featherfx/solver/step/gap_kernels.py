@@ -39,7 +39,7 @@ PASSED, THROUGH = 8.0, 0.5
 # part of the strength that counts as none
 LOOSE = 1e-3
 # of Gaps.spent
-SLIP, OPENING, RELEASED, PREENING = 0, 1, 2, 3
+SLIP, OPENING, RELEASED, PREENING, DAMPED = 0, 1, 2, 3, 4
 # of Gaps.length
 OPENED, HEALED = 0, 1
 
