@@ -12,7 +12,15 @@ from featherfx.shot.groups import Group
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import Preen, Shot
 from featherfx.solver.preen import closed
-from featherfx.solver.step.gap_kernels import HEALED, OPENED, OPENING, PREENING, RELEASED, SLIP
+from featherfx.solver.step.gap_kernels import (
+    DAMPED,
+    HEALED,
+    OPENED,
+    OPENING,
+    PREENING,
+    RELEASED,
+    SLIP,
+)
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -81,6 +89,7 @@ class Hooks:
                 "opening_work": float(spent[OPENING]),
                 "released_energy": float(spent[RELEASED]),
                 "preening_work": float(spent[PREENING]),
+                "damping_work": float(spent[DAMPED]),
                 "changes": self._changes,
             }
         }

@@ -102,6 +102,17 @@ def test_a_tear_starts_beside_the_weak_element_and_the_others_unload():
     assert last.intact[1, 1] < last.intact[1, 0]
 
 
+def test_a_tear_of_24_elements_runs_through_the_row_of_the_weak_ones():
+    """As of nine with a weak 5th and 6th (published: figure 4-16), past steps in which fibres break
+    and hold in turns."""
+    test = RuptureTest(elements=24, sigma=pi / 6, weak=2, fibres=101, step=2e-4)
+    found = run_rupture(test)
+    last = found.path[-1]
+    assert last.stress < 0.05 * found.peak.stress
+    assert last.intact[2].max() < 0.5
+    assert np.delete(last.intact, 2, axis=0).min() == pytest.approx(1.0)
+
+
 def test_the_command_prints_what_programs_read():
     result = CliRunner().invoke(
         main, ["lab", "rupture", "--elements", "1", "--sigma", "0.5236", "--mu", "1.5708", "--json"]

@@ -49,14 +49,16 @@ def test_below_the_yield_stress_the_sample_is_elastic(cycled):
 @pytest.mark.parametrize("rows", [6, 21])
 def test_strength_and_energy_of_a_split_are_those_of_the_law(rows):
     """Largest stress S_c (1 + d/H) and energy b S_c R / 2 per length, for any number of rows."""
-    found = tear(TearTest("across", rows=rows, columns=4, step=0.02, scatter=0.0)).as_json()
+    found = tear(TearTest("across", rows=rows, columns=4, scatter=0.0)).as_json()
     assert found["energy_per_length"] == pytest.approx(
         0.5 * VANE.thickness * VANE.hook_strength * VANE.hook_release, rel=1e-3
     )
     at_peak = found["strain"][int(np.argmax(found["stress"]))]
     assert found["strength"] == pytest.approx(VANE.hook_strength * (1.0 + at_peak), rel=0.02)
-    assert found["split_angle"] == pytest.approx(0.0, abs=1e-6)
-    assert found["split_length"] == pytest.approx(13e-3)
+    # gaps of one strength may part one after the other while the sample snaps
+    gaps = found["split_length"] / 13e-3
+    assert gaps == pytest.approx(max(round(gaps), 1))
+    assert found["split_angle"] < 1.0
 
 
 @pytest.mark.parametrize("direction", ["tilted", "along"])
@@ -71,7 +73,23 @@ def test_until_it_opens_work_is_stored_spent_or_damped():
     """Damped: E tau (de/dt)^2 over the volume, at 1 height a second; under 2 % of the work."""
     found = tear(TearTest("across", rows=6, columns=2, step=0.02, furthest=0.3)).as_json()
     assert found["released"] == 0.0
-    assert 0.0 <= found["damped"] < 0.02 * found["work"]
+    assert 0.0 < found["damped"] < 0.02 * found["work"]
+    assert abs(found["unaccounted"]) < 1e-3 * found["work"]
+
+
+@pytest.mark.parametrize("direction", ["across", "along", "tilted"])
+def test_what_is_spent_stored_and_damped_is_the_work_of_the_clamp(direction):
+    """Damping is counted step by step, and takes most of what the sample sets free as it snaps."""
+    found = tear(TearTest(direction, rows=11, columns=4)).as_json()
+    assert found["damped"] > 0.3 * found["work"]
+    assert abs(found["unaccounted"]) < 0.01 * found["work"]
+
+
+def test_strength_and_energy_along_the_barbs_do_not_depend_on_the_rows():
+    found = [tear(TearTest("along", rows=rows, columns=4)).as_json() for rows in (11, 21, 41, 81)]
+    for key in ("strength", "energy_per_length"):
+        values = [each[key] for each in found]
+        assert max(values) < 1.05 * min(values)
 
 
 def test_the_law_does_not_know_the_rate():

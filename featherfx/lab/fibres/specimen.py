@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,8 @@ def pull(specimen: Specimen, step: float, furthest: float) -> Iterator[Pulled]:
     """Equilibria along the path, unloaded first.
 
     step: m, length of a step in the space of all displacements. furthest: E_22 at which it ends; it
-    also ends where no equilibrium is found within a step cut CUTS times.
+    also ends where no equilibrium is found within a step cut CUTS times. Where fibres break and
+    hold in turns from iteration to iteration, the step is tried with what broke once left broken.
     """
     mesh = _Mesh(specimen)
     moved = np.zeros((mesh.count, 2))
@@ -101,8 +103,8 @@ def pull(specimen: Specimen, step: float, furthest: float) -> Iterator[Pulled]:
     yield system.result(moved, largest)
     while True:
         found = None
-        for cut in range(CUTS):
-            found = system.step(moved, largest, step * 0.5**cut, direction)
+        for final, cut in product((False, True), range(CUTS)):
+            found = system.step(moved, largest, step * 0.5**cut, direction, final=final)
             if found is not None:
                 break
         if found is None:
@@ -183,8 +185,11 @@ class _System:
         np.add.at(whole, (places[:, :, None], places[:, None, :]), matrix)
         return total @ self.map, self.map.T @ whole @ self.map
 
-    def step(self, start: Array, largest: Array, length: float, direction: Array) -> Array | None:
-        """Displacements of the next equilibrium, or None; direction: of the last step."""
+    def step(
+        self, start: Array, largest: Array, length: float, direction: Array, *, final: bool
+    ) -> Array | None:
+        """Displacements of the next equilibrium, or None; direction: of the last step. final:
+        whether fibres that an iteration breaks stay broken."""
         _, matrix = self.forces(start, largest)
         try:
             way = np.append(solve(matrix[:-1, :-1], -matrix[:-1, -1], assume_a="sym"), 1.0)
@@ -196,6 +201,9 @@ class _System:
         for _ in range(ITERATIONS):
             moved = start + (self.map @ change).reshape(-1, 2)
             force, matrix = self.forces(moved, largest)
+            if final:
+                broken = self.largest >= self.specimen.fibre.release
+                largest = np.where(broken, self.largest, largest)
             scale = np.abs(force).max() + 1e-12
             miss = np.append(-force[:-1], length**2 - first @ change)
             if np.abs(miss[:-1]).max() < TOLERANCE * scale and abs(miss[-1]) < 1e-9 * length**2:

@@ -38,6 +38,7 @@ def rupture(folder: Path) -> StudyResult:
         )
     )
     weak = run_rupture(RuptureTest(elements=9, sigma=pi / 6, weak=1, fibres=801))
+    across_nine = run_rupture(RuptureTest(elements=9, sigma=pi / 6, weak=2, fibres=401))
     two = run_rupture(RuptureTest(elements=24, sigma=pi / 6, weak=2, weak_mu=pi / 12, fibres=401))
     other = independent(
         "another computation with the law of Jacquemoud 2007, whose text prints no stress"
@@ -99,10 +100,30 @@ def rupture(folder: Path) -> StudyResult:
             published("Jacquemoud 2007, figure 4-15: element 5 has the fewest fibres"),
             absolute=True,
         ),
-        reported(
-            "element that breaks first, of 24 with a weak 11th and 12th",
-            two.weakest,
-            note="published as a picture only (figure A8-6)",
+        compared(
+            "share of fibres of the 4th element when the 5th has lost nine tenths",
+            share_of(weak, 4, 5, 0.1),
+            1.0,
+            0.1,
+            published("Jacquemoud 2007, figure 4-15: in element 4 the rupture has just begun"),
+        ),
+        compared(
+            "elements that tear, of nine with a weak 5th and 6th",
+            torn(across_nine),
+            456.0,
+            0.0,
+            published("Jacquemoud 2007, figure 4-16: the tear goes through to the other edge"),
+            absolute=True,
+            note="their numbers one after the other",
+        ),
+        compared(
+            "elements that tear, of 24 with a weak 11th and 12th",
+            torn(two),
+            9101112.0,
+            0.0,
+            published("Jacquemoud 2007, section 4.5.2.2: the same is concluded of 24 elements"),
+            absolute=True,
+            note="their numbers; figure A8-6, of the fibres left, is a picture only",
         ),
     ]
     return StudyResult(rows, draw(folder / "rupture.png", CAPTION, _paint(along, across, narrow)))
@@ -123,6 +144,18 @@ def apart(first: Rupture, second: Rupture) -> float:
     before = [each for each in first.path if each.strain <= last]
     worst = max(abs(each.stress - stress_at(second, each.strain)) for each in before)
     return worst / second.peak.stress
+
+
+def share_of(found: Rupture, element: int, other: int, left: float) -> float:
+    """Share of whole fibres of an element (counted from 1) when another has no more than left."""
+    late = next(each for each in found.path if each.intact.flat[other - 1] <= left)
+    return float(late.intact.flat[element - 1])
+
+
+def torn(found: Rupture) -> float:
+    """Numbers, from 1 and one after the other, of the elements that have lost fibres at the end."""
+    lost = np.flatnonzero(found.path[-1].intact.ravel() < 1.0) + 1
+    return float("".join(map(str, lost.tolist())) or 0)
 
 
 def uneven(found: Rupture) -> float:
