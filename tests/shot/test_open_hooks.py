@@ -20,6 +20,7 @@ from featherfx.shot.simulate import Simulation, simulate
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
+from featherfx.solver.step.gap_kernels import DAMPED, OPENING, RELEASED, SLIP
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "feather_pull"
 PULL = """
@@ -98,14 +99,12 @@ def test_the_vane_splits_and_is_preened_shut(run):
 def test_energies_are_accounted_and_none_is_won(run):
     _, found, report, _ = run
     spent = np.array([each.spent for each in found])
-    assert (np.diff(spent[:, :3], axis=0) >= 0.0).all()
+    assert (np.diff(spent[:, [SLIP, OPENING, RELEASED, DAMPED]], axis=0) >= 0.0).all()
+    assert report["damping_work"] > 0.0
     assert report["released_energy"] > 0.0
     assert report["slip_work"] + report["opening_work"] > 0.0
-    np.testing.assert_allclose(
-        found[-1].spent,
-        [report[f"{name}"] for name in ("slip_work", "opening_work", "released_energy",
-                                        "preening_work")],
-    )  # fmt: skip
+    names = ("slip_work", "opening_work", "released_energy", "preening_work", "damping_work")
+    np.testing.assert_allclose(found[-1].spent, [report[name] for name in names])
 
 
 def test_hooks_that_heal_close_gaps_whose_edges_touch(tmp_path):
