@@ -1,6 +1,7 @@
 """The documents: examples in Python run as they stand, and the site builds without warnings."""
 
 import importlib.util
+import json
 import os
 import re
 import subprocess
@@ -62,6 +63,21 @@ def test_a_checkpoint_of_another_grid_is_refused(ran):
     shot = featherfx.read_shot(folder / "feather_pull/shot.toml")
     with pytest.raises(InputError, match="start: is of other feathers, or of another quality"):
         featherfx.simulate(shot, start=known["half"])
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_as_it_stands(tmp_path, monkeypatch, capsys):
+    copy_sample("feather_pull", tmp_path / "feather_pull")
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads((ROOT / "docs/notebook.ipynb").read_text(encoding="utf-8"))["cells"]
+    assert all(each["outputs"] == [] for each in cells if each["cell_type"] == "code")
+    known = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), "docs/notebook.ipynb", "exec"), known)
+    assert len(capsys.readouterr().out.splitlines()) == 24
+    # the wind from below lifts the softer one higher
+    assert known["after"][-1] > known["before"][-1] + 1.0
 
 
 def test_the_site_builds_without_warnings(tmp_path):

@@ -8,6 +8,7 @@ from featherfx.baking.task import part_path
 from featherfx.usd.convert.alembic import export_alembic
 from featherfx.usd.convert.condensed import export_condensed
 from featherfx.usd.convert.export import flatten, mesh_sequence
+from featherfx.usd.convert.morph import export_morph
 from featherfx.usd.write.join import join_shares
 from featherfx.usd.write.output import SUFFIXES, check_output
 
@@ -17,6 +18,7 @@ def export(
     output: str | Path,
     *,
     condensed: bool = False,
+    morph: bool = False,
     frames: tuple[int, int] | None = None,
     overwrite: bool = False,
 ) -> list[Path]:
@@ -24,12 +26,15 @@ def export(
 
     output: .usd, .usdc or .usda for one plain file of the whole cache, or with condensed for
     Houdini's condensed feathers; .abc for one Alembic file (needs the extra "alembic"); .glb,
-    .obj, .ply or .stl for a file per frame. Of Alembic and these, frames gives the first and last.
+    .obj, .ply or .stl for a file per frame, or with morph for one .glb whose morph targets are the
+    frames. Of Alembic and these, frames gives the first and last.
     Raises InputError.
     """
     path = Path(output)
     if path.suffix == ".abc":
         return [export_alembic(cache, path, frames, overwrite)]
+    if path.suffix == ".glb" and morph:
+        return [export_morph(cache, path, frames, overwrite)]
     if path.suffix not in SUFFIXES:
         chosen = range(frames[0], frames[1] + 1) if frames else None
         return mesh_sequence(cache, path, chosen, overwrite)

@@ -19,6 +19,7 @@ from featherfx.cli.program import Command
     featherfx export wing.usdc -o wing_condensed.usdc --condensed
     featherfx export wing.usdc -o wing.abc
     featherfx export wing.usdc -o look.glb --frames 1-24
+    featherfx export wing.usdc -o web.glb --morph
     """,
 )
 @click.argument("cache", type=readable_path())
@@ -30,6 +31,7 @@ from featherfx.cli.program import Command
     help="One plain USD file (.usd, .usdc, .usda), one Alembic file (.abc), or a mesh file per"
     " frame (.glb, .obj, .ply, .stl).",
 )
+@click.option("--morph", is_flag=True, help="glTF: one animated .glb, a morph target a frame.")
 @click.option("--condensed", is_flag=True, help="USD: Houdini's condensed feathers.")
 @click.option(
     "--frames", type=FrameRange(), help="Alembic, meshes: first and last frame.  [default: all]"
@@ -38,6 +40,7 @@ from featherfx.cli.program import Command
 def export(
     cache: Path,
     output: Path,
+    morph: bool,
     condensed: bool,
     frames: tuple[int, int] | None,
     overwrite: bool,
@@ -48,5 +51,9 @@ def export(
         raise click.UsageError("--condensed goes with a USD file")
     if frames and usd:
         raise click.UsageError("--frames goes with Alembic and mesh files")
-    files = pipeline.export(cache, output, condensed=condensed, frames=frames, overwrite=overwrite)
+    if morph and output.suffix != ".glb":
+        raise click.UsageError("--morph goes with a .glb file")
+    files = pipeline.export(
+        cache, output, condensed=condensed, morph=morph, frames=frames, overwrite=overwrite
+    )
     click.echo(f"{len(files)} file{'s' if len(files) != 1 else ''}", err=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import json
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -141,6 +143,60 @@ def test_a_sequence_appears_whole_or_not_at_all(tmp_path, caches, monkeypatch):
         pipeline.export(caches["usdc"], tmp_path / "look.obj", overwrite=True)
     (left,) = tmp_path.iterdir()
     assert left.read_text() == "earlier"
+
+
+def glb(path: Path):
+    """The JSON of a .glb file, and a function from an accessor's number to its values."""
+    content = path.read_bytes()
+    magic, version, total, size, kind = struct.unpack_from("<4sIII4s", content)
+    assert (magic, version, total, kind) == (b"glTF", 2, len(content), b"JSON")
+    told = json.loads(content[20 : 20 + size])
+    binary, kind = struct.unpack_from("<I4s", content, 20 + size)
+    assert (kind, 28 + size + binary) == (b"BIN\0", total)
+
+    def values(number: int):
+        accessor = told["accessors"][number]
+        view = told["bufferViews"][accessor["bufferView"]]
+        kind, wide = {5126: "<f4", 5125: "<u4"}[accessor["componentType"]], accessor["type"]
+        count = accessor["count"] * (3 if wide == "VEC3" else 1)
+        found = np.frombuffer(content, kind, count, 28 + size + view["byteOffset"])
+        found = found.reshape(accessor["count"], -1)
+        np.testing.assert_allclose(found.min(axis=0), accessor["min"], rtol=1e-6)
+        np.testing.assert_allclose(found.max(axis=0), accessor["max"], rtol=1e-6)
+        return found
+
+    return told, values
+
+
+def test_morph_targets_are_the_frames(tmp_path, caches):
+    path, source = tmp_path / "web.glb", Cache(caches["clips"])
+    assert pipeline.export(caches["clips"], path, morph=True, frames=(2, 5)) == [path]
+    told, values = glb(path)
+    (primitive,) = told["meshes"][0]["primitives"]
+    sampler = told["animations"][0]["samplers"][0]
+    base = values(primitive["attributes"]["POSITION"])
+    targets = [values(each["POSITION"]) for each in primitive["targets"]]
+    weights = values(sampler["output"]).reshape(4, 3)
+    np.testing.assert_allclose(values(sampler["input"])[:, 0], np.arange(4) / 24, atol=1e-6)
+    turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) if source.up_axis == "Z" else np.eye(3)
+    for number, shares in enumerate(weights):
+        assert sum(shares) == (number > 0)
+        found = base + sum(w * each for w, each in zip(shares, targets, strict=True))
+        points = np.concatenate(source.points_of(range(4), 2.0 + number))
+        wanted = points @ turn.T * source.meters_per_unit
+        np.testing.assert_allclose(found, wanted, atol=1e-6)
+    corners = values(primitive["indices"]).reshape(-1, 3)
+    named = told["nodes"][0]["extras"]["feathers"]
+    for each, feather in zip(named, source.feathers, strict=True):
+        assert each["id"] == feather.id
+        inside = (corners >= each["first"]) & (corners < each["first"] + each["points"])
+        own = corners[inside.all(axis=1)] - each["first"]
+        np.testing.assert_array_equal(own, feather.triangles)
+    assert len(trimesh.load(path).geometry) == 1  # another reader takes it
+    with pytest.raises(InputError, match="frames: 1; morph targets need 2"):
+        pipeline.export(caches["clips"], tmp_path / "one.glb", morph=True, frames=(2, 2))
+    result = CliRunner().invoke(main, ["export", "x.usdc", "-o", "x.obj", "--morph"])
+    assert result.exit_code == 2
 
 
 def test_a_cache_without_time_is_one_file(tmp_path, wing):

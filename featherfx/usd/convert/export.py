@@ -63,7 +63,7 @@ def mesh_sequence(
     Raises InputError.
     """
     cache, output = Cache(path), Path(output)
-    codes = _codes(cache, frames)
+    codes = codes_of(cache, frames)
     files = [_numbered(output, code) for code in codes]
     problems = file_problems(files or [output], overwrite)
     if output.suffix not in MESH_SUFFIXES:
@@ -86,7 +86,8 @@ def mesh_sequence(
     return files
 
 
-def _codes(cache: Cache, frames: Sequence[float] | None) -> list[float | None]:
+def codes_of(cache: Cache, frames: Sequence[float] | None) -> list[float | None]:
+    """Time codes of a sequence; None for a cache without time. Raises InputError."""
     if not cache.has_frames:
         return [None]
     first, last = cache.frames
@@ -108,7 +109,7 @@ def _numbered(output: Path, code: float | None) -> Path:
 
 
 def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
-    matrix = _to_gltf(cache) if as_gltf else np.eye(3)
+    matrix = to_gltf(cache) if as_gltf else np.eye(3)
     scene = trimesh.Scene()
     for index, feather in enumerate(cache.feathers):
         pose = cache.pose(index, code)
@@ -125,7 +126,7 @@ def _scene(cache: Cache, code: float | None, as_gltf: bool) -> Any:
     return scene
 
 
-def _to_gltf(cache: Cache) -> Any:
+def to_gltf(cache: Cache) -> Any:
     """(3, 3) stage to glTF: metres, y up."""
     turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) if cache.up_axis == "Z" else np.eye(3)
     return turn * cache.meters_per_unit

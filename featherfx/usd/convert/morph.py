@@ -1,0 +1,161 @@
+"""A cache as one animated glTF file for the web: a mesh whose morph targets are its frames.
+
+The mesh is the first frame; target k is what the points of frame k + 1 differ by, and the weights
+go from one to the next, so that a player shows the straight way between two frames. There are no
+normals, which morph targets would double: faces are shaded flat, as glTF has it then.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx._version import __version__
+from featherfx.errors import Problem
+from featherfx.files.whole import into, standing, write_all
+from featherfx.usd.convert.export import COLOUR, codes_of, to_gltf
+from featherfx.usd.read.read import Cache
+from featherfx.usd.types import OutputError
+from featherfx.usd.write.output import file_problems
+
+# of the points of all frames; players hold them in memory
+_MOST_BYTES = 1_000_000_000
+# glTF's own numbers: float32 and uint32 values, arrays of points, and of indices
+_FLOAT, _WHOLE = 5126, 5125
+_POINTS, _INDICES = 34962, 34963
+
+
+def export_morph(
+    path: str | Path,
+    output: str | Path,
+    frames: tuple[int, int] | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write the meshes of a cache as one .glb file; it appears complete or not at all.
+
+    frames: first and last, by default all; two at least. Metres, y up. Raises InputError where the
+    cache cannot be read, has too few frames or too many points, or the file cannot be written.
+    """
+    cache, output = Cache(path), Path(output)
+    codes = codes_of(cache, range(frames[0], frames[1] + 1) if frames else None)
+    problems = file_problems([output], overwrite)
+    counts = [len(points) for points in cache.points_of(range(len(cache.feathers)), codes[0])]
+    if len(codes) < 2:
+        problems.append(
+            Problem(str(path), "frames", f"{len(codes)}; morph targets need 2 at least")
+        )
+    elif (size := 12 * len(codes) * sum(counts)) > _MOST_BYTES:
+        told = (
+            f"{len(codes)} of {sum(counts)} points are {size / 1e9:.2g} GB, allowed 1; take fewer"
+        )
+        problems.append(Problem(str(path), "frames", told))
+    if problems:
+        raise OutputError(*problems)
+    before = {output: standing(output)}
+    content = _content(cache, [float(code) for code in codes if code is not None], counts)
+    try:
+        write_all([(output, into(lambda file: file.writelines(content)))], before)
+    except OSError as error:
+        raise OutputError(
+            Problem(str(output), "", f"not written: {error.strerror or error}")
+        ) from error
+    return output
+
+
+class _Arrays:
+    """The binary part of a file, and what tells of it."""
+
+    def __init__(self) -> None:
+        self.parts: list[bytes] = []
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+        self.size = 0
+
+    def add(self, values: NDArray[Any], kind: str, target: int | None = None) -> int:
+        """The number of an array's accessor. kind: SCALAR or VEC3."""
+        content = values.tobytes()  # of 4-byte numbers, so that all begin at multiples of 4
+        view = {"buffer": 0, "byteOffset": self.size, "byteLength": len(content)}
+        self.views.append(view if target is None else view | {"target": target})
+        self.parts.append(content)
+        self.size += len(content)
+        rows = values.reshape(len(values), -1)
+        self.accessors.append(
+            {
+                "bufferView": len(self.views) - 1,
+                "componentType": _FLOAT if values.dtype == np.float32 else _WHOLE,
+                "count": len(values),
+                "type": kind,
+                "min": rows.min(axis=0).tolist(),
+                "max": rows.max(axis=0).tolist(),
+            }
+        )
+        return len(self.accessors) - 1
+
+
+def _content(cache: Cache, codes: list[float], counts: list[int]) -> list[bytes]:
+    arrays, starts = _Arrays(), np.cumsum([0, *counts])
+    turn, every = to_gltf(cache).T, range(len(counts))
+
+    def points(code: float) -> NDArray[np.float32]:
+        return (np.concatenate(cache.points_of(every, code)) @ turn).astype(np.float32)
+
+    first = points(codes[0])
+    corners = [f.triangles + k for f, k in zip(cache.feathers, starts, strict=False)]
+    indices = np.concatenate(corners).astype(np.uint32).ravel()
+    attributes = {"POSITION": arrays.add(first, "VEC3", _POINTS)}
+    colours = [f.colour for f in cache.feathers]
+    known = [np.asarray(each, dtype=np.float32) for each in colours if each is not None]
+    if len(known) == len(colours):
+        attributes["COLOR_0"] = arrays.add(np.concatenate(known), "VEC3", _POINTS)
+    primitive = {
+        "attributes": attributes,
+        "indices": arrays.add(indices, "SCALAR", _INDICES),
+        "material": 0,
+        "targets": [
+            {"POSITION": arrays.add(points(code) - first, "VEC3", _POINTS)} for code in codes[1:]
+        ],
+    }
+    times = (np.array(codes) - codes[0]) / cache.frames_per_second
+    weights = np.eye(len(codes), dtype=np.float32)[:, 1:].ravel()
+    sampler = {
+        "input": arrays.add(times.astype(np.float32), "SCALAR"),
+        "output": arrays.add(weights, "SCALAR"),
+        "interpolation": "LINEAR",
+    }
+    plain = [1.0] * 4 if "COLOR_0" in attributes else [each / 255 for each in COLOUR]
+    finish = {"baseColorFactor": plain, "metallicFactor": 0.0, "roughnessFactor": 0.65}
+    told = [
+        {"id": f.id, "kind": f.kind, "region": f.region, "first": int(k), "points": n}
+        for f, k, n in zip(cache.feathers, starts, counts, strict=False)
+    ]
+    head = {
+        "asset": {"version": "2.0", "generator": f"featherfx {__version__}"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": "feathers", "extras": {"feathers": told}}],
+        "meshes": [{"primitives": [primitive], "weights": [0.0] * (len(codes) - 1)}],
+        "materials": [{"doubleSided": True, "pbrMetallicRoughness": finish}],
+        "animations": [
+            {
+                "samplers": [sampler],
+                "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}],
+            }
+        ],
+        "accessors": arrays.accessors,
+        "bufferViews": arrays.views,
+        "buffers": [{"byteLength": arrays.size}],
+    }
+    text = json.dumps(head, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    return [
+        struct.pack("<4sII", b"glTF", 2, 28 + len(text) + arrays.size),
+        struct.pack("<I4s", len(text), b"JSON"),
+        text,
+        struct.pack("<I4s", arrays.size, b"BIN\0"),
+        *arrays.parts,
+    ]
