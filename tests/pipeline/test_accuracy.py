@@ -1,6 +1,7 @@
 """The error that is estimated of a shot, beside that against a much finer simulation."""
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 from featherfx.api import read_shot
 from featherfx.baking.accuracy import PARTS, chosen_feathers, own_grids, shot_error
 from featherfx.cli.main import main
+from featherfx.errors import InputWarning
 from featherfx.feather.density import density_map
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import simulate
@@ -64,6 +66,20 @@ def test_pulled_feather_errs_as_estimated():
     assert set(found.parts) == set(PARTS) - {"all"}
     assert found.feathers == ("feather",)
     assert max(each.mm for each in found.parts.values()) < 2.0 * found.error_mm
+
+
+@pytest.mark.slow
+def test_a_lone_feather_touches_colliders_in_the_error():
+    """The post of the torn feather reaches it in the fourth to sixth frame; nothing else moves."""
+    shot = read_shot(SAMPLES / "torn_feather" / "shot.toml")
+    shot = replace(shot, last_frame=shot.first_frame + 5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", InputWarning)
+        found = shot_error(shot, jobs=2)
+    true = 1e3 * true_error(shot, 1)
+    assert found.contact
+    assert true > 0.1
+    assert 0.5 * true < found.error_mm < 2.0 * true
 
 
 @pytest.mark.slow

@@ -103,7 +103,8 @@ def samples(folder: Path) -> StudyResult:
         axes = canvas.add_subplot()
         for k, (sample, meso, macro) in enumerate(zip(tilted, by_bands, by_membrane, strict=True)):
             label = f"{1e3 * sample.width:g} x {1e3 * sample.height:g} mm"
-            axes.plot(strain, 1e-3 * meso.stress, color=f"C{k % 6}", label=label)
+            drawn = np.append(0.0, strain), np.append(0.0, 1e-3 * meso.stress)
+            axes.plot(*drawn, color=f"C{k % 6}", label=label)
             axes.plot(strain, 1e-3 * macro.stress, "o", color=f"C{k % 6}", ms=4)
         axes.set_xlabel("Green-Lagrange strain")
         axes.set_ylabel("second Piola-Kirchhoff stress, kPa")

@@ -195,7 +195,7 @@ def shear_modulus(folder: Path) -> StudyResult:
         ]
         text = f"modulus across of its bands, {name}"
         note = (
-            f"fitted up to a strain of {PAPER_STRAIN:g}, the range is not printed; up to"
+            f"fitted up to a strain of {PAPER_STRAIN:g}, chosen here as none is printed; up to"
             f" {TRANSVERSE_STRAIN:g}, as in the thesis, {slopes[1]:.3g} Pa"
         )
         rows.append(compared(text, slopes[0], across, 0.03, table, unit="Pa", note=note))
