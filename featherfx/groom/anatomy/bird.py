@@ -37,9 +37,9 @@ _LAYERS = {
 _TAIL_LAYER = -30
 # feathers are laid over each other where the groom does not say how (chosen on the pigeon)
 _LAYOUT = {
-    "most_tilt": 30.0,
+    "most_tilt": 40.0,
     "most_tilt_placed": 0.0,
-    "most_lift": 2e-3,
+    "most_lift": 5e-3,
     "least_size": 0.5,
     "drop": 2e-4,
 }

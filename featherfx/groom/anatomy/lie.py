@@ -21,10 +21,11 @@ from featherfx.groom.skin.search import search_tree
 Array = NDArray[np.float64]
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
-_WEIGHTS = np.array([0.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of these: tips lie on
-_CLEAR = 0.024  # of the wing's longest feather, at least to the body
+_WEIGHTS = np.array([1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of these: wrist and tips lie on
+_CLEAR = 0.02  # of the wing's longest feather, at least to the body
+_NEAR = 0.06  # of it, up to which a wing leaves no room for feathers below
 _EDGE = 0.6  # of the innermost shaft, from where its inner vane reaches the middle of the back
-_ROOF, _TUCK, _BOW = (25.0, 95.0), (-15.0, 30.0), (0.0, 25.0)  # deg, allowed; beyond, vanes part
+_ROOF, _TUCK, _BOW = (25.0, 95.0), (-15.0, 30.0), (0.0, 30.0)  # deg, allowed; beyond, vanes part
 _STEPS = 300
 _APART = 0.4  # tenths of the longest feather, from the middle of the back to either wing
 
@@ -91,12 +92,13 @@ def _shafts(kind: WingType, roots: Array, frames: Array, sizes: Array) -> Array:
 
 
 def hidden(kind: WingType, shoulder: Array, scale: float, body: Body, left: bool) -> Array:
-    """(K, 3) m, places of a folded wing well within its outline."""
+    """(K, 3) m, places of a folded wing well within its outline and near the body."""
     lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
     bones = folded(kind, shoulder, lengths, body.axes, left, 1.0)
     points = _shafts(kind, *lying(kind, bones, scale))
     some = slice(len(points) // 8, 5 * len(points) // 8, 3)
-    return points[some, 1:4].reshape(-1, 3)
+    places = points[some, 1:4].reshape(-1, 3)
+    return places[body.gaps(places) < _NEAR * scale * max(kind.primaries.lengths)]
 
 
 @dataclass(frozen=True)
