@@ -113,14 +113,16 @@ class Simulation:
         if shot.cycle:
             for group in self._groups:
                 period, count = shot.cycle * subframes, len(group.members)
-                # what slips, dries, is directed or leaves does not repeat
+                # what slips, dries, is directed, leaves, or touches others at changing levels does
+                # not repeat
                 lasting = not group.changes and group.free is None
+                lasting &= shot.contact is None or group.island == ALONE or not plan.changes
                 if not group.solver.model.hooked and lasting:
                     group.cycle = Cycle(period, group.solver.settings.tolerance, count)
         self._levels = LevelRun(
             shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
-        self._islands, self._alone = islands_together(shot, self._groups, motion)
+        self._islands, self._alone = islands_together(shot, self._groups, motion, self._levels)
         self._through = FollowThrough(shot, drawn, motion, computed)
         self._hooks = Hooks(shot, self._groups)
         self._wets, self._renewed = last_fitting(shot.wets, shot.groom.feathers), list[Group]()
@@ -383,7 +385,7 @@ class Simulation:
         """Bring feathers that may touch each other to the sample with this index."""
         loads = [self._loads(group, index) for group in island.groups]
         times = self._time(index - 1), self._time(index)
-        stirred = [self._stirred(group) for group in island.groups]
+        stirred = [self._stirred(each) | self._levels.fresh(each) for each in island.groups]
         done = island.advance(*times, loads, stirred, index > 0)
         self._counts.slept += done.resting
         self._counts.repeated += done.repeated

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
 from featherfx.shot.detail.cycle import SLACK, repeats_together
+from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.groups import Group, loads_within
 from featherfx.shot.islands import ALONE
@@ -31,10 +32,13 @@ class Advanced(NamedTuple):
 
 
 class Together:
-    """Batches of one island (islands.py), whose states it brings on. groups: at least one."""
+    """Batches of one island (islands.py), whose states it brings on. groups: at least one. levels:
+    of detail; what is computed at another one stands aside."""
 
-    def __init__(self, shot: Shot, groups: Sequence[Group], motion: Roots) -> None:
-        self._shot, self.groups, self._motion = shot, groups, motion
+    def __init__(
+        self, shot: Shot, groups: Sequence[Group], motion: Roots, levels: LevelRun
+    ) -> None:
+        self._shot, self.groups, self._motion, self._levels = shot, groups, motion, levels
         # what contact kept after the samples that the batches' cycles keep
         self._kept: deque[dict[str, Any]] = deque()
         self._led: tuple[tuple[float, float], list[RootPath]] = (np.nan, np.nan), []
@@ -47,7 +51,8 @@ class Together:
 
     def settle(self, loads: Sequence[Loads]) -> None:
         """Bring the feathers to rest against each other. loads: on each batch."""
-        rested = self.contact.settle([group.state for group in self.groups], loads)
+        states = [group.state for group in self.groups]
+        rested = self.contact.settle(states, loads, self._idle())
         for group, state in zip(self.groups, rested, strict=True):
             group.state = state
 
@@ -67,7 +72,7 @@ class Together:
         paths = self._paths(start, end)
         resting = self._resting(paths, loads, end - start) & ~np.concatenate(stirred)
         done = self._advance((start, end), paths, loads, resting, begun)
-        if begun and self._shot.cycle:
+        if begun and any(group.cycle for group in self.groups):
             self._keep(paths, loads)
         return done
 
@@ -80,13 +85,14 @@ class Together:
         begun: bool,
     ) -> Advanced:
         start, end = span
-        states, number = [group.state for group in self.groups], int(resting.sum())
-        if resting.all() and not self.contact.stirred(states, start, end):
+        idle = self._idle()
+        states, number = [group.state for group in self.groups], int((resting & ~idle).sum())
+        if (resting | idle).all() and not self.contact.stirred(states, start, end):
             self._pass(paths, end - start)
             return Advanced([], resting=number)
         if begun and self._shot.cycle and self._repeats(paths, loads, end):
             self._replay(paths, end - start)
-            return Advanced([], repeated=len(resting))
+            return Advanced([], repeated=int((~idle).sum()))
 
         def loads_of(begin: float, stop: float) -> list[Loads]:
             return [
@@ -94,7 +100,9 @@ class Together:
                 for group in self.groups
             ]
 
-        states, reports = self.contact.advance(states, loads_of, self._paths, start, end, resting)
+        states, reports = self.contact.advance(
+            states, loads_of, self._paths, start, end, resting, idle
+        )
         for group, state, acting in zip(self.groups, states, loads, strict=True):
             group.state, group.loads = state, acting
         return Advanced(reports, resting=number)
@@ -152,10 +160,15 @@ class Together:
             whole, low, paths = root_path(self._motion, members, start, end), 0, []
             for group in self.groups:
                 own = slice(low, low + len(group.members))
-                paths.append(RootPath(whole.samples[own], whole.base[own]))
+                path = RootPath(whole.samples[own], whole.base[own])
+                paths.append(self._levels.held(group, path))
                 low = own.stop
             self._led = (start, end), paths
         return self._led[1]
+
+    def _idle(self) -> NDArray[np.bool_]:
+        """(B,) feathers of all batches that are computed in another one."""
+        return ~np.concatenate([self._levels.active(group) for group in self.groups])
 
     def _resting(
         self, paths: Sequence[RootPath], loads: Sequence[Loads], duration: float
@@ -176,7 +189,7 @@ class Together:
 
 
 def islands_together(
-    shot: Shot, groups: Sequence[Group], motion: Roots
+    shot: Shot, groups: Sequence[Group], motion: Roots, levels: LevelRun
 ) -> tuple[list[Together], list[Group]]:
     """The islands of a shot, of their batches, and batches of feathers that push nothing."""
     if shot.contact is None:
@@ -185,7 +198,7 @@ def islands_together(
     for group in groups:
         own.setdefault(group.island, []).append(group)
     alone = own.pop(ALONE, [])
-    return [Together(shot, some, motion) for some in own.values()], alone
+    return [Together(shot, some, motion, levels) for some in own.values()], alone
 
 
 def contact_memory(islands: Sequence[Together]) -> dict[str, NDArray[Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from featherfx.shot.detail.view import TimedCamera, View, relative_sizes
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.simulate import simulate
-from featherfx.shot.types import LevelOfDetail, Motion, Shot
+from featherfx.shot.types import Contact, LevelOfDetail, Motion, Shot
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 AXES = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])
@@ -240,7 +241,53 @@ def test_wrong_tables_are_told(tmp_path: Path) -> None:
         ('usd = "a.usda"\nprim = "/c"\npixels_per_metre = 9', "level_of_detail"),
         ("pixels_per_metre = 9\nfade = 0", "level_of_detail.fade"),
         ('pixels_per_metre = 9\noutside = "none"', "level_of_detail.outside"),
-        ("pixels_per_metre = 9\n[contact]", "level_of_detail"),
     ):
         (tmp_path / "shot.toml").write_text(f"{text}\n[level_of_detail]\n{table}\n")
         assert [problem.key for problem in check_file(tmp_path / "shot.toml")] == [key]
+
+
+def lying(frames: int) -> Shot:
+    """One feather pressed on another, both held at their roots; the camera backs away at once and
+    comes back."""
+    shot = feathers(2, frames)
+    below, above = shot.groom.feathers
+    c, s = np.cos(0.004), np.sin(0.004)
+    dive = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    place = below.position + np.array([0.0, 0.0, 1e-3])
+    above = replace(above, position=place, rotation=above.rotation @ dive)
+    shot = replace(
+        shot,
+        groom=replace(shot.groom, feathers=(below, above)),
+        quality=replace(shot.quality, rows=11),
+        contact=Contact(thickness=5e-4),
+    )
+    distance = (2.0,) * 3 + (1000.0,) * 8 + (2.0,) * frames
+    return railed(shot, distance, coarse_below=60.0, fade=2)
+
+
+def test_feathers_in_contact_change_their_level_without_a_pop(tmp_path: Path) -> None:
+    shot = lying(14)
+    levels = [row[0] for row in names(shot)]
+    assert {"full", "coarse"} == set(levels)
+    simulation = simulate(shot)
+    frames = list(simulation)
+    length = shot.groom.feathers[0].kind.length
+    ways = [
+        np.abs(now.points[f] - before.points[f])[:, [0, *range(3, 9)]].max()
+        for before, now in pairwise(frames)
+        for f in range(2)
+    ]
+    # both hang still, but for the change
+    assert 0.0 < max(ways) < 2.0 * JUMP * length
+    contact = simulation.report["contact"]
+    assert contact["most_contacts"] > 0
+    assert contact["worst_depth"] < 0.5 * 5e-4
+    begun = simulate(shot, frames=(0, 5))
+    for _ in begun:
+        pass
+    begun.checkpoint().save(tmp_path / "state.npz")
+    resumed = simulate(shot, start=Checkpoint.load(tmp_path / "state.npz"))
+    for frame, other in zip(frames[6:], resumed, strict=True):
+        assert all(
+            a.tobytes() == b.tobytes() for a, b in zip(frame.points, other.points, strict=True)
+        )

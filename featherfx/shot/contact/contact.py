@@ -20,6 +20,7 @@ from featherfx.errors import InputWarning
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
+from featherfx.shot.contact.aside import aside, forgotten, put_back
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.contact.mend import Stepper, Surroundings
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
@@ -31,7 +32,7 @@ from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
 from featherfx.solver.contact.surfaces import grids_of, surfaces_of
-from featherfx.solver.contact.types import Memory
+from featherfx.solver.contact.types import Candidates, Memory
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import State
 from featherfx.solver.status import MOST_ITERATIONS
@@ -107,7 +108,10 @@ class ShotContact:
         rest = _at_rest(feathers, placements)
         models, halves = [solver.model for solver in solvers], 0.5 * thickness
         grids = grids_of(models)
-        candidates = layered_pairs(rest, surfaces_of(models, grids, halves), grids)
+        every = layered_pairs(rest, surfaces_of(models, grids, halves), grids)
+        # a feather does not touch itself at another level of detail
+        others = order[every.pairs[:, 0]] != order[every.pairs[:, 1]]
+        candidates = Candidates(every.pairs[others], every.order[others])
         self._thickness = float(thickness.min())
         settings = ContactSettings(
             friction=self.contact.friction,
@@ -116,7 +120,7 @@ class ShotContact:
         )
         self.solver = ContactSolver(solvers, candidates, halves, settings)
         self._at_rest = len(candidates.pairs)
-        self._encounters = Encounters(candidates.pairs, len(placements))
+        self._encounters = Encounters(every.pairs, len(placements))
         self.tally = Tally()
         nodes = [np.stack(rest.nodes[low:high]) for low, high in pairwise(grids.first)]
         over = FeathersOver(order, grids.together(nodes), rest.lengths)
@@ -150,11 +154,13 @@ class ShotContact:
         start: float,
         end: float,
         resting: Flags,
+        idle: Flags,
     ) -> tuple[list[State], list[StepReport]]:
         """Advance all batches from start to end (s); the given states are not changed.
 
         loads_of, paths_of: what acts from one time to another, per batch. resting: (B,) feathers at
-        rest on which nothing acts anew; they are stepped when others push them.
+        rest on which nothing acts anew; they are stepped when others push them. idle: (B,) feathers
+        that are computed in another batch meanwhile, and stay as they are.
         """
         steps = FrameSteps(self._rules, start, end, self._proposal)
         around = Surroundings(loads_of, paths_of, self.bodies)
@@ -163,7 +169,11 @@ class ShotContact:
         while steps.left():
             span = steps.span
             self._meet(current, paths_of(span.start, span.end), span.length)
-            done = stepper.step(current, span, resting)
+            led = aside(self.solver.grids, current, idle)
+            if led is not None:
+                self.solver.memory = forgotten(self.solver.memory, self.solver.candidates, idle)
+            done = stepper.step(current, span, resting & ~idle, led)
+            put_back(done.states, current, idle, self.solver.grids.first)
             steps.accepted(done.reports, done.contact[0][1], done.tries > 0)
             current = _slept(done.states, done.reports, paths_of(span.start, span.end), span.length)
             resting &= np.concatenate([report.steps for report in done.reports]) == 0.0
@@ -186,9 +196,10 @@ class ShotContact:
         """Whether a moving body comes near any feather from start to end (s)."""
         return self.bodies.approach(states, start, end, self.solver.settings.margin)
 
-    def settle(self, states: Sequence[State], loads: Sequence[Loads]) -> list[State]:
-        """Bring layered feathers to rest against each other by long damped steps."""
-        found = settled_together(self.solver, self.bodies, states, loads, self.names)
+    def settle(self, states: Sequence[State], loads: Sequence[Loads], idle: Flags) -> list[State]:
+        """Bring layered feathers to rest against each other by long damped steps. idle: as in
+        advance."""
+        found = settled_together(self.solver, self.bodies, states, loads, self.names, idle)
         self.tally.rest_depth, self.tally.settled_depth = found.rest_depth, found.depth
         self._unresolved = self._still_deep()
         return found.states

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from featherfx.errors import InputWarning
 from featherfx.mechanics.model import Loads
 from featherfx.phases import phase
+from featherfx.shot.contact.aside import aside, put_back
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.mend import EASY
 from featherfx.solver.contact.interval import ContactReport, ContactSolver, Manner
@@ -52,8 +53,10 @@ def settled_together(
     states: Sequence[State],
     loads: Sequence[Loads],
     names: Sequence[str],
+    idle: Flags,
 ) -> Settled:
-    """The batches in balance with their loads and each other, from the given states on.
+    """The batches in balance with their loads and each other, from the given states on, but for the
+    idle (B,), which are computed in other batches.
 
     Raises SimulationError where a feather cannot be solved. One that finds no balance is left on
     its way, with a warning (InputWarning) that names the first.
@@ -71,7 +74,9 @@ def settled_together(
                 done(stage * MOST_STEPS + number)
                 if spent.max() > MOST_ITERATIONS:
                     break
-                new, contact, h = _step(solver, bodies, current, loads, names, h, resting, spent)
+                some = resting, idle
+                new, contact, h = _step(solver, bodies, current, loads, names, h, some, spent)
+                put_back(new, current, idle, solver.grids.first)
                 moved = _moves(new, current)
                 current = [_stopped(state, time) for state in new]
                 solver.accept()
@@ -95,19 +100,22 @@ def _step(
     loads: Sequence[Loads],
     names: Sequence[str],
     h: float,
-    resting: Flags,
+    some: tuple[Flags, Flags],
     spent: NDArray[np.float64],
 ) -> tuple[list[State], ContactReport, float]:
     """One damped step of h (s), or of as much of it as can be solved; and its length.
 
-    spent: (B,) Newton iterations, added to. What cannot be solved at the shortest step yields.
+    some: (B,) which rest, and which are idle. spent: (B,) Newton iterations, added to. What cannot
+    be solved at the shortest step yields.
     """
     yielding: Flags | None = None
+    resting, idle = some
+    led = aside(solver.grids, states, idle)
     while True:
         paths = [hold_roots(state) for state in states]
         now = float(states[0].time[0])
         walls = bodies.walls(states, now, now, solver.settings.margin)
-        manner = Manner(resting=resting, yielding=yielding)
+        manner = Manner(resting=resting, yielding=yielding, led=led)
         if CUT * h >= SHORTEST:
             # what is nearly at rest is not cut for one feather that takes long
             manner = manner._replace(iterations=EASY if h <= STEPS[0] else PATIENT * EASY)

@@ -182,7 +182,8 @@ def warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> Non
     """InputWarning if nothing repeated after a cycle of so many frames, of done frames in all."""
     if frames and done > 2 * frames and not any(cycle and cycle.met for cycle in cycles):
         if not any(cycles):
-            message = "cycle: hooks that slip do not repeat, so no feather is replayed"
+            message = "cycle: hooks that slip, and feathers in contact whose level changes, do not"
+            message += " repeat, so no feather is replayed"
             warnings.warn(InputWarning(message), stacklevel=2)
             return
         message = f"cycle: root, wind and forces of no feather repeat after {frames} frames"

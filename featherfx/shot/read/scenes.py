@@ -175,11 +175,6 @@ def read_level_of_detail(
     if (usd is None) != (prim is None):
         at.child("prim" if prim is None else "usd").fail("missing; a camera has usd and prim")
         return None
-    contact = checked["contact"]
-    if contact is not None and contact["enabled"] and contact["forces"]:
-        message = "feathers that push each other cannot change their level; "
-        at.fail(f"{message}leave out [contact] or this table, or say forces = false there")
-        return None
     camera = None
     if usd is not None:
         if not _has_reader(readers, at):
