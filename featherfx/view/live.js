@@ -67,7 +67,7 @@ async function live(kit) {
 
   function control(slider) {
     const name = slider.key.split(":")[1], unit = slider.unit ? ` (${slider.unit})` : "";
-    const line = put("label", "", put("span", name.split(".").slice(-2).join(".") + unit));
+    const line = put("label", "", put("span", (name.split(".").slice(1).join(" ") || name).replaceAll("_", " ") + unit));
     line.title = `${name}: ${slider.meaning}`;
     line.dataset.key = slider.key;
     if (slider.kind === "choice") {
@@ -85,15 +85,21 @@ async function live(kit) {
     return line;
   }
 
+  // As few characters as tell a number to six digits.
+  function short(value) {
+    const plain = String(Number(value.toPrecision(6))), power = Number(plain).toExponential();
+    return plain.length > 8 ? power : plain;
+  }
+
   function numbers(slider) {
     const way = put("input"), number = put("input"), { near, scale } = slider;
     Object.assign(way, { type: "range", min: 0, max: 1000 });
-    Object.assign(number, { type: "number", step: "any", min: slider.low, max: slider.high, value: Number(slider.value.toPrecision(6)) });
+    Object.assign(number, { type: "number", step: "any", min: slider.low, max: slider.high, value: short(slider.value) });
     const place = (value) => { way.value = 1000 * Math.min(1, Math.max(0, toPlace[scale](value, near))); };
     place(slider.value);
     way.addEventListener("input", () => {
       const value = toValue[scale](way.value / 1000, near);
-      number.value = slider.kind === "whole" ? Math.round(value) : Number(value.toPrecision(4));
+      number.value = slider.kind === "whole" ? Math.round(value) : short(Number(value.toPrecision(4)));
       change(slider.key, Number(number.value));
     });
     number.addEventListener("change", () => {
@@ -101,7 +107,7 @@ async function live(kit) {
       change(slider.key, Number(number.value));
     });
     way.addEventListener("dblclick", () => { // as it was
-      number.value = Number(slider.value.toPrecision(6));
+      number.value = short(slider.value);
       place(slider.value);
       change(slider.key, slider.value);
     });
@@ -116,7 +122,8 @@ async function live(kit) {
     groups.get(title).append(control(slider));
   }
   panel.append(...groups.values());
-  for (const [title, group] of groups) group.open = title.endsWith("material") || title.startsWith("wind/");
+  const opened = [...groups.keys()].find((title) => title.endsWith("vane_material"));
+  for (const [title, group] of groups) group.open = title === opened || title.startsWith("wind/");
 
   // Frames as they come.
   async function next() {
