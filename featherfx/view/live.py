@@ -220,7 +220,10 @@ class Live:
             path.write_text(text, encoding="utf-8")
         with nothing_kept() if files else nullcontext():
             shot = read_shot(source.shot, (changed, *source.folders))
-            shot = replace(shot, quality=read_quality(source.quality, source.folders))
+            quality = read_quality(source.quality, source.folders)
+            # the same rows whatever the feather becomes, so that it goes on from where it is
+            quality = replace(quality, simulated_rows=max(quality.simulated_rows, 0))
+            shot = replace(shot, quality=quality)
             placements = some_of(shot, source.feathers)
             if not 0 < len(placements) <= MOST_FEATHERS:
                 told = f"{len(placements)} feathers, allowed 1 to {MOST_FEATHERS}"
