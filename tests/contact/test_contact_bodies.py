@@ -28,7 +28,7 @@ groom = "groom.toml"
 frames = [1, 10]
 frames_per_second = 24
 settle = false
-quality = { base = "draft", rows = 9 }
+quality = { base = "draft", rows = 9, simulated_rows = 9, simulated_columns = 4 }
 [contact]
 [[collider]]
 usd = "body.usda"
@@ -113,7 +113,7 @@ frames = [1, 3]
 frames_per_second = 24
 settle = false
 gravity = [0, 0, -600]
-quality = { base = "draft", rows = 9 }
+quality = { base = "draft", rows = 9, simulated_rows = 9, simulated_columns = 4 }
 [skin]
 usd = "skin.usda"
 prim = "/skin"
