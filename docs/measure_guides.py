@@ -23,7 +23,7 @@ from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Detail
 
 SHOT = Path(__file__).parents[1] / "samples/pigeon/full.toml"
-COAT = ("body_contour", "covert")
+COAT = ("contour", "*covert")
 CASES = {
     **{f"guided, one of {n} simulated": ("guided", n) for n in (4, 8, 16)},
     "rigid": ("rigid", 1),
