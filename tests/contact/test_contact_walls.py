@@ -35,7 +35,7 @@ def test_a_feather_comes_to_rest_on_the_floor_with_its_weight():
     model, state = free_feathers("body_contour", [[0, 0, 0.017]], **GRID)
     contact, late = solver_of(model, rounds=20), []
     loads = [no_loads(1, (0.0, 0.0, -GRAVITY))]
-    for _ in range(220):
+    for _ in range(320):
         (state,), (report,), contacts = contact.interval(
             [state], loads, [hold_roots(state)], 4e-3, [floor()]
         )
@@ -56,7 +56,7 @@ def test_on_an_incline_it_slides_if_the_slope_is_steeper_than_the_friction(frict
     gravity = GRAVITY * np.array([np.sin(slope), 0.0, -np.cos(slope)])
     model, state = free_feathers("body_contour", [[0, 0, 0.006]], **GRID)
     contact = solver_of(model, friction=friction, smoothing=1e-3, rounds=20)
-    step, count = 2e-3, 180
+    step, count = 2e-3, 260
     speeds = [
         velocity_of(model, new)[0]
         for new, _ in run(contact, state, step, count, gravity, [floor()])
