@@ -72,7 +72,7 @@ def test_a_shape_is_reached_within_the_tolerance_and_left(shot, free, bent, tole
     apart = np.linalg.norm(there - bent[FEATHER][on_node], axis=1).max() / length(shot)
     assert 100.0 * apart < tolerance
     (told,) = run.report["targets"]
-    assert 100.0 * apart <= told["deviation"] < tolerance
+    assert 100.0 * apart <= told["deviation"] * (1.0 + 1e-9) < tolerance
     # neither taken hold of nor let go in one frame
     assert np.abs(np.diff(way)).max() < 0.6 * way.max()
 
@@ -88,11 +88,11 @@ def test_an_outline_is_kept_within_a_distance(shot, free):
     """Of the rest shape on its root, from which a beat of the wing takes it farther."""
     within = 0.002 * length(shot)
     rigid = moved(shot, Target(keys=((1, 1),), tolerance=0.05))[0]
-    kept, run = moved(shot, Target(keys=((1, 1),), within=within, tolerance=0.1))
+    kept, run = moved(shot, Target(keys=((1, 1),), within=within, tolerance=0.2))
     apart, before = (np.linalg.norm(x - rigid, axis=-1).max() for x in (kept, free))
     assert before > 2.0 * within
-    assert 0.9 * within < apart < within + 0.0012 * length(shot)
-    assert run.report["targets"][0]["deviation"] < 0.1
+    assert 0.9 * within < apart < within + 0.002 * length(shot)
+    assert run.report["targets"][0]["deviation"] < 0.2
 
 
 def test_other_feathers_move_as_before_and_need_no_new_bake(shot, free):
