@@ -70,7 +70,7 @@ def rest_drift(feather: Feather, kind: FeatherKind, coefficients: int) -> float:
 def time_error(path: Path) -> float:
     """Largest distance from a run with a 50th of the tolerance, as a share of feather length."""
     shot = read_shot(path)
-    fine = replace(shot.quality, tolerance=0.02 * shot.quality.tolerance, max_substeps=256)
+    fine = replace(shot.quality, tolerance=0.02 * shot.quality.tolerance)
     worst = 0.0
     for one, other in zip(simulate(shot), simulate(replace(shot, quality=fine)), strict=True):
         for placement, a, b in zip(shot.groom.feathers, one.points, other.points, strict=True):

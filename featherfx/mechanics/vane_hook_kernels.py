@@ -17,8 +17,9 @@ At the strength one gap of the triangle gives way. Over its opening d the level 
 proportion, to nothing at the release opening R; what is spent per length of barb, 1/2 b S R (S the
 strength), therefore does not depend on the height h of the triangle, for how many gaps ever it
 stands. A triangle with h > E_ww R / S holds more than that: it opens at once, and the rest is
-released to motion. An open triangle resists only that its barbs come nearer than they have been at
-most since it opened, or than at rest, however far they have slid,
+lost: the vane does not hold it, and nothing gets it. An open triangle resists only that its barbs
+come nearer than they have been at most since it opened, or than at rest, however far they have
+slid,
 
     W = 1/2 k_w (n - J)^2     for J < n, else 0;      n = min(1, largest J since it opened)
 

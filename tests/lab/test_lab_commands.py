@@ -134,9 +134,9 @@ OPTIONS = {
     " series sadowsky clamp planar wind seconds step",
     "fullfeather": "scene material distance parts rows columns nodal guard",
     "unitcell": "preset angle spacing diameter young hooks save presets",
-    "network": "lattice size dilution fibres density merge bend seed",
+    "network": "lattice size dilution fibres density merge bend seed scatter",
     "precondition": "lattice size dilution fibres density merge bend seed method preconditioner"
-    " tolerance",
+    " tolerance scatter",
     "traction": "angle width height thickness along across shear strain steps elements mesh model"
     " output",
     "locking": "ratio elements output",
