@@ -51,6 +51,8 @@ def scaled_map(unit: RowMap, size: float, rows: int) -> RowMap:
     rows: of the values that are mapped. Positions grow and directors do not, so only what goes
     from one to the other is scaled. Much faster than a map of its own.
     """
+    if size == 1.0:
+        return unit
     return RowMap(scaled_points(unit.nodes, size, rows), _scaled(unit.directors, 1 / size, 1, rows))
 
 

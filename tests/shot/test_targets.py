@@ -88,11 +88,11 @@ def test_an_outline_is_kept_within_a_distance(shot, free):
     """Of the rest shape on its root, from which a beat of the wing takes it farther."""
     within = 0.002 * length(shot)
     rigid = moved(shot, Target(keys=((1, 1),), tolerance=0.05))[0]
-    kept, run = moved(shot, Target(keys=((1, 1),), within=within, tolerance=0.2))
+    kept, run = moved(shot, Target(keys=((1, 1),), within=within, tolerance=0.3))
     apart, before = (np.linalg.norm(x - rigid, axis=-1).max() for x in (kept, free))
     assert before > 2.0 * within
-    assert 0.9 * within < apart < within + 0.002 * length(shot)
-    assert run.report["targets"][0]["deviation"] < 0.2
+    assert 0.9 * within < apart < within + 0.003 * length(shot)
+    assert run.report["targets"][0]["deviation"] < 0.3
 
 
 def test_other_feathers_move_as_before_and_need_no_new_bake(shot, free):

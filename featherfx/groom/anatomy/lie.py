@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.files.store import kept
 from featherfx.groom.anatomy.pose import folded
 from featherfx.groom.anatomy.wing import lying
 from featherfx.groom.keys.anatomy import WingType
@@ -70,9 +71,17 @@ def lie_on(
 
     below: m, that coverts below its flight feathers take up.
     """
+    fit = _Fit(kind, shoulder, scale, body, below)
+    inputs = [kind, shoulder, scale, body.corners, body.axes, body.middle, below]
+    found = kept("lie", inputs, lambda: {"values": _best(fit)})
+    return fit.placed(found["values"])[:2]
+
+
+def _best(fit: _Fit) -> Array:
+    """(4,) values of `placed` that cost least."""
     from scipy.optimize import minimize
 
-    fit = _Fit(kind, shoulder, scale, body, below)
+    kind = fit.kind
     start = np.array([kind.roof[1], kind.tuck[1], 20.0, 0.0])
     steps = np.vstack([start, start + np.diag([-15.0, 6.0, 15.0, 1.0])])
     found = minimize(
@@ -81,7 +90,7 @@ def lie_on(
         method="Nelder-Mead",
         options={"initial_simplex": steps, "maxfev": _STEPS, "xatol": 0.1, "fatol": 1e-4},
     )
-    return fit.placed(found.x)[:2]
+    return np.asarray(found.x)
 
 
 def _shafts(kind: WingType, roots: Array, frames: Array, sizes: Array) -> Array:
