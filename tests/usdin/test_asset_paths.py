@@ -30,6 +30,8 @@ def library(tmp_path):
         (folder / name).parent.mkdir(parents=True)
         (folder / name).write_text(text)
     Ar.DefaultResolver.SetDefaultSearchPath([str(folder)])
+    if str(Ar.GetResolver().Resolve("cameras/main.usda")) != str(folder / "cameras/main.usda"):
+        pytest.skip("this USD takes its search path when it starts (PXR_AR_DEFAULT_SEARCH_PATH)")
     yield folder
     Ar.DefaultResolver.SetDefaultSearchPath([])
 
