@@ -63,6 +63,7 @@ def test_cantilever_under_end_shear():
 
 
 @pytest.mark.verification
+@pytest.mark.slow
 def test_result_does_not_depend_on_the_direction_of_the_diagonals():
     narrow, _ = bent(20, 1, 4.0)
     wide, _ = bent(20, 3, 4.0)

@@ -18,6 +18,7 @@ def cost(folder: Path, feathers: int, frames: int) -> dict[str, float]:
     return json.loads(subprocess.run(run, capture_output=True, check=True).stdout)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_frames(tmp_path):
     """40 frames more are 45 MB of samples more; the peak is that of a chunk."""
     few, many = cost(tmp_path / "few", 6, 10), cost(tmp_path / "many", 6, 50)
