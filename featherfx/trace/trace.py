@@ -192,7 +192,13 @@ def trace(photo_path: str | Path, options: TraceOptions = TraceOptions()) -> tup
 
     def built(rounded: float) -> _Try:
         text = _text(found.table(base, length, rounded), options.base, Path(photo_path).name)
-        feather = build_feather(flattened(kind_of_text(text)), _ROWS, _COLUMNS)
+        try:
+            feather = build_feather(flattened(kind_of_text(text)), _ROWS, _COLUMNS)
+        except InputError as error:
+            told = f"what was found is no feather that can be built: {error.problems[0].message}"
+            raise InputError(
+                Problem(source, "", f"{told}; --shaft or --threshold may help")
+            ) from error
         return _Try(_deviation(found, feather), rounded, text, feather)
 
     best = min((built(rounded) for rounded in _BASES), key=lambda each: each.off)

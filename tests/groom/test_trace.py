@@ -106,6 +106,16 @@ def plain(size, colour=(255, 255, 255)):
     return Image.new("RGB", size, colour)
 
 
+def stain():
+    """As long as a feather, and nothing like one within."""
+    rng = np.random.default_rng(3)
+    pixels = np.full((220, 560, 3), 255)
+    for column in range(40, 520):
+        half = int(20 + 60 * abs(np.sin(column / 25.0)))
+        pixels[110 - half : 110 + half, column] = rng.integers(0, 120, (2 * half, 3))
+    return Image.fromarray(pixels.astype(np.uint8))
+
+
 def disc():
     image = plain((300, 300))
     pixels = np.array(image)
@@ -119,6 +129,7 @@ def disc():
     [
         (plain((200, 300)), (), 1, "no silhouette: 0 % of the picture"),
         (disc(), (), 1, "about as wide as long"),
+        (stain(), ("--shaft", "45,110 500,110"), 1, "photo.png: what was found is no feather"),
         (plain((200, 300)), ("--shaft", "1,2 x"), 2, "no list of pixels"),
         (plain((200, 300)), ("--threshold", "2"), 2, "threshold"),
         (plain((200, 300)), ("--base", "nobody"), 1, "nobody"),
