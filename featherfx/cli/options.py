@@ -39,6 +39,26 @@ class FrameRange(click.ParamType):
         return first, last
 
 
+class Pairs(click.ParamType):
+    """Pairs of numbers. name: in help. within, between: what stands within a pair and between two,
+    None: spaces. of: what they are, and example, for messages."""
+
+    def __init__(self, name: str, within: str, between: str | None, of: str, example: str) -> None:
+        self.name, self._within, self._between = name, within, between
+        self._told = f"is no list of {of} such as {example}"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[tuple[float, float]]:
+        if isinstance(value, list):
+            return value
+        try:
+            pairs = [map(float, each.split(self._within)) for each in value.split(self._between)]
+            return [(first, second) for first, second in pairs]
+        except ValueError:
+            self.fail(f"'{value}' {self._told}", param, ctx)
+
+
 class Names(click.ParamType):
     """Some of the allowed names, with commas between."""
 

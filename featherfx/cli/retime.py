@@ -3,30 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from featherfx.baking import pipeline
-from featherfx.cli.options import readable_path
+from featherfx.cli.options import Pairs, readable_path
 from featherfx.cli.program import Command
-
-
-class Keys(click.ParamType):
-    """Pairs of a new and an old frame, with commas between."""
-
-    name = "NEW:OLD,..."
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> list[tuple[float, float]]:
-        if isinstance(value, list):
-            return value
-        try:
-            pairs = [[float(part) for part in each.split(":")] for each in value.split(",")]
-            return [(new, old) for new, old in pairs]
-        except ValueError:
-            self.fail(f"'{value}' is no list of keys such as 1:1,24:12,48:48", param, ctx)
 
 
 @click.command(
@@ -47,7 +29,11 @@ class Keys(click.ParamType):
     help="One plain USD file (.usd, .usdc, .usda).",
 )
 @click.option("--speed", type=float, help="Frames of the cache that pass in a new one.")
-@click.option("--keys", type=Keys(), help="New frames and those of the cache that they show.")
+@click.option(
+    "--keys",
+    type=Pairs("NEW:OLD,...", ":", ",", "keys", "1:1,24:12,48:48"),
+    help="New frames and those of the cache that they show.",
+)
 @click.option(
     "--loop",
     type=click.IntRange(min=1),

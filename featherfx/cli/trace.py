@@ -7,26 +7,9 @@ from typing import Any
 
 import click
 
-from featherfx.cli.options import readable_path
+from featherfx.cli.options import Pairs, readable_path
 from featherfx.cli.program import Command
 from featherfx.errors import InputError, Problem
-
-
-class Points(click.ParamType):
-    """Pixels of a picture, from base to tip."""
-
-    name = "COLUMN,ROW ..."
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> list[tuple[float, float]]:
-        if isinstance(value, list):
-            return value
-        try:
-            pairs = [[float(part) for part in each.split(",")] for each in value.split()]
-            return [(column, row) for column, row in pairs]
-        except ValueError:
-            self.fail(f"'{value}' is no list of pixels such as '40,900 60,30'", param, ctx)
 
 
 @click.command(
@@ -58,7 +41,11 @@ class Points(click.ParamType):
     help="Distance in colour from the border at which the feather begins.  [default: found]",
 )
 @click.option("--turned", is_flag=True, help="The thicker end is the base.")
-@click.option("--shaft", type=Points(), help="Pixels on the shaft, base to tip.  [default: found]")
+@click.option(
+    "--shaft",
+    type=Pairs("COLUMN,ROW ...", ",", None, "pixels", "'40,900 60,30'"),
+    help="Pixels on the shaft, base to tip.  [default: found]",
+)
 @click.option(
     "--leading",
     type=click.Choice(["left", "right"]),
