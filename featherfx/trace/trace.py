@@ -93,6 +93,7 @@ class _Outlines:
         self.calamus, self.bare = calamus_of(shares, left, right)
         is_left = left.sum() <= right.sum() if leading is None else leading == "left"
         self.first = LEFT if is_left else RIGHT
+        self.heading, self.sweep, self.course = _turnings(line, self.first)
         self.shares, self.wanted = shares, (left, right) if is_left else (right, left)
         self.edges = [each.copy() for each in self.wanted]
         self.guides = [
@@ -114,7 +115,6 @@ class _Outlines:
 
     def table(self, base: FeatherKind, length: float, rounded_base: float) -> dict[str, Any]:
         """The preset without its base."""
-        _, sweep, course = _turnings(self.line, self.first)
         vanes = [
             {
                 "outline": self.outline(k),
@@ -125,8 +125,8 @@ class _Outlines:
         ]
         thick = 2.0 * self.bare * length
         rachis = {
-            "sweep": sweep,
-            **({"course": course} if course else {}),
+            "sweep": self.sweep,
+            **({"course": self.course} if self.course else {}),
             "diameter_base": thick,
             "diameter_tip": min(base.rachis.diameter_tip, thick),
         }
@@ -261,7 +261,7 @@ def flattened(kind: FeatherKind) -> FeatherKind:
 def _places(found: _Outlines, points: Array, length: float) -> Array:
     """(K, 2) places in Laid of points (K, 3) m of a flat feather."""
     line = found.line
-    start, heading = line.places[0], _turnings(line, found.first)[0]
+    start, heading = line.places[0], found.heading
     flat = points[:, :2] * [1.0, found.first] * (line.length / length)
     c, s = np.cos(heading), np.sin(heading)
     return np.asarray(start + flat @ np.array([[c, s], [-s, c]]))

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import cg
 from scipy.spatial import cKDTree
 
-from featherfx.feather.rachis import shaft
+from featherfx.feather.rachis import shaft, turn
 from featherfx.groom.types import Placement, RachisShape
 
 Array = NDArray[np.float64]
@@ -51,18 +51,17 @@ class Strips:
 def _ends(shapes: Sequence[RachisShape]) -> tuple[Array, Array]:
     """(F, 3) mean tangents of shafts, root to tip, and (F,) how far they leave the line to their
     end, in lengths."""
-    found = {}
-    for shape in dict.fromkeys(shapes):
-        along = np.linspace(0.0, 1.0, 33 if shape.course else 2)
-        mean = shaft(shape, along)[1]
-        places = along[:, None] * mean
-        # an arc leaves the line to its end by an eighth of its turning
-        bow = 0.125 * np.linalg.norm(np.radians([shape.camber, shape.sweep]))
+    total = np.radians([(s.twist, s.camber, -s.sweep) for s in shapes]).reshape(-1, 3)
+    _, straight = turn(total)
+    # an arc leaves the line to its end by an eighth of its turning
+    bow = 0.125 * np.linalg.norm(total[:, 1:], axis=1)
+    along = np.linspace(0.0, 1.0, 33)
+    for k, shape in enumerate(shapes):
         if shape.course:
-            bow = np.linalg.norm(places - along[:, None] * mean[-1], axis=1).max()
-        found[shape] = mean[-1], bow
-    straight, bows = zip(*(found[shape] for shape in shapes), strict=True) if shapes else ((), ())
-    return np.array(straight).reshape(-1, 3), np.array(bows)
+            mean = shaft(shape, along)[1]
+            straight[k] = mean[-1]
+            bow[k] = np.linalg.norm(along[:, None] * (mean - mean[-1]), axis=1).max()
+    return straight, bow
 
 
 def strips_of(placements: Sequence[Placement]) -> Strips:

@@ -193,11 +193,24 @@ class _Track:
     def __init__(self, layer: Any, path: Any) -> None:
         self._layer, self.path = layer, path
         self.codes = layer.ListTimeSamplesForPath(path)
+        first = self.raw(self.codes[0])
+        self.kind, self.number = type(first), np.asarray(first).dtype
         self._near: dict[float, Any] = {}
 
     def raw(self, code: float) -> Any:
         """As USD has it, at one of the codes."""
         return self._layer.QueryTimeSample(self.path, code)
+
+    def written(self, value: Any) -> Any:
+        """A value in the form that the samples have."""
+        if isinstance(value, self.kind):
+            return value
+        array = np.ascontiguousarray(value, dtype=self.number)
+        return (
+            self.kind.FromNumpy(array)
+            if hasattr(self.kind, "FromNumpy")
+            else self.kind(*array.tolist())
+        )
 
     def _at(self, index: int) -> Any:
         code = self.codes[index]
@@ -298,7 +311,7 @@ class _Prim:
                     values[name] = self._summed(name, track, parts)
             for name, value in values.items():
                 track = self.tracks[name]
-                layer.SetTimeSample(track.path, frame, _like(track.raw(track.codes[0]), value))
+                layer.SetTimeSample(track.path, frame, track.written(value))
             if "extent" in self.tracks and "points" in values:
                 points = np.asarray(values["points"], dtype=np.float32)
                 pad = np.float32(0.5) * np.float32(self._padding)
@@ -333,8 +346,7 @@ class _Prim:
 
     def _summed(self, name: str, track: _Track, parts: Sequence[Part]) -> Any:
         """What has no rate: directions stay unit vectors; what is no number is that of before."""
-        raw = track.raw(track.codes[0])
-        if not np.issubdtype(np.asarray(raw).dtype, np.floating):
+        if not np.issubdtype(track.number, np.floating):
             return track.raw(track.codes[track.around(parts[0].code)[0]])
         read = track.turning if name == ORIENT else track.linear
         values = [read(each.code) for each in parts]
@@ -357,14 +369,6 @@ def _sampled_prims(layer: Any) -> list[Any]:
 
     layer.Traverse(Sdf.Path.absoluteRootPath, look)
     return list(found)
-
-
-def _like(raw: Any, value: Any) -> Any:
-    """An array of numbers in the form of another value."""
-    if type(value) is type(raw):
-        return value
-    array = np.ascontiguousarray(value, dtype=np.asarray(raw).dtype)
-    return type(raw).FromNumpy(array) if hasattr(raw, "FromNumpy") else type(raw)(*array.tolist())
 
 
 def _check_roots(
