@@ -11,7 +11,7 @@ from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.write.resume import difference
 
 # settings that need not be equal: frames are looked at, the others are in what feathers depend on
-_FREE = ("frames", "feathers")
+_FREE = ("frames", "feathers", "textures")
 
 
 @dataclass(frozen=True)

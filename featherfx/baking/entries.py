@@ -41,7 +41,7 @@ def entries_of(
     groom: Groom, feathers: Sequence[Feather], static: bool, skin: BoundSkin | None = None
 ) -> list[FeatherEntry]:
     """What the writer takes, for every feather of a groom."""
-    coloured = _coloured(groom)
+    coloured, film = _coloured(groom), _with_film(groom)
     return [
         FeatherEntry(
             id=placement.id,
@@ -57,7 +57,9 @@ def entries_of(
             vane_stiffness=_vane_stiffness(placement.kind),
             held=_held(placement.kind, feather, static),
             hooked=not static and may_slip(placement.kind),
-            colours=colours_of(placement.kind, feather, None, placement.id) if coloured else None,
+            colours=(
+                colours_of(placement.kind, feather, None, placement.id, film) if coloured else None
+            ),
             shape=_shape(placement),
         )
         for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
@@ -75,7 +77,12 @@ def _shape(placement: Placement) -> tuple[FeatherKind, bool, float]:
 
 def _coloured(groom: Groom) -> bool:
     """Whether any feather has colours; then all are written with theirs."""
-    return any(each.kind.colour.base is not None for each in groom.feathers)
+    return any(not each.kind.colour.is_plain for each in groom.feathers)
+
+
+def _with_film(groom: Groom) -> bool:
+    """Whether any feather shines by interference; then the film of all is written."""
+    return any(each.kind.colour.has_film for each in groom.feathers)
 
 
 def refuse_too_large(
@@ -197,8 +204,8 @@ def drawn_entries(
             points = barbs.points @ placement.rotation.T + placement.position
             barbs = replace(barbs, points=points)
             if entries[index].colours is not None:
-                of_barbs = colours_of(placement.kind, built[index][0], barbs, placement.id)
-                entries[index] = replace(entries[index], colours=of_barbs)
+                own = placement.kind, built[index][0], barbs, placement.id, _with_film(groom)
+                entries[index] = replace(entries[index], colours=colours_of(*own))
         entries[index] = replace(
             entries[index], name=names[index], points_map=built[index][1], barbs=barbs
         )

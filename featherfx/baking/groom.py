@@ -31,7 +31,8 @@ def export_groom(groom_path: str | Path, output: str | Path, **options: Any) -> 
     options: fields of featherfx.baking.options.GroomOptions. quality: name of the preset that gives
     rows and columns. instances: whether feathers of one shape are instances of a prototype, or each
     a mesh and a curve of its own; None: instances where at least half of the feathers repeat and
-    no barbs are drawn. The others are as in bake. Raises InputError with every problem.
+    neither barbs nor textures are written. The others are as in bake. Raises InputError with
+    every problem.
     """
     return _export(groom_path, output, GroomOptions(**options))
 
@@ -44,13 +45,15 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
         lambda: check_output(output, options.overwrite, options.layout),
         lambda: check_ranges(options, "bake"),
     )
-    if options.instances and options.barbs:
-        raise InputError(Problem("groom", "barbs", "are not drawn of instances; leave one out"))
+    for key in ("barbs", "textures"):
+        if options.instances and getattr(options, key):
+            raise InputError(Problem("groom", key, "not written of instances; leave one out"))
     refuse_inputs(output_files(path, "payload"), read)
     options = in_space(options, groom, None)
     metadata = metadata_of(groom, grid)
     first, chosen = repeated_shapes(groom.feathers)
-    repeat = not options.barbs and 2 * len(first) <= len(chosen)
+    own = options.barbs or options.textures
+    repeat = not own and 2 * len(first) <= len(chosen)
     instanced = repeat if options.instances is None else options.instances
     refuse_too_large(groom, grid, options, str(groom_path), instanced)
     if instanced:

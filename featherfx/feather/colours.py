@@ -39,11 +39,14 @@ _SHAFT = 0.55
 @dataclass(frozen=True)
 class Colours:
     """Linear colours of one feather: points (V, 3) of its mesh, shaft (3,), barbs (K, 3) of all
-    points of its barbs, where these are drawn."""
+    points of its barbs, where these are drawn. film, barb_film: (V,), (K,) m, thickness of what
+    shines by interference; None where no feather of the groom has that."""
 
     points: Array
     shaft: Array
     barbs: Array | None = None
+    film: Array | None = None
+    barb_film: Array | None = None
 
 
 def linear(colour: Array) -> Array:
@@ -52,12 +55,42 @@ def linear(colour: Array) -> Array:
     return np.where(low, colour / 12.92, ((np.maximum(colour, 0) + 0.055) / 1.055) ** 2.4)
 
 
-def colours_of(kind: FeatherKind, feather: Feather, barbs: BarbCurves | None, id: str) -> Colours:
-    """Of a feather of a kind, at any size; id: by which its brightness varies."""
-    points, shaft = _mesh_colours(kind, feather)
-    light = _brightness(kind.colour, id)
-    of_barbs = None if barbs is None else np.clip(light * _barb_colours(kind, feather, barbs), 0, 1)
-    return Colours(np.clip(light * points, 0, 1), np.clip(light * shaft, 0, 1), of_barbs)
+def displayed(light: Array) -> Array:
+    """Colours as displays show them of light, 0 to 1; undoes `linear`."""
+    light = np.clip(light, 0.0, 1.0)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
+
+
+def colours_of(
+    kind: FeatherKind, feather: Feather, barbs: BarbCurves | None, id: str, film: bool = False
+) -> Colours:
+    """Of a feather of a kind, at any size; id: by which its brightness varies. film: whether its
+    thickness is wanted."""
+    places, shaft = _mesh_places(feather), _shaft(kind.colour)
+    points, light = _vane_colours(kind, places), brightness(kind.colour, id)
+    on_shaft = np.unique(feather.surface.triangles[feather.surface.part == RACHIS])
+    points[on_shaft] = shaft
+    found = Colours(np.clip(light * points, 0, 1), np.clip(light * shaft, 0, 1))
+    if film:
+        thickness = _film(kind, places)
+        thickness[on_shaft] = 0.0
+        found = replace(found, film=thickness)
+    if barbs is not None:
+        places = _barb_places(feather, barbs)
+        found = replace(found, barbs=np.clip(light * _vane_colours(kind, places), 0, 1))
+        found = replace(found, barb_film=_film(kind, places)) if film else found
+    return found
+
+
+def charted(kind: FeatherKind, feather: Feather, across: Array, along: Array) -> Array:
+    """(H, W, 3) linear colours of both vanes at texture coordinates, across (W,) and along (H,),
+    of a kind whose feathers are equally bright."""
+    grid = _row_places(feather)
+    rows = linear_weights(feather.station / feather.station[-1], along)
+    columns = linear_weights(np.linspace(0.0, 1.0, feather.columns + 1), np.abs(2.0 * across - 1.0))
+    sides = [np.einsum("hn,wm,nmx->hwx", rows, columns, grid[k], optimize=True) for k in (0, 1)]
+    places = np.where((across >= 0.5)[:, None], sides[LEADING], sides[TRAILING])
+    return _vane_colours(kind, places.reshape(-1, 4)).reshape(*places.shape[:2], 3)
 
 
 def uniform(kind: FeatherKind) -> FeatherKind:
@@ -65,24 +98,22 @@ def uniform(kind: FeatherKind) -> FeatherKind:
     return replace(kind, colour=replace(kind.colour, vary=0.0))
 
 
-def _brightness(colour: Colour, id: str) -> float:
+def brightness(colour: Colour, id: str) -> float:
     """By a number that the id alone decides, evenly spread about 1 with the deviation `vary`."""
     share = stable_number(id) / 2.0**63
     return max(1.0 + colour.vary * 3.0**0.5 * (2.0 * share - 1.0), 0.0)
 
 
-def _mesh_colours(kind: FeatherKind, feather: Feather) -> tuple[Array, Array]:
+def _mesh_places(feather: Feather) -> Array:
+    """(V, 4) of the mesh's points, as of _row_places."""
     surface, columns = feather.surface, feather.columns
-    places = _row_places(feather)
     side = np.where(surface.node > columns, TRAILING, LEADING)
     place = np.where(surface.node > columns, surface.node - columns, surface.node)
-    found = _vane_colours(kind, places[side, surface.row, place])
-    shaft = _shaft(kind.colour)
-    found[np.unique(surface.triangles[surface.part == RACHIS])] = shaft
-    return found, shaft
+    return np.asarray(_row_places(feather)[side, surface.row, place])
 
 
-def _barb_colours(kind: FeatherKind, feather: Feather, barbs: BarbCurves) -> Array:
+def _barb_places(feather: Feather, barbs: BarbCurves) -> Array:
+    """(K, 4) of the points of barbs, as of _row_places."""
     along, places = np.linspace(0.0, 1.0, feather.columns + 1), _row_places(feather)
     found = np.zeros((*barbs.st.shape[:2], 4))
     for side in (LEADING, TRAILING):
@@ -90,7 +121,7 @@ def _barb_colours(kind: FeatherKind, feather: Feather, barbs: BarbCurves) -> Arr
         rows = linear_weights(feather.station / feather.station[-1], barbs.st[own, 0, 1])
         columns = linear_weights(along, np.abs(2.0 * barbs.st[own][0, :, 0] - 1.0))
         found[own] = np.einsum("bn,km,nmx->bkx", rows, columns, places[side])
-    return _vane_colours(kind, found.reshape(-1, 4))
+    return found.reshape(-1, 4)
 
 
 def _row_places(feather: Feather) -> Array:
@@ -120,6 +151,16 @@ def _vane_colours(kind: FeatherKind, places: Array) -> Array:
     for pattern in kind.colour.patterns:
         cover = pattern.strength * _cover(pattern, kind.calamus, places)[:, None]
         found += cover * (linear(np.array(pattern.colour)) - found)
+    return found
+
+
+def _film(kind: FeatherKind, places: Array) -> Array:
+    """(P,) m, thickness of the film at places; none between two, which would have other colours."""
+    found = np.full(len(places), kind.colour.film)
+    for pattern in kind.colour.patterns:
+        if pattern.film is not None:
+            cover = pattern.strength * _cover(pattern, kind.calamus, places)
+            found[cover > 0.5] = pattern.film
     return found
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 from featherfx.groom.keys.values import ArrayOf, Number, Table, Text, keys_of
 
 _PLACE = Number(0, 1)
+_FILM = Number(0, 3e-6, "m")
 _COLOUR = ArrayOf(Number(0, 1), 3, 3)
 Shade = tuple[float, float, float]
 
@@ -34,6 +35,11 @@ class Pattern:
     ] = 0.4
     soft: Annotated[float, _PLACE, "Share of the size over which its border fades."] = 0.3
     strength: Annotated[float, _PLACE, "How far it covers what is below."] = 1.0
+    film: Annotated[
+        float | None,
+        _FILM,
+        "As that of the feather, where the mark covers more than half; default: as below it.",
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +58,21 @@ class Colour:
     vary: Annotated[
         float, Number(0, 1), "Deviation of the brightness from feather to feather, a share."
     ] = 0.0
+    film: Annotated[
+        float,
+        _FILM,
+        "Thickness of a film on the vanes that shines by interference, for shaders; 0: none.",
+    ] = 0.0
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether there is nothing to write of it."""
+        return self.base is None and not self.has_film
+
+    @property
+    def has_film(self) -> bool:
+        """Whether there is a film anywhere."""
+        return self.film > 0.0 or any(each.film for each in self.patterns)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -110,6 +110,11 @@ def vec2f(values: ArrayLike) -> Any:
     return Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
 
 
+def vec4f(values: ArrayLike) -> Any:
+    """(N, 4) to Vt.Vec4fArray."""
+    return Vt.Vec4fArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))
+
+
 def floats(values: ArrayLike) -> Any:
     """(N,) to Vt.FloatArray."""
     return Vt.FloatArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float32))

@@ -70,6 +70,7 @@ class FeatherEntry:
     colours: linear; None where no feather of the cache has any.
     shape: kind that the feather is built of, whether mirrored, and how many times as large it is;
         condensed feathers are expanded by it.
+    chart: (4,) u, v, du, dv of its texture coordinates in the pictures (usd/write/textures.py).
     """
 
     id: str
@@ -88,3 +89,4 @@ class FeatherEntry:
     barb_widths: Array | None = None
     colours: Colours | None = None
     shape: tuple[FeatherKind, bool, float] | None = None
+    chart: Array | None = None

@@ -288,16 +288,23 @@ def blended(first: Any, second: Any, weight: float) -> Any:
 def _blended_colour(first: Colour, second: Colour, weight: float) -> Colour:
     """Halfway colours; those that only one has, and marks of other sorts, from the nearer."""
     nearer = first if weight < 0.5 else second
-    found: dict[str, Any] = {"vary": blended(first.vary, second.vary, weight)}
+    found: dict[str, Any] = {
+        name: blended(getattr(first, name), getattr(second, name), weight)
+        for name in ("vary", "film")
+    }
     for name in ("base", "shaft"):
         ends = getattr(first, name), getattr(second, name)
         found[name] = getattr(nearer, name) if None in ends else blended(*ends, weight)
-    sorts = [[(p.kind, p.number) for p in each.patterns] for each in (first, second)]
+    sorts = [[(p.kind, p.number, p.film) for p in each.patterns] for each in (first, second)]
     found["patterns"] = nearer.patterns
     if sorts[0] == sorts[1]:
-        halfway = blended(first.patterns, second.patterns, weight)
-        marks = zip(halfway, nearer.patterns, strict=True)
-        found["patterns"] = tuple(replace(mark, number=own.number) for mark, own in marks)
+        plain, other = (
+            tuple(replace(p, film=0.0) for p in each.patterns) for each in (first, second)
+        )
+        marks = zip(blended(plain, other, weight), nearer.patterns, strict=True)
+        found["patterns"] = tuple(
+            replace(mark, number=own.number, film=own.film) for mark, own in marks
+        )
     return Colour(**found)
 
 

@@ -195,7 +195,9 @@ def _feathers(scene: SourceScene, path: Path, place: Place) -> None:
 
 
 def missing_files(stage: Any, path: Path) -> list[Problem]:
-    """What an open stage names, as sublayer, payload, reference or clip, and is not to be had."""
+    """What an open stage names, as sublayer, payload, reference, clip or picture, and is not to be
+    had."""
+    named = (*SCENE_SUFFIXES, ".png")
     found = broken_files(stage) | broken_clips(stage) | broken_arcs(stage)
     if not found:  # USD 24.3 ends the process where it looks into a file that it cannot open
         try:
@@ -204,7 +206,7 @@ def missing_files(stage: Any, path: Path) -> list[Problem]:
         except USD_ERRORS as error:
             reason = f"USD cannot open a file that it names: {reason_of(error)}"
             return [Problem(str(path), "", reason)]
-        found = {name: "is missing" for name in names if Path(name).suffix in SCENE_SUFFIXES}
+        found = {name: "is missing" for name in names if Path(name).suffix in named}
     return [Problem(str(path), name, message) for name, message in sorted(found.items())]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Tf
 
 from featherfx.errors import Problem
-from featherfx.files.whole import Standing
+from featherfx.files.whole import Standing, Store
 from featherfx.usd.arrays import Floats
 from featherfx.usd.types import RATES, OutputError
 from featherfx.usd.write.chunk import open_chunk
@@ -31,9 +31,11 @@ def assemble(
     path: Path,
     parts: Parts | None,
     before: Mapping[Path, Standing],
+    pictures: Iterable[tuple[Path, Store]] = (),
 ) -> None:
     """Complete the layers from the chunks and publish the cache; the root is written last.
 
+    pictures: files beside the layers, as of write_all.
     parts: None for a cache without time. before: what stood at the cache's files when the work
     began; nothing else is replaced. The rest pose becomes the default of everything, but of a group
     of feathers that keeps one other pose throughout: it has that pose as its default and no
@@ -59,7 +61,7 @@ def assemble(
             clips = _clips(path.stem, info, prims, moving, parts)
         else:
             _copy_samples(layers.animation, prims, moving, parts)
-    publish(finish_layers(layers, info, path, (low, high), clips), before)
+    publish(finish_layers(layers, info, path, (low, high), clips), before, pictures)
 
 
 def _moving(records: Sequence[ChunkRecord], static: NDArray[np.bool_]) -> NDArray[np.bool_]:

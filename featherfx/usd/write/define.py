@@ -23,15 +23,17 @@ from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.usd import arrays
 from featherfx.usd.types import BARB, MESH, P_BARB, RACHIS, SHAPE, SHAPE_SIZE, FeatherEntry
+from featherfx.usd.write.materials import define_materials, look_of
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import left_leads
 from featherfx.usd.write.prims import (
+    charts,
     define_barbs,
     define_condensed,
-    define_materials,
     define_mesh,
     define_rachises,
     labels,
+    painted,
     replace_primvars,
     seats,
 )
@@ -91,10 +93,15 @@ def _author(scope: Any, purpose: str | None) -> None:
 
 
 def define_prims(
-    layer: Any, info: StageInfo, entries: Sequence[FeatherEntry], prims: AnimatedPrims
+    layer: Any,
+    info: StageInfo,
+    entries: Sequence[FeatherEntry],
+    prims: AnimatedPrims,
+    texture: str = "",
 ) -> None:
     """Author the prims in a layer, and everything of them that never changes.
 
+    texture: as of Look.
     Rest points, topology and texture coordinates stay in memory with the layer, so this comes
     when the samples have gone to disk.
     """
@@ -103,8 +110,8 @@ def define_prims(
     define_scopes(stage, info, parts)
     if MESH in parts:  # else all that there is is drawn
         define_representations(stage, info, BARB in parts)
-    coloured = all(entry.colours is not None for entry in entries)
-    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS), coloured)
+    look = look_of(entries, texture)
+    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS), look)
     with Sdf.ChangeBlock():
         # prims stand in the order of the feathers, whichever of them is defined first
         for path in (path for own in prims.prims for path in own.values()):
@@ -159,6 +166,10 @@ def _copy(
         if entry.colours is not None and part in target:
             shades = np.atleast_2d(getattr(entry.colours, name))
             replace_primvars(layer, target[part], displayColor=arrays.vec3f(shades))
+    if MESH in target:
+        replace_primvars(layer, target[MESH], **painted([entry], MESH))
+    if entry.chart is not None:
+        replace_primvars(layer, target[RACHIS], chart=charts([entry]))
     replace_primvars(layer, target[RACHIS], up=arrays.vec3f(_ups(info, [entry])))
     if group.is_condensed:
         own = condensed_values(info, [entry], rest)

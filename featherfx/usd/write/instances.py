@@ -23,11 +23,12 @@ from featherfx.usd.space import StageSpace, origin_for
 from featherfx.usd.types import MESH, FeatherEntry
 from featherfx.usd.write.grouping import Group
 from featherfx.usd.write.layout import finish_layers, new_layers
+from featherfx.usd.write.materials import define_materials, look_of
 from featherfx.usd.write.options import StageOptions
 from featherfx.usd.write.output import check_output, output_files, prim_name, unique_prim_names
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import posed_feathers
-from featherfx.usd.write.prims import author_texts, define_materials, define_mesh
+from featherfx.usd.write.prims import author_texts, define_mesh
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import MATERIALS, StageInfo, define_root
@@ -84,7 +85,8 @@ def _entries(
     for placement, shape in zip(placements, chosen, strict=True):
         first.setdefault(shape, placement)
     kinds = [first[number].kind for number in range(len(shapes))]
-    coloured = any(kind.colour.base is not None for kind in kinds)
+    coloured = any(not kind.colour.is_plain for kind in kinds)
+    film = any(kind.colour.has_film for kind in kinds)
     return [
         FeatherEntry(
             id=f"{kind.name}_{number:04d}",
@@ -94,7 +96,7 @@ def _entries(
             rest_points=place(shape.rest, np.zeros(3), np.eye(3)),
             static=True,
             # instances of one shape are equally bright
-            colours=colours_of(uniform(kind), shape, None, "") if coloured else None,
+            colours=colours_of(uniform(kind), shape, None, "", film) if coloured else None,
         )
         for number, (shape, kind) in enumerate(zip(shapes, kinds, strict=True))
     ]
@@ -104,8 +106,7 @@ def _define_prototypes(
     stage: Any, layer: Any, info: StageInfo, at: Any, entries: Sequence[FeatherEntry]
 ) -> list[Any]:
     """Meshes below the instancer, where nothing draws them but instances."""
-    coloured = entries[0].colours is not None
-    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS), coloured)
+    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS), look_of(entries))
     scope = at.AppendChild(PROTOTYPES)
     UsdGeom.Scope.Define(stage, scope)
     names = unique_prim_names([entry.id for entry in entries])

@@ -53,6 +53,14 @@ class StageOptions:
         " with the animation as value clips. auto: flat up to 256 MB of samples, else clips.",
         allowed=LAYOUTS,
     )
+    textures: int | None = option(
+        None,
+        "Write the colours as pictures, too, a chart of N pixels along each feather, for materials"
+        " that take them and to paint over.",
+        least=32,
+        most=2048,
+        metavar="N",
+    )
     overwrite: bool = option(False, "Replace the output if it exists.")
 
 

@@ -1,6 +1,6 @@
-"""What never changes of the prims of feathers: mesh, curves, materials, primvars.
+"""What never changes of the prims of feathers: mesh, curves, primvars.
 
-Preview materials stand until look development binds others. The shaft's centre line is for grooming
+The shaft's centre line is for grooming
 tools and constraints, and the whole feather where only rachises are drawn; purposes are those of
 the scopes above (define.py). Primvars are always arrays, since some readers drop scalars.
 
@@ -16,23 +16,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, UsdGeom, UsdShade
+from pxr import Sdf, UsdGeom, UsdShade
 
-from featherfx.feather import colours
 from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.usd import arrays
 from featherfx.usd.types import BARB, HOOKED, MESH, RANGES, SHAPE, SHAPE_SIZE, FeatherEntry
 from featherfx.usd.types import RACHIS as SHAFT
+from featherfx.usd.write.materials import COLOURS
 
 if TYPE_CHECKING:
     from featherfx.usd.write.posed_groups import PosedGroup
 
 Indices = NDArray[np.int64]
 
-COLOURS = {"vane": colours.VANE, "rachis": colours.SHAFT}
 SUBSETS = {"leadingVane": LEADING, "trailingVane": TRAILING, "rachis": RACHIS}
-_ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
 
 # type, interpolation and numbers of an element
 _TYPES, _CONSTANT = Sdf.ValueTypeNames, UsdGeom.Tokens.constant
@@ -50,6 +48,11 @@ _PRIMVARS = {
     # the dorsal side at the root, at rest, as grooms have it; object space
     "up": (_TYPES.Vector3fArray, _CONSTANT, 1),
     "st": (_TYPES.TexCoord2fArray, UsdGeom.Tokens.vertex, 1),
+    # places in the pictures of all feathers, and of shafts u, v, du, dv of the feather's own chart
+    "atlas": (_TYPES.TexCoord2fArray, UsdGeom.Tokens.vertex, 1),
+    "chart": (_TYPES.Float4Array, _CONSTANT, 1),
+    # nm
+    "filmThickness": (_TYPES.FloatArray, UsdGeom.Tokens.vertex, 1),
     # 0 leading, 1 trailing, 2 rachis
     "side": (_TYPES.IntArray, UsdGeom.Tokens.uniform, 1),
     # share of barbules that are hooked, of vanes whose hooks all hold
@@ -138,39 +141,32 @@ def _tell_whose(
         table.Set(arrays.vec2i(np.stack([first[:-1], np.diff(first)], axis=1)))
 
 
-def define_materials(stage: Any, scope: Any, coloured: bool) -> dict[str, Any]:
-    """UsdPreviewSurface materials "vane" and "rachis" under the path scope.
-
-    coloured: whether they take the primvar displayColor; else they are of keratin.
-    """
-    UsdGeom.Scope.Define(stage, scope)
-    return {
-        name: _define_material(stage, scope.AppendChild(name), name, coloured) for name in COLOURS
-    }
-
-
-def _define_material(stage: Any, path: Any, name: str, coloured: bool) -> Any:
-    material = UsdShade.Material.Define(stage, path)
-    shader = UsdShade.Shader.Define(stage, path.AppendChild("surface"))
-    shader.CreateIdAttr("UsdPreviewSurface")
-    colour = shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
-    if coloured:
-        colour.ConnectToSource(_display_colour(stage, path, COLOURS[name]))
-    else:
-        colour.Set(Gf.Vec3f(*COLOURS[name]))
-    shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(_ROUGHNESS[name])
-    output = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
-    material.CreateSurfaceOutput().ConnectToSource(output)
-    return material
+def painted(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]:
+    """The primvars of vertices that shaders take beside colours, as far as there are any: places
+    in the pictures (textures.py), and nm of film. part: MESH or BARB."""
+    values: dict[str, Any] = {}
+    if entries[0].chart is not None:
+        places = [
+            _st(entry, part) * chart[2:] + chart[:2]
+            for entry in entries
+            if (chart := entry.chart) is not None
+        ]
+        values["atlas"] = arrays.vec2f(np.concatenate(places))
+    films = [each.film if part == MESH else each.barb_film for e in entries if (each := e.colours)]
+    if films and (found := [each for each in films if each is not None]):
+        values["filmThickness"] = arrays.floats(1e9 * np.concatenate(found))
+    return values
 
 
-def _display_colour(stage: Any, path: Any, fallback: tuple[float, float, float]) -> Any:
-    """What reads the primvar displayColor where a renderer shades."""
-    reader = UsdShade.Shader.Define(stage, path.AppendChild("displayColor"))
-    reader.CreateIdAttr("UsdPrimvarReader_float3")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("displayColor")
-    reader.CreateInput("fallback", Sdf.ValueTypeNames.Float3).Set(Gf.Vec3f(*fallback))
-    return reader.CreateOutput("result", Sdf.ValueTypeNames.Float3)
+def charts(entries: Sequence[FeatherEntry]) -> Any:
+    """The charts of feathers that have one."""
+    return arrays.vec4f(np.stack([e.chart for e in entries if e.chart is not None]))
+
+
+def _st(entry: FeatherEntry, part: str) -> Any:
+    if part == MESH:
+        return entry.feather.surface.st
+    return np.zeros((0, 2)) if entry.barbs is None else entry.barbs.st.reshape(-1, 2)
 
 
 def _look(
@@ -222,6 +218,7 @@ def define_mesh(
         author_primvars(prim, **seats(entries))
     st = arrays.vec2f(np.concatenate([each.st for each in surfaces]))
     author_primvars(prim, Pref=rest, rest=rest, st=st, side=arrays.ints(part))
+    author_primvars(prim, **painted(entries, MESH))
     if any(entry.held is not None for entry in entries) and (MESH, HOOKED) not in group.keys:
         author_primvars(prim, hooked=arrays.floats(group.held))
     shades = shades_of(entries, "points", np.diff(starts).tolist())
@@ -262,6 +259,8 @@ def define_rachises(
     author_primvars(prim, group.interpolation, up=arrays.vec3f(ups))
     if not group.alone and all(entry.root is not None for entry in entries):
         author_primvars(prim, group.interpolation, **seats(entries))
+    if entries[0].chart is not None:
+        author_primvars(prim, group.interpolation, chart=charts(entries))
     shades = shades_of(entries, "shaft", [1] * len(entries))
     _look(prim, "rachis", materials, shades, "" if shades is None else group.interpolation)
 
@@ -302,7 +301,7 @@ def define_barbs(
     _tell_whose(prim, group, entries, points=group.points[BARB], curves=curves)
     side = arrays.ints(np.concatenate([each.side for each in barbs]))
     st = arrays.vec2f(np.concatenate([each.st.reshape(-1, 2) for each in barbs]))
-    author_primvars(prim, side=side, st=st)
+    author_primvars(prim, side=side, st=st, **painted(entries, BARB))
     drawn = np.diff(group.points[BARB]).tolist()
     shades = shades_of(entries, "barbs", drawn)
     _look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)

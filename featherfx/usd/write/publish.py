@@ -7,30 +7,35 @@ files take their names, the root last (featherfx/files/whole.py).
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from pxr import Sdf, Tf
 
 from featherfx.errors import Problem
-from featherfx.files.whole import Standing, WrittenFile, write_all, write_beside
+from featherfx.files.whole import Standing, Store, WrittenFile, write_all, write_beside
 from featherfx.usd.types import OutputError
 
 LOOKED_AT = 16
 
 
 def publish(
-    layers: Sequence[tuple[Any, Path]], before: Mapping[Path, Standing] | None = None
+    layers: Sequence[tuple[Any, Path]],
+    before: Mapping[Path, Standing] | None = None,
+    others: Iterable[tuple[Path, Store]] = (),
 ) -> None:
     """Write layers to their files, in order; the last one is the root.
 
-    before: what stood at the files when the work began, as of write_all. Raises OutputError if any
-    cannot be written in full, or another program has written it; then no target has changed.
+    before: what stood at the files when the work began, as of write_all. others: files that appear
+    with them, as of write_all. Raises OutputError if any cannot be written in full, or another
+    program has written it; then no target has changed.
     """
     with output_errors():
-        write_all(((path, partial(_export, layer, path)) for layer, path in layers), before)
+        exported = ((path, partial(_export, layer, path)) for layer, path in layers)
+        write_all(chain(others, exported), before)
 
 
 def export_beside(layer: Any, path: Path) -> WrittenFile:

@@ -38,6 +38,7 @@ from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import PosedFeather, posed_feathers
 from featherfx.usd.write.samples import AnimatedPrims
 from featherfx.usd.write.stage import StageInfo
+from featherfx.usd.write.textures import Atlas, refuse_textures
 
 # A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
 # costs by itself goes with the feathers, so many small ones get more of it.
@@ -122,7 +123,12 @@ class CacheWriter:
         self._path = check_output(path, options.overwrite or options.resume, options.layout)
         check_arguments(self._path, feathers, frames, frames_per_second, options)
         self._frames, space = frames, replace(StageSpace.of(options), origin=place.origin)
-        self._feathers, self._subframes = tuple(feathers), options.subframes
+        self._subframes, pixels = options.subframes, options.textures
+        self._atlas = Atlas(len(feathers), pixels) if pixels else None
+        if self._atlas:
+            charts = zip(feathers, self._atlas.charts, strict=True)
+            feathers = [replace(entry, chart=chart) for entry, chart in charts]
+        self._feathers = tuple(feathers)
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
         form = Form.of(options)
         posed = posed_feathers(self._feathers, space, extras, form)
@@ -141,7 +147,11 @@ class CacheWriter:
         )
         own = (continuation and continuation.settings) or self._settings_of_stage(options.chunk)
         self._check_files(options, own)
-        self._before = {file: standing(file) for file in output_files(self._path, self._layout)}
+        pictures = self._atlas.files(self._path) if self._atlas else []
+        if self._atlas:
+            refuse_textures(pictures, options.overwrite)
+        files = [*pictures, *output_files(self._path, self._layout)]
+        self._before = {file: standing(file) for file in files}
         how = chosen_group(options.group, len(self._feathers))
         groups = [
             PosedGroup(group, posed, [entry.static for entry in self._feathers], how == FEATHER)
@@ -309,9 +319,12 @@ class CacheWriter:
             earlier.close()
         with phase("finishing", 2.0) as done:
             layers = new_layers(self._info, self._layout)
-            define_prims(layers.topology, self._info, self._feathers, self._prims)
+            atlas, path = self._atlas, self._path
+            texture = atlas.asset(path) if atlas else ""
+            define_prims(layers.topology, self._info, self._feathers, self._prims, texture)
             done(1)
-            assemble(layers, self._info, self._prims, self._path, self._parts, self._before)
+            pictures = atlas.stored(path, self._feathers) if atlas else ()
+            assemble(layers, self._info, self._prims, path, self._parts, self._before, pictures)
             if self._parts:
                 self._parts.finish(keep_chunks=self._layout == "clips")
 
