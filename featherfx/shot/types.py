@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.groom.keys.preset import FAMILIES, Quality, Wind
+from featherfx.groom.keys.preset import FAMILIES, STEADY, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.shot.detail.view import TimedCamera
@@ -372,10 +372,17 @@ class Force:
 
 @dataclass(frozen=True)
 class Motion:
-    """kind: "hold", "flap", "shake", "keys" or "skin"; values: the merged numbers of that kind."""
+    """kind: one of groom.keys.preset.MOTIONS, or "skin"; values: the merged values of that kind,
+    the `parts` of an act being Motions."""
 
     kind: str
     values: dict[str, Any]
+    clock: Clock = STEADY
+
+    @property
+    def of_limbs(self) -> bool:
+        """Whether it may stand beside a skin, which moves the body: of it the limbs count."""
+        return self.kind in ("fold", "flap", "act")
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Root motion: what each kind does to the roots, how smooth it is, what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from featherfx.errors import InputError
+from featherfx.groom.keys.preset import STEADY, Clock
 from featherfx.groom.types import Groom, Joint, Placement
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.roots import root_rates
+from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Motion, Quality, Shot, Wind
 
 MIRROR = np.diag((1.0, -1.0, 1.0))
@@ -58,7 +61,7 @@ def wing_groom():
     return Groom("wings", Path("groom.toml"), tuple(feathers), wing_joints())
 
 
-def motion_of(kind, values, groom=None):
+def motion_of(kind, values, groom=None, clock=STEADY):
     shot = Shot(
         name="shot",
         source=Path("shot.toml"),
@@ -66,7 +69,7 @@ def motion_of(kind, values, groom=None):
         first_frame=1,
         last_frame=24,
         frames_per_second=24.0,
-        motion=Motion(kind, values),
+        motion=Motion(kind, values, clock),
         wind=Wind(np.array((1.0, 0, 0)), 0.0, 0.0, 1.0, 1.2, 1.0, 0.1, 0),
         quality=Quality("draft", 11, 4, 1, 1e-3, 8),
         gravity=np.array((0.0, 0.0, -9.81)),
@@ -281,3 +284,153 @@ def test_rates_at_the_end_of_a_frame_are_those_of_the_frames_there():
     for rates in root_rates(motion, end, end)[1:]:
         assert not np.any(rates.positions)
         assert not np.any(rates.rotations)
+
+
+def turned(joint, vector):
+    turn = Rotation.from_rotvec(vector).as_quat(scalar_first=True).tolist()
+    return Motion("keys", {"keyframes": [{"time": 0.0, "joint": joint, "rotation": turn}]})
+
+
+def test_parts_of_an_act_move_the_groom_as_those_before_have_left_it():
+    arm, hand = np.array((0.3, -0.5, 0.8)), np.array((-0.7, 0.2, 0.4))
+    acts = {"parts": (turned("", hand), turned("shoulder_l", arm), turned("elbow_l", hand))}
+    positions, rotations = motion_of("act", acts).frames(0.0)
+    rest = motion_of("hold", {}).frames(0.0)
+    first, then = (Rotation.from_rotvec(vector).as_matrix() for vector in (arm, hand))
+    shoulder, elbow = wing_joints()[2].position, wing_joints()[3].position
+
+    def about(turn, pivot, point):
+        return pivot + turn @ (point - pivot)
+
+    bent = about(first, shoulder, elbow)
+    expected = about(then, bent, about(first, shoulder, rest.positions[3]))
+    # the whole groom turns last: axes of limbs go with it
+    np.testing.assert_allclose(positions[3], then @ expected, atol=1e-12)
+    np.testing.assert_allclose(rotations[3], then @ then @ first @ rest.rotations[3], atol=1e-12)
+
+
+def test_a_clock_starts_quickens_and_fades_a_motion():
+    keys = {
+        "keyframes": [{"time": 0.0, "rotation": [0, 0, 0]}, {"time": 1.0, "rotation": [0, 0, 80]}]
+    }
+    amounts = ((0.5, 1.0), (1.0, 0.5))
+    whole = motion_of("keys", keys)
+    changed = motion_of("keys", keys, clock=Clock(start=2.0, tempo=2.0, amount=amounts))
+    for time in (0.0, 2.1, 2.25):
+        own = whole.frames(2.0 * (time - 2.0))
+        np.testing.assert_allclose(changed.frames(time)[0], own[0], atol=1e-12)
+    turn = Rotation.from_euler("z", 40, degrees=True).as_matrix()
+    np.testing.assert_allclose(
+        changed.frames(4.0)[1], turn @ motion_of("hold", {}).frames(0.0)[1], atol=1e-12
+    )
+    assert largest_jump_of_rate(changed, 3.0) < 0.02
+
+
+def test_a_swing_turns_joints_there_and_back():
+    values = {"joints": "elbow_?", "axis": [0, 0, 2 / 2], "angle": 30, "frequency": 2, "lag": 0.0}
+    rest, motion = motion_of("hold", {}).frames(0.0)[1], motion_of("swing", values)
+    for time, angle in ((0.625, 30.0), (0.75, 0.0), (0.875, -30.0)):
+        turn = Rotation.from_euler("z", angle, degrees=True).as_matrix()
+        rotations = motion.frames(time)[1]
+        np.testing.assert_allclose(rotations[[2, 5]], turn @ rest[[2, 5]], atol=1e-12)
+        np.testing.assert_array_equal(rotations[[0, 1, 4]], rest[[0, 1, 4]])
+    with pytest.raises(InputError, match="no joint"):
+        motion_of("swing", values | {"joints": "knee"})
+
+
+def test_an_act_leaves_out_what_the_groom_lacks_but_not_all():
+    tail = Motion("fold", {"joints": "tail", "folds": [{"time": 0.0, "fold": 0.0}]})
+    arm = turned("shoulder_l", (0.1, 0, 0))
+    found = motion_of("act", {"parts": (tail, arm)}).frames(0.0)
+    np.testing.assert_array_equal(found[0], motion_of("act", {"parts": (arm,)}).frames(0.0)[0])
+    with pytest.raises(InputError, match="no joint that folds"):
+        motion_of("act", {"parts": (tail,)})
+
+
+BIRD = """
+name = "bird"
+[[wing]]
+id = "right_wing"
+type = "sparrow"
+shoulder = [0.03, -0.03, 0.03]
+fold = 1
+mirror = "y"
+[[tail]]
+id = "tail"
+position = [-0.1, 0, 0]
+direction = [-1, 0, 0]
+up = [0, 0, 1]
+count = 4
+lengths = [0.05]
+root_width = 0.02
+angles = [9, 90]
+"""
+SHOT = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n[motion]\n'
+
+
+def read(folder, motion):
+    (folder / "groom.toml").write_text(BIRD)
+    (folder / "shot.toml").write_text(SHOT + motion)
+    return read_shot(folder / "shot.toml")
+
+
+ACTS = ("take_off", "landing", "glide", "hover", "shake_off", "preen", "walk")
+
+
+@pytest.mark.parametrize("name", ACTS)
+def test_motions_of_a_bird_are_smooth_and_move_wings_or_tail(tmp_path, name):
+    motion = root_motion(read(tmp_path, f'base = "{name}"'))
+    positions, rotations = sampled(motion, np.linspace(0.2, 1.2, 150))
+    assert is_rotation(rotations)
+    against = np.swapaxes(rotations[:, :1], 2, 3) @ rotations
+    assert np.abs(np.diff(against, axis=0)).max() > 1e-3  # not the body alone
+    steps = np.diff(positions, axis=0)
+    assert np.abs(np.diff(steps, axis=0)).max() < 0.5 * np.abs(steps).max()
+
+
+def test_beside_a_skin_the_body_of_an_act_is_left_to_the_skin(tmp_path):
+    shot = read(tmp_path, 'base = "glide"')
+    skin = root_motion(replace(shot, motion=Motion("hold", {})))
+    body, *limbs = shot.motion.values["parts"]
+    assert body.kind == "swing"
+    of_limbs = replace(shot, motion=replace(shot.motion, values={"parts": tuple(limbs)}))
+    found, expected = (
+        root_motion(replace(shot, skin=skin)),
+        root_motion(replace(of_limbs, skin=skin)),
+    )
+    for own, other in zip(found.frames(0.7), expected.frames(0.7), strict=True):
+        np.testing.assert_allclose(own, other, atol=1e-12)
+    assert (
+        np.abs(found.frames(0.7).positions - root_motion(shot).frames(0.7).positions).max() > 1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        (
+            'kind = "act"\nparts = [{ base = "flup" }]',
+            r"motion.parts\[0\].base: no motion preset 'flup'",
+        ),
+        ('kind = "act"', "motion.parts: missing"),
+        ('base = "glide"\namount = [[0, 3]]', r"motion.amount\[0\]\[1\]: 3 is out of range"),
+        ('base = "glide"\namount = [[1, 0], [1, 1]]', r"motion.amount\[1\]\[0\]: 1 s is not after"),
+        (
+            'kind = "act"\n[[motion.parts]]\nkind = "keys"\n'
+            'keyframes = [{ time = 0, joint = "x", position = [0, 0, 0] }]',
+            r"motion.parts\[0\].keyframes\[0\].joint: no joint 'x'",
+        ),
+    ],
+)
+def test_what_an_act_cannot_be(tmp_path, motion, message):
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, motion)
+
+
+def test_an_act_that_is_part_of_itself_is_refused(tmp_path):
+    (tmp_path / "presets" / "motion").mkdir(parents=True)
+    (tmp_path / "presets" / "motion" / "ring.toml").write_text('kind = "act"\nparts = ["ring"]\n')
+    (tmp_path / "groom.toml").write_text(BIRD)
+    (tmp_path / "shot.toml").write_text(SHOT + 'base = "ring"')
+    with pytest.raises(InputError, match="is one a part of itself"):
+        read_shot(tmp_path / "shot.toml", [tmp_path / "presets"])

@@ -120,10 +120,10 @@ stiffness = 100
         "groom.toml: feather[0].kind: no feather preset 'tail_fether', did you mean "
         "'tail_feather'?",
         "shot.toml: quality: no quality preset 'drft', did you mean 'draft'?",
-        "shot.toml: grip[0].end: 1 is not later than start = 1 s",
-        "shot.toml: frames: the last frame 1 comes before the first 5",
         "shot.toml: motion.keyframes[0].rotation: the quaternion is zero",
         "shot.toml: motion.keyframes[1]: holds neither position nor rotation",
+        "shot.toml: grip[0].end: 1 is not later than start = 1 s",
+        "shot.toml: frames: the last frame 1 comes before the first 5",
     ]
 
 
@@ -142,8 +142,8 @@ stiffness = 100
 """
     )
     assert found(write(tmp_path, shot)) == [
-        "shot.toml: grip[0].feather: no feather 'tial' in the groom, did you mean 'tail'?",
         "shot.toml: motion.keyframes[0].joint: no joint 'hop' in the groom, did you mean 'hip'?",
+        "shot.toml: grip[0].feather: no feather 'tial' in the groom, did you mean 'tail'?",
     ]
 
 

@@ -83,6 +83,22 @@ class Preset:
         return {"anyOf": [{"required": ["base"]}, *(kinds or [_needed(self.finished())])]}
 
 
+@dataclass(frozen=True)
+class PartPreset:
+    """A preset in an array of them; what it must hold is judged where the array is read."""
+
+    preset: Preset
+
+    def check(self, value: Any, place: Place, partial: bool) -> Any:
+        return self.preset.check(value, place, partial)
+
+    def describe(self) -> tuple[str, str, str]:
+        return self.preset.describe()
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return self.preset.schema(True)
+
+
 def _needed(table: Table) -> JsonSchema:
     """JSON Schema that asks for a table's keys without default, and no more."""
     result: JsonSchema = {

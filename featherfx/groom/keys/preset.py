@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.groom.keys.anatomy import BIRD_TYPE, WingType
-from featherfx.groom.keys.family import Preset
+from featherfx.groom.keys.family import PartPreset, Preset
 from featherfx.groom.keys.places import Direction
 from featherfx.groom.keys.values import (
     REQUIRED,
@@ -150,6 +150,24 @@ class Wind:
     seed: Annotated[int, Number(0, 2**31 - 1, whole=True), "Seed of the gusts."] = 1
 
 
+@dataclass(frozen=True)
+class Clock:
+    """When and how much of a motion there is. amount: (time, share) pairs."""
+
+    start: Annotated[
+        float, Number(-1e4, 1e5, "s"), "When the motion's own time begins, since the first frame."
+    ] = 0.0
+    tempo: Annotated[float, Number(1e-3, 1e3), "How many times faster its own time goes."] = 1.0
+    amount: Annotated[
+        tuple[tuple[float, float], ...],
+        ArrayOf(ArrayOf(Number(-1e5, 1e5), 2, 2), 1, 10_000),
+        "[time, amount] in ascending seconds of its own time, 0 (none) to 2: turns and ways of "
+        "joints count by so much; smooth between, constant outside.",
+    ] = ((0.0, 1.0),)
+
+
+STEADY = Clock()
+
 _DIAL = Number(1e-3, 1e3)
 DIALS = {
     "stiffness": Key(
@@ -184,6 +202,10 @@ FOLD = {
 def _angle(meaning: str, default: Any = REQUIRED) -> Key:
     return Key(Number(-180, 180, "deg"), meaning, default)
 
+
+_MOTION: dict[str, Key] = {}
+_KINDS: dict[str, dict[str, Key]] = {}
+_PRESET = Preset("motion", _MOTION, _KINDS)  # its keys follow: a motion may be made of motions
 
 MOTIONS: dict[str, dict[str, Key]] = {
     "hold": {},
@@ -221,11 +243,29 @@ MOTIONS: dict[str, dict[str, Key]] = {
             "Keyframes, interpolated smoothly.",
         )
     },
+    "swing": {
+        "joints": Key(
+            Text(empty=True),
+            "Joints that swing, with * and ? as wild cards; empty: the whole groom.",
+            "",
+        ),
+        "axis": Key(Direction(), "Axis through the joint, in the groom's axes."),
+        "angle": Key(Number(0, 180, "deg"), "Amplitude; it starts from rest within 1/4 period."),
+        "frequency": Key(Number(0.001, 1000, "Hz"), "Swings per second."),
+        "lag": Key(Number(-1, 1), "Share of a swing by which it comes later.", 0.0),
+    },
+    "act": {
+        "parts": Key(
+            ArrayOf(PartPreset(_PRESET), 1, 100),
+            "Motions one upon the other: each moves the groom as those before it have left it. "
+            "Those whose joints the groom lacks are left out, as long as one is left.",
+        )
+    },
 }
 
 KIND = Key(Text(tuple(MOTIONS)), "Kind of motion; it decides which of the keys below apply.")
-_KINDS = {kind: {"kind": KIND} | keys for kind, keys in MOTIONS.items()}
-_MOTION = {name: key for keys in _KINDS.values() for name, key in keys.items()}
+_KINDS |= {kind: {"kind": KIND} | keys | keys_of(Clock) for kind, keys in MOTIONS.items()}
+_MOTION |= {name: key for keys in _KINDS.values() for name, key in keys.items()}
 
 FAMILIES = {
     each.family: each
@@ -235,7 +275,7 @@ FAMILIES = {
         Preset("material/rachis", keys_of(RachisMaterial)),
         Preset("quality", keys_of(Quality)),
         Preset("wind", keys_of(Wind)),
-        Preset("motion", _MOTION, _KINDS),
+        _PRESET,
         Preset("wing", keys_of(WingType)),
         Preset("bird", BIRD_TYPE),
     )

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import fnmatch
-from bisect import bisect_right
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.ease import smooth_step
+from featherfx.algebra.ease import eased
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.errors import InputError, Problem
 from featherfx.groom.types import Groom
@@ -33,15 +32,11 @@ def folding(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverTi
         raise InputError(
             Problem(source, "motion.joints", f"{message}: {known or 'there are none'}")
         )
-    times = [key["time"] for key in keys]
+    times, folds = ([key[name] for key in keys] for name in ("time", "fold"))
 
     def poses(time: float) -> JointPoses:
         found = still_poses(len(groom.joints) + 1)
-        after = min(max(bisect_right(times, time), 1), len(keys) - 1)
-        before = max(after - 1, 0)
-        step = times[after] - times[before]
-        way = smooth_step((time - times[before]) / step) if step > 0.0 else 0.0
-        fold = keys[before]["fold"] + way * (keys[after]["fold"] - keys[before]["fold"])
+        fold = eased(times, folds, time)
         for number, joint in hinged:
             turn = np.asarray(joint.hinge) * (fold - joint.fold)
             found.rotations[number] = from_rotation_vector(turn)

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.ease import smooth_step
-from featherfx.algebra.rotation import rotation_matrices, rotation_vectors, shared_turns
+from featherfx.algebra.rotation import (
+    from_rotation_vector,
+    rotation_matrices,
+    rotation_vectors,
+    shared_turns,
+)
+from featherfx.errors import InputError, Problem
 from featherfx.groom.anatomy.bow import bow_share
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.roots import RootFrames
@@ -189,6 +196,29 @@ def shaken(joints: int, amplitude: float, frequency: float, direction: Array) ->
         periods = max(time, 0.0) * frequency
         swing = math.sin(2.0 * math.pi * periods) * smooth_step(4.0 * periods)
         found.displacements[0] = amplitude * swing * axis
+        return found
+
+    return poses
+
+
+def swung(skeleton: Skeleton, values: Mapping[str, Any], source: str) -> PosesOverTime:
+    """Joints swing about an axis, from rest within 1/4 period. values: of the motion.
+
+    source: of the shot, for messages. Raises InputError where none of the joints is there.
+    """
+    pattern = values["joints"]
+    moved = [k for k, name in enumerate(skeleton.names) if fnmatch.fnmatchcase(name, pattern)]
+    if not moved:
+        known = ", ".join(skeleton.names[1:]) or "none"
+        message = f"'{pattern}' is no joint of the groom; there are: {known}"
+        raise InputError(Problem(source, "motion.joints", message))
+    axis = math.radians(values["angle"]) * np.asarray(values["axis"], dtype=np.float64)
+
+    def poses(time: float) -> JointPoses:
+        found = still_poses(len(skeleton.names))
+        swings = max(time, 0.0) * values["frequency"]
+        way = math.sin(2.0 * math.pi * (swings - values["lag"])) * smooth_step(4.0 * swings)
+        found.rotations[moved] = from_rotation_vector(way * axis)
         return found
 
     return poses

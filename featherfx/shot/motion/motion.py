@@ -6,21 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
+from featherfx.errors import InputError
 from featherfx.shot.direction.roots import directed
+from featherfx.shot.motion.act import clocked, together
 from featherfx.shot.motion.flap import flapping
 from featherfx.shot.motion.fold import folding
 from featherfx.shot.motion.joints import (
+    JointPoses,
     PosesOverTime,
     Skeleton,
     held,
     joint_roots,
     shaken,
     skeleton_of,
+    swung,
 )
 from featherfx.shot.motion.keys import keyed
 from featherfx.shot.motion.limbs import carried
 from featherfx.shot.motion.roots import SAMPLES, Roots, arrived
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Motion, Shot
 from featherfx.solver.step.root_path import RootPath
 
 Array = NDArray[np.float64]
@@ -29,32 +33,66 @@ Array = NDArray[np.float64]
 def root_motion(shot: Shot) -> Roots:
     """What moves the roots of a shot, its channels included.
 
-    Raises InputError for a flap where the groom has no shoulder on either side.
+    Beside a skin the motion's limbs count, and the skin carries them. Raises InputError for a
+    motion whose joints the groom lacks.
     """
-    if shot.skin is not None and shot.motion.kind != "fold":
+    if shot.skin is not None and not shot.motion.of_limbs:
         return directed(shot, shot.skin)
     skeleton = skeleton_of(shot.groom)
-    roots: Roots = joint_roots(shot.groom, skeleton, _poses(shot, skeleton))
-    if shot.skin is not None:
-        roots = carried(shot.groom, shot.skin, roots)
-    return directed(shot, roots)
+    poses = _poses(shot.motion, shot, skeleton)
+    if shot.skin is None:
+        return directed(shot, joint_roots(shot.groom, skeleton, poses))
+    limbs = joint_roots(shot.groom, skeleton, _without_body(poses))
+    return directed(shot, carried(shot.groom, shot.skin, limbs))
 
 
-def _poses(shot: Shot, skeleton: Skeleton) -> PosesOverTime:
-    values, joints = shot.motion.values, len(skeleton.names)
-    match shot.motion.kind:
+def _poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    return clocked(_unclocked(motion, shot, skeleton), motion.clock)
+
+
+def _unclocked(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    values, joints, source = motion.values, len(skeleton.names), str(shot.source)
+    match motion.kind:
         case "hold":
             return held(joints)
         case "shake":
             return shaken(joints, values["amplitude"], values["frequency"], values["direction"])
         case "flap":
-            return flapping(shot.groom, values, str(shot.source))
+            return flapping(shot.groom, values, source)
         case "fold":
-            return folding(shot.groom, values, str(shot.source))
+            return folding(shot.groom, values, source)
         case "keys":
             return keyed(values["keyframes"], skeleton)
+        case "swing":
+            return swung(skeleton, values, source)
+        case "act":
+            return _act(values["parts"], shot, skeleton)
         case kind:
             raise ValueError(f"no motion is of kind {kind!r}")
+
+
+def _act(parts: tuple[Motion, ...], shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Parts whose joints are there. Raises InputError where there are none."""
+    found: list[PosesOverTime] = []
+    lacking: list[InputError] = []
+    for part in parts:
+        try:
+            found.append(_poses(part, shot, skeleton))
+        except InputError as error:
+            lacking.append(error)
+    if not found:
+        raise lacking[0]
+    return together(found, skeleton)
+
+
+def _without_body(poses: PosesOverTime) -> PosesOverTime:
+    def limbs(time: float) -> JointPoses:
+        found = poses(time)
+        rotations, displacements = found.rotations.copy(), found.displacements.copy()
+        rotations[0], displacements[0] = np.eye(3), 0.0
+        return JointPoses(rotations, displacements)
+
+    return limbs
 
 
 def root_path(motion: Roots, members: NDArray[np.int64], start: float, end: float) -> RootPath:

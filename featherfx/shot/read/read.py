@@ -23,6 +23,7 @@ from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
 from featherfx.shot.patterns import fits
 from featherfx.shot.read.keys import SHOT_FILE
+from featherfx.shot.read.motion import read_motion
 from featherfx.shot.read.scenes import (
     read_colliders,
     read_level_of_detail,
@@ -110,22 +111,21 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
     parts = SHOT_FILE.parts(raw, place)
     sound = not len(problems)
     groom = _groom(raw, parts, place, library, readers)
-    motion, wind, quality = (
-        _preset(name, raw, parts, place, library) for name in ("motion", "wind", "quality")
-    )
+    wind, quality = (_preset(name, raw, parts, place, library) for name in ("wind", "quality"))
+    motion = read_motion(raw.get("motion"), parts["motion"], place.child("motion"), library, groom)
     loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
     contact, layers = _contact(parts["contact"], groom, place.child("contact"), sound)
-    _check_keyframes(motion, groom, place.child("motion"))
     if not sound or groom is None:
         return None
     scenes = _scenes(raw, parts, groom, place, readers)
-    folds = motion is not None and motion.kind == "fold"
-    if "motion" in raw and parts["skin"] is not None and not folds:
-        place.child("motion").fail("stands beside [skin], which moves the roots; a fold may")
+    limbs = motion is not None and motion.of_limbs
+    if "motion" in raw and parts["skin"] is not None and not limbs:
+        message = "stands beside [skin], which moves the roots; a fold, flap or act of limbs may"
+        place.child("motion").fail(message)
     loads["channels"] = with_maps(loads["channels"], groom, parts, place, readers)
     loads["targets"] = with_shapes(loads["targets"], place, readers)
-    if len(problems):
+    if len(problems) or motion is None:
         return None
     first, last = parts["frames"]
     as_they_are = ("name", "frames_per_second", "settle", "preroll", "sleep", "coast", "cycle")
@@ -135,7 +135,7 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         groom=groom,
         first_frame=first,
         last_frame=last,
-        motion=Motion("skin", {}) if scenes["surfaces"] and not folds else motion,
+        motion=Motion("skin", {}) if scenes["surfaces"] and not limbs else motion,
         wind=wind,
         quality=quality,
         gravity=np.array(parts["gravity"]),
@@ -187,34 +187,6 @@ def _check_frames(frames: Any, place: Place) -> None:
         place.fail(f"the last frame {frames[1]} comes before the first {frames[0]}")
 
 
-def _check_keyframes(motion: Motion | None, groom: Groom | None, place: Place) -> None:
-    """Joints exist, times of one joint differ, quaternions are not zero; folds are in order."""
-    if motion is not None and motion.kind == "fold":
-        for index, (before, after) in enumerate(pairwise(motion.values["folds"]), 1):
-            if not after["time"] > before["time"]:
-                at = place.child("folds").item(index).child("time")
-                at.fail(f"{after['time']:g} s is not after {before['time']:g} s, the one before")
-    if motion is None or motion.kind != "keys":
-        return
-    joints = {joint.name for joint in groom.joints} if groom is not None else set()
-    taken: set[tuple[str, str, float]] = set()
-    for index, frame in enumerate(motion.values["keyframes"]):
-        at = place.child("keyframes").item(index)
-        joint, time = frame["joint"], frame["time"]
-        if groom is not None and joint and joint not in joints:
-            at.child("joint").unknown(f"no joint '{joint}' in the groom", joint, joints)
-        for what in ("position", "rotation"):
-            if frame[what] is not None and (joint, what, time) in taken:
-                at.child("time").fail(f"{time:g} s has a {what} of this joint already")
-            if frame[what] is not None:
-                taken.add((joint, what, time))
-        rotation = frame["rotation"]
-        if rotation is None and frame["position"] is None:
-            at.fail("holds neither position nor rotation")
-        if rotation is not None and len(rotation) == 4 and np.linalg.norm(rotation) < 1e-9:
-            at.child("rotation").fail("the quaternion is zero")
-
-
 def _groom(
     raw: dict[str, Any],
     parts: dict[str, Any],
@@ -257,9 +229,7 @@ def _preset(
     values = plain(tree)
     if family == "quality":
         return Quality(name=table.get("base") or "custom", **values)
-    if family == "wind":
-        return Wind(**values | {"direction": np.array(values["direction"])})
-    return Motion(values.pop("kind"), values)
+    return Wind(**values | {"direction": np.array(values["direction"])})
 
 
 def _loads(parts: dict[str, Any], groom: Groom | None) -> dict[str, Any]:

@@ -103,7 +103,7 @@ _FAMILIES = (
         (f"### {family} preset", preset_keys.FAMILIES[family].keys)
         for family in ("material/vane", "material/rachis", "quality", "wind")
     ),
-    ("### motion preset", {"kind": preset_keys.KIND}),
+    ("### motion preset", {"kind": preset_keys.KIND} | keys_of(preset_keys.Clock)),
     *((f"### motion of kind {kind}", keys) for kind, keys in preset_keys.MOTIONS.items() if keys),
     ("### folds of a motion", preset_keys.FOLD),
     ("### keyframes of a motion", preset_keys.KEYFRAME),

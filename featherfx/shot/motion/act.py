@@ -1,0 +1,79 @@
+"""Motions with a clock and an amount of their own, one upon the other.
+
+A part moves the groom as the parts before it have left it: with carriers C of the joints so far,
+R their rotations against their parents and F that of the part, a joint whose parent is p turns by
+
+    C_p^T F C_p R
+
+against its parent at rest, so that the axes of F are the groom's in the pose before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.ease import eased
+from featherfx.algebra.rotation import rotation_matrices, rotation_vectors
+from featherfx.groom.keys.preset import STEADY, Clock
+from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
+
+Array = NDArray[np.float64]
+
+
+def clocked(poses: PosesOverTime, clock: Clock) -> PosesOverTime:
+    """Poses in the time, and by the amount, of a clock."""
+    if clock == STEADY:
+        return poses
+    times, amounts = zip(*clock.amount, strict=True)
+
+    def changed(time: float) -> JointPoses:
+        own = (time - clock.start) * clock.tempo
+        found, amount = poses(own), eased(times, amounts, own)
+        if amount == 1.0:
+            return found
+        rotations = rotation_matrices(amount * rotation_vectors(found.rotations))
+        return JointPoses(rotations, amount * found.displacements)
+
+    return changed
+
+
+def together(parts: Sequence[PosesOverTime], skeleton: Skeleton) -> PosesOverTime:
+    """Poses of parts one upon the other."""
+    upon = _Upon.of(skeleton)
+
+    def poses(time: float) -> JointPoses:
+        found = still_poses(len(skeleton.names))
+        for part in parts:
+            found = upon(found, part(time))
+        return found
+
+    return poses
+
+
+@dataclass(frozen=True)
+class _Upon:
+    """One pose upon another. parents: (J,)."""
+
+    skeleton: Skeleton
+    parents: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, skeleton: Skeleton) -> _Upon:
+        parents = np.zeros(len(skeleton.names), dtype=np.int64)
+        for joints, above in skeleton.levels:
+            parents[joints] = above
+        return cls(skeleton, parents)
+
+    def __call__(self, before: JointPoses, then: JointPoses) -> JointPoses:
+        limbs = before.rotations.copy()
+        limbs[0] = np.eye(3)  # axes of limbs go with the groom
+        carriers, _ = self.skeleton.carriers(JointPoses(limbs, np.zeros_like(before.displacements)))
+        parents = carriers[self.parents]
+        back = parents.transpose(0, 2, 1)
+        rotations = back @ then.rotations @ parents @ before.rotations
+        shifts = before.displacements + (back @ then.displacements[:, :, None])[:, :, 0]
+        return JointPoses(rotations, shifts)

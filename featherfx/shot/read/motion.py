@@ -1,0 +1,99 @@
+"""The motion of a shot: a preset, a table over one, or an act of several, one upon the other."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from featherfx.groom.keys.preset import Clock
+from featherfx.groom.keys.values import INVALID, Place
+from featherfx.groom.presets.library import Library, plain, sourced
+from featherfx.groom.types import Groom
+from featherfx.shot.types import Motion
+
+# acts within acts
+_DEEPEST = 4
+
+
+def read_motion(
+    raw: Any, given: Any, place: Place, library: Library, groom: Groom | None, depth: int = 0
+) -> Motion | None:
+    """The motion that a checked key or part describes; None after adding problems.
+
+    raw: as the file has it, so that messages name the key where a base was written.
+    """
+    if given is INVALID:
+        return None
+    table = {"base": given} if isinstance(given, str) else given
+    named = not isinstance(raw, dict)
+    tree = library.merged("motion", sourced(table, place.source), place, "" if named else "base")
+    if tree is None:
+        return None
+    values = plain(tree)
+    kind = values.pop("kind")
+    clock = Clock(**{each.name: values.pop(each.name) for each in fields(Clock)})
+    count = len(library.problems)
+    _check_later(place.child("amount"), [time for time, _ in clock.amount])
+    for index, (_, amount) in enumerate(clock.amount):
+        if not 0.0 <= amount <= 2.0:
+            at = place.child("amount").item(index).item(1)
+            at.fail(f"{amount:g} is out of range, allowed 0 to 2")
+    if kind == "act":
+        at = Place(tree["parts"].source, place.child("parts").key, library.problems)
+        values["parts"] = _parts(values["parts"], at, library, groom, depth)
+    elif kind == "fold":
+        _check_later(place.child("folds"), [key["time"] for key in values["folds"]], "time")
+    elif kind == "keys":
+        _check_keyframes(values["keyframes"], groom, place.child("keyframes"))
+    return None if len(library.problems) > count else Motion(kind, values, clock)
+
+
+def _parts(
+    parts: tuple[dict[str, Any], ...],
+    place: Place,
+    library: Library,
+    groom: Groom | None,
+    depth: int,
+) -> tuple[Motion | None, ...]:
+    if depth == _DEEPEST:
+        place.fail(f"acts stand in acts more than {_DEEPEST} deep; is one a part of itself?")
+        return ()
+    return tuple(
+        read_motion(part, part, place.item(index), library, groom, depth + 1)
+        for index, part in enumerate(parts)
+    )
+
+
+def _check_later(place: Place, times: list[float], name: str = "") -> None:
+    """Each time is after the one before it."""
+    for index, (before, after) in enumerate(pairwise(times), 1):
+        if not after > before:
+            at = place.item(index)
+            at = at.child(name) if name else at.item(0)
+            at.fail(f"{after:g} s is not after {before:g} s, the one before")
+
+
+def _check_keyframes(
+    keyframes: tuple[dict[str, Any], ...], groom: Groom | None, place: Place
+) -> None:
+    """Joints exist, times of one joint differ, quaternions are not zero."""
+    joints = {joint.name for joint in groom.joints} if groom is not None else set()
+    taken: set[tuple[str, str, float]] = set()
+    for index, frame in enumerate(keyframes):
+        at = place.item(index)
+        joint, time = frame["joint"], frame["time"]
+        if groom is not None and joint and joint not in joints:
+            at.child("joint").unknown(f"no joint '{joint}' in the groom", joint, joints)
+        for what in ("position", "rotation"):
+            if frame[what] is not None and (joint, what, time) in taken:
+                at.child("time").fail(f"{time:g} s has a {what} of this joint already")
+            if frame[what] is not None:
+                taken.add((joint, what, time))
+        rotation = frame["rotation"]
+        if rotation is None and frame["position"] is None:
+            at.fail("holds neither position nor rotation")
+        if rotation is not None and len(rotation) == 4 and np.linalg.norm(rotation) < 1e-9:
+            at.child("rotation").fail("the quaternion is zero")
