@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,19 @@ from featherfx.solver.solver import StepReport
 
 # feathers that a report names one by one
 _MOST_NAMED = 10
+
+
+class Advanced(NamedTuple):
+    """What a sample took of batches that are stepped together.
+
+    reports: of the batches, none where nothing was solved. resting, coasting: feathers that nothing
+    stirs, where they are and with their roots. repeated: those that were replayed.
+    """
+
+    reports: Sequence[StepReport]
+    resting: int = 0
+    coasting: int = 0
+    repeated: int = 0
 
 
 @dataclass
@@ -40,6 +53,12 @@ class Counts:
             error, (_, worst, _) = float(report.error[f]), self.forced.get(names[f], (0, -1.0, 0))
             if error > worst:
                 self.forced[names[f]] = frame, error, int(report.forced[f])
+
+    def skip(self, done: Advanced) -> None:
+        """Count what was not solved of a sample."""
+        self.slept += done.resting
+        self.coasted += done.coasting
+        self.repeated += done.repeated
 
     def frame(self, rigid: int, guided: int) -> None:
         """Count a frame that is handed out."""

@@ -15,6 +15,7 @@ from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.model import Loads
 from featherfx.phases import counted
+from featherfx.shot.alone import Alone
 from featherfx.shot.checkpoint import Checkpoint
 from featherfx.shot.counts import Counts
 from featherfx.shot.detail.carried import Carried, FeatherPose
@@ -24,7 +25,6 @@ from featherfx.shot.detail.estimate import Estimate
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.levels import level_plan
 from featherfx.shot.detail.promise import common_tolerance
-from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
 from featherfx.shot.direction.targets import Reached
 from featherfx.shot.direction.through import FollowThrough
 from featherfx.shot.energy import Energy, energy_of
@@ -36,12 +36,12 @@ from featherfx.shot.layers.layers import Layers
 from featherfx.shot.layers.types import Laid
 from featherfx.shot.loads.wet import clumping
 from featherfx.shot.motion.cuts import cut_roots
-from featherfx.shot.motion.motion import root_motion, root_path
+from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.preroll import RunUp, moves_before
-from featherfx.shot.motion.roots import RootFrames, root_rates
+from featherfx.shot.motion.roots import RootFrames, Roots, root_rates
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.reshaped import reshaped
-from featherfx.shot.settled import moving_with_roots, settled
+from featherfx.shot.settled import moving_with_roots
 from featherfx.shot.together import (
     Together,
     contact_memory,
@@ -50,7 +50,6 @@ from featherfx.shot.together import (
     restore_contact,
 )
 from featherfx.shot.types import Grip, Shot, Wind
-from featherfx.solver.solver import RootPath, raise_if_failed
 
 # of a frame, step in which a feather that has left its root begins to fall: the first one is of
 # first order
@@ -82,16 +81,10 @@ class Simulation:
         start: Checkpoint | None = None,
         wanted: Sequence[int] | None = None,
     ) -> None:
-        self.shot, self._subframes, self._counts = shot, subframes, Counts()
-        motion = root_motion(shot)
-        preroll = shot.preroll / shot.frames_per_second
-        self._first = 0
-        if moves_before(motion, preroll, common_tolerance(shot)):
-            motion, self._first = RunUp(motion, preroll), -shot.preroll * subframes
-            colliders = tuple(replace(each, run_up=preroll) for each in shot.colliders)
-            self.shot = shot = replace(shot, colliders=colliders, run_up=preroll)
-        self._motion = motion = cut_roots(shot, motion)
-        drawn = drawn_feathers(shot)
+        self._subframes, self._counts = subframes, Counts()
+        self.shot, motion, self._first = _from_preroll(shot, subframes)
+        self._motion = motion = cut_roots(self.shot, motion)
+        shot, drawn = self.shot, drawn_feathers(shot)
         chosen = range(len(drawn)) if wanted is None else wanted
         self._wanted: Indices = np.array(chosen, dtype=np.int64)
         self.feathers: tuple[Feather, ...] = tuple(drawn[f] for f in self._wanted)
@@ -100,25 +93,14 @@ class Simulation:
         computed = self._layers.needed if self._layers else self._wanted
         plan = level_plan(shot, drawn, motion)
         carried = Carried(shot, drawn, plan.of("guided"), plan.leading, computed)
-        solved, islands = np.union1d(computed, carried.guides), np.zeros(len(drawn), dtype=np.int64)
-        if shot.contact is not None:
-            islands = pushing_islands(shot, drawn, root_motion(shot))
-            pushed = np.isin(islands, islands[solved]) & (islands != ALONE)
-            solved = np.union1d(solved, np.flatnonzero(pushed))
+        solved, islands = _solved(shot, drawn, np.union1d(computed, carried.guides))
         plan = plan.part(solved)
         self.resolutions: list[Resolution] = [plan.resolutions[f][0] for f in self._wanted]
         self._groups = make_groups(
             shot, drawn, plan.resolutions, motion, jobs, islands, self._time(self._first)
         )
         if shot.cycle:
-            for group in self._groups:
-                period, count = shot.cycle * subframes, len(group.members)
-                # what slips, dries, is directed, leaves, or touches others at changing levels does
-                # not repeat
-                lasting = not group.changes and group.free is None
-                lasting &= shot.contact is None or group.island == ALONE or not plan.changes
-                if not group.solver.model.hooked and lasting:
-                    group.cycle = Cycle(period, group.solver.settings.tolerance, count)
+            _give_cycles(shot, self._groups, plan.changes, subframes)
         self._levels = LevelRun(
             shot, plan, drawn, self._groups, motion, carried, computed, subframes
         )
@@ -186,25 +168,31 @@ class Simulation:
             self._begin()
         else:
             for island in self._islands:
-                self._advance_together(island, index)
-            for group in self._alone:
-                self._advance(group, index)
+                self._advance(island, index)
+            for alone in self._alone:
+                self._advance(alone, index)
         if index == 0:
             for group in self._groups:
                 group.start = group.state.points.nodes.copy()
         if index >= 0:
-            self._estimate.note()
-            self._levels.finish(index)
-            for group in self._groups:
-                nodes, number = group.state.points.nodes, self._number(index)
-                self._reached.note(group.pulls, nodes, self._time(index), number)
-        if index >= 0 and self._layers is not None:
-            duration = self._time(1) if index else 0.0
-            number = sample_number(self.shot.first_frame, index, self._subframes)
-            poses, time = self._shown(index), self._time(index)
-            self._laid = self._layers.lay(poses, number, time, duration)
+            self._note(index)
+            self._lay(index)
         self._hooks.note(self._number(index))
         self._index = index
+
+    def _note(self, index: int) -> None:
+        """Note how far feathers are bent, and off their targets; changes of level go on."""
+        self._estimate.note()
+        self._levels.finish(index)
+        for group in self._groups:
+            nodes, number = group.state.points.nodes, self._number(index)
+            self._reached.note(group.pulls, nodes, self._time(index), number)
+
+    def _lay(self, index: int) -> None:
+        """Lay feathers over those beneath them."""
+        if self._layers is not None:
+            duration, number = self._time(1) if index else 0.0, self._number(index)
+            self._laid = self._layers.lay(self._shown(index), number, self._time(index), duration)
 
     def _say_cuts(self, index: int) -> None:
         """Say what is somewhere else right after the sample with this index."""
@@ -250,11 +238,8 @@ class Simulation:
     def _settle(self) -> None:
         for island in self._islands:
             island.settle([self._loads(group, self._first) for group in island.groups])
-        loads = [self._loads(group, self._first) for group in self._alone]
-        groups = zip(self._alone, loads, strict=True)
-        for group, acting in counted("settling", groups, len(loads)):
-            chosen = np.flatnonzero(self._levels.active(group)).tolist()
-            group.state = settled(group.solver, group.state, acting, group.names, chosen)
+        for alone in counted("settling", self._alone, len(self._alone)):
+            alone.settle([self._loads(group, self._first) for group in alone.groups])
 
     def checkpoint(self) -> Checkpoint:
         """The simulation after the frame that was yielded last."""
@@ -358,57 +343,15 @@ class Simulation:
         start, end = self._time(max(index - 1, self._first)), self._time(index)
         return loads_within(self.shot, group, self._motion, start, end, index > 0)
 
-    def _advance(self, group: Group, index: int) -> None:
-        """Bring a group to the sample with this index."""
-        loads, duration = self._loads(group, index), self._time(1)
-        path = root_path(self._motion, group.members, self._time(index - 1), self._time(index))
-        path, active = self._levels.held(group, path), self._levels.active(group)
-        sleeping = self._sleeping(group, path, loads, duration)
-        repeating = np.zeros_like(active)
-        if group.cycle is not None and index > 0:
-            repeating = group.cycle.repeating(path, loads) & active & ~sleeping
-        awake = np.flatnonzero(active & ~sleeping & ~repeating).tolist()
-        group.state, report = group.solver.step(group.state, loads, path, duration, awake)
-        if sleeping.any():
-            group.state = asleep(group.state, sleeping, path, duration)
-        if group.cycle is not None and index > 0:
-            if repeating.any():
-                group.state = group.cycle.replayed(group.state, repeating, path, duration)
-            group.cycle.keep(group.state, path, loads, active & ~self._levels.fresh(group))
-            self._counts.repeated += int(repeating.sum())
-        group.loads = loads
-        self._counts.add(report, group.names, self._number(index))
-        self._estimate.stepped(group, report)
-        raise_if_failed(report.status, group.state.time, group.names)
-
-    def _advance_together(self, island: Together, index: int) -> None:
-        """Bring feathers that may touch each other to the sample with this index."""
-        loads = [self._loads(group, index) for group in island.groups]
-        times = self._time(index - 1), self._time(index)
-        stirred = [self._stirred(each) | self._levels.fresh(each) for each in island.groups]
-        done = island.advance(*times, loads, stirred, index > 0)
-        self._counts.slept += done.resting
-        self._counts.repeated += done.repeated
-        for group, report in zip(island.groups, done.reports, strict=False):
+    def _advance(self, some: Together | Alone, index: int) -> None:
+        """Bring batches that are stepped together to the sample with this index."""
+        loads = [self._loads(group, index) for group in some.groups]
+        stirred = [self._stirred(each) | self._levels.fresh(each) for each in some.groups]
+        done = some.advance(self._time(index - 1), self._time(index), loads, stirred, index > 0)
+        self._counts.skip(done)
+        for group, report in zip(some.groups, done.reports, strict=False):
             self._counts.add(report, group.names, self._number(index))
             self._estimate.stepped(group, report)
-
-    def _sleeping(
-        self, group: Group, path: RootPath, loads: Loads, duration: float
-    ) -> NDArray[np.bool_]:
-        """(F,) feathers of a group that sleep or coast through a frame; the others are stepped."""
-        if not self.shot.sleep or group.flying:
-            return np.zeros(len(group.members), dtype=np.bool_)
-        tolerance = group.solver.settings.tolerance
-        coast = tolerance if self.shot.coast else None
-        sleeping = undisturbed(group.state, path, loads, group.loads, coast)
-        sleeping &= at_rest(group.state, path, tolerance, duration)
-        sleeping &= self._levels.active(group) & ~self._levels.fresh(group)
-        sleeping &= ~self._stirred(group)
-        moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
-        self._counts.slept += int((sleeping & ~moving).sum())
-        self._counts.coasted += int((sleeping & moving).sum())
-        return sleeping
 
     def _stirred(self, group: Group) -> NDArray[np.bool_]:
         """(F,) feathers of a group that are other ones than at the last sample."""
@@ -439,6 +382,37 @@ def drawn_feathers(shot: Shot) -> tuple[Feather, ...]:
     """All feathers of a shot on the grid of its quality. Raises InputError."""
     rows, columns = shot.quality.rows, shot.quality.columns
     return tuple(feathers_of(shot.groom.feathers, rows, columns))
+
+
+def _from_preroll(shot: Shot, subframes: int) -> tuple[Shot, Roots, int]:
+    """A shot, what moves its roots, and the number of its first sample: below 0 where the motion
+    does not begin at rest."""
+    motion, preroll = root_motion(shot), shot.preroll / shot.frames_per_second
+    if not moves_before(motion, preroll, common_tolerance(shot)):
+        return shot, motion, 0
+    colliders = tuple(replace(each, run_up=preroll) for each in shot.colliders)
+    begun = replace(shot, colliders=colliders, run_up=preroll)
+    return begun, RunUp(motion, preroll), -shot.preroll * subframes
+
+
+def _solved(shot: Shot, drawn: Sequence[Feather], asked: Indices) -> tuple[Indices, Indices]:
+    """Numbers of the feathers that are solved: those asked for and what may push them; and the
+    island of each feather of the shot."""
+    if shot.contact is None:
+        return asked, np.zeros(len(drawn), dtype=np.int64)
+    islands = pushing_islands(shot, drawn, root_motion(shot))
+    pushed = np.isin(islands, islands[asked]) & (islands != ALONE)
+    return np.union1d(asked, np.flatnonzero(pushed)), islands
+
+
+def _give_cycles(shot: Shot, groups: Sequence[Group], changing: bool, subframes: int) -> None:
+    """Cycles for batches that may repeat: what slips, dries, is directed, leaves, or touches others
+    at changing levels does not."""
+    for group in groups:
+        lasting = not group.changes and group.free is None and not group.solver.model.hooked
+        if lasting and (shot.contact is None or group.island == ALONE or not changing):
+            tolerance, count = group.solver.settings.tolerance, len(group.members)
+            group.cycle = Cycle(shot.cycle * subframes, tolerance, count)
 
 
 def simulate(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.mechanics.model import Loads
+from featherfx.shot.alone import Alone
 from featherfx.shot.contact.contact import MOST_NAMED, ShotContact
+from featherfx.shot.counts import Advanced
 from featherfx.shot.detail.cycle import SLACK, repeats_together
 from featherfx.shot.detail.level_run import LevelRun
 from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
@@ -19,16 +21,7 @@ from featherfx.shot.islands import ALONE
 from featherfx.shot.motion.motion import root_path
 from featherfx.shot.motion.roots import Roots
 from featherfx.shot.types import Shot
-from featherfx.solver.solver import RootPath, StepReport
-
-
-class Advanced(NamedTuple):
-    """What a sample took. reports: of the batches, none where nothing was solved. resting: feathers
-    that nothing stirs. repeated: those that were replayed."""
-
-    reports: list[StepReport]
-    resting: int = 0
-    repeated: int = 0
+from featherfx.solver.solver import RootPath
 
 
 class Together:
@@ -190,15 +183,16 @@ class Together:
 
 def islands_together(
     shot: Shot, groups: Sequence[Group], motion: Roots, levels: LevelRun
-) -> tuple[list[Together], list[Group]]:
+) -> tuple[list[Together], list[Alone]]:
     """The islands of a shot, of their batches, and batches of feathers that push nothing."""
     if shot.contact is None:
-        return [], list(groups)
+        return [], [Alone(shot, group, motion, levels) for group in groups]
     own: dict[int, list[Group]] = {}
     for group in groups:
         own.setdefault(group.island, []).append(group)
     alone = own.pop(ALONE, [])
-    return [Together(shot, some, motion, levels) for some in own.values()], alone
+    islands = [Together(shot, some, motion, levels) for some in own.values()]
+    return islands, [Alone(shot, group, motion, levels) for group in alone]
 
 
 def contact_memory(islands: Sequence[Together]) -> dict[str, NDArray[Any]]:

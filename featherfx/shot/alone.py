@@ -1,0 +1,83 @@
+"""A batch of feathers that push nothing, in the frame loop: each is stepped by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.mechanics.model import Loads
+from featherfx.shot.counts import Advanced
+from featherfx.shot.detail.level_run import LevelRun
+from featherfx.shot.detail.sleep import asleep, at_rest, undisturbed
+from featherfx.shot.groups import Group
+from featherfx.shot.motion.motion import root_path
+from featherfx.shot.motion.roots import Roots
+from featherfx.shot.settled import settled
+from featherfx.shot.types import Shot
+from featherfx.solver.solver import RootPath, raise_if_failed
+
+Flags = NDArray[np.bool_]
+
+
+class Alone:
+    """One batch, whose state it brings on. levels: of detail; what is computed at another one is
+    left as it is."""
+
+    def __init__(self, shot: Shot, group: Group, motion: Roots, levels: LevelRun) -> None:
+        self._shot, self._group, self._motion, self._levels = shot, group, motion, levels
+
+    @property
+    def groups(self) -> Sequence[Group]:
+        """The batch."""
+        return (self._group,)
+
+    def settle(self, loads: Sequence[Loads]) -> None:
+        """Bring the feathers to rest. loads: on the batch."""
+        group, (acting,) = self._group, loads
+        chosen = np.flatnonzero(self._levels.active(group)).tolist()
+        group.state = settled(group.solver, group.state, acting, group.names, chosen)
+
+    def advance(
+        self,
+        start: float,
+        end: float,
+        loads: Sequence[Loads],
+        stirred: Sequence[Flags],
+        begun: bool,
+    ) -> Advanced:
+        """Bring the feathers from start to end (s); arguments as of Together.advance.
+
+        Raises SimulationError.
+        """
+        group, (acting,), duration = self._group, loads, end - start
+        active, cycle = self._levels.active(group), group.cycle if begun else None
+        path = self._levels.held(group, root_path(self._motion, group.members, start, end))
+        moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0
+        sleeping = self._sleeping(path, acting, duration) & active & ~stirred[0]
+        repeating = np.zeros_like(active)
+        if cycle is not None:
+            repeating = cycle.repeating(path, acting) & active & ~sleeping
+        awake = np.flatnonzero(active & ~sleeping & ~repeating).tolist()
+        group.state, report = group.solver.step(group.state, acting, path, duration, awake)
+        if sleeping.any():
+            group.state = asleep(group.state, sleeping, path, duration)
+        if cycle is not None:
+            if repeating.any():
+                group.state = cycle.replayed(group.state, repeating, path, duration)
+            cycle.keep(group.state, path, acting, active & ~self._levels.fresh(group))
+        group.loads = acting
+        raise_if_failed(report.status, group.state.time, group.names)
+        resting, coasting = int((sleeping & ~moving).sum()), int((sleeping & moving).sum())
+        return Advanced([report], resting, coasting, int(repeating.sum()))
+
+    def _sleeping(self, path: RootPath, loads: Loads, duration: float) -> Flags:
+        """(F,) feathers that sleep or coast through a frame."""
+        group = self._group
+        if not self._shot.sleep or group.flying:
+            return np.zeros(len(group.members), dtype=np.bool_)
+        tolerance = group.solver.settings.tolerance
+        coast = tolerance if self._shot.coast else None
+        quiet = undisturbed(group.state, path, loads, group.loads, coast)
+        return np.asarray(quiet & at_rest(group.state, path, tolerance, duration))
