@@ -17,6 +17,7 @@ from featherfx.cli.program import Command
     epilog="""
     featherfx export wing.usda -o wing_flat.usdc
     featherfx export wing.usdc -o wing_condensed.usdc --condensed
+    featherfx export bird.usda -o bird_rigid.usdc --rigid 0.1
     featherfx export wing.usdc -o wing.abc
     featherfx export wing.usdc -o look.glb --frames 1-24
     featherfx export wing.usdc -o web.glb --morph
@@ -34,6 +35,12 @@ from featherfx.cli.program import Command
 @click.option("--morph", is_flag=True, help="glTF: one animated .glb, a morph target a frame.")
 @click.option("--condensed", is_flag=True, help="USD: Houdini's condensed feathers.")
 @click.option(
+    "--rigid",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="MM",
+    help="USD: feathers that move rigidly within so many millimetres become transforms.",
+)
+@click.option(
     "--frames", type=FrameRange(), help="Alembic, meshes: first and last frame.  [default: all]"
 )
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
@@ -42,6 +49,7 @@ def export(
     output: Path,
     morph: bool,
     condensed: bool,
+    rigid: float | None,
     frames: tuple[int, int] | None,
     overwrite: bool,
 ) -> None:
@@ -49,10 +57,16 @@ def export(
     usd = output.suffix in (".usd", ".usda", ".usdc")
     if condensed and not usd:
         raise click.UsageError("--condensed goes with a USD file")
+    if rigid is not None and (condensed or not usd):
+        raise click.UsageError("--rigid goes with a USD file, without --condensed")
     if frames and usd:
         raise click.UsageError("--frames goes with Alembic and mesh files")
     if morph and output.suffix != ".glb":
         raise click.UsageError("--morph goes with a .glb file")
+    if rigid is not None:
+        count = pipeline.export_rigid(cache, output, rigid, overwrite)
+        click.echo(f"{count} feather{'s' * (count != 1)} move rigidly", err=True)
+        return
     files = pipeline.export(
         cache, output, condensed=condensed, morph=morph, frames=frames, overwrite=overwrite
     )

@@ -95,6 +95,12 @@ def vec3f(values: ArrayLike) -> Any:
     return array.value
 
 
+def vec3h(values: Floats) -> Any:
+    """(N, 3) to Vt.Vec3hArray; what half precision cannot hold is its greatest number."""
+    most = np.finfo(np.float16).max
+    return Vt.Vec3hArray.FromNumpy(np.clip(values, -most, most).astype(np.float16))
+
+
 def vec2d(values: ArrayLike) -> Any:
     """(N, 2) to Vt.Vec2dArray."""
     return Vt.Vec2dArray.FromNumpy(np.ascontiguousarray(values, dtype=np.float64))

@@ -37,6 +37,8 @@ SHAPE, SHAPE_SIZE = "featherShape", "shapeSize"
 # rate, and what has a value for each face. All else has one for each point.
 MESH, RACHIS, BARB = "mesh", "rachis", "barbs"
 RATES = ("velocities", ACCELERATIONS)
+# velocities in half precision, which USD's own attribute has no place for
+HALF_VELOCITIES = "primvars:halfVelocities"
 PER_FACE = (BARB_DIRECTION, *HOOKS, *(name for names in DIAGNOSTICS.values() for name in names))
 # tables of prims that feathers share: first and number of each feather's points, faces, curves
 RANGES = "featherRange"

@@ -15,6 +15,7 @@ from featherfx.groom.keys import preset as preset_keys
 from featherfx.groom.keys import regions as region_keys
 from featherfx.groom.keys.anatomy import CovertRow, CrestOfBird, FlightRow, PartOfBody, TailOfBird
 from featherfx.groom.keys.values import REQUIRED, Key, keys_of
+from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.types import BarbGuide, Hooked, RachisShape, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
 
@@ -99,6 +100,9 @@ _FAMILIES = (
     ("### guides of a vane", keys_of(BarbGuide)),
     ("### [hooked] of a vane", keys_of(Hooked)),
     ("### [splits] of a vane", keys_of(Splits)),
+    ("### [colour] of a feather preset", keys_of(Colour)),
+    ("### patterns of a colour", keys_of(Pattern)),
+    ("### [barbs] of a feather preset", keys_of(BarbLook)),
     *(
         (f"### {family} preset", preset_keys.FAMILIES[family].keys)
         for family in ("material/vane", "material/rachis", "quality", "wind")

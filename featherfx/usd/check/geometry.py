@@ -27,7 +27,7 @@ from featherfx.usd.read.values import (
     times_of,
     value_of,
 )
-from featherfx.usd.types import DIAGNOSTICS, HOOKED, HOOKS, RANGES
+from featherfx.usd.types import DIAGNOSTICS, HALF_VELOCITIES, HOOKED, HOOKS, RANGES, RATES
 
 Found = Iterator[tuple[str, str]]
 
@@ -46,9 +46,10 @@ _CONSTANT_ATTRIBUTES = (
 _DIAGNOSED = [*HOOKS, *(name for names in DIAGNOSTICS.values() for name in names)]
 _NOTHING = np.asarray(None)
 _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
-_SAMPLED_WITH_POINTS = ("velocities", "accelerations", "normals", "extent", *_PER_FACE)
+_RATES = (*RATES, HALF_VELOCITIES)
+_SAMPLED_WITH_POINTS = (*_RATES, "normals", "extent", *_PER_FACE)
 _KINDS = {
-    **dict.fromkeys(("points", "velocities", "accelerations", "normals", "extent"), VECTORS),
+    **dict.fromkeys(("points", *_RATES, "normals", "extent"), VECTORS),
     **dict.fromkeys(("faceVertexCounts", "faceVertexIndices", "curveVertexCounts"), INTEGERS),
     **dict.fromkeys(("widths", *_DIAGNOSED), NUMBERS),
     "primvars:barbDirection": VECTORS,
@@ -127,7 +128,7 @@ class GeometryCheck:
         yield from self._over_time("points", self._wrong_count, self._may_not_count)
         for name in ("points", *_SAMPLED_WITH_POINTS):
             yield from self._over_time(name, _not_finite, _may_not_be_finite)
-        for name in ("velocities", "accelerations"):
+        for name in _RATES:
             yield from self._over_time(name, self._not_per_point, self._may_not_be_per_point)
         yield from self._normals_and_widths()
         yield from self._primvars()
@@ -156,6 +157,11 @@ class GeometryCheck:
         if name not in self._codes_of:
             self._codes_of[name] = times_of(self._attribute(name))
         return self._codes_of[name]
+
+    def _moves_rigidly(self) -> bool:
+        return any(
+            op.MightBeTimeVarying() for op in UsdGeom.Xformable(self._prim).GetOrderedXformOps()
+        )
 
     def _default(self, name: str) -> Any:
         """The default value of an attribute, read once."""
@@ -278,6 +284,8 @@ class GeometryCheck:
                     yield name, "missing"
             elif name == HOOKED and not self._times(name):
                 pass  # hooks that all hold, in part at rest, never change
+            elif name in _PER_FACE and not self._codes and self._moves_rigidly():
+                pass  # what is told of each face goes on where points stand still in their space
             elif self._times(name) != self._codes:
                 yield (
                     name,

@@ -28,6 +28,7 @@ from featherfx.usd.read.values import (
     reading,
     times_of,
 )
+from featherfx.usd.types import HALF_VELOCITIES
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.prims import SUBSETS
 
@@ -190,6 +191,8 @@ class Cache:
         if direction is not None:
             direction = _unit(direction @ matrix[:3, :3])
         normals, velocities = of_points("normals"), of_points("velocities")
+        if velocities is None:
+            velocities = of_points(HALF_VELOCITIES)
         # Normals turn with the inverse transpose; row vectors here.
         turned = None if normals is None else _unit(normals @ np.linalg.inv(matrix[:3, :3]).T)
         return CachedPose(

@@ -24,16 +24,18 @@ _PARTS = {CURVES: (RACHIS, BARB), CONDENSED: (RACHIS,)}
 @dataclass(frozen=True)
 class Form:
     """parts: the prims of each feather. condensed: whether shafts carry barbs. rates: whether
-    velocities and accelerations are written."""
+    velocities and accelerations are written; half: velocities in half precision."""
 
     parts: tuple[str, ...] = (MESH, RACHIS, BARB)
     condensed: bool = False
     rates: bool = True
+    half: bool = False
 
     @staticmethod
     def of(options: WriteOptions) -> Form:
         parts = _PARTS.get(options.form, Form.parts)
-        return Form(parts, options.form in (CONDENSED, BOTH), options.velocities != "none")
+        rates = options.velocities != "none"
+        return Form(parts, options.form in (CONDENSED, BOTH), rates, options.velocities == "half")
 
     def writes(self, key: tuple[str, str]) -> bool:
         """Whether an attribute of a part of feathers is written."""

@@ -89,7 +89,10 @@ class WriteOptions(StageOptions):
         flag="--as",
     )
     velocities: str = option(
-        "full", "Velocities, and accelerations, at every sample, or none.", allowed=("full", "none")
+        "full",
+        "Velocities, and accelerations, at every sample; the first in half precision as the primvar"
+        " halfVelocities, which most renderers pass over; or none.",
+        allowed=("full", "half", "none"),
     )
     accelerations: bool = option(False, "Write accelerations beside velocities.")
     diagnostics: Sequence[str] = option(
@@ -104,7 +107,7 @@ class WriteOptions(StageOptions):
     @property
     def can_be_taken_over(self) -> bool:
         """Whether what is written has all that another bake takes a feather's samples over by."""
-        return self.form == MESH and self.velocities != "none"
+        return self.form == MESH and self.velocities == "full"
 
 
 def check_ranges(options: StageOptions, source: str) -> None:

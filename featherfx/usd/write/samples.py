@@ -10,7 +10,16 @@ from typing import Any
 
 from pxr import Sdf
 
-from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, ORIENT, P_BARB, PER_FACE, RATES
+from featherfx.usd.arrays import vec3h
+from featherfx.usd.types import (
+    ACCELERATIONS,
+    BARB_DIRECTION,
+    HALF_VELOCITIES,
+    ORIENT,
+    P_BARB,
+    PER_FACE,
+    RATES,
+)
 from featherfx.usd.write.forms import Form
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.posed_groups import PosedGroup, WrittenPose
@@ -24,11 +33,12 @@ _TYPES = {
     "velocities": Sdf.ValueTypeNames.Vector3fArray,
     BARB_DIRECTION: Sdf.ValueTypeNames.Vector3fArray,
     ACCELERATIONS: Sdf.ValueTypeNames.Vector3fArray,
+    HALF_VELOCITIES: Sdf.ValueTypeNames.Vector3hArray,
     ORIENT: Sdf.ValueTypeNames.QuathArray,
     **dict.fromkeys(P_BARB, Sdf.ValueTypeNames.Point3fArray),
 }
 _TYPES |= {name: Sdf.ValueTypeNames.FloatArray for name in PER_FACE if name != BARB_DIRECTION}
-_INTERPOLATION = dict.fromkeys(("normals", ORIENT, *P_BARB), "vertex")
+_INTERPOLATION = dict.fromkeys(("normals", ORIENT, HALF_VELOCITIES, *P_BARB), "vertex")
 _INTERPOLATION |= dict.fromkeys(PER_FACE, "uniform")
 
 
@@ -49,7 +59,9 @@ class AnimatedPrims:
         self.groups, self.prims, self.form = groups, prims, form
         self.paths: list[dict[Key, Any]] = [
             {
-                (part, name): own[part].AppendProperty(name)
+                (part, name): own[part].AppendProperty(
+                    HALF_VELOCITIES if name == "velocities" and form.half else name
+                )
                 for part, name in group.keys
                 if part in own and form.writes((part, name))
             }
@@ -69,7 +81,8 @@ class AnimatedPrims:
 
     def create(self, layer: Any, index: int, key: Key) -> Any:
         """The attribute in a layer, as an over where the layer does not define the prim."""
-        path, name = self.paths[index][key], key[1]
+        path = self.paths[index][key]
+        name = path.name
         attribute = layer.GetAttributeAtPath(path)
         if attribute:
             return attribute
@@ -94,5 +107,7 @@ class AnimatedPrims:
         paths, store = self.paths[index], layer.SetTimeSample
         for key, path in paths.items():
             array = pose.values[key].value
+            if path.name == HALF_VELOCITIES:
+                array = vec3h(pose.values[key].numbers)
             for code in codes:
                 store(path, code, array)
