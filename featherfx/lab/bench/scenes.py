@@ -17,7 +17,7 @@ def _feather(name: str, kind: str, y: int, direction: str, rest: str = "up = [0,
     return f"{head}direction = {direction}\n{rest}\n"
 
 
-def _wing(last: float, spread: float, count: int = 3) -> str:
+def _wing(last: float, spread: float, count: int, scale: str) -> str:
     """A left wing, on which a row of primaries spreads from the wrist to a place y = last (m)."""
     joints, parent = "", ""
     for name, y in (("body", 0.0), ("shoulder", 0.05), ("elbow", 0.2), ("wrist", 0.4)):
@@ -29,7 +29,7 @@ kind = "swan_primary"
 count = {count}
 first = {{ position = [0, 0.42, 0], direction = [-1, 0.2, 0], up = [0, 0, 1] }}
 last = {{ position = [0, {last}, -0.003], direction = [-1, {spread}, 0], up = [0, 0, 1] }}
-scale = [0.5, 0.8]
+scale = {scale}
 joint = "wrist"
 """
 
@@ -54,7 +54,7 @@ SCENES = {
         "motion = { base = 'shake', amplitude = 0.05, direction = [0, 0, 1] }\n" + _VACUUM,
     ),
     "flap": (
-        _wing(0.6, 0.6),
+        _wing(0.6, 0.6, 3, "[0.5, 1.0]"),
         "motion = { base = 'flap', period = 0.5 }\n" + _STILL,
     ),
     "gust": (
@@ -75,7 +75,7 @@ SCENES = {
         ),
     ),
     "contact": (
-        _wing(0.46, 0.3, 2),
+        _wing(0.46, 0.3, 2, "[0.5, 0.8]"),
         "motion = { base = 'flap', period = 0.5 }\n" + _STILL + "[contact]\n",
     ),
     "soft plume": (_PLUMES, "[wind]\nbase = 'breeze'\ndirection = [1, 0.2, 0]\ngust = 0.4\n"),

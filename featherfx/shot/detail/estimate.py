@@ -60,13 +60,12 @@ class Estimate:
         for k, group in self._groups.items():
             shaft, barb, step = self._worst[k].T
             n, m, c = group.resolution.rows, group.resolution.columns, group.resolution.coefficients
-            parts = (
-                known.rows.estimated(n, shaft),
-                known.columns.estimated(m, barb),
-                known.coefficients.estimated(max(c, 1), barb),
-                known.of_steps(step),
+            space = (
+                known.rows.estimated(n, shaft)
+                + known.columns.estimated(m, barb)
+                + known.coefficients.estimated(max(c, 1), barb)
             )
-            found.append(np.sqrt(sum(part**2 for part in parts)))
+            found.append(np.hypot(space, known.of_steps(step)))
         return found
 
 
