@@ -16,6 +16,7 @@ unknowns; links cost time, not conditioning.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,12 +59,13 @@ def link_lengths(ribbon: Ribbon, links: int) -> Array:
     return np.repeat(np.diff(ribbon.stations) / links, links)
 
 
-def _about(axis: int, angle: float) -> Array:
+def _about(axis: int, angle: Array) -> Array:
+    """(N, 3, 3) rotations about an axis."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
-    rotation = np.eye(3)
-    cosine, sine = np.cos(angle), np.sin(angle)
-    rotation[first, first] = rotation[second, second] = cosine
-    rotation[second, first], rotation[first, second] = sine, -sine
+    rotation = np.tile(np.eye(3), (len(angle), 1, 1))
+    rotation[:, first, first] = rotation[:, second, second] = np.cos(angle)
+    rotation[:, second, first] = sine = np.sin(angle)
+    rotation[:, first, second] = -sine
     return rotation
 
 
@@ -75,24 +77,15 @@ def centreline(ribbon: Ribbon, unknowns: Array, frame: Array, links: int = LINKS
     size = ribbon.elements + 1
     weights = interpolation(ribbon, links)
     curvature, ruling = weights @ unknowns[:size], weights @ unknowns[size:]
-    count = len(curvature)
     steps = link_lengths(ribbon, links)
-    points, frames = np.zeros((count + 1, 3)), np.empty((count + 1, 3, 3))
-    joints, axes = np.empty((count, 3)), np.empty((count, 3, 3))
-    local, place = np.array(frame, dtype=float), np.zeros(3)
-    frames[0] = local
-    for k in range(count):
-        step = steps[k]
-        half = _about(2, 0.5 * step * curvature[k] * ruling[k])
-        joints[k] = place + 0.5 * step * local[:, 2]
-        axes[k, 0] = local[:, 2]
-        local = local @ half
-        axes[k, 1] = local[:, 0]
-        local = local @ _about(0, step * curvature[k]) @ half
-        axes[k, 2] = local[:, 2]
-        place = joints[k] + 0.5 * step * local[:, 2]
-        points[k + 1], frames[k + 1] = place, local
-    return Curve(points, frames, joints, axes)
+    half = _about(2, 0.5 * steps * curvature * ruling)
+    turns = half @ _about(0, steps * curvature) @ half
+    frames = np.array(list(accumulate(turns, np.matmul, initial=np.asarray(frame, dtype=float))))
+    bends = (frames[:-1] @ half)[:, :, 0]
+    axes = np.stack([frames[:-1, :, 2], bends, frames[1:, :, 2]], axis=1)
+    before, after = 0.5 * steps[:, None] * axes[:, 0], 0.5 * steps[:, None] * axes[:, 2]
+    points = np.concatenate([np.zeros((1, 3)), np.cumsum(before + after, axis=0)])
+    return Curve(points, frames, points[:-1] + before, axes)
 
 
 def link_masses(ribbon: Ribbon, links: int = LINKS) -> Array:
@@ -112,13 +105,14 @@ def work_of_loads(
 ) -> tuple[float, Array, Array]:
     """Energy (J) of dead forces (N + 1, 3) N at the curve's points, gradient, Hessian."""
     curve = centreline(ribbon, unknowns, frame, links)
-    slope, hessian = slopes_of_loads(curve, curve.points, force)
     energy = -float(np.sum(force * curve.points))
-    return energy, *to_unknowns(ribbon, unknowns, slope, hessian, links)
+    return energy, *slopes_of_loads(ribbon, unknowns, curve, curve.points, force, links)
 
 
-def slopes_of_loads(curve: Curve, points: Array, force: Array) -> tuple[Array, Array]:
-    """Gradient (N, 3) and Hessian (3 N, 3 N) of their energy by the hinges' angles.
+def slopes_of_loads(
+    ribbon: Ribbon, unknowns: Array, curve: Curve, points: Array, force: Array, links: int = LINKS
+) -> tuple[Array, Array]:
+    """Gradient (U,) and Hessian (U, U) of their energy.
 
     points: (P, 3) m, the curve's and any that are fixed to its last link. force: (P, 3) N.
     """
@@ -140,9 +134,20 @@ def slopes_of_loads(curve: Curve, points: Array, force: Array) -> tuple[Array, A
     slope = -np.einsum("jak,jk->ja", curve.axes, couple)
     trace = np.einsum("jkk->j", lever)
     second = trace[:, None, None] * curve.axes - np.einsum("jmn,jam->jan", lever, curve.axes)
-    flat = curve.axes.reshape(-1, 3) @ second.reshape(-1, 3).T
-    upper = np.triu(flat)
-    return slope, upper + np.triu(flat, 1).T
+    # by the angles it is axes_i . second_j for i before j: of rank 3, so sums of what is before do
+    axes, second = curve.axes.reshape(-1, 3), second.reshape(-1, 3)
+    jacobian = angle_slopes(ribbon, unknowns, links)
+    before = np.cumsum(axes[:, :, None] * jacobian[:, None, :], axis=0)
+    half = np.einsum("jku,jk->ju", before, second).T @ jacobian
+    own = jacobian.T @ (np.einsum("jk,jk->j", axes, second)[:, None] * jacobian)
+    matrix = half + half.T - own
+    # the twist is a product of two unknowns
+    size, step = ribbon.elements + 1, link_lengths(ribbon, links)[:, None]
+    weights = interpolation(ribbon, links)
+    mixed = weights.T @ (0.5 * step * (slope[:, :1] + slope[:, 2:]) * weights)
+    matrix[:size, size:] += mixed
+    matrix[size:, :size] += mixed.T
+    return jacobian.T @ slope.ravel(), matrix
 
 
 def slopes_of_points(curve: Curve, points: Array) -> Array:
@@ -164,19 +169,3 @@ def angle_slopes(ribbon: Ribbon, unknowns: Array, links: int) -> Array:
     by_t = step * np.stack([0.5 * c, np.zeros_like(c), 0.5 * c], axis=1)
     lines = [(by[:, :, None] * weights[:, None, :]).reshape(-1, size) for by in (by_c, by_t)]
     return np.concatenate(lines, axis=1)
-
-
-def to_unknowns(
-    ribbon: Ribbon, unknowns: Array, slope: Array, hessian: Array, links: int
-) -> tuple[Array, Array]:
-    """Gradient and Hessian by hinge angles carried over to curvature and ruling."""
-    size = ribbon.elements + 1
-    weights, jacobian = interpolation(ribbon, links), angle_slopes(ribbon, unknowns, links)
-    step = link_lengths(ribbon, links)[:, None]
-    gradient = jacobian.T @ slope.ravel()
-    matrix = jacobian.T @ hessian @ jacobian
-    # the twist is a product of two unknowns
-    mixed = weights.T @ (0.5 * step * (slope[:, :1] + slope[:, 2:]) * weights)
-    matrix[:size, size:] += mixed
-    matrix[size:, :size] += mixed.T
-    return gradient, matrix

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
+from scipy.interpolate import PchipInterpolator
 
 from featherfx.errors import SimulationError
 from featherfx.lab.ribbons.energy import Ribbon
@@ -84,3 +85,44 @@ def solved(ribbon: Ribbon, rest: RibbonRest, frame: Array, gravity: Array) -> Ar
     if found.status != 0:
         raise SimulationError("ribbon", 0.0, f"no solution of its equations: {found.message}")
     return np.stack([np.interp(place, found.x, found.y[k]) for k in range(3)], axis=1)
+
+
+def shell_moment(curvature: Array, width: float, thickness: float, poisson: float) -> Array:
+    """Moment over D w (1/m) of a strip of thin shell bent along itself to curvatures above 0.
+
+    Its section curls: the height z over its middle costs D / 2 (k^2 + z''^2 + 2 nu k z'') of
+    bending and Y h / 2 (k z)^2 of stretching, Y h = 12 (1 - nu^2) D / h^2, the edges free. With
+    t = w (3 (1 - nu^2) k^2 / h^2)^(1/4) the least of it is D w k^2 / 2 (1 - nu^2 F),
+    F = 2 g / t, g = (cosh t - cos t) / (sinh t + sin t): a beam where the strip is thick, a plate
+    where it is thin (Lamb 1891). The moment is its derivative by k.
+    """
+    t = width * (3.0 * (1.0 - poisson**2)) ** 0.25 * np.sqrt(curvature / thickness)
+    # both over the exponential, which overflows
+    small, e = np.exp(-t), np.exp(-2.0 * t)
+    below = 0.5 * (1.0 - e) + small * np.sin(t)
+    g = (0.5 * (1.0 + e) - small * np.cos(t)) / below
+    slope = 1.0 - g * (0.5 * (1.0 + e) + small * np.cos(t)) / below
+    return np.asarray(curvature * (1.0 - poisson**2 * (1.5 * g / t + 0.5 * slope)))
+
+
+def shell_tip(load: float, width: float, thickness: float, poisson: float) -> Array:
+    """(2,) reach and drop, over its length, of such a strip clamped level under its weight.
+
+    load: weight per length times length^3 over D w. width, thickness: over the length.
+    """
+    curvature = np.geomspace(1e-6, 10.0 * load, 4000)
+    moment = shell_moment(curvature, width, thickness, poisson)
+    bent = PchipInterpolator(np.append(0.0, moment), np.append(0.0, curvature))
+
+    def slope(s: Array, y: Array) -> Array:
+        return np.stack([bent(y[1]), -load * (1.0 - s) * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])])
+
+    place = np.linspace(0.0, 1.0, 101)
+    fall = 0.5 * np.pi * (1.0 - (1.0 - place) ** 8)
+    guess = np.stack([fall, 4.0 * np.pi * (1.0 - place) ** 7, 0.2 * place, 0.8 * place])
+    found = solve_bvp(
+        slope, lambda a, b: np.append(a[[0, 2, 3]], b[1]), place, guess, tol=1e-6, max_nodes=20000
+    )
+    if found.status != 0:
+        raise SimulationError("shell", 0.0, f"no solution of its equations: {found.message}")
+    return np.asarray(found.y[2:, -1])

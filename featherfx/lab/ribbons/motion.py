@@ -33,7 +33,6 @@ from featherfx.lab.ribbons.curve import (
     link_masses,
     slopes_of_loads,
     slopes_of_points,
-    to_unknowns,
 )
 from featherfx.lab.ribbons.energy import Ribbon, elastic
 from featherfx.lab.ribbons.rest import GRADIENT, descend
@@ -207,8 +206,7 @@ class RibbonMotion:
                 curve, points = self._placed(unknowns)
                 value, force, stiffness = of_points(points)
                 energy += value
-                slope, hessian = slopes_of_loads(curve, points, force)
-                loads = to_unknowns(self.ribbon, unknowns, slope, hessian, LINKS)
+                loads = slopes_of_loads(self.ribbon, unknowns, curve, points, force)
                 moves = slopes_of_points(curve, points)
                 moves = moves @ angle_slopes(self.ribbon, unknowns, LINKS)
                 gradient = gradient + loads[0]

@@ -117,6 +117,12 @@ STUDIES: tuple[Study, ...] = (
         "featherfx.lab.studies.ribbons:degree",
     ),
     Study(
+        "ribbon_shell",
+        "A thin shell beside the ribbon",
+        "Charrondiere et al. 2019, section 5.3 and figure 6",
+        "featherfx.lab.studies.ribbons:shell",
+    ),
+    Study(
         "ribbon_and_rod",
         "The curled ribbon beside a rod of rectangular section",
         "Charrondiere et al. 2019, section 5.5 and figure 9",
