@@ -12,14 +12,7 @@ import numpy as np
 from featherfx.feather.build import build_feather
 from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.lab.feathers.feather import feather_kind
-from featherfx.lab.studies.study import (
-    Row,
-    StudyResult,
-    compared,
-    ourselves,
-    published,
-    reported,
-)
+from featherfx.lab.studies.study import Rows, StudyResult, ourselves, published
 from featherfx.mechanics.batch import make_model
 from featherfx.solver.step.modes import frequencies
 
@@ -110,7 +103,7 @@ def first_frequencies(kind: FeatherKind) -> tuple[float, float]:
 
 def masses(folder: Path) -> StudyResult:
     """Presets with the measures of weighed primaries, and as they are."""
-    rows: list[Row] = []
+    rows = Rows()
     kinds = {name: feather_kind(name) for name in ("swan_primary", "primary")}
     ratios = {}
     for bird, preset, birds in (("gull", "swan_primary", GULL), ("pigeon", "primary", PIGEON)):
@@ -118,41 +111,37 @@ def masses(folder: Path) -> StudyResult:
         ratios[bird] = ratio
         rows += _shape(bird, preset, ratio)
     both = np.exp(np.mean(np.log(np.concatenate(list(ratios.values())))))
-    rows.append(
-        compared("mass over measured, all twenty, geometric mean", float(both), 1.0, 0.1, FITTED)
-    )
+    rows.compare("mass over measured, all twenty, geometric mean", float(both), 1.0, 0.1, FITTED)
     for preset, birds in (("swan_primary", GULL), ("primary", PIGEON)):
         kind = kinds[preset]
         ours, measured = mass(kind), at_length(birds, kind.length)
         other = 1e3 * kind.rachis.diameter_base
-        rows.append(
-            compared(
-                f"mass of {preset}, {kind.length:g} m long",
-                1e3 * ours,
-                measured,
-                0.25,
-                published(f"{WEIGHED}: line through the ten, at that length"),
-                unit="g",
-                note=f"calamus {other:g} mm, theirs {_mean_width(birds):.2g} in the mean",
-            )
+        rows.compare(
+            f"mass of {preset}, {kind.length:g} m long",
+            1e3 * ours,
+            measured,
+            0.25,
+            published(f"{WEIGHED}: line through the ten, at that length"),
+            unit="g",
+            note=f"calamus {other:g} mm, theirs {_mean_width(birds):.2g} in the mean",
         )
     for preset, kind in kinds.items():
         whole, bare = first_frequencies(kind)
         rise = 100.0 * (bare / whole - 1.0)
         text = f"first frequency of {preset} without its vanes, more by"
-        rows.append(compared(text, rise, *RISE, TRIMMED, unit="%", absolute=True))
-        rows.append(reported(f"first frequency of {preset}, clamped", whole, unit="Hz"))
+        rows.compare(text, rise, *RISE, TRIMMED, unit="%", absolute=True)
+        rows.report(f"first frequency of {preset}, clamped", whole, unit="Hz")
     return StudyResult(rows)
 
 
-def _shape(bird: str, preset: str, ratio: Sequence[float]) -> list[Row]:
+def _shape(bird: str, preset: str, ratio: Sequence[float]) -> Rows:
     text = f"mass of {preset} with the measures of a {bird}'s primary over measured"
     mean = float(np.exp(np.mean(np.log(ratio))))
-    return [
-        compared(f"{text}, geometric mean of ten", mean, 1.0, 0.25, FITTED),
-        reported(f"{text}, least", min(ratio)),
-        reported(f"{text}, most", max(ratio)),
-    ]
+    rows = Rows()
+    rows.compare(f"{text}, geometric mean of ten", mean, 1.0, 0.25, FITTED)
+    rows.report(f"{text}, least", min(ratio))
+    rows.report(f"{text}, most", max(ratio))
+    return rows
 
 
 def at_length(birds: Sequence[Weighed], length: float) -> float:

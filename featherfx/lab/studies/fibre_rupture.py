@@ -9,16 +9,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.lab.fibres.rupture import Rupture, RuptureTest, run_rupture
-from featherfx.lab.studies.study import (
-    StudyResult,
-    bounded,
-    compared,
-    draw,
-    independent,
-    ourselves,
-    published,
-    reported,
-)
+from featherfx.lab.studies.study import Rows, StudyResult, draw, independent, ourselves, published
 
 READ = (
     "the reference is the last equilibrium before the first fibre breaks, E22 = 0.215; it breaks at"
@@ -44,88 +35,38 @@ def rupture(folder: Path) -> StudyResult:
         "another computation with the law of Jacquemoud 2007, whose text prints no stress"
     )
     pulled = (("along", along, 5.41e6), ("across", across, 4.10e6))
-    rows = [
-        compared(
-            "plateau of a fibre, (C_c, C_r) = (1.36, 1.41)",
-            narrow.fibre.plateau,
-            15.96e6,
-            1e-3,
-            other,
-            unit="Pa",
-        ),
-        compared(
-            "plateau of a fibre, (1.34, 1.44)", along.fibre.plateau, 13.85e6, 1e-3, other, unit="Pa"
-        ),
-        *(
-            compared(
-                f"S22 at E22 = 0.215, fibres {name}",
-                stress_at(found, 0.215),
-                printed,
-                3e-3,
-                other,
-                unit="Pa",
-            )
-            for name, found, printed in pulled
-        ),
-        *(
-            compared(
-                f"largest S22, fibres {name}",
-                found.peak.stress,
-                printed,
-                0.02,
-                other,
-                unit="Pa",
-                note=READ,
-            )
-            for name, found, printed in pulled
-        ),
-        compared("E22 there, fibres along", along.peak.strain, 0.215, 0.03, other, note=READ),
-        bounded(
-            "nine elements against one: largest difference of S22 up to the peak, over the peak",
-            apart(nine, narrow),
-            ourselves("one element"),
-            at_most=0.02,
-            note="Jacquemoud 2007, figure 4-11, shows curves that lie on each other",
-        ),
-        reported(
-            "E22 where nine equal elements stop being equal",
-            uneven(nine),
-            note="published: the simulation ends sooner with nine",
-        ),
-        compared(
-            "element that breaks first, of nine with a weak sixth",
-            weak.weakest,
-            5.0,
-            0.0,
-            published("Jacquemoud 2007, figure 4-15: element 5 has the fewest fibres"),
-            absolute=True,
-        ),
-        compared(
-            "share of fibres of the 4th element when the 5th has lost nine tenths",
-            share_of(weak, 4, 5, 0.1),
-            1.0,
-            0.1,
-            published("Jacquemoud 2007, figure 4-15: in element 4 the rupture has just begun"),
-        ),
-        compared(
-            "elements that tear, of nine with a weak 5th and 6th",
-            torn(across_nine),
-            456.0,
-            0.0,
-            published("Jacquemoud 2007, figure 4-16: the tear goes through to the other edge"),
-            absolute=True,
-            note="their numbers one after the other",
-        ),
-        compared(
-            "elements that tear, of 24 with a weak 11th and 12th",
-            torn(two),
-            9101112.0,
-            0.0,
-            published("Jacquemoud 2007, section 4.5.2.2: the same is concluded of 24 elements"),
-            absolute=True,
-            note="their numbers; figure A8-6, of the fibres left, is a picture only",
-        ),
-    ]
+    rows = Rows()
+    text = "plateau of a fibre, (C_c, C_r) = (1.36, 1.41)"
+    rows.compare(text, narrow.fibre.plateau, 15.96e6, 1e-3, other, unit="Pa")
+    rows.compare(
+        "plateau of a fibre, (1.34, 1.44)", along.fibre.plateau, 13.85e6, 1e-3, other, unit="Pa"
+    )
+    for name, found, printed in pulled:
+        text = f"S22 at E22 = 0.215, fibres {name}"
+        rows.compare(text, stress_at(found, 0.215), printed, 3e-3, other, unit="Pa")
+    for name, found, printed in pulled:
+        text = f"largest S22, fibres {name}"
+        rows.compare(text, found.peak.stress, printed, 0.02, other, unit="Pa", note=READ)
+    rows.compare("E22 there, fibres along", along.peak.strain, 0.215, 0.03, other, note=READ)
+    text = "nine elements against one: largest difference of S22 up to the peak, over the peak"
+    note = "Jacquemoud 2007, figure 4-11, shows curves that lie on each other"
+    rows.bound(text, apart(nine, narrow), ourselves("one element"), at_most=0.02, note=note)
+    text = "E22 where nine equal elements stop being equal"
+    rows.report(text, uneven(nine), note="published: the simulation ends sooner with nine")
+    text = "element that breaks first, of nine with a weak sixth"
+    source = published("Jacquemoud 2007, figure 4-15: element 5 has the fewest fibres")
+    rows.compare(text, weak.weakest, 5.0, 0.0, source, absolute=True)
+    text = "share of fibres of the 4th element when the 5th has lost nine tenths"
+    source = published("Jacquemoud 2007, figure 4-15: in element 4 the rupture has just begun")
+    rows.compare(text, share_of(weak, 4, 5, 0.1), 1.0, 0.1, source)
+    text = "elements that tear, of nine with a weak 5th and 6th"
+    source = published("Jacquemoud 2007, figure 4-16: the tear goes through to the other edge")
+    note = "their numbers one after the other"
+    rows.compare(text, torn(across_nine), 456.0, 0.0, source, absolute=True, note=note)
+    text = "elements that tear, of 24 with a weak 11th and 12th"
+    source = published("Jacquemoud 2007, section 4.5.2.2: the same is concluded of 24 elements")
+    note = "their numbers; figure A8-6, of the fibres left, is a picture only"
+    rows.compare(text, torn(two), 9101112.0, 0.0, source, absolute=True, note=note)
     return StudyResult(rows, draw(folder / "rupture.png", CAPTION, _paint(along, across, narrow)))
 
 

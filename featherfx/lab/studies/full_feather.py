@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,19 +21,11 @@ from featherfx.lab.feathers.full_feather import (
     Scene,
     pull_feather,
 )
-from featherfx.lab.studies.study import (
-    Figure,
-    Row,
-    StudyResult,
-    bounded,
-    draw,
-    ourselves,
-    published,
-    reported,
-)
+from featherfx.lab.studies.study import Figure, Rows, StudyResult, draw, ourselves, published
 
 # rows and columns; wavelengths that differ by less than SAME are one
 GRIDS, SAME = ((61, 8), (81, 8), (121, 8), (81, 20)), 0.03
+FINER = FullPull("tip", 0.2, rows=GRIDS[1][0], columns=GRIDS[1][1])
 # bending along and across the barbs of figure 6.6, over those of table 6.1; our choice
 WRONG = (0.1, 2.0)
 SHAPE = ourselves("a bound of ours that tells the behaviours apart; the published are pictures")
@@ -44,43 +37,22 @@ def side_pull(folder: Path) -> StudyResult:
     rows = _numbers(found)
     ours, others = found["barbs"], [found["cloth"], found["isotropic"]]
     softest = max(each.rachis_deflection for each in others)
-    rows += [
-        bounded(
-            "rachis deflection, barbs over the larger of the others",
-            ours.rachis_deflection / softest,
-            SHAPE,
-            at_least=1.25,
-        ),
-        bounded(
-            "barb strain, barbs",
-            ours.barb_strain,
-            ourselves("barbs do not stretch by construction"),
-            at_most=1e-3,
-        ),
-        bounded(
-            "barb strain, the smaller of the others",
-            min(each.barb_strain for each in others),
-            SHAPE,
-            at_least=0.1,
-        ),
-        bounded("wrinkle amplitude, barbs", ours.amplitude, SHAPE, at_least=LEAST, unit="m"),
-        bounded(
-            "wrinkle amplitude, the larger of the others",
-            max(each.amplitude for each in others),
-            SHAPE,
-            at_most=LEAST,
-            unit="m",
-        ),
-    ]
+    text = "rachis deflection, barbs over the larger of the others"
+    rows.bound(text, ours.rachis_deflection / softest, SHAPE, at_least=1.25)
+    source = ourselves("barbs do not stretch by construction")
+    rows.bound("barb strain, barbs", ours.barb_strain, source, at_most=1e-3)
+    text = "barb strain, the smaller of the others"
+    rows.bound(text, min(each.barb_strain for each in others), SHAPE, at_least=0.1)
+    rows.bound("wrinkle amplitude, barbs", ours.amplitude, SHAPE, at_least=LEAST, unit="m")
+    text = "wrinkle amplitude, the larger of the others"
+    rows.bound(text, max(each.amplitude for each in others), SHAPE, at_most=LEAST, unit="m")
     nodal = pull_feather(FullPull("side", 0.1, nodal=True))
-    rows += [
-        *_converged("side", 0.1),
-        reported(
-            "rachis deflection / length, barbs in the nodal kinematics", nodal.rachis_deflection
-        ),
-        reported("wrinkle wavelength, the same", nodal.wavelength, unit="m"),
-        reported("barb strain, the same", nodal.barb_strain),
-    ]
+    rows += _converged("side", 0.1)
+    rows.report(
+        "rachis deflection / length, barbs in the nodal kinematics", nodal.rachis_deflection
+    )
+    rows.report("wrinkle wavelength, the same", nodal.wavelength, unit="m")
+    rows.report("barb strain, the same", nodal.barb_strain)
     caption = (
         "The trailing edge pulled by a tenth of the feather's length, down the page; height above"
         " the plane in colour. Top to bottom: barbs, cloth, isotropic."
@@ -92,31 +64,21 @@ def tip_pull(folder: Path) -> StudyResult:
     """The rachis' tip is pulled: all three bend; does the vane wrinkle on the inner side?"""
     found = {name: pull_feather(FullPull("tip", 0.2, material=name)) for name in MATERIALS}
     rows = _numbers(found)
-    rows += [
-        bounded(
-            "wrinkle amplitude, barbs",
-            found["barbs"].amplitude,
-            SHAPE,
-            at_least=LEAST,
-            unit="m",
-        ),
-        bounded(
-            "wrinkle amplitude, isotropic",
-            found["isotropic"].amplitude,
-            SHAPE,
-            at_most=LEAST,
-            unit="m",
-        ),
-        *_converged("tip", 0.2),
-        *_guarded(),
-        *_wrong_bending(),
-        reported(
-            "energy of a rolled strip by equations 6.2 and 6.3, over that of its modulus",
-            _printed_hinge(),
-            note="the printed hinge bends like a modulus so many times larger; ours takes the"
-            " modulus itself (eq. 6.2 with the angle over the distance of two edges)",
-        ),
-    ]
+    rows.bound(
+        "wrinkle amplitude, barbs", found["barbs"].amplitude, SHAPE, at_least=LEAST, unit="m"
+    )
+    rows.bound(
+        "wrinkle amplitude, isotropic", found["isotropic"].amplitude, SHAPE, at_most=LEAST, unit="m"
+    )
+    rows += _converged("tip", 0.2)
+    rows += _guarded()
+    rows += _wrong_bending()
+    rows.report(
+        "energy of a rolled strip by equations 6.2 and 6.3, over that of its modulus",
+        _printed_hinge(),
+        note="the printed hinge bends like a modulus so many times larger; ours takes the"
+        " modulus itself (eq. 6.2 with the angle over the distance of two edges)",
+    )
     caption = (
         "The rachis' tip pulled by a fifth of the feather's length. Top to bottom: barbs, cloth,"
         " isotropic."
@@ -124,7 +86,7 @@ def tip_pull(folder: Path) -> StudyResult:
     return StudyResult(rows, _picture(folder / "full_feather_tip.png", caption, found))
 
 
-def _converged(scene: Scene, distance: float) -> list[Row]:
+def _converged(scene: Scene, distance: float) -> Rows:
     """Whether the wrinkles of barbs hang on the grid."""
     pulled = [pull_feather(FullPull(scene, distance, rows=n, columns=m)) for n, m in GRIDS]
     waves = np.array([each.wavelength for each in pulled])
@@ -132,85 +94,63 @@ def _converged(scene: Scene, distance: float) -> list[Row]:
     spread = 0.5 * np.ptp(waves) / waves.mean()
     grids = ", ".join(f"{n} x {m}" for n, m in GRIDS)
     told = "a value with its error" if spread < SAME else "not converged, so it is no value"
-    return [
-        reported(
-            "wrinkle wavelength, barbs, mean of finer grids",
-            waves.mean(),
-            unit="m",
-            note=f"{told}; rows and columns {grids}. On 41 rows the wave is near four rows, the"
-            " shortest that is looked for",
-        ),
-        reported("half the range of these wavelengths, over their mean", spread),
-        reported(
-            "half the range of the amplitudes, over their mean",
-            0.5 * np.ptp(sizes) / sizes.mean(),
-            note=f"{sizes.min():.3g} to {sizes.max():.3g} m",
-        ),
-    ]
-
-
-def _guarded() -> list[Row]:
-    """What the values of table 6.1 change that the other rows go without."""
-    rows, columns = GRIDS[1]
-    plain, guarded = (
-        pull_feather(FullPull("tip", 0.2, rows=rows, columns=columns, guard=guard))
-        for guard in (False, True)
+    rows = Rows()
+    note = (
+        f"{told}; rows and columns {grids}. On 41 rows the wave is near four rows, the"
+        " shortest that is looked for"
     )
+    rows.report("wrinkle wavelength, barbs, mean of finer grids", waves.mean(), unit="m", note=note)
+    rows.report("half the range of these wavelengths, over their mean", spread)
+    text = "half the range of the amplitudes, over their mean"
+    found = 0.5 * np.ptp(sizes) / sizes.mean()
+    rows.report(text, found, note=f"{sizes.min():.3g} to {sizes.max():.3g} m")
+    return rows
+
+
+def _guarded() -> Rows:
+    """What the values of table 6.1 change that the other rows go without."""
+    plain, guarded = (pull_feather(replace(FINER, guard=guard)) for guard in (False, True))
     note = (
         "kappa = 5.04e7 of table 6.1; the other rows go without it. The table's density of the"
         " rachis has no part in a pull without gravity"
     )
-    return [
-        reported(
-            "force with the penalty on lost area, over that without",
-            guarded.force / plain.force,
-            note=note,
-        ),
-        reported("wavelength, the same", guarded.wavelength / plain.wavelength),
-        reported("amplitude, the same", guarded.amplitude / plain.amplitude),
-    ]
+    rows = Rows()
+    text = "force with the penalty on lost area, over that without"
+    rows.report(text, guarded.force / plain.force, note=note)
+    rows.report("wavelength, the same", guarded.wavelength / plain.wavelength)
+    rows.report("amplitude, the same", guarded.amplitude / plain.amplitude)
+    return rows
 
 
-def _wrong_bending() -> list[Row]:
+def _wrong_bending() -> Rows:
     """Figure 6.6: barbs that bend too easily, and a vane that is too stiff across them."""
-    rows, columns = GRIDS[1]
-    pull = FullPull("tip", 0.2, rows=rows, columns=columns)
-    right = pull_feather(pull)
-    weak = pull_feather(pull, barb_bending_normal=WRONG[0] * SWAN.barb_bending_normal)
-    stiff = pull_feather(pull, bending_across=WRONG[1] * SWAN.bending_across)
+    right, columns = pull_feather(FINER), FINER.columns
+    weak = pull_feather(FINER, barb_bending_normal=WRONG[0] * SWAN.barb_bending_normal)
+    stiff = pull_feather(FINER, bending_across=WRONG[1] * SWAN.bending_across)
     # the side away from the pull is the leading one
     far, near = (
         float(np.abs(weak.points[:, 1 + k * columns : 1 + (k + 1) * columns, 2]).max())
         for k in range(2)
     )
     words = published("Jouve 2024, figure 6.6, in words")
-    return [
-        bounded(
-            f"height of the far vane, bending along the barbs times {WRONG[0]:g}",
-            far,
-            words,
-            at_least=LEAST,
-            unit="m",
-            note="said to buckle if too small; ours is flat there, as it is drawn out along the"
-            f" shaft, and the near vane is {near:.2g} m high",
-        ),
-        bounded(
-            f"wavelength, bending across the barbs times {WRONG[1]:g}, over that without",
-            stiff.wavelength / right.wavelength,
-            words,
-            at_most=1.0,
-            note="the 'transverse' modulus is said to reduce it. By the theory of wrinkles it"
-            " makes waves longer; figure 6.4's caption has the two names the other way round, see"
-            " the next row",
-        ),
-        bounded(
-            f"wavelength over that with bending along the barbs times {WRONG[0]:g}",
-            right.wavelength / weak.wavelength,
-            words,
-            at_most=1.0,
-            note="the modulus along the barbs does reduce it",
-        ),
-    ]
+    rows = Rows()
+    text = f"height of the far vane, bending along the barbs times {WRONG[0]:g}"
+    note = (
+        "said to buckle if too small; ours is flat there, as it is drawn out along the"
+        f" shaft, and the near vane is {near:.2g} m high"
+    )
+    rows.bound(text, far, words, at_least=LEAST, unit="m", note=note)
+    text = f"wavelength, bending across the barbs times {WRONG[1]:g}, over that without"
+    note = (
+        "the 'transverse' modulus is said to reduce it. By the theory of wrinkles it"
+        " makes waves longer; figure 6.4's caption has the two names the other way round, see"
+        " the next row"
+    )
+    rows.bound(text, stiff.wavelength / right.wavelength, words, at_most=1.0, note=note)
+    text = f"wavelength over that with bending along the barbs times {WRONG[0]:g}"
+    found = right.wavelength / weak.wavelength
+    rows.bound(text, found, words, at_most=1.0, note="the modulus along the barbs does reduce it")
+    return rows
 
 
 def _printed_hinge() -> float:
@@ -222,30 +162,22 @@ def _printed_hinge() -> float:
     return (area / 6.0 * curvature**2) / (0.5 * k**2 * area)
 
 
-def _numbers(found: Mapping[Material, PulledFeather]) -> list[Row]:
-    rows = []
+def _numbers(found: Mapping[Material, PulledFeather]) -> Rows:
+    rows = Rows()
     for name, each in found.items():
-        rows += [
-            reported(f"rachis deflection / length, {name}", each.rachis_deflection),
-            reported(f"barb strain, {name}", each.barb_strain),
-            reported(f"force, {name}", each.force, unit="N"),
-            reported(
-                f"wrinkle wavelength, {name}",
-                each.wavelength,
-                unit="m",
-                note="" if each.amplitude > LEAST else "no wrinkles",
-            ),
-            reported(f"wrinkle amplitude, {name}", each.amplitude, unit="m"),
-        ]
-    rows.append(
-        reported(
-            "seconds of the whole scenario, barbs",
-            found["barbs"].seconds,
-            unit="s",
-            note="Jouve et al. 2024, section 8.2: 5 minutes for the pull of the tip, on another"
-            " machine; neither has collisions, which the text needs for its bird only",
+        rows.report(f"rachis deflection / length, {name}", each.rachis_deflection)
+        rows.report(f"barb strain, {name}", each.barb_strain)
+        rows.report(f"force, {name}", each.force, unit="N")
+        text = f"wrinkle wavelength, {name}"
+        rows.report(
+            text, each.wavelength, unit="m", note="" if each.amplitude > LEAST else "no wrinkles"
         )
+        rows.report(f"wrinkle amplitude, {name}", each.amplitude, unit="m")
+    note = (
+        "Jouve et al. 2024, section 8.2: 5 minutes for the pull of the tip, on another"
+        " machine; neither has collisions, which the text needs for its bird only"
     )
+    rows.report("seconds of the whole scenario, barbs", found["barbs"].seconds, unit="s", note=note)
     return rows
 
 
@@ -302,33 +234,20 @@ def guard(folder: Path) -> StudyResult:
     energy = 8.0 * TRUSS_BENDING * first * (second - (1.0 - square) * first)
     bent = np.interp(SQUEEZED, apart[::-1], energy[::-1])
     figure = published("Jouve 2024, figure 6.8, in words")
-    rows = [
-        bounded(
-            "energy of the straight truss over that of the bent one, largest",
-            float((straight / bent).max()),
-            figure,
-            at_most=1.0,
-            note="so it does not buckle",
-        ),
-        bounded(
-            "the same with the penalty of equation 6.6 as printed",
-            float((printed / bent).max()),
-            figure,
-            at_least=1.0,
-            note="the text says that kappa = 3000 E makes it buckle; the cube of 6 in the"
-            " denominator makes the penalty too small by two orders for that, see the next row",
-        ),
-        bounded(
-            "the same with (1 - J)^3 instead of ((1 - J) / 6)^3",
-            float((plain / bent).max()),
-            figure,
-            at_least=1.0,
-        ),
-        reported(
-            "share of its length at which it then buckles",
-            float(SQUEEZED[np.flatnonzero(plain > bent)[-1]]),
-        ),
-    ]
+    rows = Rows()
+    text = "energy of the straight truss over that of the bent one, largest"
+    found = float((straight / bent).max())
+    rows.bound(text, found, figure, at_most=1.0, note="so it does not buckle")
+    text = "the same with the penalty of equation 6.6 as printed"
+    note = (
+        "the text says that kappa = 3000 E makes it buckle; the cube of 6 in the"
+        " denominator makes the penalty too small by two orders for that, see the next row"
+    )
+    rows.bound(text, float((printed / bent).max()), figure, at_least=1.0, note=note)
+    text = "the same with (1 - J)^3 instead of ((1 - J) / 6)^3"
+    rows.bound(text, float((plain / bent).max()), figure, at_least=1.0)
+    text = "share of its length at which it then buckles"
+    rows.report(text, float(SQUEEZED[np.flatnonzero(plain > bent)[-1]]))
 
     def paint(canvas: Any) -> None:
         axes = canvas.add_subplot()
@@ -337,8 +256,7 @@ def guard(folder: Path) -> StudyResult:
         axes.plot(SQUEEZED, plain, label="straight, penalty without the 6")
         axes.plot(SQUEEZED, bent, label="bent")
         axes.set_ylim(0.0, 3.0)
-        axes.set_xlabel("distance of the ends over length")
-        axes.set_ylabel("energy over L h E")
+        axes.set(xlabel="distance of the ends over length", ylabel="energy over L h E")
         axes.legend()
 
     caption = "A truss whose ends come together (figure 6.8): it takes the lower energy."

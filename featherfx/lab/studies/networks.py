@@ -30,15 +30,7 @@ from featherfx.lab.networks.network import (
     strain_rows,
     strung,
 )
-from featherfx.lab.studies.study import (
-    Row,
-    StudyResult,
-    bounded,
-    compared,
-    draw,
-    independent,
-    published,
-)
+from featherfx.lab.studies.study import Rows, StudyResult, draw, independent, published
 
 HOUGHTON = "Houghton 2020"
 # bisections of a threshold, and networks that it is looked for in
@@ -56,28 +48,25 @@ def lattice(folder: Path) -> StudyResult:
     """The triangular lattice: moduli, iterations of table 5.4, dilution."""
     whole = network_moduli(NetworkPlan().layout(periodic=True))
     closed = independent("closed form of a triangular lattice of springs")
-    rows = [
-        compared(
-            "shear modulus of the whole lattice",
-            whole.shear_modulus,
-            np.sqrt(3.0) / 4.0,
-            1e-9,
-            published(f"{HOUGHTON}, equation 5.35"),
-            unit="N/m",
-        ),
-        compared(
-            "Young's modulus", whole.young_modulus, 2 / np.sqrt(3.0), 1e-9, closed, unit="N/m"
-        ),
-        compared("Poisson's ratio", whole.poisson, 1.0 / 3.0, 1e-9, closed),
-        *_counts(),
-        *_diluted(),
-    ]
+    rows = Rows()
+    rows.compare(
+        "shear modulus of the whole lattice",
+        whole.shear_modulus,
+        np.sqrt(3.0) / 4.0,
+        1e-9,
+        published(f"{HOUGHTON}, equation 5.35"),
+        unit="N/m",
+    )
+    rows.compare("Young's modulus", whole.young_modulus, 2 / np.sqrt(3.0), 1e-9, closed, unit="N/m")
+    rows.compare("Poisson's ratio", whole.poisson, 1.0 / 3.0, 1e-9, closed)
+    rows += _counts()
+    rows += _diluted()
     for name, bend, reference in (("springs", 0.0, 0.651), ("fibres that bend", 1.0, 0.445)):
         found = _threshold(partial(NetworkPlan, "triangular", 40, bend=bend), (0.3, 0.8))
         source = published(f"{HOUGHTON}, section 2.2.4, of Broedersz et al. 2011")
         note = f"mean of {TRIALS} lattices of 40 by 40 nodes; standard error {found[1]:.2g}"
         text = f"share of segments at which a lattice of {name} becomes rigid"
-        rows.append(compared(text, found[0], reference, 0.02, source, note=note))
+        rows.compare(text, found[0], reference, 0.02, source, note=note)
     kept = np.linspace(0.4, 1.0, 31)
     caption = (
         "Shear modulus of diluted triangular lattices of 40 by 40 nodes against the share of"
@@ -93,8 +82,7 @@ def lattice(folder: Path) -> StudyResult:
         for share, modulus, _ in TABLE_5_5:
             axes.semilogy(share, modulus, "ko")
         axes.set_ylim(1e-7, 1.0)
-        axes.set_xlabel("share of segments left")
-        axes.set_ylabel("shear modulus, N/m")
+        axes.set(xlabel="share of segments left", ylabel="shear modulus, N/m")
         axes.legend()
 
     return StudyResult(rows, draw(folder / "fibre_lattice.png", caption, paint))
@@ -117,24 +105,24 @@ CUT = (
 )
 
 
-def _counts() -> list[Row]:
+def _counts() -> Rows:
     source = published(f"{HOUGHTON}, table 5.4")
-    rows = []
+    rows = Rows()
     for size, unknowns, *printed in TABLE_5_4:
         system = sheared_system(NetworkPlan(size=size).layout(periodic=False))
         text = f"unknowns of {size} by {size} nodes"
-        rows.append(compared(text, len(system.right), unknowns, 0.0, source))
+        rows.compare(text, len(system.right), unknowns, 0.0, source)
         choices: tuple[Preconditioner, ...] = ("P_J", "P_Db")
         for choice, count in zip(choices, printed, strict=True):
             found = solve(system, "pcg", choice).iterations
             text = f"iterations of PCG with {choice}, {size} by {size} nodes"
-            rows.append(compared(text, found, count, 1.0, source, absolute=True))
+            rows.compare(text, found, count, 1.0, source, absolute=True)
     return rows
 
 
-def _diluted() -> list[Row]:
+def _diluted() -> Rows:
     source = published(f"{HOUGHTON}, table 5.5")
-    rows = []
+    rows = Rows()
     for share, printed, counts in TABLE_5_5:
         layouts = [_springs(share, seed) for seed in range(9)]
         mean, error = _mean([_sheared_modulus(each) for each in layouts])
@@ -147,9 +135,7 @@ def _diluted() -> list[Row]:
             note = "the printed mean counts lattices that were not solved as 0, taken out here"
         text = f"shear modulus with {share:.2f} of the segments, springs"
         allowed = max(ERRORS * error, 1e-4)
-        rows.append(
-            compared(text, mean, printed, allowed, source, unit="N/m", absolute=True, note=note)
-        )
+        rows.compare(text, mean, printed, allowed, source, unit="N/m", absolute=True, note=note)
         choices: tuple[Preconditioner, ...] = ("P_J", "P_Db")
         for choice, count in zip(choices, counts, strict=False):
             found = [solve(sheared_system(each), "pcg", choice).iterations for each in layouts]
@@ -157,7 +143,7 @@ def _diluted() -> list[Row]:
             text = f"iterations of PCG with {choice}, {share:.2f} of the segments, springs"
             allowed = max(ERRORS * error, 1.0)
             note = MIXED if (share, choice) == (1.0, "P_J") else ""
-            rows.append(compared(text, mean, count, allowed, source, absolute=True, note=note))
+            rows.compare(text, mean, count, allowed, source, absolute=True, note=note)
     return rows
 
 
@@ -231,53 +217,31 @@ def random(folder: Path) -> StudyResult:
     """Random networks: density of crossings, threshold of rigidity, affinity, table 5.6."""
     ours = published(f"{HOUGHTON}, section 2.2.4, of Wilhelm and Frey and of Head et al.")
     note = "from the density that is printed beside it, by the closed form of this study"
-    rows = [
-        compared("l / l_c at density 5.71", crosslinks(5.71), 5.42, 2e-3, ours, note=note),
-        compared("l / l_c at density 6.68", crosslinks(6.68), 5.932, 2e-3, ours, note=note),
-    ]
+    rows = Rows()
+    rows.compare("l / l_c at density 5.71", crosslinks(5.71), 5.42, 2e-3, ours, note=note)
+    rows.compare("l / l_c at density 6.68", crosslinks(6.68), 5.932, 2e-3, ours, note=note)
     closed = independent("closed form for random fibres, derived here")
     dense = NetworkPlan("mikado", fibres=4000, merge=0.0, bend=1e-4)
     layout = dense.layout(periodic=True)
     found = network_moduli(layout)
-    rows += [
-        compared(
-            "l / l_c of 4000 fibres at density 25",
-            found.crosslink_density,
-            crosslinks(25.0),
-            0.02,
-            closed,
-        ),
-        compared(
-            "affine shear modulus, over stretching stiffness and length, the same",
-            found.shear_modulus / found.affinity,
-            affine_modulus(25.0),
-            0.03,
-            closed,
-        ),
-    ]
+    text = "l / l_c of 4000 fibres at density 25"
+    rows.compare(text, found.crosslink_density, crosslinks(25.0), 0.02, closed)
+    text = "affine shear modulus, over stretching stiffness and length, the same"
+    rows.compare(text, found.shear_modulus / found.affinity, affine_modulus(25.0), 0.03, closed)
     rows += _scattered()
     limit = _threshold(_random_plan, (5.0, 8.0))
     source = published(f"{HOUGHTON}, section 2.2.4, of Latva-Kokko and Timonen")
     note = f"mean of {TRIALS} networks of 12 by 12 fibre lengths; standard error {limit[1]:.2g}"
-    rows += [
-        compared(
-            "density at which it becomes rigid",
-            limit[0],
-            6.68,
-            2.0 * limit[1],
-            source,
-            absolute=True,
-            note=note,
-        ),
-        compared(
-            "l / l_c there",
-            crosslinks(limit[0]),
-            5.9,
-            0.03,
-            published(f"{HOUGHTON}, section 5.4.1 and figure 5.14"),
-        ),
-        *_table_5_6(),
-    ]
+    text = "density at which it becomes rigid"
+    rows.compare(text, limit[0], 6.68, 2.0 * limit[1], source, absolute=True, note=note)
+    rows.compare(
+        "l / l_c there",
+        crosslinks(limit[0]),
+        5.9,
+        0.03,
+        published(f"{HOUGHTON}, section 5.4.1 and figure 5.14"),
+    )
+    rows += _table_5_6()
     families = {ratio: _affinities(ratio) for ratio in (6e-3, 2e-3, 6e-4)}
     caption = (
         "Random networks. Left: shear modulus against the density of crossings; dotted: where it"
@@ -292,21 +256,19 @@ def random(folder: Path) -> StudyResult:
             left.semilogy(density, modulus, "o-", ms=3, label=f"$l_b$ / l = {ratio:g}")
             right.loglog(scaled, affinity, "o-", ms=3)
         left.axvline(5.9, color="k", ls=":")
-        left.set_xlabel("$l$ / $l_c$")
-        left.set_ylabel(r"$G l / \mu$")
+        left.set(xlabel="$l$ / $l_c$", ylabel=r"$G l / \mu$")
         left.legend()
         right.axhline(1.0, color="k", lw=0.8)
-        right.set_xlabel(r"$l$ / $\lambda$")
-        right.set_ylabel("$G$ over affine")
+        right.set(xlabel=r"$l$ / $\lambda$", ylabel="$G$ over affine")
 
     figure = draw(folder / "fibre_random.png", caption, paint, (9.0, 4.2))
     return StudyResult(rows, figure)
 
 
-def _scattered() -> list[Row]:
+def _scattered() -> Rows:
     """Section 7.1: directions that scatter about one, normally distributed with s."""
     closed = independent("moments of a wrapped normal distribution")
-    rows = []
+    rows = Rows()
     for degrees in (20.0, 40.0):
         plan = NetworkPlan("mikado", fibres=2000, merge=0.0, bend=1e-4, scatter=degrees)
         relaxed, affine = homogenised(plan.layout(periodic=True).network, GRADIENTS)
@@ -314,16 +276,8 @@ def _scattered() -> list[Row]:
         # means of cos^4 and sin^4
         exact = (3.0 + 4.0 * twice + fourfold) / (3.0 - 4.0 * twice + fourfold)
         text = f"stiffness along over across, directions scattered by {degrees:g} deg"
-        rows.append(
-            compared(
-                f"affine {text}",
-                affine[0, 0] / affine[1, 1],
-                exact,
-                0.1,
-                closed,
-                note=f"of free nodes {relaxed[0, 0] / relaxed[1, 1]:.3g}",
-            )
-        )
+        note = f"of free nodes {relaxed[0, 0] / relaxed[1, 1]:.3g}"
+        rows.compare(f"affine {text}", affine[0, 0] / affine[1, 1], exact, 0.1, closed, note=note)
     return rows
 
 
@@ -354,9 +308,9 @@ NOTES = {
 }
 
 
-def _table_5_6() -> list[Row]:
+def _table_5_6() -> Rows:
     source = published(f"{HOUGHTON}, table 5.6")
-    rows = []
+    rows = Rows()
     for place, fibres in enumerate((100, 200, 400, 800)):
         systems = []
         for seed in range(10):
@@ -371,9 +325,7 @@ def _table_5_6() -> list[Row]:
             text = f"iterations of {method.upper()} with {choice}, {fibres} random fibres"
             allowed = 3.0 * float(np.hypot(error, printed[place][1]))
             note = NOTES.get(choice, "").format(whole)
-            rows.append(
-                compared(text, mean, printed[place][0], allowed, source, absolute=True, note=note)
-            )
+            rows.compare(text, mean, printed[place][0], allowed, source, absolute=True, note=note)
     return rows
 
 
@@ -387,29 +339,28 @@ def large(folder: Path) -> StudyResult:
     whole = triangular(SMALL_LATTICE, SMALL_LATTICE, section, "x")
     found = sheared_energies(whole, np.array([0.1, 0.5]))
     closed = independent("closed form of springs that move with the strain")
-    rows = []
+    rows = Rows()
     for shear, energy in zip((0.1, 0.5), found, strict=True):
         gradient = np.array([[1.0, 0.0], [shear, 1.0]])
         stretch = np.linalg.norm(whole.network.span @ gradient, axis=1)
         exact = 0.5 * float(((stretch - 1.0) ** 2).sum())
         text = f"energy of the whole lattice at the shear {shear:g}"
-        rows.append(compared(text, energy, exact, 1e-9, closed, unit="J"))
+        rows.compare(text, energy, exact, 1e-9, closed, unit="J")
     loose = triangular(20, 20, section, "x", LOOSE, 1).carrying()
     linear = independent("the linear network")
     modulus = 2.0 * float(sheared_energies(loose, np.array([1e-4]))[0]) / 1e-8 / loose.area
     text = f"shear modulus at the shear 0.0001, {LOOSE:g} of the segments"
-    rows.append(compared(text, modulus, _sheared_modulus(loose), 0.01, linear, unit="N/m"))
+    rows.compare(text, modulus, _sheared_modulus(loose), 0.01, linear, unit="N/m")
     energies = sheared_energies(loose, SHEARS)
     slopes = np.gradient(np.gradient(energies, SHEARS), SHEARS)[1:-1] / loose.area
     words = published(f"{HOUGHTON}, section 7.1, in words: such networks stiffen with strain")
     text = "shear modulus at the largest shear over that at the least"
-    rows.append(bounded(text, float(slopes[-1] / slopes[0]), words, at_least=2.0))
+    rows.bound(text, float(slopes[-1] / slopes[0]), words, at_least=2.0)
 
     def paint(canvas: Any) -> None:
         axes = canvas.add_subplot()
         axes.semilogy(SHEARS[1:-1], slopes, "o-", ms=3)
-        axes.set_xlabel("shear")
-        axes.set_ylabel("shear modulus of a further strain, N/m")
+        axes.set(xlabel="shear", ylabel="shear modulus of a further strain, N/m")
 
     caption = "A diluted lattice that only bending holds stiffens as its fibres draw straight."
     return StudyResult(rows, draw(folder / "fibre_large.png", caption, paint))
@@ -430,7 +381,7 @@ ONE_AGAINST_TWO = (5.000e-8, 5.000e-9, 5.000e-10)
 
 def merging(folder: Path) -> StudyResult:
     """What it costs to merge crossings: two fibres and a strut near where they meet."""
-    rows = []
+    rows = Rows()
     # fixed: ends below left and right, end above; then where the two fibres meet
     places = [(1.0, 0.0), (3.0, 0.0), (1.0, 2.0), (2.0, 1.0)]
     for place, (bending, energy) in enumerate(MERGED_TWO):
@@ -443,7 +394,7 @@ def merging(folder: Path) -> StudyResult:
 
         def against(table: str, name: str, ours: float, printed: float, text: str = text) -> None:
             source = published(f"{HOUGHTON}, table {table}")
-            rows.append(compared(f"{name}, {text}", ours, printed, 0.01, source))
+            rows.compare(f"{name}, {text}", ours, printed, 0.01, source)
 
         against("5.1", "error of the bending energy, both merged", _off(two, whole, 1), bending)
         against("5.1", "error of the energy, both merged", _off(two, whole, 2), energy)

@@ -30,17 +30,7 @@ from featherfx.lab.ribbons.rest import settle_ribbon
 from featherfx.lab.rods.experiments import bend, enough_segments
 from featherfx.lab.rods.oracles import heavy_elastica
 from featherfx.lab.rods.rod import Rod
-from featherfx.lab.studies.study import (
-    Row,
-    StudyResult,
-    bounded,
-    compared,
-    draw,
-    independent,
-    ourselves,
-    published,
-    reported,
-)
+from featherfx.lab.studies.study import Rows, StudyResult, draw, independent, ourselves, published
 
 # the published curve spans slopes from linear theory to a strip that hangs down
 LOADS = 10.0 ** np.arange(-3.0, 5.01, 0.5)
@@ -60,26 +50,14 @@ def cantilever(folder: Path) -> StudyResult:
         segments.append(enough_segments(rough, float(load)))
         tip = bend(replace(rough, segments=segments[-1])).tip
         rod.append(-tip[2] / tip[0])
-    rows = [
-        compared(
-            "drop / reach of the elastica at load 0.001",
-            exact[0],
-            LOADS[0] / 8.0,
-            1e-4,
-            independent("linear theory, load / 8"),
-        )
-    ]
+    rows = Rows()
+    text = "drop / reach of the elastica at load 0.001"
+    rows.compare(text, exact[0], LOADS[0] / 8.0, 1e-4, independent("linear theory, load / 8"))
     shooting = independent("planar elastica, by shooting")
     for k in range(0, len(LOADS), 2):
         for name, found in (("ribbon", ribbon), (f"rod of {segments[k]} segments", rod)):
-            rows.append(
-                compared(
-                    f"drop / reach, {name}, load {LOADS[k]:g}",
-                    found[k],
-                    exact[k],
-                    5e-3,
-                    shooting,
-                )
+            rows.compare(
+                f"drop / reach, {name}, load {LOADS[k]:g}", found[k], exact[k], 5e-3, shooting
             )
 
     rows += _many_strips(exact)
@@ -107,30 +85,24 @@ def hanging(folder: Path) -> StudyResult:
         "the clamp is not told; level here, as the published first guess. D is printed"
         " with the unit N m^2, but only 2e-4 N m, the plate's rigidity, gives the published shapes."
     )
-    rows = [
-        compared(
-            "length beyond which it leaves its plane",
-            limit,
-            0.29,
-            0.02,
-            published("Charrondiere et al. 2019, section 5.1: 29 cm"),
-            unit="m",
-            note=note,
-        ),
-        reported("the same in Sadowsky's limit of a narrow strip", narrow, unit="m"),
-        reported("the same, hung downwards", planar_limit(CURL, "down", 0.2, 0.4), unit="m"),
-    ]
+    rows = Rows()
+    source = published("Charrondiere et al. 2019, section 5.1: 29 cm")
+    rows.compare(
+        "length beyond which it leaves its plane", limit, 0.29, 0.02, source, unit="m", note=note
+    )
+    rows.report("the same in Sadowsky's limit of a narrow strip", narrow, unit="m")
+    rows.report("the same, hung downwards", planar_limit(CURL, "down", 0.2, 0.4), unit="m")
     seen = ourselves("a bound of ours; the publication shows the shapes, figure 9")
     shapes = {length: hang(replace(CURL, length=length)) for length in LENGTHS}
     for length, hung in shapes.items():
         ratio = hung.out_of_plane / length
         text = f"distance from its plane at length {length:g} m, over length"
         if length < 0.29:
-            rows.append(bounded(text, ratio, seen, at_most=1e-6, note="shown: planar below 29 cm"))
+            rows.bound(text, ratio, seen, at_most=1e-6, note="shown: planar below 29 cm")
         else:
-            rows.append(bounded(text, ratio, seen, at_least=0.01, note="shown: out of its plane"))
+            rows.bound(text, ratio, seen, at_least=0.01, note="shown: out of its plane")
     last = shapes[LENGTHS[-1]]
-    rows.append(reported("seconds of the longest", last.seconds, unit="s", note="published: 2.1 s"))
+    rows.report("seconds of the longest", last.seconds, unit="s", note="published: 2.1 s")
     curves = {length: hung.rest.curve.points for length, hung in shapes.items()}
     figures = draw(
         folder / "ribbon_hanging.png",
@@ -153,7 +125,7 @@ PET = (0.29, 0.03, 0.143e-3)
 PET_FILM = 500.0 * 9.80665e6, 0.38, 1390.0
 
 
-def _many_strips(exact: np.ndarray) -> list[Row]:
+def _many_strips(exact: np.ndarray) -> Rows:
     """Strips of section 5.4 beside the elastica, and what one takes. exact: ratios at LOADS."""
     rigidities = YOUNGS * SHEET_THICKNESS**3 / (12.0 * (1.0 - SHEET.poisson**2))
     weight = SHEET.surface_density * float(np.linalg.norm(GRAVITY))
@@ -185,19 +157,19 @@ def _many_strips(exact: np.ndarray) -> list[Row]:
         f"load {pet:.3g}; its modulus is not printed and the figure is a photograph: with that of a"
         " film of Mylar (product information H-37232-3, table 1: 490 and 510 kg/mm^2)"
     )
-    return [
-        bounded(
-            f"drop / reach of {len(strips)} strips, largest difference from the elastica",
-            worst,
-            independent("planar elastica, by shooting, interpolated between loads"),
-            at_most=0.01,
-            note="of 2,500 with moduli and lengths over the published ranges, those up to the last"
-            " load of the curve",
-        ),
-        reported("processor time of all of them", spent, unit="s"),
-        reported("drop / reach of the strip of PET of figure 8, elastica", drop / x, note=note),
-        reported("the same, thin shell", shell[1] / shell[0]),
-    ]
+    rows = Rows()
+    rows.bound(
+        f"drop / reach of {len(strips)} strips, largest difference from the elastica",
+        worst,
+        independent("planar elastica, by shooting, interpolated between loads"),
+        at_most=0.01,
+        note="of 2,500 with moduli and lengths over the published ranges, those up to the last"
+        " load of the curve",
+    )
+    rows.report("processor time of all of them", spent, unit="s")
+    rows.report("drop / reach of the strip of PET of figure 8, elastica", drop / x, note=note)
+    rows.report("the same, thin shell", shell[1] / shell[0])
+    return rows
 
 
 # section 5.3: length 1, D 1, weight 100 per area, Poisson's ratio and width, width over thickness
@@ -219,19 +191,14 @@ def shell(folder: Path) -> StudyResult:
     for thinness in THINNESS:
         found = shell_tip(SHELL_LOAD, SHELL_WIDTH, SHELL_WIDTH / thinness, SHELL_POISSON)
         gaps.append(float(np.linalg.norm(found - tip)))
-    rows = [
-        reported(f"gap of the tips over length, shell of w / h = {each:g}", gap)
-        for each, gap in zip(THINNESS[:-1], gaps, strict=False)
-    ]
-    rows += [
-        bounded(
-            "gap of the tips over length, shell of w / h = 200", gaps[-1], section, at_most=0.005
-        ),
-        bounded(
-            "its gap over that of w / h = 10", gaps[-1] / gaps[0], words, at_most=0.5, note=note
-        ),
-        reported("processor time of the ribbon", spent, unit="s", note="published: 0.1 s"),
-    ]
+    rows = Rows()
+    for each, gap in zip(THINNESS[:-1], gaps, strict=False):
+        rows.report(f"gap of the tips over length, shell of w / h = {each:g}", gap)
+    rows.bound(
+        "gap of the tips over length, shell of w / h = 200", gaps[-1], section, at_most=0.005
+    )
+    rows.bound("its gap over that of w / h = 10", gaps[-1] / gaps[0], words, at_most=0.5, note=note)
+    rows.report("processor time of the ribbon", spent, unit="s", note="published: 0.1 s")
 
     def paint(canvas: Any) -> None:
         axes = canvas.add_subplot()
@@ -254,7 +221,8 @@ def ends(folder: Path) -> StudyResult:
     equations = independent("equations of equilibrium, by collocation")
     shown = "the text shows two curves that are nearly identical (section 5.2, figure 5)"
     text = "largest gap over length, strip of section 5.2"
-    rows = [bounded(text, float(gap), equations, at_most=1e-3, note=shown)]
+    rows = Rows()
+    rows.bound(text, float(gap), equations, at_most=1e-3, note=shown)
     # section 6 has both ends held as work to do
     strip = Ribbon(0.1, 0.005, 2e-4, 0.05, elements=16)
     first, second = ellipk(MODULUS**2), ellipe(MODULUS**2)
@@ -268,17 +236,15 @@ def ends(folder: Path) -> StudyResult:
     elastica = independent("elastica clamped at both ends, elliptic integrals")
     note = f"ends {apart / strip.length:.3f} of the length apart"
     exact = 16.0 * first**2 * strip.rigidity * strip.width / strip.length**2
-    rows += [
-        compared(
-            "height of a strip held at both ends, over length",
-            height / strip.length,
-            MODULUS / first,
-            5e-3,
-            elastica,
-            note=note,
-        ),
-        compared("force that holds it", push, exact, 5e-3, elastica, unit="N"),
-    ]
+    rows.compare(
+        "height of a strip held at both ends, over length",
+        height / strip.length,
+        MODULUS / first,
+        5e-3,
+        elastica,
+        note=note,
+    )
+    rows.compare("force that holds it", push, exact, 5e-3, elastica, unit="N")
     return StudyResult(rows)
 
 
@@ -304,37 +270,23 @@ def degree(folder: Path) -> StudyResult:
     }
     many = errors["1 link an element"][-1]
     finer = ourselves(f"power series with {FINEST} elements, which share the elastic energy")
-    rows = [
-        reported(f"error of the tip over length, {count} elements, {name}", found[k])
-        for name, found in errors.items()
-        for k, count in enumerate(COUNTS)
-    ]
-    rows += [
-        reported(
-            "5 elements by power series over 40 of one link", errors["power series"][0] / many
-        ),
-        bounded(
-            "10 elements by power series over 40 of one link",
-            errors["power series"][1] / many,
-            finer,
-            at_most=1.0,
-            note="22 unknowns against 82",
-        ),
-        bounded(
-            "20 elements by power series, error over length",
-            errors["power series"][2],
-            finer,
-            at_most=1e-3,
-        ),
-    ]
+    rows = Rows()
+    for name, found in errors.items():
+        for k, count in enumerate(COUNTS):
+            rows.report(f"error of the tip over length, {count} elements, {name}", found[k])
+    rows.report("5 elements by power series over 40 of one link", errors["power series"][0] / many)
+    text = "10 elements by power series over 40 of one link"
+    note = "22 unknowns against 82"
+    rows.bound(text, errors["power series"][1] / many, finer, at_most=1.0, note=note)
+    text = "20 elements by power series, error over length"
+    rows.bound(text, errors["power series"][2], finer, at_most=1e-3)
 
     def paint(canvas: Any) -> None:
         axes = canvas.add_subplot()
         unknowns = [2 * (count + 1) for count in COUNTS]
         for name, found in errors.items():
             axes.loglog(unknowns, found, "o-", label=name)
-        axes.set_xlabel("unknowns")
-        axes.set_ylabel("error of the tip over length")
+        axes.set(xlabel="unknowns", ylabel="error of the tip over length")
         axes.legend()
 
     caption = "A curled strip of 25 cm: error of its tip by the number of unknowns."
@@ -350,7 +302,7 @@ def _tip(ribbon: Ribbon, links: int) -> np.ndarray:
 
 def against_rod(folder: Path) -> StudyResult:
     """The same strip as a ribbon and as a rod of rectangular section, of growing length."""
-    rows: list[Row] = []
+    rows = Rows()
     rod = independent("a rod of directors, of the same bending stiffness")
     apart = ourselves("a bound of ours; the publication says that they part where torsion appears")
     ribbons, rods = {}, {}
@@ -363,9 +315,9 @@ def against_rod(folder: Path) -> StudyResult:
         gap = float(np.linalg.norm(_extent(ribbons[length]) - _extent(rods[length]))) / length
         text = f"distance of the tips at length {length:g} m, over length"
         if length < 0.29:
-            rows.append(bounded(text, gap, rod, at_most=0.01))
+            rows.bound(text, gap, rod, at_most=0.01)
         else:
-            rows.append(bounded(text, gap, apart, at_least=0.02))
+            rows.bound(text, gap, apart, at_least=0.02)
     caption = (
         "Ribbon (blue) and rod of the same bending stiffness (orange), of length 5 to 50 cm; the"
         " rod's thickness is a hundredth of its width."

@@ -15,14 +15,7 @@ from featherfx.lab.rods.oracles import (
     taper_frequencies,
 )
 from featherfx.lab.rods.rod import Rod
-from featherfx.lab.studies.study import (
-    StudyResult,
-    bounded,
-    compared,
-    independent,
-    published,
-    reported,
-)
+from featherfx.lab.studies.study import Rows, StudyResult, independent, published
 
 SEGMENTS = 40
 TABLE = published("Mattiasson 1981, table 1")
@@ -47,37 +40,35 @@ SWING, LINKS = 1.5, (8, 16)
 
 def elastica(folder: Path) -> StudyResult:
     """A clamped rod under a dead force across its tip."""
-    rows = []
+    rows = Rows()
     for load, (shortening, deflection) in MATTIASSON.items():
         tip = bend(Rod(1.0, 1.0, segments=SEGMENTS), (0.0, 0.0, -load)).tip
         text = f"at F L^2 / EI = {load:g}"
-        rows.append(compared(f"shortening / L {text}", 1.0 - tip[0], shortening, 1e-3, TABLE))
-        rows.append(compared(f"deflection / L {text}", -tip[2], deflection, 1e-3, TABLE))
+        rows.compare(f"shortening / L {text}", 1.0 - tip[0], shortening, 1e-3, TABLE)
+        rows.compare(f"deflection / L {text}", -tip[2], deflection, 1e-3, TABLE)
         x, drop = elastica_tip(load)
         error = float(np.linalg.norm(tip - [x, 0.0, -drop]))
         closed = independent("closed form in elliptic integrals")
-        rows.append(
-            bounded(f"tip from the closed form, over L, {text}", error, closed, at_most=1e-4)
-        )
+        rows.bound(f"tip from the closed form, over L, {text}", error, closed, at_most=1e-4)
     return StudyResult(rows)
 
 
 def heavy(folder: Path) -> StudyResult:
     """A clamped rod, uniform or tapered, under its weight."""
-    rows = []
+    rows = Rows()
     for taper in (0.0, 0.7):
         for load, allowed in ((1.0, 1e-3), (10.0, 1e-3), (100.0, 5e-3)):
             tip = bend(Rod(1.0, 1.0, line_weight=load, taper=taper, segments=SEGMENTS)).tip
             expected = kirchhoff_tip(1.0, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), load, taper)
             text = f"tip error / L, weight {load:g} EI / L^2, taper {taper:g}"
             error = float(np.linalg.norm(tip - expected))
-            rows.append(bounded(text, error, SHOOTING, at_most=allowed))
+            rows.bound(text, error, SHOOTING, at_most=allowed)
     return StudyResult(rows)
 
 
 def bend_of_45_degrees(folder: Path) -> StudyResult:
     """An eighth of a circle, loaded out of its plane."""
-    rows = []
+    rows = Rows()
     rod = Rod(ARC, ei=1e7 / 12.0, gj=0.5e7 / 6.0, rest_curvature=0.01, segments=SEGMENTS)
     stiffness = (0.5e7 / 6.0, 1e7 / 12.0, 1e7 / 12.0)
     note = "the error of 8 elements is 0.2 % of the length"
@@ -86,28 +77,17 @@ def bend_of_45_degrees(folder: Path) -> StudyResult:
         exact = kirchhoff_tip(ARC, stiffness, (0.0, 0.0, force), curvature=0.01)
         for axis, ours, theirs in zip("xyz", tip, printed, strict=True):
             text = f"tip {axis} at force {force:g}"
-            rows.append(
-                compared(
-                    text,
-                    ours,
-                    theirs,
-                    0.0025 * ARC,
-                    EIGHT_ELEMENTS,
-                    absolute=True,
-                    unit="m",
-                    note=note,
-                )
+            rows.compare(
+                text, ours, theirs, 0.0025 * ARC, EIGHT_ELEMENTS, absolute=True, unit="m", note=note
             )
         error = float(np.linalg.norm(tip - exact)) / ARC
-        rows.append(
-            bounded(f"tip from shooting, over length, {force:g}", error, SHOOTING, at_most=1e-3)
-        )
+        rows.bound(f"tip from shooting, over length, {force:g}", error, SHOOTING, at_most=1e-3)
     return StudyResult(rows)
 
 
 def frequencies(folder: Path) -> StudyResult:
     """Natural frequencies of clamped rods, uniform and tapered."""
-    rows = []
+    rows = Rows()
     for taper in (0.0, 0.7):
         rod = Rod(0.3, ei=2e-3, line_mass=0.01, taper=taper, segments=SEGMENTS)
         found = natural_frequencies(rod, 8)[::2]
@@ -119,7 +99,7 @@ def frequencies(folder: Path) -> StudyResult:
         for k, (ours, theirs) in enumerate(zip(found, exact, strict=True)):
             text = f"frequency {k + 1}, taper {taper:g}"
             allowed = 2e-3 if k == 0 else 1e-2
-            rows.append(compared(text, ours, theirs, allowed, other, unit="Hz"))
+            rows.compare(text, ours, theirs, allowed, other, unit="Hz")
     return StudyResult(rows)
 
 
@@ -132,13 +112,9 @@ def released(folder: Path) -> StudyResult:
     swing = release(ReleaseTest(rod, SWING, samples=30))
     error = np.linalg.norm(swing.tip[:, [0, 2]] - expected, axis=1)
     chain = independent("chain of rigid links, extrapolated from 8 and 16; its error dominates")
-    return StudyResult(
-        [
-            bounded(
-                "largest tip distance of the first swing, / L", error.max(), chain, at_most=0.01
-            ),
-            compared("lowest tip / L", swing.tip[:, 2].min(), expected[:, 1].min(), 0.01, chain),
-            reported("steps", swing.steps),
-            reported("seconds", swing.seconds, unit="s"),
-        ]
-    )
+    rows = Rows()
+    rows.bound("largest tip distance of the first swing, / L", error.max(), chain, at_most=0.01)
+    rows.compare("lowest tip / L", swing.tip[:, 2].min(), expected[:, 1].min(), 0.01, chain)
+    rows.report("steps", swing.steps)
+    rows.report("seconds", swing.seconds, unit="s")
+    return StudyResult(rows)

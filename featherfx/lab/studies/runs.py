@@ -13,7 +13,7 @@ from featherfx.errors import SimulationError
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.rods.experiments import ReleaseTest, natural_frequencies, release
 from featherfx.lab.rods.rod import Rod
-from featherfx.lab.studies.study import Study, StudyResult, bounded, ourselves, run_study
+from featherfx.lab.studies.study import Rows, Study, StudyResult, ourselves, run_study
 
 # libraries of linear algebra that would start a thread for each core in each process
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -107,5 +107,6 @@ def _run(study: Study, folder: Path) -> Entry:
     try:
         return Entry(study, run_study(study, folder))
     except SimulationError as error:
-        ended = bounded("finished", 0.0, ourselves("the solver"), at_least=1.0, note=str(error))
-        return Entry(study, StudyResult([ended]))
+        rows = Rows()
+        rows.bound("finished", 0.0, ourselves("the solver"), at_least=1.0, note=str(error))
+        return Entry(study, StudyResult(rows))

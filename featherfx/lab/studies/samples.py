@@ -9,23 +9,8 @@ from typing import Any
 import numpy as np
 
 from featherfx.lab.feathers.feather import feather_kind
-from featherfx.lab.studies.study import (
-    Row,
-    StudyResult,
-    bounded,
-    compared,
-    draw,
-    independent,
-    ourselves,
-    published,
-    reported,
-)
-from featherfx.lab.vane.mesoscale import (
-    SwanBands,
-    effective_moduli,
-    pull_bands,
-    series_shear,
-)
+from featherfx.lab.studies.study import Rows, StudyResult, draw, independent, ourselves, published
+from featherfx.lab.vane.mesoscale import SwanBands, effective_moduli, pull_bands, series_shear
 from featherfx.lab.vane.sample import Moduli, Sample, strains
 from featherfx.lab.vane.traction import PulledSample, Traction, pull_test
 
@@ -63,37 +48,36 @@ def samples(folder: Path) -> StudyResult:
     strain = strains(STRAIN, STEPS)
     by_bands = [pull_bands(each, bands, strain) for each in tilted]
     by_membrane = [pull_test(Traction(each, moduli, STRAIN, STEPS, ELEMENTS)) for each in tilted]
-    rows = [*_scatter(), *_uniform()]
+    rows = Rows()
+    rows += _scatter()
+    rows += _uniform()
     resolved = independent("bands of barbs and barbules, resolved one by one")
     for sample, meso, macro in zip(tilted, by_bands, by_membrane, strict=True):
         text = f"{1e3 * sample.width:g} by {1e3 * sample.height:g} mm, tilted"
         ratio = float(macro.stress[-1] / meso.stress[-1])
         note = f"bands: {meso.stress[-1]:.4g} Pa at {100 * STRAIN:g} % strain"
-        rows.append(
-            compared(
-                f"stress of the membrane over the bands', {text}",
-                ratio,
-                1.0,
-                0.1,
-                resolved,
-                note=f"{note}; one place of the barbs, which moves the bands by some 5 %",
-            )
+        rows.compare(
+            f"stress of the membrane over the bands', {text}",
+            ratio,
+            1.0,
+            0.1,
+            resolved,
+            note=f"{note}; one place of the barbs, which moves the bands by some 5 %",
         )
-        rows.append(
-            compared(
-                f"Poisson's ratio at half height of the membrane, {text}",
-                poisson(sample, macro),
-                poisson(sample, meso),
-                0.1,
-                resolved,
-                absolute=True,
-            )
+        rows.compare(
+            f"Poisson's ratio at half height of the membrane, {text}",
+            poisson(sample, macro),
+            poisson(sample, meso),
+            0.1,
+            resolved,
+            absolute=True,
         )
     widest, narrowest = by_bands[0].stress[-1], by_bands[-1].stress[-1]
     words = published(f"{THESIS}, section 3.3, in words: narrow samples are much softer")
     text = "stress of the narrowest tilted sample over the widest's"
-    rows.append(bounded(text, narrowest / widest, words, at_most=1.0))
-    rows += [*_poisson(moduli), *_shares()]
+    rows.bound(text, narrowest / widest, words, at_most=1.0)
+    rows += _poisson(moduli)
+    rows += _shares()
     caption = (
         "Tilted tests of the samples of table 3.1 (figure 5.6 of Jouve 2024, without its measured"
         " curves, which are a picture): bands (lines) and membrane (dots), by width and height."
@@ -106,8 +90,7 @@ def samples(folder: Path) -> StudyResult:
             drawn = np.append(0.0, strain), np.append(0.0, 1e-3 * meso.stress)
             axes.plot(*drawn, color=f"C{k % 6}", label=label)
             axes.plot(strain, 1e-3 * macro.stress, "o", color=f"C{k % 6}", ms=4)
-        axes.set_xlabel("Green-Lagrange strain")
-        axes.set_ylabel("second Piola-Kirchhoff stress, kPa")
+        axes.set(xlabel="Green-Lagrange strain", ylabel="second Piola-Kirchhoff stress, kPa")
         axes.legend(fontsize=8)
 
     return StudyResult(rows, draw(folder / "vane_samples.png", caption, paint))
@@ -129,20 +112,20 @@ def _sample(angle: float, size: tuple[int, int, int]) -> Sample:
     return Sample(angle, 1e-3 * size[0], 1e-3 * size[1], 1e-6 * size[2])
 
 
-def _scatter() -> list[Row]:
+def _scatter() -> Rows:
     """The shipped vane within what was measured."""
     vane = feather_kind("swan_primary").vane_material
     source = published(f"{THESIS}, figure D.3: 37 to 61 kPa and 263 to 457 MPa")
-    rows = []
+    rows = Rows()
     for name, (low, high) in SCATTER.items():
         text = f"modulus {name} of the preset swan_primary, in the middle of what was measured"
         half = 0.5 * (high - low)
         middle, found = 0.5 * (low + high), getattr(vane, name)
-        rows.append(compared(text, found, middle, half, source, unit="Pa", absolute=True))
+        rows.compare(text, found, middle, half, source, unit="Pa", absolute=True)
     return rows
 
 
-def _uniform() -> list[Row]:
+def _uniform() -> Rows:
     """The measure does not depend on the size of samples that deform evenly."""
     swan = Moduli(3.6e8, 4.8e4, 2.78e4)
     worst = max(
@@ -155,27 +138,27 @@ def _uniform() -> list[Row]:
     )
     text = f"slope of {len(TRANSVERSE) + len(LONGITUDINAL)} samples of table 3.1, largest error"
     given = ourselves("the modulus that was given to the samples, which are pulled evenly")
-    return [bounded(text, worst, given, at_most=1e-8)]
+    rows = Rows()
+    rows.bound(text, worst, given, at_most=1e-8)
+    return rows
 
 
-def _poisson(moduli: Moduli) -> list[Row]:
+def _poisson(moduli: Moduli) -> Rows:
     """Section 3.3: none in transverse samples, a strong one in tilted ones."""
     across = _sample(0.0, TRANSVERSE[0])
     pulled = pull_test(Traction(across, moduli, STRAIN, STEPS, 500))
     tilted = _sample(45.0, (13, 18, 103))
     isotropic = pull_test(Traction(tilted, moduli, STRAIN, 1, 500, model="isotropic"))
     none = published(f"{THESIS}, section 3.3: null")
-    return [
-        bounded("Poisson's ratio, transverse", abs(poisson(across, pulled)), none, at_most=1e-3),
-        reported(
-            "Poisson's ratio of an isotropic membrane without Poisson effect, 13 by 18 mm, tilted",
-            poisson(tilted, isotropic),
-            note="so the effect of tilted samples is that of the barbs",
-        ),
-    ]
+    rows = Rows()
+    rows.bound("Poisson's ratio, transverse", abs(poisson(across, pulled)), none, at_most=1e-3)
+    text = "Poisson's ratio of an isotropic membrane without Poisson effect, 13 by 18 mm, tilted"
+    found = poisson(tilted, isotropic)
+    rows.report(text, found, note="so the effect of tilted samples is that of the barbs")
+    return rows
 
 
-def _shares() -> list[Row]:
+def _shares() -> Rows:
     """Figure 5.8: the share of barbs hardly matters to what bands carry."""
     sample = _sample(45.0, (13, 18, 103))
     strain = strains(0.5 * STRAIN, 1)
@@ -185,17 +168,10 @@ def _shares() -> list[Row]:
     }
     printed = [found[share] for share in (0.12, 0.14, 0.16)]
     words = published(f"{THESIS}, figure 5.8, in words: not much impacted")
-    rows = [
-        bounded(
-            "spread of the stress over shares of barbs of 0.12 to 0.16, aspect 1.38",
-            float(np.ptp(printed) / printed[1]),
-            words,
-            at_most=0.1,
-        ),
-        reported(
-            "the same over 0.11 to 0.19",
-            float(np.ptp(list(found.values())) / printed[1]),
-            note="bounds of 0.14 +- 0.03 and 0.16 +- 0.03, the shares of the two texts",
-        ),
-    ]
+    rows = Rows()
+    text = "spread of the stress over shares of barbs of 0.12 to 0.16, aspect 1.38"
+    rows.bound(text, float(np.ptp(printed) / printed[1]), words, at_most=0.1)
+    text = "the same over 0.11 to 0.19"
+    note = "bounds of 0.14 +- 0.03 and 0.16 +- 0.03, the shares of the two texts"
+    rows.report(text, float(np.ptp(list(found.values())) / printed[1]), note=note)
     return rows

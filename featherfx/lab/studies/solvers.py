@@ -16,15 +16,7 @@ from featherfx.lab.networks.network import Array, HeldSystem
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.lab.nodal.state import nodal_rest_state
-from featherfx.lab.studies.study import (
-    Row,
-    StudyResult,
-    bounded,
-    compared,
-    independent,
-    published,
-    reported,
-)
+from featherfx.lab.studies.study import Rows, StudyResult, independent, published
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings
@@ -41,43 +33,39 @@ TOLERANCE = 1e-8
 
 def lattices(folder: Path) -> StudyResult:
     """A sparse factorisation beside PCG with P_Db: time, kept numbers, iterations."""
-    rows = []
+    rows = Rows()
     source = published("Houghton 2020, table 5.4 and section 5.3.1: the count does not grow")
     for size in SIZES:
         system = sheared_system(NetworkPlan(size=size).layout(periodic=False))
         text = f"{len(system.right)} unknowns"
         by_factors = solve(system, "direct")
         by_steps = solve(system, "pcg", "P_Db")
-        rows.append(
-            compared(
-                f"iterations of PCG with P_Db, {text}",
-                by_steps.iterations,
-                21,
-                2.0,
-                source,
-                absolute=True,
-            )
+        rows.compare(
+            f"iterations of PCG with P_Db, {text}",
+            by_steps.iterations,
+            21,
+            2.0,
+            source,
+            absolute=True,
         )
         for name, found in (("sparse factorisation", by_factors), ("PCG with P_Db", by_steps)):
             note = f"{found.preparing:.3g} s of it preparing"
             text_of = f"processor time of the {name}, {text}"
-            rows.append(reported(text_of, found.seconds, unit="s", note=note))
-            rows.append(reported(f"numbers kept by the {name}, {text}", found.entries))
+            rows.report(text_of, found.seconds, unit="s", note=note)
+            rows.report(f"numbers kept by the {name}, {text}", found.entries)
         apart = by_steps.displacements - by_factors.displacements
-        rows.append(
-            bounded(
-                f"difference of the two solutions over the largest displacement, {text}",
-                float(np.abs(apart).max() / np.abs(by_factors.displacements).max()),
-                independent("the other of the two methods"),
-                at_most=1e-7,
-            )
+        rows.bound(
+            f"difference of the two solutions over the largest displacement, {text}",
+            float(np.abs(apart).max() / np.abs(by_factors.displacements).max()),
+            independent("the other of the two methods"),
+            at_most=1e-7,
         )
     return StudyResult(rows)
 
 
 def vane(folder: Path) -> StudyResult:
     """The banded solver of the nodal feather beside preconditioned iterations on its matrix."""
-    rows: list[Row] = []
+    rows = Rows()
     kind = feather_kind("swan_primary")
     feather = build_feather(kind, ROWS, COLUMNS)
     model = make_model([feather], [kind], 2)
@@ -88,29 +76,24 @@ def vane(folder: Path) -> StudyResult:
     found = solver.system(state, loads, 0, INERTIA)
     exact, seconds = _banded(found.band, -found.gradient)
     text = f"{len(exact)} unknowns, a step of 1/240 s"
-    rows.append(reported(f"processor time of the banded solver, {text}", seconds, unit="s"))
+    rows.report(f"processor time of the banded solver, {text}", seconds, unit="s")
     system = HeldSystem(_whole(found.band), -found.gradient, np.arange(len(exact)))
     for choice in CHOICES:
         method: Method = "gmres" if choice == "P_Ab" else "pcg"
         solved = solve(system, method, choice, TOLERANCE, 20_000, directions=3)
-        rows.append(
-            reported(
-                f"iterations of {method.upper()} with {choice}, {text}",
-                solved.iterations,
-                note=f"residual {solved.residual:.1e}",
-            )
+        note = f"residual {solved.residual:.1e}"
+        rows.report(
+            f"iterations of {method.upper()} with {choice}, {text}", solved.iterations, note=note
         )
         ratio = solved.seconds / seconds
-        rows.append(reported(f"its time over the banded solver's, {choice}, {text}", ratio))
+        rows.report(f"its time over the banded solver's, {choice}, {text}", ratio)
     factors = solve(system, "direct", directions=3)
     apart = np.abs(factors.displacements - exact).max() / np.abs(exact).max()
-    rows.append(
-        bounded(
-            f"difference of the banded solution over its largest value, {text}",
-            float(apart),
-            independent("a sparse factorisation (SuperLU)"),
-            at_most=1e-6,
-        )
+    rows.bound(
+        f"difference of the banded solution over its largest value, {text}",
+        float(apart),
+        independent("a sparse factorisation (SuperLU)"),
+        at_most=1e-6,
     )
     return StudyResult(rows)
 

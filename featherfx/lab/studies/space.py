@@ -18,15 +18,7 @@ from featherfx.lab.networks.network import (
     strung,
 )
 from featherfx.lab.networks.space import SpaceMikado, linked_sheets, shear, space_mikado
-from featherfx.lab.studies.study import (
-    Row,
-    StudyResult,
-    bounded,
-    compared,
-    ourselves,
-    published,
-    reported,
-)
+from featherfx.lab.studies.study import Rows, StudyResult, ourselves, published
 
 HOUGHTON = "Houghton 2020"
 
@@ -95,13 +87,13 @@ STEP, RATE = 100.0, 1e-2
 
 def small(folder: Path) -> StudyResult:
     """Tripod, lambda networks alone and linked, in a medium, and by steps of pseudo-time."""
-    rows = []
+    rows = Rows()
     for mu, kappa in ((1.0, 0.02), (3e-4, 8e-9)):
         found = _solved(_sheared(TRIPOD, ((0, 4, 1), (2, 4), (3, 4)), 1, (mu, kappa), 1.0))
         source = published(f"{HOUGHTON}, equation 6.24")
         for axis, printed in zip("xy", _tripod(mu, kappa), strict=True):
             text = f"tripod's node along {axis} over the shear, mu {mu:g}, kappa {kappa:g}"
-            rows.append(compared(text, found["xy".index(axis)], printed, 1e-9, source))
+            rows.compare(text, found["xy".index(axis)], printed, 1e-9, source)
     rows += _layered()
     rows += _medium()
     return StudyResult(rows)
@@ -117,9 +109,9 @@ def _tripod(mu: float, kappa: float) -> tuple[float, float]:
     return float(top / (4 * below)), float(-aside)
 
 
-def _layered() -> list[Row]:
+def _layered() -> Rows:
     mu, kappa = _section(1e-2)
-    rows = []
+    rows = Rows()
     for name, second, end in (
         ("parallel", (2.0, 1.0, 0.6), (1.0, 2.0, 0.6)),
         ("turned", (2.625, 0.75, 0.6), (2.0, 2.0, 0.6)),
@@ -136,14 +128,14 @@ def _layered() -> list[Row]:
         source = published(f"{HOUGHTON}, equation {6.31 if name == 'parallel' else 6.34}")
         text = f"two linked lambda networks, {name}: largest difference of a displacement"
         gap = float(np.abs(found.ravel() - printed).max())
-        rows.append(bounded(text, gap, source, at_most=1e-8, unit="m", note="of 5 mm"))
+        rows.bound(text, gap, source, at_most=1e-8, unit="m", note="of 5 mm")
     return rows
 
 
-def _medium() -> list[Row]:
+def _medium() -> Rows:
     """The lambda network in space: tables 6.5 to 6.8."""
     mu, kappa = _section(1e-3)
-    rows = []
+    rows = Rows()
     whole, springs = (
         _sheared(LAMBDA, ((0, 3), (1, 3, 2)), 1, (mu, bend), RATE) for bend in (kappa, 0.0)
     )
@@ -157,9 +149,9 @@ def _medium() -> list[Row]:
             found.append(each.energy(np.linalg.solve(matrix, each.system.right + medium * affine)))
         text = f"energy in a medium of {medium:g} N/m"
         source = published(f"{HOUGHTON}, table 6.5")
-        rows.append(compared(f"{text}, change", found[0] / least - 1.0, more, 1e-4, source))
+        rows.compare(f"{text}, change", found[0] / least - 1.0, more, 1e-4, source)
         source = published(f"{HOUGHTON}, table 6.6")
-        rows.append(compared(f"{text}, without bending", found[1], energy, 1e-6, source, unit="J"))
+        rows.compare(f"{text}, without bending", found[1], energy, 1e-6, source, unit="J")
     matrix, right = whole.system.matrix.toarray(), whole.system.right
     moved, count = affine.copy(), 0
     for tolerance, steps, change, distance in STEPS:
@@ -167,24 +159,20 @@ def _medium() -> list[Row]:
             moved, count = moved + STEP * force, count + 1
         source = published(f"{HOUGHTON}, table 6.7")
         text = f"steps of pseudo-time to a force of {tolerance:g} N"
-        rows.append(compared(text, count, steps, 0.0, source))
+        rows.compare(text, count, steps, 0.0, source)
         if change is not None:
             text = f"change of the energy after {steps} steps"
-            rows.append(compared(text, whole.energy(moved) / least - 1.0, change, 1e-3, source))
+            rows.compare(text, whole.energy(moved) / least - 1.0, change, 1e-3, source)
         gap = float(np.linalg.norm(moved - exact))
         text = f"distance from the solution after {steps} steps"
-        rows.append(compared(text, gap, distance, 1e-3, source, unit="m"))
-    rows.append(
-        compared(
-            "energy without bending",
-            springs.energy(
-                np.linalg.lstsq(springs.system.matrix.toarray(), springs.system.right)[0]
-            ),
-            1.1107207e-10,
-            1e-7,
-            published(f"{HOUGHTON}, table 6.8"),
-            unit="J",
-        )
+        rows.compare(text, gap, distance, 1e-3, source, unit="m")
+    rows.compare(
+        "energy without bending",
+        springs.energy(np.linalg.lstsq(springs.system.matrix.toarray(), springs.system.right)[0]),
+        1.1107207e-10,
+        1e-7,
+        published(f"{HOUGHTON}, table 6.8"),
+        unit="J",
     )
     return rows
 
@@ -202,7 +190,10 @@ DIRECTIONS = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 
 def random(folder: Path) -> StudyResult:
     """Random networks in a cube, and layers of random sheets."""
-    return StudyResult([*_cube(), *_sheets()])
+    rows = Rows()
+    rows += _cube()
+    rows += _sheets()
+    return StudyResult(rows)
 
 
 def _gradient(i: int, j: int) -> Array:
@@ -211,32 +202,30 @@ def _gradient(i: int, j: int) -> Array:
     return gradient
 
 
-def _cube() -> list[Row]:
+def _cube() -> Rows:
     section = FibreSection(*_section(1e-3))
     plans = [SpaceMikado(CUBE, COUPLED, merge=MERGED, seed=seed) for seed in range(CUBES)]
     found = [shear(space_mikado(each, section), _gradient(0, 1)) for each in plans]
     printed, error, bent = TABLE_6_3
-    return [
-        compared(
-            f"energy over affine, {CUBE} random fibres in a cube",
-            float(np.mean([each.energy / each.affine for each in found])),
-            printed,
-            3.0 * error * float(np.sqrt(1.0 + 9.0 / CUBES)),
-            ourselves(f"{HOUGHTON}, table 6.3, to which the distance of coupling was chosen"),
-            absolute=True,
-            note=f"fibres nearer than {COUPLED:g} m are coupled, which is not printed",
-        ),
-        compared(
-            "share of bending in it",
-            float(np.mean([each.bend / each.energy for each in found])),
-            bent,
-            0.03,
-            published(f"{HOUGHTON}, table 6.3"),
-        ),
-    ]
+    rows = Rows()
+    rows.compare(
+        f"energy over affine, {CUBE} random fibres in a cube",
+        float(np.mean([each.energy / each.affine for each in found])),
+        printed,
+        3.0 * error * float(np.sqrt(1.0 + 9.0 / CUBES)),
+        ourselves(f"{HOUGHTON}, table 6.3, to which the distance of coupling was chosen"),
+        absolute=True,
+        note=f"fibres nearer than {COUPLED:g} m are coupled, which is not printed",
+    )
+    text = "share of bending in it"
+    source = published(f"{HOUGHTON}, table 6.3")
+    rows.compare(
+        text, float(np.mean([each.bend / each.energy for each in found])), bent, 0.03, source
+    )
+    return rows
 
 
-def _sheets() -> list[Row]:
+def _sheets() -> Rows:
     """How many links join two sheets, and which shear is stiffest."""
     section = FibreSection(*_section(SHEET_RADIUS))
     counts, links = (100, 150, 200, 300), []
@@ -248,24 +237,13 @@ def _sheets() -> list[Row]:
     slope, error = _power(counts, links)
     note = "1-1 links of crossings that lie within 5 cm, the tolerance is not printed"
     allowed = 3.0 * float(np.hypot(error, EXPONENT[1]))
-    rows = [
-        compared(
-            "crossings of an area, over the square of the fibres' length in it",
-            crossings / 4.0 / density**2,
-            1.0 / np.pi,
-            0.02,
-            published(f"{HOUGHTON}, equation 6.35"),
-        ),
-        compared(
-            "power of the number of fibres with which links between sheets grow",
-            slope,
-            EXPONENT[0],
-            allowed,
-            published(f"{HOUGHTON}, figure 6.25"),
-            absolute=True,
-            note=note,
-        ),
-    ]
+    rows = Rows()
+    text = "crossings of an area, over the square of the fibres' length in it"
+    source = published(f"{HOUGHTON}, equation 6.35")
+    rows.compare(text, crossings / 4.0 / density**2, 1.0 / np.pi, 0.02, source)
+    text = "power of the number of fibres with which links between sheets grow"
+    source = published(f"{HOUGHTON}, figure 6.25")
+    rows.compare(text, slope, EXPONENT[0], allowed, source, absolute=True, note=note)
     sheet = mikado(Mikado(150, 1.0, SHEET_LENGTH, periodic=False), section)
     layout = linked_sheets(sheet, SHEETS, 0.2, ASIDE)
     found = {name: shear(layout, _gradient(*each)) for name, each in DIRECTIONS.items()}
@@ -274,24 +252,14 @@ def _sheets() -> list[Row]:
     similar = published(f"{HOUGHTON}, figure 6.24, in words")
     note = f"{SHEETS} sheets of 150 fibres"
     linked = {name: each.links / each.energy for name, each in found.items()}
-    rows += [
-        bounded(
-            "shear modulus in the sheets over that between them",
-            energy["xy"] / max(energy["yz"], energy["xz"]),
-            words,
-            at_least=1.0,
-            note=note,
-        ),
-        compared("modulus yz over xz", energy["yz"] / energy["xz"], 1.0, 0.1, similar, note=note),
-        bounded(
-            "share of links in the energy, xz over xy",
-            linked["xz"] / linked["xy"],
-            words,
-            at_least=1.0,
-        ),
-        reported("energy over affine, xy", energy["xy"] / found["xy"].affine),
-        reported("energy over affine, xz", energy["xz"] / found["xz"].affine),
-    ]
+    text = "shear modulus in the sheets over that between them"
+    rows.bound(text, energy["xy"] / max(energy["yz"], energy["xz"]), words, at_least=1.0, note=note)
+    rows.compare("modulus yz over xz", energy["yz"] / energy["xz"], 1.0, 0.1, similar, note=note)
+    rows.bound(
+        "share of links in the energy, xz over xy", linked["xz"] / linked["xy"], words, at_least=1.0
+    )
+    rows.report("energy over affine, xy", energy["xy"] / found["xy"].affine)
+    rows.report("energy over affine, xz", energy["xz"] / found["xz"].affine)
     return rows
 
 

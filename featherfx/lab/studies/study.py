@@ -138,41 +138,45 @@ class Study:
         return found
 
 
-def compared(
-    quantity: str,
-    ours: float,
-    reference: float,
-    tolerance: float,
-    source: Source,
-    *,
-    unit: str = "",
-    absolute: bool = False,
-    note: str = "",
-) -> Row:
-    """A number beside a reference; tolerance: a share of it, or absolute in its unit."""
-    way: Comparison = "absolute" if absolute else "relative"
-    return Row(quantity, float(ours), unit, float(reference), tolerance, way, source, note)
+class Rows(list[Row]):
+    """Numbers of a study, in the order of the page."""
 
+    def compare(
+        self,
+        quantity: str,
+        ours: float,
+        reference: float,
+        tolerance: float,
+        source: Source,
+        *,
+        unit: str = "",
+        absolute: bool = False,
+        note: str = "",
+    ) -> None:
+        """A number beside a reference; tolerance: a share of it, or absolute in its unit."""
+        way: Comparison = "absolute" if absolute else "relative"
+        values = float(ours), unit, float(reference), tolerance
+        self.append(Row(quantity, *values, way, source, note))
 
-def bounded(
-    quantity: str,
-    ours: float,
-    source: Source,
-    *,
-    at_most: float | None = None,
-    at_least: float | None = None,
-    unit: str = "",
-    note: str = "",
-) -> Row:
-    """A number beside a bound on it; exactly one of the two bounds is given."""
-    bound = at_most if at_most is not None else at_least
-    way: Comparison = "at most" if at_most is not None else "at least"
-    return Row(quantity, float(ours), unit, bound, None, way, source, note)
+    def bound(
+        self,
+        quantity: str,
+        ours: float,
+        source: Source,
+        *,
+        at_most: float | None = None,
+        at_least: float | None = None,
+        unit: str = "",
+        note: str = "",
+    ) -> None:
+        """A number beside a bound on it; exactly one of the two bounds is given."""
+        limit = at_most if at_most is not None else at_least
+        way: Comparison = "at most" if at_most is not None else "at least"
+        self.append(Row(quantity, float(ours), unit, limit, None, way, source, note))
 
-
-def reported(quantity: str, ours: float, *, unit: str = "", note: str = "") -> Row:
-    """A number of ours that nothing stands beside."""
-    return Row(quantity, float(ours), unit, note=note)
+    def report(self, quantity: str, ours: float, *, unit: str = "", note: str = "") -> None:
+        """A number of ours that nothing stands beside."""
+        self.append(Row(quantity, float(ours), unit, note=note))
 
 
 def run_study(study: Study, folder: Path) -> StudyResult:
@@ -181,9 +185,7 @@ def run_study(study: Study, folder: Path) -> StudyResult:
     begin, spent = time.perf_counter(), time.process_time()
     result = study.run(folder)
     return replace(
-        result,
-        seconds=time.perf_counter() - begin,
-        processor_seconds=time.process_time() - spent,
+        result, seconds=time.perf_counter() - begin, processor_seconds=time.process_time() - spent
     )
 
 
@@ -194,10 +196,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 
 
 def draw(
-    file: Path,
-    caption: str,
-    paint: Callable[[Any], None],
-    inches: tuple[float, float] = INCHES,
+    file: Path, caption: str, paint: Callable[[Any], None], inches: tuple[float, float] = INCHES
 ) -> tuple[Figure, ...]:
     """Write a PNG that paint draws on an empty matplotlib Figure; () without matplotlib."""
     if not can_plot():

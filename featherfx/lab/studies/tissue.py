@@ -8,16 +8,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.lab.fibres.tissue import LAWS, arnoux, fit_tissue, incompressible, sacks
-from featherfx.lab.studies.study import (
-    COLOURS,
-    Row,
-    StudyResult,
-    compared,
-    draw,
-    ourselves,
-    published,
-    reported,
-)
+from featherfx.lab.studies.study import COLOURS, Rows, StudyResult, draw, ourselves, published
 
 # Jacquemoud 2007, tables 2-1 and 2-2 and section 2.5.3; MPa. Table 2-1 names a1 "alpha 2"
 PRINTED = {
@@ -42,7 +33,7 @@ def laws(folder: Path) -> StudyResult:
     return StudyResult(_strengths() + _fits(), draw(folder / "tissue_laws.png", caption, _paint))
 
 
-def _strengths() -> list[Row]:
+def _strengths() -> Rows:
     ours = STRETCH * arnoux(np.array(PRINTED["arnoux"]), ALONG, ALONG)
     printed = STRETCH * _as_printed()
     table = published("Jacquemoud 2007, table A5-3: mean of tests 13 and 14, of which 14 is fitted")
@@ -53,55 +44,34 @@ def _strengths() -> list[Row]:
     elastic = float(sacks(np.array(PRINTED["sacks"]), at, incompressible(at))[0])
     note = "p / l^2, as the energy asks for; the text has p / l, see the row below"
     fung = LAWS["fung"].stress(np.array(PRINTED["fung"]), at, incompressible(at))
-    return [
-        compared("strain of the largest stress, Arnoux", _peak(ours)[1], DYNAMIC[1], 0.1, table),
-        compared(
-            "largest nominal stress, Arnoux",
-            _peak(ours)[0],
-            DYNAMIC[0],
-            0.1,
-            table,
-            unit="MPa",
-            note=note,
-        ),
-        compared(
-            "the same with equation 2-35 as printed",
-            _peak(printed)[0],
-            DYNAMIC[0],
-            0.1,
-            table,
-            unit="MPa",
-        ),
-        compared(
-            "nominal stress at the breaking strain, Sacks",
-            (1.0 + STATIC[1]) * elastic,
-            STATIC[0],
-            0.1,
-            static,
-            unit="MPa",
-        ),
-        reported(
-            "nominal stress at the breaking strain, Fung",
-            (1.0 + STATIC[1]) * float(fung[0]),
-            unit="MPa",
-            note="table 2-1 prints an alpha 2, which the stress along the pull does not contain,"
-            " and no alpha 1, which it is taken for; the measured strain across is not printed",
-        ),
-    ]
+    rows = Rows()
+    rows.compare("strain of the largest stress, Arnoux", _peak(ours)[1], DYNAMIC[1], 0.1, table)
+    text = "largest nominal stress, Arnoux"
+    rows.compare(text, _peak(ours)[0], DYNAMIC[0], 0.1, table, unit="MPa", note=note)
+    text = "the same with equation 2-35 as printed"
+    rows.compare(text, _peak(printed)[0], DYNAMIC[0], 0.1, table, unit="MPa")
+    text = "nominal stress at the breaking strain, Sacks"
+    rows.compare(text, (1.0 + STATIC[1]) * elastic, STATIC[0], 0.1, static, unit="MPa")
+    rows.report(
+        "nominal stress at the breaking strain, Fung",
+        (1.0 + STATIC[1]) * float(fung[0]),
+        unit="MPa",
+        note="table 2-1 prints an alpha 2, which the stress along the pull does not contain,"
+        " and no alpha 1, which it is taken for; the measured strain across is not printed",
+    )
+    return rows
 
 
-def _fits() -> list[Row]:
-    rows = []
+def _fits() -> Rows:
+    rows = Rows()
     given = ourselves("the parameters that the curve was made with")
     strain = np.linspace(0.005, LARGEST, 60)
     for name in ("sacks", "arnoux"):
         units = np.array([1e6 if key in LAWS[name].scaled else 1.0 for key in LAWS[name].names])
         values, across = units * np.array(PRINTED[name]), incompressible(strain)
         found = fit_tissue(name, strain, LAWS[name].stress(values, strain, across), across, name)
-        rows += [
-            compared(f"{key} of {name}, fitted", found.parameters[key], value, 1e-2, given)
-            for key, value in zip(LAWS[name].names, values, strict=True)
-        ]
+        for key, value in zip(LAWS[name].names, values, strict=True):
+            rows.compare(f"{key} of {name}, fitted", found.parameters[key], value, 1e-2, given)
     return rows
 
 

@@ -26,14 +26,7 @@ from featherfx.lab.networks.unit_cell import (
     cell_of,
     scattered,
 )
-from featherfx.lab.studies.study import (
-    StudyResult,
-    bounded,
-    compared,
-    draw,
-    ourselves,
-    reported,
-)
+from featherfx.lab.studies.study import Rows, StudyResult, draw, ourselves
 
 PRESET = "swan_primary"
 SEGMENTS = (4, 8, 16, 32)
@@ -41,7 +34,7 @@ SEGMENTS = (4, 8, 16, 32)
 
 def elements(folder: Path) -> StudyResult:
     """Cantilever of bend triplets; a planar network in space; bounds of a cell's energy."""
-    rows = []
+    rows = Rows()
     closed = ourselves("closed form of the discrete cantilever, 1 / (2 n^2), derived here")
     for count in SEGMENTS:
         force = np.zeros((count + 1, 2))
@@ -50,7 +43,7 @@ def elements(folder: Path) -> StudyResult:
         moved = held_displacements(fibre, np.array([0]), np.zeros((1, 2)), force)
         error = 3.0 * float(moved[-1, 1]) - 1.0
         text = f"error of a cantilever of {count} segments over 1 / (2 n^2)"
-        rows.append(compared(text, 2.0 * count**2 * error, 1.0, 1e-6, closed))
+        rows.compare(text, 2.0 * count**2 * error, 1.0, 1e-6, closed)
     plane = ourselves("the same network in the plane")
     flat, space = crossing_fibres(2), crossing_fibres(3)
     energies, heights = [], 0.0
@@ -64,16 +57,14 @@ def elements(folder: Path) -> StudyResult:
         )
         energies.append(network_energy(network, found))
         heights = float(np.abs(found[:, 2:]).max(initial=0.0))
-    rows += [
-        compared(
-            "energy of a planar network in space over that in the plane",
-            energies[1] / energies[0],
-            1.0,
-            1e-12,
-            plane,
-        ),
-        bounded("height to which it leaves its plane", heights, plane, at_most=1e-12, unit="m"),
-    ]
+    rows.compare(
+        "energy of a planar network in space over that in the plane",
+        energies[1] / energies[0],
+        1.0,
+        1e-12,
+        plane,
+    )
+    rows.bound("height to which it leaves its plane", heights, plane, at_most=1e-12, unit="m")
     cell = cell_of(feather_kind(PRESET))
     gradients = np.random.default_rng(5).normal(size=(20, 2, 2))
     relaxed, affine = homogenised(cell_network(cell), gradients + gradients.transpose(0, 2, 1))
@@ -81,10 +72,8 @@ def elements(folder: Path) -> StudyResult:
     between = ourselves("0 and 1, between which it is by construction")
     note = "of 20 random mean strains"
     least, largest = "energy over its affine bound, least", "energy over its affine bound, largest"
-    rows += [
-        bounded(least, ratio.min(), between, at_least=0.0, note=note),
-        bounded(largest, ratio.max(), between, at_most=1.0, note=note),
-    ]
+    rows.bound(least, ratio.min(), between, at_least=0.0, note=note)
+    rows.bound(largest, ratio.max(), between, at_most=1.0, note=note)
     return StudyResult(rows)
 
 
@@ -140,52 +129,37 @@ def lattice(folder: Path) -> StudyResult:
         " modulus goes as the fourth power of the diameter, which the references do not tell"
     )
     given = ourselves("the preset that the cell is of")
-    rows = [
-        compared("modulus along the barbs", found.along, vane.along, 0.01, given, unit="Pa"),
-        reported("modulus across, barbules of 5 um at 45 deg", found.across, unit="Pa", note=thin),
-        reported("shear modulus, the same", found.shear, unit="Pa"),
-        compared(
-            "bending along the barbs",
-            found.bending_along,
-            vane.barb_bending_normal,
-            0.01,
-            given,
-            unit="N m",
-        ),
-        bounded(
-            "contraction along over strain across",
-            found.poisson,
-            ourselves("a bound of ours"),
-            at_most=0.01,
-            note="Jouve 2024 measured none",
-        ),
-    ]
+    rows = Rows()
+    rows.compare("modulus along the barbs", found.along, vane.along, 0.01, given, unit="Pa")
+    rows.report("modulus across, barbules of 5 um at 45 deg", found.across, unit="Pa", note=thin)
+    rows.report("shear modulus, the same", found.shear, unit="Pa")
+    text = "bending along the barbs"
+    rows.compare(text, found.bending_along, vane.barb_bending_normal, 0.01, given, unit="N m")
+    text = "contraction along over strain across"
+    source = ourselves("a bound of ours")
+    rows.bound(text, found.poisson, source, at_most=0.01, note="Jouve 2024 measured none")
     fitted = fitted_cell(cell, vane.across, vane.shear)
     moduli = cell_moduli(fitted)
     target = ourselves("what it was fitted to")
     note = "what the measured moduli across and in shear ask for"
-    rows += [
-        reported("barbule angle", fitted.angle, unit="deg", note=note),
-        reported("barbule diameter", fitted.barbule_diameter, unit="m", note=note),
-        compared("modulus across, fitted", moduli.across, vane.across, 1e-5, target, unit="Pa"),
-        compared("shear modulus, fitted", moduli.shear, vane.shear, 1e-5, target, unit="Pa"),
-        reported(
-            "bending across, fitted",
-            moduli.bending_across,
-            unit="N m",
-            note=f"the vane's value, chosen by eye in the reference, is {vane.bending_across:g}",
-        ),
-    ]
+    rows.report("barbule angle", fitted.angle, unit="deg", note=note)
+    rows.report("barbule diameter", fitted.barbule_diameter, unit="m", note=note)
+    rows.compare("modulus across, fitted", moduli.across, vane.across, 1e-5, target, unit="Pa")
+    rows.compare("shear modulus, fitted", moduli.shear, vane.shear, 1e-5, target, unit="Pa")
+    rows.report(
+        "bending across, fitted",
+        moduli.bending_across,
+        unit="N m",
+        note=f"the vane's value, chosen by eye in the reference, is {vane.bending_across:g}",
+    )
     for degrees in (0.1, 1.0, 3.0):
         bounds = [1.0 / np.linalg.inv(each)[1, 1] for each in scattered(moduli.relaxed, degrees)]
-        rows.append(
-            reported(
-                f"modulus across over that of straight barbs, directions scattered by {degrees:g}"
-                " deg, equal stress",
-                bounds[1] / cell.thickness / moduli.across,
-                note=f"equal strain {bounds[0] / cell.thickness / moduli.across:.4g}; the vane lies"
-                " between, and how neighbours shift decides",
-            )
+        rows.report(
+            f"modulus across over that of straight barbs, directions scattered by {degrees:g}"
+            " deg, equal stress",
+            bounds[1] / cell.thickness / moduli.across,
+            note=f"equal strain {bounds[0] / cell.thickness / moduli.across:.4g}; the vane lies"
+            " between, and how neighbours shift decides",
         )
     hooks = np.unique(np.geomspace(1, 2 * cell.crossings - 1, 9).round().astype(int))
     swept = [cell_moduli(replace(fitted, hooks=int(each))) for each in hooks]
@@ -197,8 +171,7 @@ def lattice(folder: Path) -> StudyResult:
         right.loglog(hooks, [each.shear for each in swept], "s-", label="shear")
         right.axhline(vane.across, color="C0", ls=":")
         right.axhline(vane.shear, color="C1", ls=":")
-        right.set_xlabel("hooked crossings of a barbule")
-        right.set_ylabel("modulus, Pa")
+        right.set(xlabel="hooked crossings of a barbule", ylabel="modulus, Pa")
         right.legend()
 
     caption = (

@@ -8,17 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.lab.studies.study import (
-    Row,
-    Source,
-    StudyResult,
-    bounded,
-    compared,
-    independent,
-    ourselves,
-    published,
-    reported,
-)
+from featherfx.lab.studies.study import Rows, Source, StudyResult, independent, ourselves, published
 from featherfx.lab.vane import angles as tilted
 from featherfx.lab.vane import pictures
 from featherfx.lab.vane.calibrate import NAMES, calibrate
@@ -63,48 +53,46 @@ LINEAR = "one layer of three-node triangles across each band, too stiff in bendi
 
 def traction(folder: Path) -> StudyResult:
     """Closed forms, and convergence of the slope at all angles below the bridging one."""
-    rows: list[Row] = []
+    rows = Rows()
     given = ourselves("the modulus that was given to the sample, which is pulled evenly")
     for angle, modulus in ((0.0, SWAN.across), (90.0, SWAN.along)):
         found = pull_test(Traction(Sample(angle, *SIZE), SWAN, 0.05, 5, 2000)).slope
-        rows.append(compared(f"slope at {angle:g} degrees", found, modulus, 1e-8, given, unit="Pa"))
+        rows.compare(f"slope at {angle:g} degrees", found, modulus, 1e-8, given, unit="Pa")
     mesh = ourselves("an aligned mesh of 60,000 elements")
     for angle, allowed in ((15.0, 0.01), (30.0, 0.01), (45.0, 0.02), (50.0, 0.02), (53.0, 0.02)):
         test = Traction(Sample(angle, *SIZE), SWAN, 1e-3, 1, 8000)
         fine = pull_test(replace(test, elements=60_000)).slope
         name = f"slope at {angle:g} degrees with 8,000 elements"
-        rows.append(compared(name, pull_test(test).slope, fine, allowed, mesh, unit="Pa"))
+        rows.compare(name, pull_test(test).slope, fine, allowed, mesh, unit="Pa")
     return StudyResult(rows)
 
 
 def locking(folder: Path) -> StudyResult:
     """Errors of aligned and unaligned meshes for all ratios."""
     found = run_locking()
-    rows: list[Row] = []
+    rows = Rows()
     mesh = ourselves("the finest aligned mesh")
     for ratio in RATIOS:
         count, error = found.error("aligned", ratio)[-1]
-        rows.append(
-            bounded(f"error, aligned, ratio {ratio:g}, {count} elements", error, mesh, at_most=0.02)
-        )
+        rows.bound(f"error, aligned, ratio {ratio:g}, {count} elements", error, mesh, at_most=0.02)
         count, error = found.error("unaligned", ratio)[2]
         name = f"error, unaligned, ratio {ratio:g}, {count} elements"
         if ratio == 1.0:
-            rows.append(bounded(name, error, mesh, at_most=0.02))
+            rows.bound(name, error, mesh, at_most=0.02)
         else:
             note = (
                 "locks: Jouve 2024, figure 4.4, shows the same, without numbers; the bound is ours"
             )
-            rows.append(bounded(name, error, mesh, at_least=0.1, note=note))
+            rows.bound(name, error, mesh, at_least=0.1, note=note)
     count, error = found.error("aligned", math.inf)[-1]
-    rows.append(bounded(f"error, inextensible limit, {count} elements", error, mesh, at_most=0.02))
+    rows.bound(f"error, inextensible limit, {count} elements", error, mesh, at_most=0.02)
     file = folder / "vane_locking.png"
     return StudyResult(rows, pictures.locking_picture(file, found))
 
 
 def mesoscale(folder: Path) -> StudyResult:
     """Closed forms of the bands, and table 5.1."""
-    rows: list[Row] = []
+    rows = Rows()
     bands = SwanBands(0.14, SPACING).bands()
     for angle, largest, form, allowed, name in (
         (90.0, 0.01, longitudinal_stress, 1e-8, "eq. 5.2"),
@@ -114,21 +102,17 @@ def mesoscale(folder: Path) -> StudyResult:
         ratio = pull_bands(sample, bands, strain).stress / form(bands, strain)
         worst = ratio[np.argmax(np.abs(ratio - 1.0))]
         closed = independent(f"closed form, Jouve 2024, {name}")
-        rows.append(compared(f"stress over that of {name}, worst", worst, 1.0, allowed, closed))
+        rows.compare(f"stress over that of {name}, worst", worst, 1.0, allowed, closed)
     table = published("Jouve 2024, table 5.1")
     for fraction, barbule, barb, _ in TABLES:
         ours = fitted_bands(SWAN.along, SWAN.across, fraction, SPACING)
-        rows.append(
-            compared(
-                f"barbules, fraction {fraction}", ours.barbule, barbule, 0.01, table, unit="Pa"
-            )
+        rows.compare(
+            f"barbules, fraction {fraction}", ours.barbule, barbule, 0.01, table, unit="Pa"
         )
         parallel = fraction * barb + (1.0 - fraction) * barbule
         note = f"the printed value gives {parallel:.3g} Pa along the barbs by eq. 5.3"
-        rows.append(
-            compared(
-                f"barbs, fraction {fraction}", ours.barb, barb, 0.01, table, unit="Pa", note=note
-            )
+        rows.compare(
+            f"barbs, fraction {fraction}", ours.barb, barb, 0.01, table, unit="Pa", note=note
         )
     return StudyResult(rows)
 
@@ -136,33 +120,28 @@ def mesoscale(folder: Path) -> StudyResult:
 def size_effect(folder: Path) -> StudyResult:
     """Appendix A.3: stress in compression against the width of the barbs."""
     found = run_size_effect()
-    rows = [
-        bounded(
-            "share of the stress that constant + quadratic / N^2 leaves unexplained",
-            found.unexplained,
-            ourselves("a bound of ours"),
-            at_most=0.01,
-            note="Jouve 2024, figure A.6, says so in words: almost quadratic in the width",
-        ),
-        reported("constant over the barbs' modulus", found.constant, note="what barbules hold"),
-    ]
-    rows += [
-        reported(f"stress over the barbs' modulus, N = {count}", float(stresses[-1]))
-        for count, stresses in zip(found.counts, found.stress_over_barb_modulus, strict=True)
-    ]
+    rows = Rows()
+    rows.bound(
+        "share of the stress that constant + quadratic / N^2 leaves unexplained",
+        found.unexplained,
+        ourselves("a bound of ours"),
+        at_most=0.01,
+        note="Jouve 2024, figure A.6, says so in words: almost quadratic in the width",
+    )
+    rows.report("constant over the barbs' modulus", found.constant, note="what barbules hold")
+    for count, stresses in zip(found.counts, found.stress_over_barb_modulus, strict=True):
+        rows.report(f"stress over the barbs' modulus, N = {count}", float(stresses[-1]))
     resolved = independent("bands of barbs and barbules, resolved one by one")
     for count, stresses in zip(found.counts, found.stress_over_barb_modulus, strict=True):
         bands = float(stresses[-1])
         text = f"on 12 by 12 cells over the bands', N = {count}"
-        rows.append(
-            compared(
-                f"stress of the membrane with barbs' bending, {text}",
-                press_membrane(count, True) / bands,
-                1.0,
-                0.1,
-                resolved,
-                note=f"without that energy {press_membrane(count, False) / bands:.3g}",
-            )
+        rows.compare(
+            f"stress of the membrane with barbs' bending, {text}",
+            press_membrane(count, True) / bands,
+            1.0,
+            0.1,
+            resolved,
+            note=f"without that energy {press_membrane(count, False) / bands:.3g}",
         )
     return StudyResult(rows, pictures.size_picture(folder / "vane_size.png", found))
 
@@ -175,7 +154,7 @@ CONVENTIONS = (("sigma = E 2 eps", 1.0), ("sigma = E eps", 2.0))
 
 def shear_modulus(folder: Path) -> StudyResult:
     """Shear modulus of the membrane from tilted tests of bands, in both conventions."""
-    rows: list[Row] = []
+    rows = Rows()
     table = published("Jouve 2024, table 5.2; equation 4.1 has sigma = E 2 eps, A.5 sigma = E eps")
     for fraction, _, _, printed in TABLES:
         bands = SwanBands(fraction, SPACING).bands()
@@ -198,10 +177,10 @@ def shear_modulus(folder: Path) -> StudyResult:
             f"fitted up to a strain of {PAPER_STRAIN:g}, chosen here as none is printed; up to"
             f" {TRANSVERSE_STRAIN:g}, as in the thesis, {slopes[1]:.3g} Pa"
         )
-        rows.append(compared(text, slopes[0], across, 0.03, table, unit="Pa", note=note))
+        rows.compare(text, slopes[0], across, 0.03, table, unit="Pa", note=note)
         along = fraction * barb + (1.0 - fraction) * barbule
         note = "not printed; by equation 9 of the bands that are"
-        rows.append(reported(f"modulus along of its bands, {name}", along, unit="Pa", note=note))
+        rows.report(f"modulus along of its bands, {name}", along, unit="Pa", note=note)
         ours = tilted.fit_shear(bands)
         rows += _both(name, ours.moduli.shear, printed, table, _why(ours))
     return StudyResult(rows)
@@ -221,24 +200,17 @@ def _why(ours: tilted.FittedShear) -> str:
     )
 
 
-def _both(name: str, ours: float, printed: float, table: Source, note: str) -> list[Row]:
-    return [
-        compared(
-            f"shear modulus, {name}, {form}",
-            times * ours,
-            printed,
-            0.05,
-            table,
-            unit="Pa",
-            note=note,
-        )
-        for form, times in CONVENTIONS
-    ]
+def _both(name: str, ours: float, printed: float, table: Source, note: str) -> Rows:
+    rows = Rows()
+    for form, times in CONVENTIONS:
+        text = f"shear modulus, {name}, {form}"
+        rows.compare(text, times * ours, printed, 0.05, table, unit="Pa", note=note)
+    return rows
 
 
-def _hindered(bands: Bands, printed: float) -> list[Row]:
+def _hindered(bands: Bands, printed: float) -> Rows:
     """Shear moduli where the barbs' bending is hindered, or the strain is larger."""
-    rows = []
+    rows = Rows()
     for name, order, times, largest, note in (
         ("10 % strain", 2, 1.0, 0.1, "range of strain"),
         ("linear elements, 5 %", 1, 1.0, 0.05, LINEAR),
@@ -250,7 +222,7 @@ def _hindered(bands: Bands, printed: float) -> list[Row]:
         ).moduli.shear
         quantity = f"shear modulus, fraction {bands.barb_fraction}, {name}"
         note = f"{note}; over table 5.2: {found / printed:.3f}"
-        rows.append(reported(quantity, found, unit="Pa", note=note))
+        rows.report(quantity, found, unit="Pa", note=note)
     return rows
 
 
@@ -258,7 +230,7 @@ def penalty(folder: Path) -> StudyResult:
     """Figure 6 of the paper: iterations and evenness of the curve against the barbs' modulus."""
     sample = Sample(45.0, *SIZE)
     strain = strains(0.2, 8)
-    rows: list[Row] = []
+    rows = Rows()
     bound = ourselves("a bound of ours")
     curves = {}
     for ratio in (1e2, 1e4, 1e6, math.inf):
@@ -271,17 +243,17 @@ def penalty(folder: Path) -> StudyResult:
         text = f"Newton's iterations a step, {name}"
         count = pulled.pose.iterations / len(strain)
         note = "the text's solver ran for 50 and 100 in all"
-        rows.append(bounded(text, count, bound, at_most=6.0, note=note))
+        rows.bound(text, count, bound, at_most=6.0, note=note)
         bumps = float(np.abs(np.diff(pulled.stress, 3)).max() / pulled.stress[-1])
-        rows.append(bounded(f"unevenness of the curve, {name}", bumps, bound, at_most=0.01))
+        rows.bound(f"unevenness of the curve, {name}", bumps, bound, at_most=0.01)
         if not limit:
             plain = pull_test(model, textbook=True)
             text = f"iterations a step as the textbook has them, {name}"
             note = f"{plain.pose.descents} steps found only by following the energy downhill"
-            rows.append(reported(text, plain.pose.iterations / len(strain), note=note))
+            rows.report(text, plain.pose.iterations / len(strain), note=note)
     gap = float(curves[1e6][-1] / curves[math.inf][-1])
     words = ourselves("barbs of constant length")
-    rows.append(compared("stress at the ratio 1e6 over the limit's", gap, 1.0, 0.02, words))
+    rows.compare("stress at the ratio 1e6 over the limit's", gap, 1.0, 0.02, words)
     return StudyResult(rows)
 
 
@@ -293,21 +265,15 @@ def calibration(folder: Path) -> StudyResult:
         replace(c, stress=c.stress * (1.0 + NOISE * generator.standard_normal(c.stress.shape)))
         for c in clean
     ]
-    rows: list[Row] = []
+    rows = Rows()
     given = ourselves("the moduli that the curves were made with, by the model that is inverted")
     for curves, allowed, name in ((clean, 1e-3, "no noise"), (noisy, 0.05, "2 % noise")):
         found = calibrate(curves)
-        rows += [
-            compared(
-                f"{key}, {name}",
-                getattr(found.moduli, key),
-                getattr(SWAN, key),
-                allowed,
-                given,
-                unit="Pa",
+        for key in NAMES:
+            text = f"{key}, {name}"
+            rows.compare(
+                text, getattr(found.moduli, key), getattr(SWAN, key), allowed, given, unit="Pa"
             )
-            for key in NAMES
-        ]
     return StudyResult(rows)
 
 
@@ -317,19 +283,13 @@ def angles(folder: Path) -> StudyResult:
     slopes = tilted.angle_slopes(bands)
     resolved = independent("bands of barbs and barbules, resolved one by one")
     fitted = ourselves("the bands at the angle that the shear modulus was fitted at")
-    rows: list[Row] = [
-        compared(
-            f"slope of the membrane over the bands', {angle:g} degrees, 5 % strain",
-            ratio,
-            1.0,
-            0.05,
-            fitted if angle == 45.0 else resolved,
-        )
-        for angle, ratio in zip(slopes.angles, slopes.membrane / slopes.bands, strict=True)
-    ]
+    rows = Rows()
+    for angle, ratio in zip(slopes.angles, slopes.membrane / slopes.bands, strict=True):
+        text = f"slope of the membrane over the bands', {angle:g} degrees, 5 % strain"
+        rows.compare(text, ratio, 1.0, 0.05, fitted if angle == 45.0 else resolved)
     found = tilted.shear_bands(bands, slopes.fitted.moduli)
-    rows += [
-        compared(
+    for band in found:
+        rows.compare(
             f"width of the shear band, aspect {band.aspect:g}",
             band.width_membrane,
             band.width_bands,
@@ -339,8 +299,6 @@ def angles(folder: Path) -> StudyResult:
             absolute=True,
             note="allowed is one barb spacing",
         )
-        for band in found
-    ]
     figures = (
         *pictures.angles_picture(folder / "vane_angles.png", slopes, bands.barbule),
         *pictures.band_picture(folder / "vane_bands.png", found),
