@@ -19,8 +19,8 @@ frequencies rods:frequencies Natural frequencies of a clamped rod
     closed form; Rayleigh and Ritz
 released_rod rods:released A rod let go
     chain of rigid links
-feather_masses feathers:masses Masses of presets, and what cutting off the vanes does
-    Harvey et al. 2022, data of AvInertia; Deng et al. 2022, abstract
+feather_masses feathers:masses Presets beside feathers that were weighed, shaken and pulled
+    Harvey et al. 2022, data of AvInertia; abstracts of Deng et al. 2022 and others
 vane_traction vane:traction Traction of vane samples
     Jouve 2024, chapter 4
 vane_locking vane:locking Locking of unaligned meshes
@@ -71,6 +71,8 @@ fibre_space space:small Small networks in space, in a medium, and by steps of ps
     Houghton 2020, sections 6.2 and 6.4, tables 6.5 to 6.8
 fibre_layers space:random Random networks in space and layers of them
     Houghton 2020, sections 6.3 and 6.4, table 6.3, figures 6.16 to 6.25
+fibre_contours space:contours Shares of the energy of layers, over density and distance
+    Houghton 2020, figures 6.19, 6.20 and 6.26 to 6.28
 fibre_solvers solvers:lattices A sparse factorisation beside preconditioned iterations
     Houghton 2020, section 5.3
 vane_solvers solvers:vane Preconditioned iterations on the nodal matrix of a vane

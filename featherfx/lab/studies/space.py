@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from featherfx.lab.networks.network import (
     network_energy,
     strung,
 )
-from featherfx.lab.networks.space import SpaceMikado, linked_sheets, shear, space_mikado
-from featherfx.lab.studies.study import Rows, StudyResult, ourselves, published
+from featherfx.lab.networks.space import Sheared, SpaceMikado, linked_sheets, shear, space_mikado
+from featherfx.lab.studies.study import Rows, StudyResult, draw, ourselves, published
 
 HOUGHTON = "Houghton 2020"
 
@@ -267,3 +267,62 @@ def _power(counts: Sequence[int], found: Sequence[int]) -> tuple[float, float]:
     """Exponent of a power law, and its standard error."""
     (slope, _), covariance = np.polyfit(np.log(counts), np.log(found), 1, cov=True)
     return float(slope), float(np.sqrt(covariance[0, 0]))
+
+
+# figures 6.26 to 6.28: fibres of a sheet and distances of sheets (m), ours as none are printed
+COUNTS, APART = (60, 100, 150), (0.1, 0.2, 0.4)
+SHARES: dict[str, Callable[[Sheared], float]] = {
+    "links over sheets": lambda each: each.links / (each.energy - each.links),
+    "bending over all": lambda each: each.bend / each.energy,
+    "energy over affine": lambda each: each.energy / each.affine,
+}
+
+
+def contours(folder: Path) -> StudyResult:
+    """Figures 6.26 to 6.28: shares of the energy of layers over density and distance of sheets."""
+    section = FibreSection(*_section(SHEET_RADIUS))
+    found: dict[tuple[str, str], list[float]] = {}
+    for count in COUNTS:
+        sheet = mikado(Mikado(count, 1.0, SHEET_LENGTH, periodic=False), section)
+        for apart in APART:
+            layout = linked_sheets(sheet, SHEETS, apart, ASIDE)
+            for way in ("xy", "xz"):
+                sheared = shear(layout, _gradient(*DIRECTIONS[way]))
+                for name, share in SHARES.items():
+                    found.setdefault((name, way), []).append(share(sheared))
+    grids = {key: np.reshape(each, (len(COUNTS), len(APART))) for key, each in found.items()}
+    rows = Rows()
+    for name, way, figure, grows in (
+        ("links over sheets", "xy", "6.26", False),
+        ("links over sheets", "xz", "6.26", True),
+        ("energy over affine", "xz", "6.28", True),
+    ):
+        ratio = float(grids[name, way][-1, -1] / grids[name, way][0, 0])
+        words = published(f"{HOUGHTON}, figure {figure}, in words: {'grows' if grows else 'falls'}")
+        text = f"{name}, {way}, densest and farthest sheets over least and nearest"
+        most, least = (None, 1.0) if grows else (1.0, None)
+        rows.bound(text, ratio, words, at_most=most, at_least=least)
+    none = published(f"{HOUGHTON}, figures 6.19 and 6.20, in words: no dependence")
+    for name in ("bending over all", "energy over affine"):
+        last = grids[name, "xy"][-1]
+        rows.compare(
+            f"{name}, xy, farthest sheets over nearest", last[-1] / last[0], 1.0, 0.1, none
+        )
+    falls = published(f"{HOUGHTON}, figure 6.20, in words: more stretching")
+    last = grids["bending over all", "xz"][-1]
+    text = "bending over all, xz, farthest sheets over nearest"
+    rows.bound(text, float(last[-1] / last[0]), falls, at_most=1.0)
+
+    def paint(canvas: Any) -> None:
+        for place, ((name, way), grid) in enumerate(grids.items()):
+            axes = canvas.add_subplot(3, 2, place + 1)
+            drawn = axes.contourf(APART, COUNTS, grid, levels=8, cmap="viridis")
+            canvas.colorbar(drawn, ax=axes)
+            axes.set_title(f"{name}, {way}", fontsize=9)
+            axes.set(xlabel="distance of sheets, m", ylabel="fibres of a sheet")
+
+    caption = (
+        f"Shares of the energy of {SHEETS} linked sheets under shear in them and between them."
+    )
+    file = folder / "fibre_contours.png"
+    return StudyResult(rows, draw(file, caption, paint, (8.0, 9.0)))
