@@ -12,9 +12,15 @@ from derivatives import derivative_fault, unnoticed_signs
 
 from featherfx.cli.main import main
 from featherfx.errors import InputError
-from featherfx.lab.fibres.law import Fibre, directions, membrane_response
-from featherfx.lab.fibres.rupture import RuptureTest, run_rupture
-from featherfx.lab.fibres.specimen import Specimen, pull
+from featherfx.lab.fibres.rupture import (
+    Fibre,
+    RuptureTest,
+    Specimen,
+    directions,
+    membrane_response,
+    pull,
+    run_rupture,
+)
 
 NARROW, WIDE = Fibre(1.36, 1.41), Fibre(1.34, 1.44)
 

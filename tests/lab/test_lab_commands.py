@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from featherfx.cli.lab.experiments import COMMANDS, EXPERIMENTS
 from featherfx.cli.lab.group import lab
 from featherfx.cli.main import main
-from featherfx.lab.studies.registry import STUDIES
+from featherfx.lab.studies.study import STUDIES
 
 ROD = ("--length", "0.3", "--ei", "2e-3")
 TRIAL = ("feather", "--preset", "swan_primary", "--rows", "9", "--columns", "3")

@@ -11,12 +11,12 @@ from featherfx.errors import InputError
 from featherfx.lab.networks.experiments import (
     NetworkPlan,
     PreconditionTest,
+    _pose,
     network_moduli,
     precondition,
     sheared_system,
 )
 from featherfx.lab.networks.krylov import METHODS, PRECONDITIONERS, SYMMETRIC, solve
-from featherfx.lab.networks.large import _pose
 from featherfx.lab.networks.layouts import FibreSection, Mikado, mikado, triangular
 from featherfx.lab.networks.network import network_energy
 from featherfx.lab.studies.networks import merging

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from featherfx.lab.ribbons.curve import centreline
+from featherfx.lab.ribbons.curve import TURN, centreline, energy_of_loads, pieces_of, series_points
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.experiments import hang
-from featherfx.lab.ribbons.series import TURN, energy_of_loads, pieces_of, series_points
 
 pytestmark = pytest.mark.verification
 RIBBON = Ribbon(0.7, 0.02, 2e-4, 0.3, 5.0, tip_width=0.01, elements=3)

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from featherfx.cli.main import main
 from featherfx.errors import InputError, SimulationError
-from featherfx.lab.studies import registry, report, runs, study
+from featherfx.lab.studies import report, runs, study
 from featherfx.lab.studies.study import (
     Rows,
     Study,
@@ -79,9 +79,9 @@ def test_what_agrees_only_with_ourselves_confirms_nothing():
 
 
 def test_registry_names_are_unique_and_lead_to_functions():
-    names = [each.name for each in registry.STUDIES]
+    names = [each.name for each in study.STUDIES]
     assert len(set(names)) == len(names)
-    for each in registry.STUDIES:
+    for each in study.STUDIES:
         assert callable(each.run)
 
 
@@ -140,11 +140,11 @@ def test_report_holds_every_number_and_picture(tmp_path):
 
 
 def test_studies_that_were_not_run_stay_on_the_page(tmp_path):
-    done = runs.run_all(registry.studies(["elastica"]), tmp_path, compile_first=())
+    done = runs.run_all(study.studies(["elastica"]), tmp_path, compile_first=())
     page = tmp_path / "page.md"
     report.write_markdown(page, done, "1")
     first = page.read_text()
-    more = runs.run_all(registry.studies(["fibre_merging"]), tmp_path, compile_first=())
+    more = runs.run_all(study.studies(["fibre_merging"]), tmp_path, compile_first=())
     report.write_markdown(page, more, "1")
     text = page.read_text()
     row = next(line for line in first.splitlines() if "shortening / L" in line)
@@ -181,7 +181,7 @@ def test_a_number_that_moves_by_a_tenth_of_its_tolerance_is_named(tmp_path):
 
 def test_the_page_is_of_today(tmp_path):
     page = Path(__file__).parents[2] / "docs/validation/validation.json"
-    quick = registry.studies(
+    quick = study.studies(
         [
             *("elastica", "frequencies", "fibre_elements", "fibre_merging", "fibre_space"),
             *("vane_mesoscale", "guard_truss", "feather_masses"),
@@ -236,7 +236,7 @@ def test_pictures_make_their_folder(tmp_path):
 
 def test_unknown_study():
     with pytest.raises(InputError, match="no_such"):
-        registry.studies(["no_such"])
+        study.studies(["no_such"])
     result = CliRunner().invoke(main, ["lab", "report", "-o", "x", "--only", "no_such"])
     assert result.exit_code == 1
     assert "elastica" in result.stderr

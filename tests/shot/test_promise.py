@@ -10,8 +10,7 @@ import pytest
 from featherfx.baking.pipeline import bake
 from featherfx.errors import InputError
 from featherfx.groom.keys.preset import Quality
-from featherfx.lab.bench.front import errors, run
-from featherfx.lab.bench.kept import fine
+from featherfx.lab.bench.front import errors, fine, run
 from featherfx.lab.bench.scenes import scene
 from featherfx.shot.detail.promise import chosen_for, common_tolerance, front, stepped_down
 from featherfx.shot.read.read import read_shot

@@ -13,8 +13,7 @@ from featherfx._version import __version__
 from featherfx.baking.pipeline import read_shot
 from featherfx.cli.progress import Progress
 from featherfx.lab.bench import experiments, peers
-from featherfx.lab.bench.front import HOW, measure, missed
-from featherfx.lab.bench.kept import kept_table
+from featherfx.lab.bench.front import HOW, kept_table, measure, missed
 from featherfx.lab.bench.options import BenchOptions
 from featherfx.lab.bench.report import (
     ResultTable,

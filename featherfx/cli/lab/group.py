@@ -47,7 +47,7 @@ def _list(context: click.Context, _: click.Parameter, value: bool) -> None:
     """Print the experiments, then the studies and what each reproduces."""
     if not value or context.resilient_parsing:
         return
-    from featherfx.lab.studies.registry import STUDIES
+    from featherfx.lab.studies.study import STUDIES
 
     width = max(len(name) for name in (*lab.commands, *(study.name for study in STUDIES)))
     click.echo("experiments")

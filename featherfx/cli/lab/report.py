@@ -16,9 +16,8 @@ from featherfx._version import __version__
 from featherfx.cli.program import Command
 from featherfx.errors import InputError, Problem
 from featherfx.lab.studies import report as pages
-from featherfx.lab.studies.registry import studies
 from featherfx.lab.studies.runs import Entry, run_all
-from featherfx.lab.studies.study import Study
+from featherfx.lab.studies.study import Study, studies
 
 
 @click.command(

@@ -370,10 +370,7 @@ def rows_table(kind: FeatherKind, extent: Extent) -> ResultTable:
 
 
 def _scaling(
-    counts: tuple[int, ...],
-    shake: Callable[[int], Shake],
-    kind: FeatherKind,
-    unit: str,
+    counts: tuple[int, ...], shake: Callable[[int], Shake], kind: FeatherKind, unit: str
 ) -> list[Row]:
     """Time of a step at several sizes, and per unit of size and iteration."""
     rows: list[Row] = []

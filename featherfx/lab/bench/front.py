@@ -4,6 +4,8 @@ On every scene one of them is varied while the others stay, and compared with th
 kind: what it alone misses. Errors of rows, columns and coefficients come with the deflections that
 the loads were estimated to cause, those of steps with the tolerance. featherfx/shot/detail/promise
 chooses what is simulated of a feather from these figures.
+
+And whether shots keep the error that is promised, measured against fine references.
 """
 
 from __future__ import annotations
@@ -19,10 +21,12 @@ from numpy.typing import NDArray
 from featherfx.feather.density import density_map
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints, stacked
-from featherfx.lab.bench.report import Row
+from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.lab.bench.scenes import SCENES, scene
+from featherfx.lab.bench.skips import share_of
 from featherfx.shot.detail.detail import deflections, load_estimate
 from featherfx.shot.detail.estimate import bends
+from featherfx.shot.detail.promise import front
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Quality, Shot
@@ -249,4 +253,73 @@ def _by_steps(rows: Sequence[Row]) -> dict[str, float]:
         "exponent": float(exponent),
         "finest": TOLERANCES[-1],
         "coarsest": TOLERANCES[0],
+    }
+
+
+NOTE = """\
+The error that a shot is simulated with, as promised, as the simulation itself estimates it, and as
+measured: of every feather the largest distance of any point that is simulated, at any frame, from
+where a reference has it, percent of the feather's length. References have as many rows and columns
+as were measured at most, three coefficients, and steps of a tolerance of 1e-5 of the median
+length. Points of the meshes between simulated rows are interpolated, and not counted. Seconds are
+processor times of one thread without the first frame."""
+REFERENCE_ERROR, REFERENCE_TOLERANCE = 0.01, 1e-5
+
+
+def kept_table(
+    shots: Sequence[Shot],
+    promised: Sequence[float],
+    progress: Callable[[int, int], None],
+    frames: int | None = None,
+    every: int = 1,
+) -> ResultTable:
+    """Every shot at every error (percent). frames: of each shot, all by default. every: n-th
+    feather of each alone."""
+    rows: list[Row] = []
+    total = len(shots) * len(promised)
+    for shot in shots:
+        some = share_of(shot, 1, min(every, len(shot.groom.feathers)))
+        if frames is not None:
+            some = replace(some, last_frame=min(some.last_frame, some.first_frame + frames - 1))
+        some = replace(some, quality=replace(some.quality, max_substeps=4096), details=())
+        reference = run(fine(some))
+        for error in promised:
+            rows.append(_kept(some, error, reference))
+            progress(len(rows), total)
+    return ResultTable("promise", "Promised errors", NOTE, rows)
+
+
+def fine(shot: Shot) -> Shot:
+    """The shot as it is compared with."""
+    finest = front()
+    length = float(np.median([p.kind.length for p in shot.groom.feathers]))
+    quality = replace(
+        shot.quality.with_error(REFERENCE_ERROR),
+        rows=max(finest.rows.cost),
+        simulated_rows=max(finest.rows.cost),
+        columns=max(finest.columns.cost),
+        coefficients=3,
+        tolerance=REFERENCE_TOLERANCE * length,
+    )
+    return replace(shot, quality=quality)
+
+
+def _kept(shot: Shot, error: float, reference: FrontRun) -> Row:
+    found = run(replace(shot, quality=shot.quality.with_error(error)))
+    measured = 100.0 * np.array(errors(found, reference))
+    return {
+        "shot": shot.name,
+        "feathers": len(measured),
+        "promised %": error,
+        "estimated %": found.report["error_estimated"],
+        "median %": float(np.median(measured)),
+        "of 95 in 100 %": float(np.quantile(measured, 0.95)),
+        "worst %": float(measured.max()),
+        "kept by": float((measured <= error).mean()),
+        "sub-steps a frame": found.report["substeps"]["mean"],
+        "ms a simulated second": 1e3
+        * found.seconds
+        * shot.frames_per_second
+        / max(shot.last_frame - shot.first_frame, 1)
+        / len(shot.groom.feathers),
     }

@@ -202,12 +202,7 @@ SKIPS = (
         _quality(coefficients=MOST_COEFFICIENTS),
         _always,
     ),
-    Skip(
-        "rows chosen, not all",
-        _quality(simulated_rows=CHOSEN_BY_SOLVER),
-        _all_rows,
-        _always,
-    ),
+    Skip("rows chosen, not all", _quality(simulated_rows=CHOSEN_BY_SOLVER), _all_rows, _always),
     Skip("detail coarse", _level("coarse"), _FULL, _untouched),
     Skip("detail rachis", _level("rachis"), _FULL, _untouched),
     Skip("detail guided", _level("guided"), _FULL, _guidable),

@@ -2,6 +2,8 @@
 
 In vacuum under gravity (0, 0, -9.81) m/s^2, settled first. The root frame is the world's at rest:
 rachis along +x, leading vane towards +y, dorsal +z.
+
+It also tells what one Newton iteration costs: assembly, and factorisation with the solution.
 """
 
 from __future__ import annotations
@@ -23,25 +25,26 @@ from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind, Groom, Placement
+from featherfx.jit.compiled import kernel
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, require, value
-from featherfx.lab.feathers.timing import (
-    Repeat,
-    curvature_repeat,
-    iteration_seconds,
-    nodal_repeat,
-)
-from featherfx.lab.nodal.model import nodal_model
-from featherfx.lab.nodal.solver import NodalSolver
-from featherfx.lab.nodal.state import nodal_rest_state
+from featherfx.lab.nodal.assembly_kernels import nodal_assemble
+from featherfx.lab.nodal.model import NodalModel, nodal_model
+from featherfx.lab.nodal.solver import NodalSolver, nodal_system
+from featherfx.lab.nodal.state import NodalState, make_nodal_work, nodal_rest_state
+from featherfx.lab.rods.experiments import posed
 from featherfx.lab.rods.rod import Vector
 from featherfx.mechanics.batch import barb_nodes, make_model
-from featherfx.mechanics.model import Loads
+from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
-from featherfx.solver.state import rest_state
+from featherfx.solver.state import State, rest_state
+from featherfx.solver.step.assembly_kernels import assemble
+from featherfx.solver.step.banded_kernels import factorise, solve_factored
+from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.modes import with_damping
+from featherfx.solver.vane.pairs_kernels import WHOLE
 
 Array = NDArray[np.float64]
 Kinematics = Literal["nodal", "barb-curvature"]
@@ -264,3 +267,71 @@ def feather_kind(preset: str, preset_folders: tuple[str | Path, ...] = ()) -> Fe
         replace(vane, rounded_base=0.0, rounded_tip=0.0) for vane in (kind.leading, kind.trailing)
     )
     return replace(kind, leading=leading, trailing=trailing)
+
+
+TIMED_ITERATIONS, TIMED_RUNS = 10, 8
+# repeat(factors, solve, count): that many iterations, with the factorisation if solve
+Repeat = Callable[[Factors, bool, int], object]
+
+
+def curvature_repeat(model: Model, loads: Loads, state: State) -> Repeat:
+    """Iterations of the barb-curvature kinematics at a pose."""
+    work = posed(model, loads, state)
+    return lambda factors, solve, count: repeat_iteration(
+        model, loads, 0, factors, solve, count, work
+    )
+
+
+def nodal_repeat(model: Model, nodal: NodalModel, loads: Loads, state: NodalState) -> Repeat:
+    """Iterations of the nodal kinematics at a pose."""
+    work = make_nodal_work(model, nodal)
+    nodal_system(model, nodal, loads, 0, 0.0, state, work)
+    return lambda factors, solve, count: repeat_nodal_iteration(
+        model, nodal, loads, 0, factors, solve, count, work
+    )
+
+
+def iteration_seconds(repeat: Repeat, step: float) -> tuple[float, float]:
+    """Seconds of one assembly, and of one factorisation with solution; step: s, of the inertia."""
+    factors = Factors(1.0 / step**2, 1.0 / step, 1.0 / step)
+    seconds = []
+    for solve in (False, True):
+        repeat(factors, solve, 1)
+        best = np.inf
+        # the shortest of several runs: other work on the machine only ever adds
+        for _ in range(TIMED_RUNS):
+            begin = time.perf_counter()
+            repeat(factors, solve, TIMED_ITERATIONS)
+            best = min(best, time.perf_counter() - begin)
+        seconds.append(float(best) / TIMED_ITERATIONS)
+    return seconds[0], max(seconds[1] - seconds[0], 0.0)
+
+
+@kernel
+def repeat_iteration(model, loads, f, factors, solve, count, work):
+    """Assemble at the pose work.now count times and, if solve, factorise and solve as often.
+
+    Other arguments as in assemble. Returns how many matrices were positive definite.
+    """
+    good = 0
+    for _ in range(count):
+        assemble(model, loads, f, 0.0, factors, WHOLE, 0.0, work)
+        if solve and factorise(work.system.band, work.system.panel):
+            solve_factored(work.system.band, work.system.right)
+            good += 1
+    return good
+
+
+@kernel
+def repeat_nodal_iteration(model, nodal, loads, f, factors, solve, count, work):
+    """Assemble at the pose work.now count times and, if solve, factorise and solve as often.
+
+    Other arguments as in nodal_assemble. Returns how many matrices were positive definite.
+    """
+    good, system = 0, work.system
+    for _ in range(count):
+        nodal_assemble(model, nodal, loads, f, 0.0, factors, False, work)
+        if solve and factorise(system.band, system.panel):
+            solve_factored(system.band, system.right)
+            good += 1
+    return good

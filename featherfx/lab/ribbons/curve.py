@@ -11,6 +11,16 @@ order in the link length. For hinges with axes a at places p,
 
 exactly, so gradient and Hessian are those of the discrete energy. N is free of the number of
 unknowns; links cost time, not conditioning.
+
+Or it is made of power series:
+
+    R' = R [w]x,  r' = R e_z,  w = (c, 0, t c),  c and t linear in the arc length
+    n R_n = R_n-1 [w_0]x + R_n-2 [w_1]x + R_n-3 [w_2]x,   r_n = R_n-1 e_z / n
+
+on pieces of an element so short that no term of a series is larger than e^TURN: then nothing is
+lost where terms of both signs add up. With the derivatives of the same recurrence by the four
+values of a piece, gradient and Hessian are exact: a piece moves all beyond it as a rigid body, by
+its own derivatives. Source: Charrondiere et al. 2019, sections 3.2 and 3.3.
 """
 
 from __future__ import annotations
@@ -169,3 +179,189 @@ def angle_slopes(ribbon: Ribbon, unknowns: Array, links: int) -> Array:
     by_t = step * np.stack([0.5 * c, np.zeros_like(c), 0.5 * c], axis=1)
     lines = [(by[:, :, None] * weights[:, None, :]).reshape(-1, size) for by in (by_c, by_t)]
     return np.concatenate(lines, axis=1)
+
+
+# rad, of a piece at most; terms of its series, of which the next is below rounding
+TURN, TERMS = 1.0, 20
+# [e_a]x, and second derivatives of t c by (c, c', t, t') at the powers 0, 1, 2 of the place
+CROSS = np.zeros((3, 3, 3))
+for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    CROSS[_a, _c, _b], CROSS[_a, _b, _c] = 1.0, -1.0
+TWIST = np.zeros((3, 4, 4))
+for _power, _i, _j in ((0, 0, 2), (1, 0, 3), (1, 1, 2), (2, 1, 3)):
+    TWIST[_power, _i, _j] = TWIST[_power, _j, _i] = 1.0
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """length: (P,) m. values: (P, 4) c, c', t, t' at their begin, by the place from 0 to 1.
+    to_unknowns: (P, 4, U) of these values. width: (P, 2) m, at the begin and its growth."""
+
+    length: Array
+    values: Array
+    to_unknowns: Array
+    width: Array
+
+
+def pieces_of(ribbon: Ribbon, unknowns: Array, least: int = 1) -> Pieces:
+    """Pieces that turn by TURN at most; least: of an element."""
+    size, step = ribbon.elements + 1, np.diff(ribbon.stations)
+    c, t = unknowns[:size], unknowns[size:]
+    turn = np.abs(c) * np.sqrt(1.0 + t**2)
+    wanted = np.ceil(step * np.maximum(turn[:-1], turn[1:]) / TURN).astype(np.int64)
+    counts = np.maximum(wanted, least)
+    element = np.repeat(np.arange(ribbon.elements), counts)
+    share = 1.0 / counts[element]
+    place = (np.arange(len(element)) - (np.cumsum(counts) - counts)[element]) * share
+    rows = np.arange(len(element))
+    to_unknowns = np.zeros((len(element), 4, 2 * size))
+    for first, column in ((0, element), (2, size + element)):
+        to_unknowns[rows, first, column] = 1.0 - place
+        to_unknowns[rows, first, column + 1] = place
+        to_unknowns[rows, first + 1, column] = -share
+        to_unknowns[rows, first + 1, column + 1] = share
+    length = step[element] * share
+    begin = ribbon.stations[element] + place * step[element]
+    width = ribbon.width_at(np.stack([begin, begin + length], axis=1))
+    width[:, 1] -= width[:, 0]
+    return Pieces(length, to_unknowns @ unknowns, to_unknowns, width)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What pieces do, by the place of a derivative: none, by one of their four values, by two.
+
+    turn: (P, ..., 3, 3) of their frame. end: (P, ..., 3) m, from begin to end, in the frame of the
+    begin. moment: (P, ..., 3) kg m, of their mass about the begin, the same.
+    """
+
+    turn: Array
+    end: Array
+    moment: Array
+
+
+def moved(ribbon: Ribbon, pieces: Pieces, orders: int = 2) -> list[Moved]:
+    """Pieces, and their first and second derivatives by their values, up to an order."""
+    count, h = len(pieces.length), pieces.length
+    c, slope, t, growth = pieces.values.T
+    spin = np.zeros((3, count, 3))
+    spin[0, :, 0], spin[1, :, 0] = c, slope
+    spin[:, :, 2] = t * c, t * slope + growth * c, growth * slope
+    by_one = np.zeros((3, count, 4, 3))
+    by_one[0, :, 0, 0] = by_one[1, :, 1, 0] = 1.0
+    by_one[:, :, :, 2] = np.einsum("kij,pj->kpi", TWIST, pieces.values)
+    by_two = np.zeros((3, 4, 4, 3))
+    by_two[..., 2] = TWIST
+    zero, one, two = (np.einsum("...a,aij->...ij", each, CROSS) for each in (spin, by_one, by_two))
+    zero, one = zero * h[:, None, None], one * h[:, None, None, None]
+    two = two[:, None] * h[:, None, None, None, None]
+    now = [
+        [np.broadcast_to(np.eye(3), (count, 3, 3))],
+        [np.zeros((count, 4, 3, 3))],
+        [np.zeros((count, 4, 4, 3, 3))],
+    ][: orders + 1]
+    for n in range(1, TERMS):
+        terms = [np.zeros_like(each[0]) for each in now]
+        for k in range(min(n, 3)):
+            r0, *more = (each[n - 1 - k] for each in now)
+            terms[0] += r0 @ zero[k]
+            if more:
+                terms[1] += more[0] @ zero[k][:, None] + r0[:, None] @ one[k]
+            if len(more) > 1:
+                mixed = np.einsum("piab,pjbc->pijac", more[0], one[k])
+                terms[2] += more[1] @ zero[k][:, None, None] + r0[:, None, None] @ two[k]
+                terms[2] += mixed + np.swapaxes(mixed, 1, 2)
+        for each, term in zip(now, terms, strict=True):
+            each.append(term / n)
+    found = []
+    for terms in now:
+        powers = np.array(terms)
+        power = np.arange(TERMS).reshape(-1, *(1,) * (powers.ndim - 2))
+        along = powers[..., 2] / (power + 1)
+        wide = (slice(None), *(None,) * (powers.ndim - 3))
+        width, wider = pieces.width[:, 0][wide], pieces.width[:, 1][wide]
+        mass = along * (width / (power + 2) + wider / (power + 3))
+        moment = ribbon.surface_density * (h**2)[wide] * mass.sum(axis=0)
+        found.append(Moved(powers.sum(axis=0), h[wide] * along.sum(axis=0), moment))
+    return found
+
+
+def piece_masses(ribbon: Ribbon, pieces: Pieces) -> Array:
+    """(P,) kg."""
+    mean = pieces.width[:, 0] + 0.5 * pieces.width[:, 1]
+    return np.asarray(ribbon.surface_density * pieces.length * mean)
+
+
+def placed(turn: Array, end: Array, frame: Array) -> tuple[Array, Array]:
+    """Frames (P + 1, 3, 3) and places (P + 1, 3) m of the ends of pieces, clamped at the origin."""
+    frames, places = [np.asarray(frame, float)], [np.zeros(3)]
+    for turned, way in zip(turn, end, strict=True):
+        places.append(places[-1] + frames[-1] @ way)
+        frames.append(frames[-1] @ turned)
+    return np.array(frames), np.array(places)
+
+
+def energy_of_loads(
+    ribbon: Ribbon, unknowns: Array, frame: Array, gravity: Array, tip_force: Array
+) -> tuple[float, Array, Array]:
+    """Energy (J) of weight and of a dead force (N) at the tip, gradient (U,), Hessian (U, U)."""
+    pieces = pieces_of(ribbon, unknowns)
+    plain, first, second = moved(ribbon, pieces)
+    frames, places = placed(plain.turn, plain.end, frame)
+    begin, mass, count = frames[:-1], piece_masses(ribbon, pieces), len(pieces.length)
+    centre = mass[:, None] * places[:-1] + np.einsum("pab,pb->pa", begin, plain.moment)
+    energy = -float(gravity @ centre.sum(axis=0) + tip_force @ places[-1])
+    # load beyond each piece, and sum of way from its end times force, in the frame of its end
+    beyond = np.append(np.cumsum(mass[:0:-1])[::-1], 0.0)[:, None] * gravity + tip_force
+    tensor, levers = np.zeros((3, 3)), np.zeros((count, 3, 3))
+    for p in range(count - 1, -1, -1):
+        levers[p] = frames[p + 1].T @ tensor
+        moment = np.outer(begin[p] @ plain.moment[p], gravity)
+        tensor = tensor + moment + np.outer(places[p + 1] - places[p], beyond[p])
+    end, moment = (np.einsum("pab,pib->pia", begin, each) for each in (first.end, first.moment))
+    turn = np.einsum("pab,pibc->piac", begin, first.turn)
+    slope = -(moment @ gravity + np.einsum("pia,pa->pi", end, beyond))
+    slope -= np.einsum("piab,pba->pi", turn, levers)
+    own = -np.einsum("pijb,pab,a->pij", second.moment, begin, gravity)
+    own -= np.einsum("pijb,pab,pa->pij", second.end, begin, beyond)
+    own -= np.einsum("pijbc,pab,pca->pij", second.turn, begin, levers)
+    # rotation vectors by the values of a piece; couples of what it moves, for pieces before it
+    spun = np.einsum("piac,pbc->piab", turn, frames[1:])
+    axis = np.stack([spun[..., 2, 1], spun[..., 0, 2], spun[..., 1, 0]], axis=-1)
+    swept = np.einsum("piab,pbc->piac", turn, levers)
+    couple = np.cross(moment, gravity) + np.cross(end, beyond[:, None])
+    couple += np.stack(
+        [
+            swept[..., 1, 2] - swept[..., 2, 1],
+            swept[..., 2, 0] - swept[..., 0, 2],
+            swept[..., 0, 1] - swept[..., 1, 0],
+        ],
+        axis=-1,
+    )
+    whole = -np.einsum("pia,qja->piqj", axis, couple)
+    before = np.arange(count)[:, None] < np.arange(count)[None]
+    whole = np.where(before[:, None, :, None], whole, 0.0)
+    whole = whole + whole.transpose(2, 3, 0, 1)
+    whole[np.arange(count), :, np.arange(count)] += own
+    lines = pieces.to_unknowns.reshape(4 * count, -1)
+    hessian = lines.T @ whole.reshape(4 * count, 4 * count) @ lines
+    return energy, lines.T @ slope.ravel(), hessian
+
+
+def energy_alone(
+    ribbon: Ribbon, unknowns: Array, frame: Array, gravity: Array, tip_force: Array
+) -> float:
+    """Energy (J) of weight and of a dead force (N) at the tip."""
+    pieces = pieces_of(ribbon, unknowns)
+    (plain,) = moved(ribbon, pieces, 0)
+    frames, places = placed(plain.turn, plain.end, frame)
+    centre = piece_masses(ribbon, pieces) @ places[:-1]
+    centre = centre + np.einsum("pab,pb->a", frames[:-1], plain.moment)
+    return -float(gravity @ centre + tip_force @ places[-1])
+
+
+def series_points(ribbon: Ribbon, unknowns: Array, frame: Array, each: int) -> tuple[Array, Array]:
+    """Points (N + 1, 3) m and frames (N + 1, 3, 3) of the centreline, `each` an element or more."""
+    (plain,) = moved(ribbon, pieces_of(ribbon, unknowns, each), 0)
+    frames, places = placed(plain.turn, plain.end, frame)
+    return places, frames

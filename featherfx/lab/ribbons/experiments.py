@@ -14,15 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
-from featherfx.lab.declare import (
-    FINITE,
-    NOT_NEGATIVE,
-    POSITIVE,
-    out_of_range,
-    part,
-    require,
-    value,
-)
+from featherfx.lab.declare import FINITE, NOT_NEGATIVE, POSITIVE, out_of_range, part, require, value
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.motion import Air, Pace, RibbonMotion
 from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon

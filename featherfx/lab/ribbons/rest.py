@@ -16,8 +16,16 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from featherfx.errors import SimulationError
-from featherfx.lab.ribbons import series
-from featherfx.lab.ribbons.curve import LINKS, Curve, centreline, link_masses, work_of_loads
+from featherfx.lab.ribbons.curve import (
+    LINKS,
+    Curve,
+    centreline,
+    energy_alone,
+    energy_of_loads,
+    link_masses,
+    series_points,
+    work_of_loads,
+)
 from featherfx.lab.ribbons.energy import Ribbon, closeness, elastic
 
 Array = NDArray[np.float64]
@@ -101,12 +109,7 @@ def settle_ribbon(
     if residual > 1e3 * GRADIENT * (1.0 + abs(energy)):
         raise SimulationError("ribbon", 0.0, f"no rest shape found, residual {residual:.2g}")
     return RibbonRest(
-        unknowns,
-        loads.curve(unknowns),
-        energy * unit,
-        iterations,
-        residual,
-        float(values[0]),
+        unknowns, loads.curve(unknowns), energy * unit, iterations, residual, float(values[0])
     )
 
 
@@ -125,20 +128,20 @@ class _Loads:
         """Energy, gradient, Hessian."""
         ribbon, frame = self._ribbon, self._frame
         if ribbon.series:
-            return series.energy_of_loads(ribbon, unknowns, frame, self._gravity, self._tip)
+            return energy_of_loads(ribbon, unknowns, frame, self._gravity, self._tip)
         return work_of_loads(ribbon, unknowns, frame, self._force, self._links)
 
     def energy(self, unknowns: Array) -> float:
         """Energy alone."""
         if self._ribbon.series:
             ribbon, frame = self._ribbon, self._frame
-            return series.energy_alone(ribbon, unknowns, frame, self._gravity, self._tip)
+            return energy_alone(ribbon, unknowns, frame, self._gravity, self._tip)
         return -float(np.sum(self._force * self.curve(unknowns).points))
 
     def curve(self, unknowns: Array) -> Curve:
         """The centreline."""
         if self._ribbon.series:
-            points, frames = series.series_points(self._ribbon, unknowns, self._frame, LINKS)
+            points, frames = series_points(self._ribbon, unknowns, self._frame, LINKS)
             return Curve(points, frames, np.empty((0, 3)), np.empty((0, 3, 3)))
         return centreline(self._ribbon, unknowns, self._frame, self._links)
 

@@ -17,10 +17,10 @@ from featherfx.lab.networks.experiments import (
     NetworkPlan,
     network_moduli,
     sheared,
+    sheared_energies,
     sheared_system,
 )
 from featherfx.lab.networks.krylov import Method, Preconditioner, solve
-from featherfx.lab.networks.large import sheared_energies
 from featherfx.lab.networks.layouts import FibreSection, Layout, triangular
 from featherfx.lab.networks.network import (
     equilibrium,

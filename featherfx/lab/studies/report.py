@@ -15,9 +15,8 @@ from typing import Any
 
 from featherfx.files.whole import write_text
 from featherfx.lab.bench.report import can_plot, facts_of, machine
-from featherfx.lab.studies.registry import STUDIES
 from featherfx.lab.studies.runs import Entry
-from featherfx.lab.studies.study import Figure, Kind, Row, Source, StudyResult
+from featherfx.lab.studies.study import STUDIES, Figure, Kind, Row, Source, StudyResult
 
 COLUMNS = (
     "quantity",
@@ -235,7 +234,7 @@ def _room(row: Row) -> float:
 
 def kept(entries: Sequence[Entry], before: dict[str, Any], folder: Path) -> list[Entry]:
     """Entries, and those that an earlier record (of `record`) has and they have not, in the order
-    of the registry. folder: of the earlier figures."""
+    of the list. folder: of the earlier figures."""
     new = {entry.study.name: entry for entry in entries}
     old = before["studies"]
     return [

@@ -71,9 +71,7 @@ class Locking:
 
 
 def run_locking(
-    ratios: Sequence[float] = RATIOS,
-    elements: Sequence[int] = ELEMENTS,
-    reference: int = REFERENCE,
+    ratios: Sequence[float] = RATIOS, elements: Sequence[int] = ELEMENTS, reference: int = REFERENCE
 ) -> Locking:
     """Errors on aligned and unaligned meshes, and of the inextensible limit on aligned ones.
 

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import Range, out_of_range, part, require, value
-from featherfx.lab.vane.descent import NoEquilibrium
 from featherfx.lab.vane.elements import Membrane, Order, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_mesh, corner_rows
 from featherfx.lab.vane.sample import (
@@ -39,7 +38,7 @@ from featherfx.lab.vane.sample import (
     strains,
     stress,
 )
-from featherfx.lab.vane.statics import MembranePose, Statics
+from featherfx.lab.vane.statics import MembranePose, NoEquilibrium, Statics
 from featherfx.lab.vane.traction import PulledSample, clamped, pull
 
 Array = NDArray[np.float64]

@@ -8,7 +8,15 @@ sample_kernels.py). Barbs of constant length are held by multipliers, one for ea
     [ J               0   ] [ t  ] = - [ e ],      e = (|d|^2 / s^2 - 1) / 2,   J = de
 
 with t the new tensions. A moved clamp enters as a linear prediction first. Where the iterations do
-not converge, its path is halved; where that does not help, descent.py finds a minimum.
+not converge, its path is halved; where that does not help, the energy is followed downhill.
+
+A membrane has no bending stiffness, so where barbs are compressed it may buckle within its plane,
+and its stiffness is then indefinite. The stiffness of a step downhill is taken with the stresses
+
+    (1 - t) S + t S+,      S+ the part of S without its negative principal stresses,
+
+with the least t found at which it is definite, and a line search on the energy follows. Near a
+minimum t is zero and the convergence quadratic.
 """
 
 from __future__ import annotations
@@ -18,12 +26,239 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bmat, csc_matrix, csr_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from featherfx.lab.vane.chain_kernels import chain_system
-from featherfx.lab.vane.descent import NoEquilibrium, descend
 from featherfx.lab.vane.elements import Membrane
-from featherfx.lab.vane.system import MembraneSystem, factorised
+from featherfx.lab.vane.sample_kernels import (
+    Elements,
+    predicted_strains,
+    sample_strains,
+    sample_system,
+)
+
+UNIT = np.array([1.0, 0.0, 1.0])
+
+
+class Pattern:
+    """Pairs of coordinates that elements couple. nodes: (M, K). free: (2 N,) coordinates."""
+
+    def __init__(self, nodes: NDArray[np.int64], free: Bools) -> None:
+        unknown = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
+        rows = np.repeat(unknown, unknown.shape[1], axis=1).ravel()
+        columns = np.tile(unknown, (1, unknown.shape[1])).ravel()
+        self._size = len(free)
+        key, self._slot = np.unique(columns * self._size + rows, return_inverse=True)
+        self._columns, self._rows = np.divmod(key, self._size)
+        number = np.cumsum(free) - 1
+        self._inside = free[self._rows] & free[self._columns]
+        self._inner_rows = number[self._rows[self._inside]]
+        self._inner_starts = _starts(number[self._columns[self._inside]], int(free.sum()))
+        self._starts = _starts(self._columns, self._size)
+
+    def sum(self, blocks: Array) -> Array:
+        """Values of the pairs, of the elements' blocks (M, 2 K, 2 K)."""
+        return np.bincount(self._slot.ravel(), blocks.ravel()).astype(np.float64)
+
+    def matrix(self, values: Array) -> csc_matrix:
+        """Of all coordinates."""
+        return csc_matrix((values, self._rows, self._starts), (self._size, self._size))
+
+    def inner(self, values: Array) -> csc_matrix:
+        """Of the free coordinates."""
+        count = len(self._inner_starts) - 1
+        data = (values[self._inside], self._inner_rows, self._inner_starts)
+        return csc_matrix(data, (count, count))
+
+
+def _starts(columns: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=size))])
+
+
+def factorised(matrix: csc_matrix) -> SuperLU:
+    """Without pivoting, which a definite matrix does not need; the order of least fill."""
+    return splu(
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
+
+
+class MembraneSystem:
+    """membrane: constant data. held: (N,) bool, nodes whose positions are prescribed. size: m, of
+    the sample. folding: let elements turn over, as they do where a mesh locks."""
+
+    def __init__(self, membrane: Membrane, held: Bools, *, folding: bool = False) -> None:
+        self.membrane, self.held, self.folding = membrane, held, folding
+        self.size = float(np.ptp(membrane.points, axis=0).max())
+        is_free = np.repeat(~held, 2)
+        self.free = np.flatnonzero(is_free)
+        self.pattern = Pattern(membrane.nodes, is_free)
+        self._elements = Elements(
+            *(membrane.nodes, membrane.along, membrane.across, membrane.volume, membrane.moduli)
+        )
+        count = membrane.nodes.shape[1]
+        self._scratch = (*_scratch(), np.zeros(3), np.zeros((2 * count, 3)))
+        self._blocks = np.zeros((len(membrane.nodes), 2 * count, 2 * count))
+
+    def strains(self, positions: Array) -> Array:
+        """(M, Q, 3) e_vv, e_ww, 2 e_vw at positions (N, 2)."""
+        strain = np.zeros((*self.membrane.volume.shape, 3))
+        sample_strains(positions, self._elements, UNIT, np.zeros((3, 3)), strain)
+        return strain
+
+    def stresses(self, positions: Array) -> Array:
+        """(M, Q, 3) Pa, vv, ww, vw at positions (N, 2)."""
+        return self.strains(positions) * self.membrane.moduli[:, None]
+
+    def energy(self, positions: Array) -> float:
+        """J."""
+        return self.assembled(positions, np.zeros((*self.membrane.volume.shape, 3)))[0]
+
+    def upright(self, positions: Array) -> bool:
+        """Whether no element is turned over at positions (N, 2), or may be."""
+        return self.folding or self.turned(positions) == 0
+
+    def turned(self, positions: Array) -> int:
+        """How many strain points are turned over at positions (N, 2)."""
+        images = [
+            np.einsum("mqk,mkx->mqx", each, positions[self.membrane.nodes])
+            for each in (self.membrane.along, self.membrane.across)
+        ]
+        area = images[0][..., 0] * images[1][..., 1] - images[0][..., 1] * images[1][..., 0]
+        return int((area <= 0.0).sum())
+
+    def assembled(self, positions: Array, stresses: Array) -> tuple[float, Array, Array]:
+        """Energy (J), forces (N, 2) N and the values of the pattern's pairs.
+
+        stresses: (M, Q, 3) Pa, of the stiffness.
+        """
+        forces = np.zeros_like(positions)
+        energy = sample_system(
+            *(positions, self._elements, stresses, UNIT, self._scratch, forces, self._blocks)
+        )
+        if self.membrane.bending is not None:
+            moved = (positions - self.membrane.points).ravel()
+            bent = self.membrane.bending @ moved
+            energy, forces = energy + 0.5 * float(moved @ bent), forces + bent.reshape(-1, 2)
+        return energy, forces, self.pattern.sum(self._blocks)
+
+    def matrix(self, values: Array) -> csc_matrix:
+        """Stiffness of all coordinates. values: of the pattern's pairs, from assembled."""
+        whole = self.pattern.matrix(values)
+        return whole if self.membrane.bending is None else whole + self.membrane.bending
+
+    def inner(self, values: Array) -> csc_matrix:
+        """The same of the free coordinates."""
+        inner = self.pattern.inner(values)
+        if self.membrane.bending is None:
+            return inner
+        return inner + self.membrane.bending[self.free][:, self.free]
+
+    def predicted_stresses(self, positions: Array, step: Array) -> Array:
+        """(M, Q, 3) Pa after a step (N, 2), to first order."""
+        strain = np.zeros((*self.membrane.volume.shape, 3))
+        predicted_strains(positions, step, self._elements, UNIT, _scratch(), strain)
+        return strain * self.membrane.moduli[:, None]
+
+    def solve(self, positions: Array, stresses: Array, shift: Array) -> tuple[Array, Array] | None:
+        """Newton's step (N, 2) and the forces (N, 2), N, without chains; None if not definite.
+
+        stresses: (M, Q, 3) Pa, of the stiffness. shift: (N, 2) m, of the held nodes.
+        """
+        _, forces, stiffness = self.assembled(positions, stresses)
+        factor = factorised(self.inner(stiffness))
+        definite = np.array_equal(factor.perm_r, factor.perm_c) and factor.U.diagonal().min() > 0.0
+        if not definite:
+            return None
+        load = -forces.ravel() - self.matrix(stiffness) @ shift.ravel()
+        step = shift.ravel().copy()
+        step[self.free] = factor.solve(load[self.free])
+        return step.reshape(-1, 2), forces
+
+
+def _scratch() -> tuple[Array, ...]:
+    return (
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        np.zeros((2, 3, 3)),
+        np.zeros(6),
+        np.zeros((3, 2, 2)),
+    )
+
+
+LIMIT = 150
+# the last step: below this share of the size
+# how t grows until the stiffness is definite, and how it falls from one iteration to the next
+FIRST, MORE, LESS = 0.1, 0.15, 0.3
+SHORTEST = 1e-6
+ARMIJO = 1e-4
+
+
+class NoEquilibrium(Exception):
+    """No equilibrium was found; holds the reason."""
+
+
+def tensile(stresses: Array) -> Array:
+    """Stresses (..., 3) of (vv, ww, vw) without their negative principal parts."""
+    mean = 0.5 * (stresses[..., 0] + stresses[..., 1])
+    half = 0.5 * (stresses[..., 0] - stresses[..., 1])
+    radius = np.hypot(half, stresses[..., 2])
+    large, small = np.maximum(mean + radius, 0.0), np.maximum(mean - radius, 0.0)
+    ratio = np.divide(0.5 * (large - small), radius, out=np.zeros_like(radius), where=radius > 0)
+    centre = 0.5 * (large + small)
+    return np.stack(
+        [centre + ratio * half, centre - ratio * half, ratio * stresses[..., 2]], axis=-1
+    )
+
+
+def descend(
+    system: MembraneSystem, positions: Array, shift: Array, accuracy: float
+) -> tuple[Array, int] | None:
+    """Positions (N, 2) of a minimum and the iterations taken, or None. Raises NoEquilibrium.
+
+    positions: where it begins. shift: (N, 2) m, of the held nodes; zero elsewhere. accuracy: share
+    of the energy that a step must win to be followed by another.
+    """
+    weight = 0.0
+    for iteration in range(LIMIT):
+        stresses = system.stresses(positions)
+        step, gain, weight = _direction(system, positions, stresses, weight, shift)
+        length = 1.0 if iteration == 0 else _length(system, positions, step, gain)
+        positions = positions + length * step
+        shift = np.zeros_like(shift)
+        close = np.abs(step).max() < CLOSE * system.size
+        if iteration and (close or gain < accuracy * system.energy(positions)):
+            return positions, iteration + 1
+    return None
+
+
+def _direction(
+    system: MembraneSystem, positions: Array, stresses: Array, weight: float, shift: Array
+) -> tuple[Array, float, float]:
+    """Newton's step, what it would win (J, twice), and the weight t that it took."""
+    convex = tensile(stresses)
+    weight = max(0.0, weight - LESS)
+    while True:
+        found = system.solve(positions, stresses + weight * (convex - stresses), shift)
+        if found is not None or weight >= 1.0:
+            break
+        weight = min(1.0, weight + MORE) if weight > 0.0 else FIRST
+    if found is None:
+        raise NoEquilibrium("the stiffness is singular")
+    step, forces = found
+    return step, -float((forces * step).sum()), weight
+
+
+def _length(system: MembraneSystem, positions: Array, step: Array, gain: float) -> float:
+    energy, length = system.energy(positions), 1.0
+    if gain < 1e-13 * abs(energy):
+        return length
+    while length > SHORTEST:
+        trial = positions + length * step
+        if system.upright(trial) and system.energy(trial) <= energy - ARMIJO * length * gain:
+            break
+        length *= 0.5
+    return length
+
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import Range, out_of_range, part, require, value
-from featherfx.lab.vane.descent import NoEquilibrium
 from featherfx.lab.vane.elements import Membrane, membrane
 from featherfx.lab.vane.mesh import Mesh, aligned_of_size, unaligned_of_size
 from featherfx.lab.vane.sample import (
@@ -33,7 +32,7 @@ from featherfx.lab.vane.sample import (
     strains,
     stress,
 )
-from featherfx.lab.vane.statics import MembranePose, Statics
+from featherfx.lab.vane.statics import MembranePose, NoEquilibrium, Statics
 
 Array = NDArray[np.float64]
 Meshing = Literal["aligned", "unaligned"]
