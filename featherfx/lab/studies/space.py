@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -270,7 +271,7 @@ def _power(counts: Sequence[int], found: Sequence[int]) -> tuple[float, float]:
 
 
 # figures 6.26 to 6.28: fibres of a sheet and distances of sheets (m), ours as none are printed
-COUNTS, APART = (60, 100, 150), (0.1, 0.2, 0.4)
+COUNTS, APART = (100, 150, 200), (0.1, 0.2, 0.4)
 SHARES: dict[str, Callable[[Sheared], float]] = {
     "links over sheets": lambda each: each.links / (each.energy - each.links),
     "bending over all": lambda each: each.bend / each.energy,
@@ -300,8 +301,9 @@ def contours(folder: Path) -> StudyResult:
         ratio = float(grids[name, way][-1, -1] / grids[name, way][0, 0])
         words = published(f"{HOUGHTON}, figure {figure}, in words: {'grows' if grows else 'falls'}")
         text = f"{name}, {way}, densest and farthest sheets over least and nearest"
+        note = "" if grows else "sheets of fewer fibres, near where they lose hold, do not keep it"
         most, least = (None, 1.0) if grows else (1.0, None)
-        rows.bound(text, ratio, words, at_most=most, at_least=least)
+        rows.bound(text, ratio, words, at_most=most, at_least=least, note=note)
     none = published(f"{HOUGHTON}, figures 6.19 and 6.20, in words: no dependence")
     for name in ("bending over all", "energy over affine"):
         last = grids[name, "xy"][-1]
@@ -314,11 +316,12 @@ def contours(folder: Path) -> StudyResult:
     rows.bound(text, float(last[-1] / last[0]), falls, at_most=1.0)
 
     def paint(canvas: Any) -> None:
-        for place, ((name, way), grid) in enumerate(grids.items()):
-            axes = canvas.add_subplot(3, 2, place + 1)
-            drawn = axes.contourf(APART, COUNTS, grid, levels=8, cmap="viridis")
+        panels = canvas.subplots(len(SHARES), 2)
+        for place, key in enumerate(product(SHARES, ("xy", "xz"))):
+            axes = panels.flat[place]
+            drawn = axes.contourf(APART, COUNTS, grids[key], levels=8, cmap="viridis")
             canvas.colorbar(drawn, ax=axes)
-            axes.set_title(f"{name}, {way}", fontsize=9)
+            axes.set_title(", ".join(key), fontsize=9)
             axes.set(xlabel="distance of sheets, m", ylabel="fibres of a sheet")
 
     caption = (
