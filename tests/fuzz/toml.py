@@ -61,8 +61,26 @@ region = "back"
 file = "b.npz"
 kind = "covert"
 scale = 0.5
+[[wing]]
+id = "right_wing"
+type = { base = "sparrow", primaries.count = 3, secondaries.count = 3, tertials.count = 2, coverts = [] }
+shoulder = [0.03, -0.3, 0.03]
+fold = 0.5
+mirror = "y"
+[[tail]]
+id = "fan"
+position = [-0.5, 0, 0]
+direction = [-1, 0, 0]
+up = [0, 0, 1]
+count = 4
+lengths = [0.05]
+root_width = 0.02
+angles = [9, 90]
 [variation]
 seed = 3
+angle = 2
+across = 0.1
+thickness = 0.1
 length = 0.1
 width = 0.05
 variants = 4
@@ -82,11 +100,24 @@ cycle = 0
 [overrides]
 "right_*" = { rachis.sweep = 2 }
 [motion]
+kind = "act"
+amount = [[0, 0.5], [0.1, 1]]
+[[motion.parts]]
 kind = "keys"
 keyframes = [
   { time = 0.0, joint = "left_elbow", rotation = [0, 0, 0] },
   { time = 1.0, joint = "left_elbow", rotation = [1, 0, 0, 0.1], position = [0, 0, 0.1] },
 ]
+[[motion.parts]]
+base = "glide"
+start = -0.1
+tempo = 2
+[[motion.parts]]
+kind = "swing"
+joints = "fan*"
+axis = [0, 0, 1]
+angle = 5
+frequency = 2
 [contact]
 thickness = 0.001
 friction = 0.3
@@ -110,6 +141,16 @@ level = "coarse"
 [[shelter]]
 region = "back"
 share = 0.5
+[[channel]]
+name = "ruffle"
+feathers = "right_*"
+keys = [[1, 0], [3, 20]]
+soft = 0.01
+[[target]]
+feathers = "tail"
+keys = [[1, 0], [2, 1], [4, 0]]
+tolerance = 2
+within = 0.001
 """
 PRESETS = {
     "feather/own": 'base = "covert"\nlength = 0.03\nrachis.taper = 0.8\n'
