@@ -63,10 +63,15 @@ kind = "covert"
 scale = 0.5
 [[wing]]
 id = "right_wing"
-type = { base = "sparrow", primaries.count = 3, secondaries.count = 3, tertials.count = 2, coverts = [] }
 shoulder = [0.03, -0.3, 0.03]
 fold = 0.5
 mirror = "y"
+[wing.type]
+base = "sparrow"
+primaries.count = 3
+secondaries.count = 3
+tertials.count = 2
+coverts = []
 [[tail]]
 id = "fan"
 position = [-0.5, 0, 0]
