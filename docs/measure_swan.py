@@ -1,7 +1,7 @@
 """Prints what a swan's plumage costs, as docs/plumage.md has it: a skin that moves, wind, guides,
 layers.
 
-python docs/measure_swan.py FEATHERS... [--frames N] [--folder FOLDER] [--jobs N]
+python docs/measure_swan.py FEATHERS... [--frames N] [--folder FOLDER] [--jobs N] [--as condensed]
 
 The inputs are made in FOLDER/FEATHERS, by default in one that is removed: body.usdc, groom.toml and
 shot.toml, which `featherfx bake` takes. Feathers are as long as so many of them cover the body
@@ -17,6 +17,7 @@ import tempfile
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
@@ -172,18 +173,33 @@ def write_inputs(folder: Path, feathers: int, frames: int) -> Path:
     return folder / "shot.toml"
 
 
-def measure(feathers: int, frames: int, folder: Path, jobs: int) -> None:
+def measure(feathers: int, frames: int, folder: Path, **options: Any) -> None:
     shot = write_inputs(folder, feathers, frames)
     begin, processor = time.perf_counter(), time.process_time()
-    report = bake(shot, folder / "swan.usdc", overwrite=True, jobs=jobs)
+    at: list[float] = []
+    report = bake(
+        shot,
+        folder / "swan.usdc",
+        overwrite=True,
+        on_frame=lambda *_: at.append(time.process_time()),
+        **options,
+    )
     wall, spent = time.perf_counter() - begin, time.process_time() - processor
     count = report["feathers"]
-    each = 1e3 * spent / (count * frames)
     seconds = {name: round(value, 1) for name, value in report["seconds"].items()}
     written = sum(path.stat().st_size for path in folder.rglob("swan*") if path.is_file())
     print(f"{count} feathers, {frames} frames: {wall:.1f} s, {spent:.1f} s of processor time,")
-    print(f"  {each:.2f} ms a feather and frame; {json.dumps(seconds)}")
-    print(f"  {report['peak_memory_bytes'] / 1e9:.2f} GB of memory, {written / 1e6:.0f} MB written")
+    print(
+        f"  {at[1] - processor:.1f} s of it until the first frame was done; {json.dumps(seconds)}"
+    )
+    if frames > 1:
+        # the first call says that nothing is done, the last one that all is
+        each = 1e3 * (at[-1] - at[1]) / (count * (frames - 1))
+        print(f"  {each:.2f} ms of processor time for a feather and further frame")
+    memory = report["peak_memory_bytes"] / 1e9
+    print(
+        f"  {memory:.2f} GB of memory, {1e-3 * written / (count * frames):.2f} kB written of each"
+    )
     contact = report["contact"]
     depths = json.dumps({name: round(x, 2) for name, x in contact["written_depth"].items()})
     print(f"  {contact['pairs_touching']} touching pairs, thicknesses deep: {depths}", flush=True)
@@ -196,13 +212,15 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=FRAMES)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--as", dest="form", default="mesh")
     given = parser.parse_args()
+    group = "region" if given.form == "condensed" else None
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.folder or Path(temporary)
         for feathers in given.feathers:
             own = folder / str(feathers)
             own.mkdir(parents=True, exist_ok=True)
-            measure(feathers, given.frames, own, given.jobs)
+            measure(feathers, given.frames, own, jobs=given.jobs, form=given.form, group=group)
 
 
 if __name__ == "__main__":

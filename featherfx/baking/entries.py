@@ -42,6 +42,12 @@ def entries_of(
 ) -> list[FeatherEntry]:
     """What the writer takes, for every feather of a groom."""
     coloured, film = _coloured(groom), _with_film(groom)
+    shapes = [_shape(placement) for placement in groom.feathers]
+    # the same for feathers of one shape, whatever their size
+    held: dict[tuple[int, bool], Array | None] = {}
+    for shape, placement, feather in zip(shapes, groom.feathers, feathers, strict=True):
+        if (key := (id(shape[0]), shape[1])) not in held:
+            held[key] = _held(placement.kind, feather, static)
     return [
         FeatherEntry(
             id=placement.id,
@@ -55,14 +61,16 @@ def entries_of(
                 placement.kind, np.linspace(0.0, 1.0, feather.columns + 1)[1:]
             ),
             vane_stiffness=_vane_stiffness(placement.kind),
-            held=_held(placement.kind, feather, static),
+            held=held[id(shape[0]), shape[1]],
             hooked=not static and may_slip(placement.kind),
             colours=(
                 colours_of(placement.kind, feather, None, placement.id, film) if coloured else None
             ),
-            shape=_shape(placement),
+            shape=shape,
         )
-        for index, (placement, feather) in enumerate(zip(groom.feathers, feathers, strict=True))
+        for index, (placement, feather, shape) in enumerate(
+            zip(groom.feathers, feathers, shapes, strict=True)
+        )
     ]
 
 

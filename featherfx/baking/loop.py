@@ -42,7 +42,7 @@ def simulate_and_write(
                 simulation = simulate(
                     task.whole, options.jobs, task.frames, options.subframes, start, wanted
                 )
-            sink = Background(writer.write)
+            sink = Background(writer.write, 1)  # frames of a plumage are large
             with sink:
                 with phase("simulating", silent=True):
                     for frame in simulation if done < samples else ():

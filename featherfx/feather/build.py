@@ -228,13 +228,10 @@ def scaled(feather: Feather, size: float) -> Feather:
     """The feather `size` times as large. Directors and the mesh's topology stay the same."""
     if size == 1.0:
         return feather
-    lengths = ("station", "width", "height", "barb_length", "barb_span")
-    result = replace(
-        feather,
-        rest=feather.rest._replace(nodes=size * feather.rest.nodes),
-        surface=replace(feather.surface, offset=size * feather.surface.offset),
-        unsplit=size * feather.unsplit,
-        **{name: size * getattr(feather, name) for name in lengths},
-    )
-    make_read_only(result)
-    return result
+    lengths = ("station", "width", "height", "barb_length", "barb_span", "unsplit")
+    own = {name: size * getattr(feather, name) for name in lengths}
+    nodes, offset = size * feather.rest.nodes, size * feather.surface.offset
+    for array in (*own.values(), nodes, offset):
+        array.flags.writeable = False  # the others are those of the feather
+    surface = replace(feather.surface, offset=offset)
+    return replace(feather, rest=feather.rest._replace(nodes=nodes), surface=surface, **own)

@@ -7,6 +7,7 @@ from dataclasses import fields
 from functools import lru_cache, partial
 from operator import attrgetter
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -37,16 +38,24 @@ def feathers_of(placements: Sequence[Placement], rows: int, columns: int) -> lis
     """
     first, chosen = repeated_shapes(placements)
     shapes = tuple((p.prototype or p.kind, p.mirrored) for p in (placements[k] for k in first))
-    built = built_shapes(shapes, rows, columns)
-    sized: dict[tuple[int, float], Feather] = {}
+    built, sized = built_shapes(shapes, rows, columns), _sized(shapes, rows, columns)
+    found = []
     for shape, placement in zip(chosen, placements, strict=True):
         size = 1.0 if placement.prototype is None else placement.size
-        if (shape, size) not in sized:
-            sized[shape, size] = scaled(built[shape], size)
-    return [
-        sized[shape, 1.0 if placement.prototype is None else placement.size]
-        for shape, placement in zip(chosen, placements, strict=True)
-    ]
+        feather = sized.get((shape, size))
+        if feather is None:
+            feather = sized[shape, size] = scaled(built[shape], size)
+        found.append(feather)
+    return found
+
+
+@lru_cache(maxsize=_GRIDS)
+def _sized(
+    shapes: tuple[tuple[FeatherKind, bool], ...], rows: int, columns: int
+) -> WeakValueDictionary[tuple[int, float], Feather]:
+    """The feathers of these shapes that are in use, by number of the shape and size: simulation and
+    writer share them."""
+    return WeakValueDictionary()
 
 
 @lru_cache(maxsize=_GRIDS)

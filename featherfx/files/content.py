@@ -112,6 +112,9 @@ class _Walk:
 
     def _fields(self, record: Any) -> bytes:
         """Bytes of a record's members, by their names."""
+        names, values_of = _named(type(record))
+        if "source" not in names and _PLAIN.issuperset(map(type, values := values_of(record))):
+            return f"record {names!r} {values!r}".encode()
         plain: list[tuple[str, Any]] = []
         others: list[bytes] = []
         found = members(record)

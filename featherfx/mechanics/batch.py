@@ -57,6 +57,22 @@ LEAST_HOOKED = 1e-6
 LEAST_NEAREST = 0.01
 # least compliance of an elastic clamp, in that of the barb it holds
 LEAST_CLAMP = 1e-6
+# powers of the size with which the constants of feathers grow that are `similar`
+# (featherfx/groom/presets/scaling.py); the others are pure numbers
+_POWERS = {
+    "length": 1.0,
+    "rachis_stiffness": 3.0,
+    "segment": 1.0,
+    "barb_stiffness": 3.0,
+    "cell_rest": np.array([-1.0, 1.0, -1.0]),
+    "cell_stiffness": 3.0,
+    "hinge_stiffness": 3.0,
+    "mass": 3.0,
+    "rotary_inertia": 5.0,
+    "shaft_area": 2.0,
+    "retardation": 1.0,
+    "cell_guard": np.array([3.0, 0.0]),
+}
 
 
 def make_model(
@@ -96,6 +112,18 @@ def make_model(
         hooks=_stacked_hooks(feathers, kinds) if slips else no_hooks(len(parts), feathers[0].rows),
         **stacked,
     )
+
+
+def resized(model: Model, sizes: Array) -> Model:
+    """The model of feathers `similar` to its own and (F,) times as large, none of which slips."""
+    found = {}
+    for name, power in _POWERS.items():
+        values = getattr(model, name)
+        factors = sizes.reshape(-1, *[1] * (values.ndim - 1)) ** power
+        found[name] = values * factors if values.size else values
+    absent = (model.segment == 0.0)[..., None]
+    found["barb_stiffness"] = np.where(absent, model.barb_stiffness, found["barb_stiffness"])
+    return model._replace(**found)
 
 
 def has_elastic_clamp(kind: FeatherKind) -> bool:

@@ -14,8 +14,9 @@ from featherfx.feather.density import density_map, scaled_map
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.store import kept
+from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Placement, Splits
-from featherfx.mechanics.batch import has_elastic_clamp, make_model, may_slip
+from featherfx.mechanics.batch import has_elastic_clamp, make_model, may_slip, resized
 from featherfx.mechanics.model import Loads, Model
 from featherfx.phases import counted
 from featherfx.shot.detail.cycle import Cycle
@@ -245,30 +246,55 @@ def _model(
     resolution: Resolution,
     touching: bool,
 ) -> Model:
-    """Constant arrays of a batch: made once for feathers of one shape and size.
+    """Constant arrays of a batch: made once for feathers of one shape, or of one shape and size
+    where their materials do not follow from the size.
 
     touching: whether loose barbs do not pass through each other.
     """
-    first: dict[tuple[int, FeatherKind, float, bool], int] = {}
-    shapes = [(id(p.prototype or p.kind), p.kind, p.size, p.mirrored) for p in placements]
+    units = [_of_unit_size(each, resolution) for each in placements]
+    shapes: list[tuple[Any, ...]] = [
+        (id(unit), p.mirrored) if unit else (id(p.prototype or p.kind), p.kind, p.size, p.mirrored)
+        for p, unit in zip(placements, units, strict=True)
+    ]
+    first: dict[tuple[Any, ...], int] = {}
     for k, shape in enumerate(shapes):
         first.setdefault(shape, k)
     number = {shape: n for n, shape in enumerate(first)}
-    chosen = [number[shape] for shape in shapes]
-    own = [placements[k] for k in first.values()]
-    kinds = [_as_simulated(each.kind, resolution) for each in own]
+    own = [(placements[k], units[k], feathers[k]) for k in first.values()]
+    grid = resolution.rows, resolution.columns
 
     def compute() -> dict[str, Any]:
-        some = [feathers[k] for k in first.values()]
+        some = [
+            build_feather(unit, *grid, placement.mirrored) if unit else feather
+            for placement, unit, feather in own
+        ]
+        kinds = [_as_simulated(unit or placement.kind, resolution) for placement, unit, _ in own]
         model = make_model(some, kinds, resolution.coefficients, touching)
         return with_damping(model, kinds).arrays()
 
-    grid = resolution.level, resolution.rows, resolution.columns, resolution.coefficients
-    shapes_of = [
-        (each.kind.uncoloured, each.prototype and each.prototype.uncoloured) for each in own
-    ]
-    sizes = [(*pair, each.size, each.mirrored) for pair, each in zip(shapes_of, own, strict=True)]
-    return Model.of(kept("models", [sizes, *grid, touching], compute)).some(chosen)
+    inputs = [_constant(placement, unit) for placement, unit, _ in own]
+    how = resolution.level, *grid, resolution.coefficients, touching
+    found = Model.of(kept("models", [inputs, *how], compute))
+    model = found.some([number[shape] for shape in shapes])
+    sizes = [1.0 if unit is None else p.size for p, unit in zip(placements, units, strict=True)]
+    return resized(model, np.array(sizes)) if any(units) else model
+
+
+def _constant(placement: Placement, unit: FeatherKind | None) -> list[Any]:
+    """What the constants of a feather, or of one of unit size, depend on."""
+    if unit is not None:
+        return [unit.uncoloured, placement.mirrored]
+    kind, prototype = placement.kind, placement.prototype
+    shape = prototype and prototype.uncoloured
+    return [kind.uncoloured, shape, placement.size, placement.mirrored]
+
+
+def _of_unit_size(placement: Placement, resolution: Resolution) -> FeatherKind | None:
+    """The kind that a feather is `size` times as large as, if all of its constants follow."""
+    unit = placement.prototype
+    if unit is None or unit.scaling != "similar" or _slips(unit, resolution):
+        return None
+    return unit if adjusted(unit, Change(scale=placement.size)) == placement.kind else None
 
 
 def _slips(kind: FeatherKind, resolution: Resolution) -> bool:

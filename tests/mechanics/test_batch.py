@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind
 
-from featherfx.feather.build import build_feather
+from featherfx.feather.build import build_feather, scaled
 from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import RACHIS
+from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
-from featherfx.mechanics.batch import LEAST_HOOKED, make_model, row_frames
+from featherfx.mechanics.batch import LEAST_HOOKED, make_model, resized, row_frames
 from featherfx.mechanics.model import no_loads, wind_of_each
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
 from featherfx.solver.step.integrator_kernels import Factors
+from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.work import make_work
@@ -165,3 +167,25 @@ def test_wind_of_all_feathers_lies_in_memory_as_that_of_each():
         if isinstance(array, np.ndarray):
             found = getattr(of_all, name)
             assert (found.strides, found.flags.writeable) == (array.strides, True), name
+
+
+def test_constants_of_similar_feathers_follow_from_their_size():
+    """All of them: a field that grows with the size and is not said to would differ."""
+    unit = preset_kind("swan_primary")
+    vane = replace(unit.vane_material, compression_guard=1e5, barb_clamp_normal=2.0)
+    unit = replace(unit, vane_material=vane)
+    sizes = np.array([0.3, 1.0, 2.5])
+    kinds = [adjusted(unit, Change(scale=size)) for size in sizes.tolist()]
+    built = build_feather(unit, 9, 3, True)
+    one = with_damping(make_model([built] * 3, [unit] * 3, 1), [unit] * 3)
+    found = resized(one, sizes).arrays()
+    feathers = [scaled(built, size) for size in sizes.tolist()]
+    wanted = with_damping(make_model(feathers, kinds, 1), kinds).arrays()
+    for name, values in wanted.items():
+        # frequencies are found to 1e-6
+        close = 1e-5 if name == "retardation" else 1e-12
+        own, rows = values.astype(float), tuple(range(1, max(values.ndim - 1, 1)))
+        # of each component, which differ in their units, and rounding of what is none
+        largest = np.abs(own).max(initial=0.0, axis=rows, keepdims=True)
+        most = close * largest + 1e-15 * np.abs(own).max(initial=0.0)
+        assert (np.abs(found[name] - own) <= most).all(), name

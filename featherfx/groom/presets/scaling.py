@@ -90,6 +90,8 @@ _STIFF = (
 
 def _times(part: Material, factor: float, *names: str) -> Material:
     """A material with some of its figures multiplied."""
+    if factor == 1.0:
+        return part
     return replace(part, **{name: getattr(part, name) * factor for name in names})
 
 
@@ -98,6 +100,8 @@ def _stiffer(vane: VaneMaterial, factor: float) -> VaneMaterial:
 
 
 def _less_compliant(vane: VaneMaterial, factor: float) -> VaneMaterial:
+    if factor == 1.0:
+        return vane
     return replace(vane, **{name: getattr(vane, name) / factor for name in _COMPLIANCE})
 
 

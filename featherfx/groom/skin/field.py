@@ -55,13 +55,25 @@ class TurnField:
     upright: Array
 
     def turns(self, corners: Array, mirrored: bool) -> Array:
-        """(F, 3, 3) rotations since rest. corners: (U, 3, 3) m, now; mirrored: as of `follow`."""
-        gradients = tangents(corners, mirrored) @ self.inverse
-        mean = self._mean(gradients)
-        if not mirrored:
-            return rotation_part(mean)
-        along, normal = (mean @ self.upright)[:, :, [0, 2]].transpose(2, 0, 1)
-        return upright_frames(along, normal) @ self.upright.transpose(0, 2, 1)
+        """(F, 3, 3) rotations since rest. corners: (U, 3, 3) m, now; mirrored: as of `follow`, and
+        the normal of a triangle then keeps its side of the skin."""
+        # what is only checked does without compiled code
+        from featherfx.groom.skin import field_kernels as kernels
+
+        gradients, mean = np.empty((len(corners), 9)), np.empty((len(self.starts), 9))
+        kernels.gradients(corners, -1.0 if mirrored else 1.0, self.inverse, gradients)
+        kernels.means(gradients, self.starts, self.places, self.weights, mean)
+        whole = mean.reshape(-1, 3, 3)
+        if mirrored:
+            along, normal = (whole @ self.upright)[:, :, [0, 2]].transpose(2, 0, 1)
+            return upright_frames(along, normal) @ self.upright.transpose(0, 2, 1)
+        found = np.empty_like(mean)
+        missing = kernels.rotations(mean, np.empty(9), found)
+        turns = found.reshape(-1, 3, 3)
+        if missing:
+            crushed = np.isnan(found[:, 0])
+            turns[crushed] = rotation_part(whole[crushed])
+        return turns
 
     def some(self, kept: NDArray[np.bool_]) -> TurnField:
         """Those of the roots that are kept, (F,)."""
@@ -75,22 +87,14 @@ class TurnField:
             upright=self.upright[kept],
         )
 
-    def _mean(self, values: Array) -> Array:
-        weighted = values.reshape(-1, 9)[self.places]
-        weighted *= self.weights[:, None]
-        return np.asarray(np.add.reduceat(weighted, self.starts, axis=0).reshape(-1, 3, 3))
 
-
-def tangents(corners: Array, mirrored: bool = False) -> Array:
-    """(F, 3, 3) columns: two sides of each triangle and its unit normal. corners: (F, 3, 3).
-
-    mirrored: the skin has been mirrored since rest; the normal then keeps its side of the skin.
-    """
+def tangents(corners: Array) -> Array:
+    """(F, 3, 3) columns: two sides of each triangle and its unit normal. corners: (F, 3, 3)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(first, second)
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / np.where(size > 0.0, size, 1.0)
-    return np.stack([first, second, -normal if mirrored else normal], axis=2)
+    return np.stack([first, second, normal], axis=2)
 
 
 def upright_frames(along: Array, normal: Array) -> Array:

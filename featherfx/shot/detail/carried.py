@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather, RowPoints, both, stacked
+from featherfx.shot.detail import guided_kernels as kernels
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.frames import FeatherPose
@@ -82,8 +83,13 @@ class Carried:
             for name in ("points", "velocities", "accelerations")
         ]
         points, rates, seconds = seen_from_roots(given, rates_of(motion, self.guides, start, end))
-        moved = self._followers.motion(points, rates, seconds, end - start)
-        return _by_number(self.guided, in_world(moved, rates_of(motion, self.guided, start, end)))
+        posed, step = self._followers.moving(points, rates, seconds, end - start)
+        roots = tuple(map(tuple, rates_of(motion, self.guided, start, end)))
+        world = [RowPoints(*map(np.empty_like, posed[0])) for _ in posed]
+        for part, shifted in enumerate((1.0, 0.0)):  # nodes, directors
+            vectors = [tuple(_flat(each[part]) for each in many) for many in (posed, world)]
+            kernels.in_world(vectors[0], step, shifted, roots, vectors[1])
+        return _by_number(self.guided, world)
 
 
 def rates_of(motion: Roots, members: Indices, start: float, end: float) -> list[RootFrames]:
@@ -129,7 +135,12 @@ def in_world(local: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[Ro
     ]
 
 
+def _flat(vectors: Array) -> Array:
+    """(F, ..., 3) vectors of each feather in one axis."""
+    return vectors.reshape(len(vectors), -1, 3)
+
+
 def _turned(matrices: Array, points: RowPoints) -> RowPoints:
     """Points of F feathers times matrices (F, 3, 3)."""
     back = matrices.swapaxes(1, 2)
-    return both(lambda part: (part.reshape(len(part), -1, 3) @ back).reshape(part.shape), points)
+    return both(lambda part: (_flat(part) @ back).reshape(part.shape), points)

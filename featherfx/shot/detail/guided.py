@@ -91,11 +91,11 @@ class Shapes:
         count = len(self._rest.origins)
         nodes = np.empty((count, rows, 1 + 2 * columns, 3))
         points = RowPoints(nodes, np.empty((count, rows, 2, 3)))
-        chains(turns, self._rest, np.empty((3, 3, 3)), points)
-        return self._unmirrored(points)
+        chains(turns, self._rest, self._mirrored, np.empty((3, 3, 3)), points)
+        return points
 
     def _unmirrored(self, points: RowPoints) -> RowPoints:
-        """Mirrored feathers as their mirror images (featherfx/feather/types.py), and back."""
+        """Mirrored feathers as their mirror images (featherfx/feather/types.py)."""
         if not self._mirrored.any():
             return points
         flipped = np.where(self._mirrored[:, None, None, None], [1.0, -1.0, 1.0], 1.0)
@@ -126,51 +126,61 @@ class Followers:
             Turns(along.reshape(count, rows - 1, 6), np.ascontiguousarray(barbs.swapaxes(0, 1)))
         )
 
-    def motion(
+    def moving(
         self, guides: RowPoints, rate: RowPoints, second: RowPoints, span: float
-    ) -> list[RowPoints]:
-        """Points and their first and second rates in root frames, from those of the guides.
-
-        span: s, time between samples; 0: nothing moves.
-        """
+    ) -> tuple[list[RowPoints], float]:
+        """Points in root frames, from those of the guides and their rates: now, and the time (s)
+        that is returned later and earlier. span: s, time between samples; 0: nothing moves."""
         now = self.points(guides)
         if not span > 0.0:
-            return [now, both(np.zeros_like, now), both(np.zeros_like, now)]
+            return [now, now, now], 1.0
         h = INSTANT * span
 
         def at(step: float) -> RowPoints:
             moved = both(lambda x, v, a: x + step * v + 0.5 * h * h * a, guides, rate, second)
             return self.points(moved)
 
-        after, before = at(h), at(-h)
-        return [
-            now,
-            both(lambda a, b: (a - b) / (2.0 * h), after, before),
-            both(lambda a, x, b: (a - 2.0 * x + b) / (h * h), after, now, before),
-        ]
+        return [now, at(h), at(-h)], h
 
 
 def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any]]:
     """Sparse maps of the intervals' turns, and for each side of the rows' barb turns."""
     weights = weights.tocoo()
     rows = shapes.size[0]
-    known: dict[tuple[bytes, ...], list[Any]] = {}
+    first, own = _alike([each.tobytes() for each in shapes.stations])
+    pairs = zip(guides.stations, guides.grown, strict=True)
+    first_guide, other = _alike([station.tobytes() + grown.tobytes() for station, grown in pairs])
+    kind = own[weights.row] * len(first_guide) + other[weights.col]
+    order = np.argsort(kind, kind="stable")
+    kinds, start = np.unique(kind[order], return_index=True)
     parts: list[list[tuple[Array, Array, Array]]] = [[], [], []]
-    for f, g, weight in zip(weights.row, weights.col, weights.data, strict=True):
-        own, other = shapes.stations[f], guides.stations[g]
-        key = own.tobytes(), other.tobytes(), guides.grown[g].tobytes()
-        if key not in known:
-            maps = [overlaps(own, other)]
-            maps += [_interpolation(own, other, grown) for grown in guides.grown[g]]
-            known[key] = [sparse.coo_array(each) for each in maps]
-        for part, each, size in zip(parts, known[key], (rows - 1, rows, rows), strict=True):
-            part.append((f * size + each.row, g * size + each.col, weight * each.data))
+    for number, some in zip(kinds.tolist(), np.split(order, start[1:]), strict=True):
+        f, g = first[number // len(first_guide)], first_guide[number % len(first_guide)]
+        station, guide = shapes.stations[f], guides.stations[g]
+        maps = [overlaps(station, guide)]
+        maps += [_interpolation(station, guide, grown) for grown in guides.grown[g]]
+        followers, leaders, shares = (
+            values[some, None] for values in (weights.row, weights.col, weights.data)
+        )
+        for part, own_map, size in zip(parts, maps, (rows - 1, rows, rows), strict=True):
+            each = sparse.coo_array(own_map)
+            entries = followers * size + each.row, leaders * size + each.col, shares * each.data
+            part.append(tuple(map(np.ravel, entries)))
     found = []
     for part, size in zip(parts, (rows - 1, rows, rows), strict=True):
         row, column, data = (np.concatenate(column) for column in zip(*part, strict=True))
         shape = len(shapes.stations) * size, len(guides.stations) * size
         found.append(sparse.coo_array((data, (row, column)), shape=shape).tocsr())
     return found[0], found[1:]
+
+
+def _alike(keys: Sequence[bytes]) -> tuple[list[int], Indices]:
+    """The first place of each key, and (N,) the number of every one's."""
+    first: dict[bytes, int] = {}
+    for place, key in enumerate(keys):
+        first.setdefault(key, place)
+    number = {key: n for n, key in enumerate(first)}
+    return list(first.values()), np.array([number[key] for key in keys], dtype=np.int64)
 
 
 def overlaps(own: Array, other: Array) -> Array:

@@ -140,6 +140,7 @@ class LevelRun:
     def _poses(self, index: int) -> Poses:
         """By feather and level, of all that are computed."""
         if self._known is None or self._known[0] != index:
+            self._known = None  # no longer wanted, and large
             self._known = index, self._computed(index)
         return self._known[1]
 

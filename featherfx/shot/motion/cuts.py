@@ -125,7 +125,7 @@ class CutRoots:
         if after:
             return self._between(round(k), 0.0, time)
         if abs(k - round(k)) < _NEAR:
-            return self.motion.frames(time)
+            return self._at(round(k))
         return self._between(math.floor(k), k - math.floor(k), time)
 
     def _at(self, k: int) -> RootFrames:
@@ -136,7 +136,7 @@ class CutRoots:
 
     def _between(self, k: int, share: float, time: float) -> RootFrames:
         """Roots at a share of the way from frame k to k + 1."""
-        found = self.motion.frames(time)
+        found = self.motion.frames(time) if share else self._at(k)
         near = self.finder.near(k) if 0 <= k < self.last else np.zeros(len(self.lengths), bool)
         if not near.any():
             return found

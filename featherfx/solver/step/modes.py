@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded, eigh
+from scipy.linalg import cholesky_banded, eigh
 from scipy.linalg.blas import dsbmv
+from scipy.linalg.lapack import dpbtrs
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
 
@@ -60,7 +61,7 @@ def first_frequency(model: Model, feather: int) -> float:
     x = np.ones(len(stiffness))
     quotient = 0.0
     for _ in range(100):
-        x = cho_solve_banded((factor, True), _times(mass, x))
+        x, _ = dpbtrs(factor, _times(mass, x), lower=1)
         image = _times(mass, x)
         x /= np.sqrt(x @ image)
         before, quotient = quotient, float(x @ _times(stiffness, x))

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from featherfx.shot.frames import FeatherPose
 from featherfx.usd.arrays import Floats, InPlace, Quath, Scalars, Vec3f
-from featherfx.usd.types import BARB, HOOKED, HOOKS, MESH, P_BARB, PER_FACE, RACHIS, RATES
+from featherfx.usd.types import (
+    BARB,
+    BARB_DIRECTION,
+    HOOKED,
+    HOOKS,
+    MESH,
+    P_BARB,
+    PER_FACE,
+    RACHIS,
+    RATES,
+)
 from featherfx.usd.write import surface_kernels
 from featherfx.usd.write.grouping import Group
 from featherfx.usd.write.joined import JoinedFeathers
@@ -115,7 +125,9 @@ class PosedGroup:
 
     def new_pose(self) -> WrittenPose:
         """Room for one pose; static feathers are in it already."""
-        values: dict[Key, InPlace] = {key: Vec3f(self._count(key)) for key in self._vectors}
+        own = [key for key in self._vectors if key not in self._unwritten]
+        values: dict[Key, InPlace] = {key: Vec3f(self._count(key)) for key in own}
+        values |= self._unwritten
         values |= {key: Vec3f(2) for key in self._extents}
         values |= {key: Scalars(self._count(key)) for key in self._scalars}
         values |= {key: Quath(self._count(key)) for key in self._turns}
@@ -126,6 +138,13 @@ class PosedGroup:
             for index in np.flatnonzero(self.static):
                 self.feathers[index].rest(pose.members[index])
         return pose
+
+    @cached_property
+    def _unwritten(self) -> dict[Key, Vec3f]:
+        """Room, which all poses share, for what is found with points that are not written."""
+        keys = (MESH, "normals"), (MESH, BARB_DIRECTION)
+        form = self.feathers[0].form
+        return {key: Vec3f(self._count(key)) for key in keys if not form.writes(key)}
 
     def _count(self, key: Key) -> int:
         return int(self.starts(key)[-1])
@@ -202,8 +221,8 @@ class PosedGroup:
         """Short name of a pose: equal poses, equal names. Of a single feather the points tell."""
         named = ("points", *HOOKS) if self.alone else {name for _, name in self.keys}
         digest = hashlib.blake2b(digest_size=8)
-        for (_, name), value in pose.values.items():
-            if name in named:
+        for key, value in pose.values.items():
+            if key[1] in named and key not in self._unwritten:
                 digest.update(value.numbers.tobytes())
         return digest.hexdigest()
 

@@ -285,10 +285,10 @@ class PosedFeather:
 class _Surface:
     """Arrays of a surface that all feathers of one shape share, as the kernels take them."""
 
-    def __init__(self, feather: Feather, edges: NDArray[np.int32]) -> None:
-        """edges: as of barb_edges."""
+    def __init__(self, feather: Feather, edges: NDArray[np.int32], scratch: Array) -> None:
+        """edges: as of barb_edges. scratch: (2, V, 3), also of others, between whose poses it is
+        overwritten."""
         self._feather, surface = feather, feather.surface
-        vertices = (len(surface.row), 3)
         self.drawn = DrawnSurface(
             row=_plain(surface.row),
             node=_plain(surface.node),
@@ -296,8 +296,8 @@ class _Surface:
             triangles=_plain(surface.triangles),
             edges=edges,
             lips=_plain(surface.lips),
-            world=np.zeros(vertices),
-            sums=np.zeros(vertices),
+            world=scratch[0],
+            sums=scratch[1],
             parted=np.zeros(len(surface.lips), dtype=np.bool_),
             carried=np.zeros((len(surface.lips), 3)),
         )
@@ -343,13 +343,15 @@ def posed_feathers(
     shapes: dict[int, _Surface] = {}
     # feathers that differ in size alone have one topology
     edges: dict[tuple[int, int], NDArray[np.int32]] = {}
+    scratch: dict[int, Array] = {}
     for feather in (entry.feather for entry in entries):
         surface = feather.surface
         topology = id(surface.triangles), id(surface.barb_direction)
         if topology not in edges:
             edges[topology] = barb_edges(surface, surface.points(feather.rest))
         if id(feather) not in shapes:
-            shapes[id(feather)] = _Surface(feather, edges[topology])
+            own = scratch.setdefault(len(surface.row), np.zeros((2, len(surface.row), 3)))
+            shapes[id(feather)] = _Surface(feather, edges[topology], own)
     return [
         PosedFeather(entry, shapes[id(entry.feather)], space, extras, form) for entry in entries
     ]

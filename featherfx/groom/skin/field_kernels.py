@@ -1,0 +1,90 @@
+"""How roots turn with the triangles around them (field.py)."""
+
+from math import sqrt
+
+from featherfx.jit.compiled import kernel
+
+# of Newton's iteration for the rotation of a matrix: steps at most, change at which it has ended,
+# and least determinant over the cube of the matrix's size, below which it is not tried
+STEPS, ENDED, LEAST = 40, 1e-15, 1e-9
+
+
+@kernel
+def gradients(corners, side, inverse, out):
+    """Deformation gradients (U, 9) of triangles with corners (U, 3, 3): their sides and unit
+    normal, times side, times inverse (U, 3, 3)."""
+    for u in range(corners.shape[0]):
+        a, b, c = corners[u, 0], corners[u, 1], corners[u, 2]
+        x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        p, q, r = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        k, m, n = y * r - z * q, z * p - x * r, x * q - y * p
+        size = sqrt(k * k + m * m + n * n)
+        scale = side / size if size > 0.0 else side
+        k, m, n = k * scale, m * scale, n * scale
+        own = inverse[u]
+        for j in range(3):
+            out[u, j] = x * own[0, j] + p * own[1, j] + k * own[2, j]
+            out[u, 3 + j] = y * own[0, j] + q * own[1, j] + m * own[2, j]
+            out[u, 6 + j] = z * own[0, j] + r * own[1, j] + n * own[2, j]
+
+
+@kernel
+def means(values, starts, places, weights, out):
+    """Weighted sums (F, 9) of values (U, 9) at the places from starts[f] to the next start."""
+    count, end = starts.shape[0], places.shape[0]
+    for f in range(count):
+        for j in range(9):
+            out[f, j] = 0.0
+        for k in range(starts[f], starts[f + 1] if f + 1 < count else end):
+            weight, u = weights[k], places[k]
+            for j in range(9):
+                out[f, j] += weight * values[u, j]
+
+
+@kernel
+def rotations(matrices, scratch, out):
+    """Proper rotations (F, 9) nearest to matrices (F, 9), by Newton's iteration (Higham 1986); how
+    many were not found, whose first number is then nan. scratch: (9,)."""
+    missing = 0
+    for f in range(matrices.shape[0]):
+        now, inverse = out[f], scratch
+        size = 0.0
+        for j in range(9):
+            now[j] = matrices[f, j]
+            size += now[j] * now[j]
+        size = sqrt(size)
+        found = False
+        for _ in range(STEPS):
+            # cofactors, which over the determinant are the inverse's transpose
+            inverse[0] = now[4] * now[8] - now[5] * now[7]
+            inverse[1] = now[5] * now[6] - now[3] * now[8]
+            inverse[2] = now[3] * now[7] - now[4] * now[6]
+            inverse[3] = now[2] * now[7] - now[1] * now[8]
+            inverse[4] = now[0] * now[8] - now[2] * now[6]
+            inverse[5] = now[1] * now[6] - now[0] * now[7]
+            inverse[6] = now[1] * now[5] - now[2] * now[4]
+            inverse[7] = now[2] * now[3] - now[0] * now[5]
+            inverse[8] = now[0] * now[4] - now[1] * now[3]
+            det = now[0] * inverse[0] + now[1] * inverse[1] + now[2] * inverse[2]
+            if not det > LEAST * size * size * size:
+                break
+            own, other = 0.0, 0.0
+            for j in range(9):
+                inverse[j] /= det
+                own += now[j] * now[j]
+                other += inverse[j] * inverse[j]
+            scale = sqrt(sqrt(other / own))
+            change = 0.0
+            for j in range(9):
+                after = 0.5 * (scale * now[j] + inverse[j] / scale)
+                change += (after - now[j]) * (after - now[j])
+                now[j] = after
+            size = sqrt(3.0)
+            # it converges quadratically, so that what is left is the square of the last change
+            if change <= ENDED:
+                found = True
+                break
+        if not found:
+            now[0] = float("nan")
+            missing += 1
+    return missing
