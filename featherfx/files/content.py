@@ -112,7 +112,8 @@ class _Walk:
 
     def _fields(self, record: Any) -> bytes:
         """Bytes of a record's members, by their names."""
-        names, values_of = _named(type(record))
+        kind: Any = type(record)
+        names, values_of = _named(kind)
         if "source" not in names and _PLAIN.issuperset(map(type, values := values_of(record))):
             return f"record {names!r} {values!r}".encode()
         plain: list[tuple[str, Any]] = []

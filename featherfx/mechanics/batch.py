@@ -59,7 +59,7 @@ LEAST_NEAREST = 0.01
 LEAST_CLAMP = 1e-6
 # powers of the size with which the constants of feathers grow that are `similar`
 # (featherfx/groom/presets/scaling.py); the others are pure numbers
-_POWERS = {
+_POWERS: dict[str, float | Array] = {
     "length": 1.0,
     "rachis_stiffness": 3.0,
     "segment": 1.0,
@@ -119,7 +119,7 @@ def resized(model: Model, sizes: Array) -> Model:
     found = {}
     for name, power in _POWERS.items():
         values = getattr(model, name)
-        factors = sizes.reshape(-1, *[1] * (values.ndim - 1)) ** power
+        factors = np.power(sizes.reshape(-1, *[1] * (values.ndim - 1)), power)
         found[name] = values * factors if values.size else values
     absent = (model.segment == 0.0)[..., None]
     found["barb_stiffness"] = np.where(absent, model.barb_stiffness, found["barb_stiffness"])

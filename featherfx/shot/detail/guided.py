@@ -164,8 +164,8 @@ def _blends(shapes: Shapes, guides: Shapes, weights: Any) -> tuple[Any, list[Any
         )
         for part, own_map, size in zip(parts, maps, (rows - 1, rows, rows), strict=True):
             each = sparse.coo_array(own_map)
-            entries = followers * size + each.row, leaders * size + each.col, shares * each.data
-            part.append(tuple(map(np.ravel, entries)))
+            row, column = followers * size + each.row, leaders * size + each.col
+            part.append((row.ravel(), column.ravel(), (shares * each.data).ravel()))
     found = []
     for part, size in zip(parts, (rows - 1, rows, rows), strict=True):
         row, column, data = (np.concatenate(column) for column in zip(*part, strict=True))
