@@ -56,7 +56,7 @@ def measured(work: Callable[[], None]) -> tuple[float, list[tuple[str, float, fl
     """Seconds in all, and per entry: its name, seconds of types and lowering, seconds of LLVM."""
     from numba.core.codegen import JITCodeLibrary
 
-    from featherfx.jit.compiled import Kernel
+    from featherfx.jit.inner import Kernel
     from featherfx.jit.told import name_of
 
     entries: list[tuple[str, float, float]] = []

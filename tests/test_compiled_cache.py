@@ -5,17 +5,20 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections import namedtuple
 from pathlib import Path
 
 import pytest
 from numba import types
 from numba.core import registry
+from packaging.specifiers import SpecifierSet
 
 from featherfx.algebra import copy_kernels
 from featherfx.errors import InputError
 from featherfx.files.trust import distrust
-from featherfx.jit import cache, compiled
+from featherfx.jit import cache, shipped, stored
+from featherfx.jit.compiled import TRIED
 from featherfx.jit.crew import compilers
 
 ROOT = Path(cache.__file__).parents[1]
@@ -176,7 +179,7 @@ def test_fields_in_another_order_are_compiled_anew():
     def named(*fields):
         return types.NamedTuple((types.float64, types.float64), namedtuple("Pair", fields))
 
-    cache = compiled.KernelCache(copy_kernels.copy_values.py_func)
+    cache = stored.KernelCache(copy_kernels.copy_values.py_func)
 
     def key(kind):
         return cache._index_key((kind,), registry.cpu_target.target_context.codegen())
@@ -255,6 +258,57 @@ def test_a_full_disk_is_named_and_the_work_goes_on(run_kernels, tmp_path):
     assert run_kernels.stderr.count("InputWarning") == 1
     assert str(tmp_path / "cache") in run_kernels.stderr
     assert not list((tmp_path / "cache").rglob("*.*"))
+
+
+SHIPPED = """
+from pathlib import Path
+from featherfx.jit import shipped
+shipped.FOLDER = Path(FOLDER)
+"""
+
+
+@pytest.fixture(scope="module")
+def shipped_code(tmp_path_factory):
+    """What a machine that builds wheels has compiled, for a common processor."""
+    if not shipped.of_this_machine():
+        pytest.skip("no machine code is shipped for this processor")
+    folder = tmp_path_factory.mktemp("shipped")
+    for_it = {"NUMBA_CPU_NAME": shipped.of_this_machine()[0].name, "NUMBA_CPU_FEATURES": ""}
+    run_in(folder / "here", "trial_types", "", for_it | {"FEATHERFX_CACHE": str(folder / "code")})
+    return folder / "code"
+
+
+def test_machine_code_that_came_with_the_program_is_loaded(run_kernels, tmp_path, shipped_code):
+    before = SHIPPED.replace("FOLDER)", f"{str(shipped_code)!r})")
+    assert run_kernels(tmp_path / "here", before=before) == ["4.0", NONE]
+    assert not list((tmp_path / "cache").rglob("*.code"))
+    # not for a processor that it may not be for
+    other = {"NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""}
+    assert run_kernels(tmp_path / "here", before=before, **other) == ["4.0", ALL]
+
+
+@pytest.mark.parametrize("harm", [flip, pytest.param(lambda file: file.chmod(0o666), id="open")])
+def test_shipped_code_that_was_changed_or_could_be_is_not_loaded(
+    run_kernels, tmp_path, shipped_code, harm
+):
+    folder = shutil.copytree(shipped_code, tmp_path / "code")
+    for file in folder.rglob("*.code"):
+        harm(file)
+    before = SHIPPED.replace("FOLDER)", f"{str(folder)!r})")
+    assert run_kernels(tmp_path / "here", before=before) == ["4.0", ALL]
+    assert run_kernels.stderr.count("InputWarning") == (harm is not flip)
+
+
+def test_a_numba_of_unknown_inner_classes_compiles_as_it_does(run_kernels, tmp_path):
+    """Slower, and by every run; it is said once."""
+    before = "import numba; numba.__version__ = '99.0'"
+    for _ in range(2):
+        assert run_kernels(tmp_path / "here", before=before) == ["4.0", ALL]
+        assert run_kernels.stderr.count("InputWarning: numba 99.0 is none of") == 1
+    assert not list((tmp_path / "cache").rglob("*.code"))
+    project = tomllib.loads((ROOT.parent / "pyproject.toml").read_text())["project"]
+    (bound,) = (each for each in project["dependencies"] if each.startswith("numba"))
+    assert SpecifierSet(bound.removeprefix("numba")) == TRIED
 
 
 needs_posix = pytest.mark.skipif(os.name == "nt", reason="modes of files are POSIX")

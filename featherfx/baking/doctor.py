@@ -127,6 +127,7 @@ def _usd(problems: list[str]) -> dict[str, Any] | None:
 def _cache(problems: list[str]) -> dict[str, Any]:
     """The folder of compiled code. One that cannot be used costs time, and is told as a problem."""
     from featherfx.jit.cache import root_folder
+    from featherfx.jit.shipped import unused
     from featherfx.jit.told import seconds_to_come
 
     wanted = wanted_folder()
@@ -145,6 +146,7 @@ def _cache(problems: list[str]) -> dict[str, Any]:
         "used": used,
         "files": len(files),
         "bytes": sum(each.stat().st_size for each in files if each.exists()),
+        "shipped_code_unused": unused(),
         "seconds_to_compile": round(seconds_to_come("bake"), 1),
     }
 

@@ -59,6 +59,8 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
         yield f"USD {usd['version']} in {usd['folder']}"
     cache = found["cache"]
     yield f"compiled code: {cache['folder']}, {cache['files']} files, {cache['bytes'] / 1e6:.0f} MB"
+    reason = cache["shipped_code_unused"]
+    yield "  machine code of the wheel: " + (f"not used ({reason})" if reason else "used")
     if cache["seconds_to_compile"] >= 1.0:
         yield f"  a first bake has yet to compile, {about(cache['seconds_to_compile'])} of one core"
     yield f"{found['presets']} presets, {len(found['samples'])} samples"

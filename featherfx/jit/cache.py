@@ -6,10 +6,8 @@ asked for, not those of the functions that it calls. Nothing else about a file c
 anew elsewhere, it finds its machine code. These folders are in $FEATHERFX_CACHE, else in the
 system's own folder for caches of a user (on Linux $XDG_CACHE_HOME/featherfx, else
 ~/.cache/featherfx), else in one that is removed when the process ends. Folders that others can
-write to are not used (files/trust.py), unless $FEATHERFX_TRUSTED_CACHE names them.
-
-Every entry is a file of its own: a checksum, then the key that it is of and the machine code. What
-is damaged, of another key, or of types that are gone counts as missing, and is compiled anew.
+write to are not used (files/trust.py), unless $FEATHERFX_TRUSTED_CACHE names them. What is in them:
+stored.py.
 """
 
 from __future__ import annotations
@@ -18,27 +16,21 @@ import ast
 import atexit
 import hashlib
 import os
-import pickle
 import shutil
 import tempfile
 import warnings
 from functools import cache
 from pathlib import Path
-from typing import Any
 
+import llvmlite
 import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
-from numba.core.serialize import dumps
 
 from featherfx.errors import InputWarning
 from featherfx.files.cache_folder import doubt, wanted_folder
-from featherfx.files.whole import write_whole
-from featherfx.jit.parts import load, needs_of
 
 ROOT = Path(__file__).resolve().parents[1]
 # how kernels are compiled, and what is stored of them
-COMPILER = tuple(ROOT / "jit" / name for name in ("cache.py", "compiled.py", "parts.py"))
-_CHECKSUM_BYTES = hashlib.sha256().digest_size
+COMPILER = tuple(ROOT / "jit" / f"{name}.py" for name in ("plain", "inner", "parts", "stored"))
 
 
 @cache
@@ -57,7 +49,7 @@ def _imported(source: Path) -> frozenset[Path]:
 
 def _digest(source: Path) -> str:
     """Short name of all that the machine code of a source file depends on."""
-    digest = hashlib.sha256(numba.__version__.encode())
+    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}".encode())
     for part in (*COMPILER, *sorted(_imported(source))):
         digest.update(part.read_bytes())
     return digest.hexdigest()[:16]
@@ -100,118 +92,6 @@ def cache_folder(source: Path) -> Path:
 
 
 @cache
-def _warn_once(message: str) -> None:
+def warn_once(message: str) -> None:
+    """Warn of what every kernel would warn of."""
     warnings.warn(message, InputWarning, stacklevel=3)
-
-
-class Entries:
-    """The stored machine code of one kernel: a file per key."""
-
-    def __init__(self, folder: Path, name: str) -> None:
-        self._folder, self._name = folder, name
-
-    def load(self, key: Any) -> Any:
-        """What was saved under a key; None where nothing sound was."""
-        try:
-            stored = self._file(key).read_bytes()
-        except OSError:
-            return None
-        checksum, content = stored[:_CHECKSUM_BYTES], stored[_CHECKSUM_BYTES:]
-        if hashlib.sha256(content).digest() != checksum:
-            return None
-        try:
-            of, data = pickle.loads(content)
-        except (AttributeError, ImportError):
-            return None  # of types that another version had elsewhere
-        return data if of == key else None
-
-    def holds(self, key: Any) -> bool:
-        """Whether something was saved under a key."""
-        return self._file(key).is_file()
-
-    def save(self, key: Any, data: Any) -> None:
-        """Store under a key. Raises OSError, which names the file."""
-        content = dumps((key, data))
-        whole = hashlib.sha256(content).digest() + content
-        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        write_whole(self._file(key), lambda file: file.write(whole))
-
-    def flush(self) -> None:
-        """Remove what was stored."""
-        for file in self._folder.glob(f"{self._name}.*.code"):
-            file.unlink(missing_ok=True)
-
-    def _file(self, key: Any) -> Path:
-        return (
-            self._folder
-            / f"{self._name}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.code"
-        )
-
-
-class Locator:
-    """Tells numba where a kernel's machine code is; the folder's name says all that it is of."""
-
-    def __init__(self, function: Any, source: str) -> None:
-        self._py_file, self._line = source, function.__code__.co_firstlineno
-
-    @classmethod
-    def from_function(cls, function: Any, source: str) -> Locator:
-        return cls(function, source)
-
-    def ensure_cache_path(self) -> None:
-        """Entries make the folder when there is something to store."""
-
-    def get_cache_path(self) -> str:
-        return str(cache_folder(Path(self._py_file).resolve()))
-
-    def get_source_stamp(self) -> str:
-        return ""
-
-    def get_disambiguator(self) -> str:
-        return str(self._line)
-
-
-class Stored(CompileResultCacheImpl):
-    """A kernel's machine code as it is stored, with the shared kernels that it needs."""
-
-    _locator_classes: Any = (Locator,)
-
-    def reduce(self, result: Any) -> Any:
-        return needs_of(result.library), super().reduce(result)
-
-    def rebuild(self, target: Any, stored: Any) -> Any:
-        needs, code = stored
-        for need in needs:
-            load(need)
-        return super().rebuild(target, code)
-
-
-class KernelCache(FunctionCache):
-    """The stored machine code of one kernel, by types and by the names of their fields."""
-
-    _impl_class = Stored
-
-    def __init__(self, function: Any) -> None:
-        super().__init__(function)
-        self._cache_file: Any = Entries(Path(self._cache_path), self._impl.filename_base)
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Store compiled code; the work goes on where it cannot be stored."""
-        try:
-            super().save_overload(sig, data)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            _warn_once(f"machine code is not kept in {root_folder()} ({reason})")
-
-    def holds(self, sig: Any, target: Any) -> bool:
-        """Whether there is code for some types."""
-        return bool(self._cache_file.holds(self._index_key(sig, target.codegen())))
-
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return (*super()._index_key(sig, codegen), tuple(_fields(each) for each in sig))
-
-
-def _fields(kind: Any) -> tuple[Any, ...]:
-    """Names of a named tuple's fields, at all levels: code reaches them by their place."""
-    inner = tuple(_fields(each) for each in getattr(kind, "types", ()))
-    return (*getattr(kind, "fields", ()), *(each for each in inner if each))

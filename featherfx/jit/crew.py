@@ -18,12 +18,14 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from numba.core import event
 
 from featherfx.errors import InputError, Problem
+from featherfx.jit.cache import root_folder
 
 # more would mostly wait for the largest kernel
 MOST_COMPILERS = 4
@@ -194,3 +196,23 @@ class Crew:
         self._processes.discard(helper)
         helper.kill()
         helper.wait()
+
+
+@cache
+def crew() -> Any:
+    """Who compiles shared kernels beside this process. Raises InputError of what is asked for."""
+    return _worked_for[0] if _worked_for else Crew(compilers() - 1, root_folder())
+
+
+# in a helper: what it works for
+_worked_for: list[Any] = []
+
+
+def work_for(upstream: Any) -> None:
+    """Be a helper from here on: compile and store, load nothing."""
+    _worked_for.append(upstream)
+
+
+def is_helper() -> bool:
+    """Whether this process only compiles for another one."""
+    return bool(_worked_for)

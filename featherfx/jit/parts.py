@@ -8,7 +8,7 @@ calls is optimised once.
 A shared kernel is large and called from several entries. It is not linked to them: they call its
 machine code by a symbol (Shared). The symbol's name is the same in every run, and its address is
 made known before code that uses it is loaded, also from the cache: what machine code needs is
-stored with it (cache.py). Until then other processes may compile it (crew.py): those that call it
+stored with it (stored.py). Until then other processes may compile it (crew.py): those that call it
 need only what it returns, which is declared.
 """
 
@@ -29,7 +29,7 @@ from numba.core.funcdesc import ExternalFunctionDescriptor
 from numba.core.imputils import user_function
 from numba.core.registry import CPUDispatcher
 
-from featherfx.jit.crew import Crew, Need, compilers
+from featherfx.jit.crew import Need, crew, is_helper
 
 Types = tuple[Any, ...]
 # untyped: dispatchers bind like methods, which their attributes in a class are not meant to
@@ -38,6 +38,8 @@ Dispatcher: Any = CPUDispatcher
 
 # parts are finished after those that they call
 _NUMBERS = itertools.count()
+# name of numba's modules for the function that takes arguments from Python
+WRAPPER = "wrapper"
 # Loops along barbs have 4 to 16 turns: processors with vectors of eight numbers are better off with
 # four, for there is less of a rest that is done one by one.
 VECTORS = '"prefer-vector-width"="256"'
@@ -68,6 +70,23 @@ class PartLibrary(Library):
 
 class EntryLibrary(Library):
     """Machine code of an entry."""
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        # a thousand fields of arrays, each read once in a call: nothing to optimise
+        for function in ir_module.functions if ir_module.name == WRAPPER else ():
+            if not function.is_declaration:
+                function.attributes.add("noinline")
+                function.attributes.add("optnone")
+        super().add_ir_module(ir_module)
+
+    def serialize_using_object_code(self) -> Any:
+        """As numba does it, but of the intermediate code, which is for callers, only the names:
+        others call the part of this name."""
+        names = "\n".join(
+            f'define void @"{each.name}"() {{ ret void }}' for each in self.get_defined_functions()
+        )
+        code = binding.parse_assembly(names).as_bitcode()
+        return self.name, "object", (self._get_compiled_object(), code)
 
     def finalize(self) -> None:
         # LLVM leaves out what nothing calls yet when it is linked, so callers come first. A part
@@ -176,23 +195,6 @@ def _type_of(returned: Any) -> Any:
     return types.NamedTuple(tuple(map(_type_of, fields)), returned)
 
 
-@cache
-def crew() -> Any:
-    """Who compiles shared kernels beside this process. Raises InputError of what is asked for."""
-    from featherfx.jit.cache import root_folder
-
-    return _worked_for[0] if _worked_for else Crew(compilers() - 1, root_folder())
-
-
-# in a helper: what it works for
-_worked_for: list[Any] = []
-
-
-def work_for(upstream: Any) -> None:
-    """Be a helper from here on: compile and store, load nothing."""
-    _worked_for.append(upstream)
-
-
 def kernel_of(need: Need) -> Any:
     """A shared kernel, for Python."""
     return getattr(importlib.import_module(need.module), need.name)
@@ -202,7 +204,7 @@ def kernel_of(need: Need) -> Any:
 def load(need: Need) -> None:
     """Make the machine code of a shared kernel known to what is about to be loaded."""
     entry = kernel_of(need)
-    if _worked_for:
+    if is_helper():
         binding.add_symbol(_symbol(need), id(entry))  # never called here
         return
     entry.compile(need.args)

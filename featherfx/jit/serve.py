@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import BinaryIO
 
 from featherfx.jit import parts
-from featherfx.jit.crew import Need, received, send
+from featherfx.jit.crew import Need, received, send, work_for
 
 
 class Upstream:
@@ -34,7 +34,7 @@ def main() -> None:
     """Compile what is asked for on the standard input, until it ends."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    parts.work_for(Upstream(answers))
+    work_for(Upstream(answers))
     while isinstance(need := received(sys.stdin.buffer), Need):
         parts.kernel_of(need).compile(need.args)
         send(answers, True)

@@ -19,9 +19,9 @@ from typing import Any
 
 from numba.core import event
 
+from featherfx.jit import shipped
 from featherfx.jit.cache import ROOT, cache_folder
-from featherfx.jit.crew import LISTENERS, WAITING, Need
-from featherfx.jit.parts import crew
+from featherfx.jit.crew import LISTENERS, WAITING, Need, crew
 from featherfx.phases import Account, accounts
 
 COMPILING = "compiling"
@@ -52,7 +52,10 @@ def is_stored(name: str) -> bool:
     source = ROOT.parent.joinpath(*module.split(".")).with_suffix(".py")
     if not source.is_file():
         return True
-    return len(list(cache_folder(source).glob(f"*.{own}-*"))) >= int(number or 1)
+    folder = cache_folder(source)
+    came = shipped.FOLDER / folder.name if shipped.fitting() else folder
+    names = {each.name for place in (folder, came) for each in place.glob(f"*.{own}-*")}
+    return len(names) >= int(number or 1)
 
 
 def seconds_to_come(*works: str) -> float:

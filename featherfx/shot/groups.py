@@ -33,7 +33,7 @@ from featherfx.shot.loads.wind import exposures, sheltered
 from featherfx.shot.motion.roots import Roots, arrived
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.types import Force, Grip, Shot
-from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.solver import Settings, Solver, compile_steps
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.modes import with_damping
 
@@ -270,6 +270,7 @@ def _model(
         ]
         kinds = [_as_simulated(unit or placement.kind, resolution) for placement, unit, _ in own]
         model = make_model(some, kinds, resolution.coefficients, touching)
+        compile_steps(model)  # while this process finds frequencies
         return with_damping(model, kinds).arrays()
 
     inputs = [_constant(placement, unit) for placement, unit, _ in own]

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from featherfx.errors import SimulationError
 from featherfx.jit.compiled import compile_ahead, is_asked_for
 from featherfx.limits import MOST_JOBS
-from featherfx.mechanics.model import Loads, Model, wind_of_each
+from featherfx.mechanics.model import Loads, Model, no_loads, wind_of_each
 from featherfx.solver.settle.settle import settle
 from featherfx.solver.settle.take_up import carry_to
 from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
-from featherfx.solver.state import no_steps
+from featherfx.solver.state import no_steps, rest_state
 from featherfx.solver.status import CONVERGED, reason_of
 from featherfx.solver.step.frame_kernels import advance
 from featherfx.solver.step.retry_kernels import StepSettings
@@ -78,6 +78,18 @@ def step_settings(
         hard=HARD,
         most_iterations=int(settings.max_iterations),
     )
+
+
+def compile_steps(model: Model) -> None:
+    """Have others compile what steps feathers of such a model, unless they were asked before."""
+    if is_asked_for(advance):
+        return
+    model = model.only(0)
+    state, work = rest_state(model, np.zeros((1, 3)), np.eye(3)[None]), make_work(model)
+    loads, path, report = wind_of_each(no_loads(1), 1), hold_roots(state), no_steps(1)
+    settings = step_settings(Settings(), 1.0, model.length[0])
+    compile_ahead(advance, model, loads, 0, path, state, settings, work, report)
+    compile_ahead(start_acceleration, model, loads, 0, 1.0, state, work, path)
 
 
 class Solver:
@@ -164,8 +176,7 @@ class Solver:
         it flutters in the wind, and the pose is one on its way) and the Newton iterations.
         """
         new, loads = state.copy(), wind_of_each(loads, self.model.feathers)
-        if not is_asked_for(advance):
-            self._compile_steps(new, loads)
+        compile_steps(self.model)
         status = np.zeros(self.model.feathers)
         iterations = np.zeros(self.model.feathers)
 
@@ -182,13 +193,6 @@ class Solver:
 
         self.for_each(one, range(self.model.feathers) if feathers is None else feathers)
         return new, status, iterations
-
-    def _compile_steps(self, state: State, loads: Loads) -> None:
-        """Others compile what steps feathers while these settle."""
-        model, work, path = self.model, self._work(), hold_roots(state)
-        settings, report = step_settings(self.settings, 1.0, model.length[0]), no_steps(1)
-        compile_ahead(advance, model, loads, 0, path, state, settings, work, report)
-        compile_ahead(start_acceleration, model, loads, 0, 1.0, state, work, path)
 
     def _work(self) -> Work:
         """Scratch of the calling thread."""
