@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
-from featherfx.lab.networks.network import Array, FibreNetwork, Indices
+from featherfx.lab.networks.network import Array, FibreNetwork, Indices, following, joined
 
 Periodic = Literal["no", "x", "both"]
 ROW = np.sqrt(0.75)
@@ -198,20 +198,9 @@ def _joined(plan: Mikado, stops: _Stops, held: NDArray[np.bool_], section: Fibre
     places, fixed, node = stops.places[chosen], held[chosen], group[node]
     once = np.sort(np.unique(fibre * len(chosen) + node, return_index=True)[1])
     fibre, node = fibre[once], node[once]
-    follows = np.flatnonzero(fibre[1:] == fibre[:-1])
-    ends = np.stack([node[follows], node[follows + 1]], axis=1)
-    span = _nearest(plan, places[ends[:, 1]] - places[ends[:, 0]])
-    length = np.linalg.norm(span, axis=1)
-    joint = np.flatnonzero(follows[1:] == follows[:-1] + 1)
-    network = FibreNetwork(
-        nodes=len(places),
-        ends=ends,
-        span=span,
-        stretch=np.full(len(ends), section.stretch),
-        pairs=np.stack([joint, joint + 1], axis=1),
-        reach=length[joint] + length[joint + 1],
-        bend=np.full(len(joint), section.bend),
-    )
+    follows = following(fibre)
+    span = _nearest(plan, places[node[follows + 1]] - places[node[follows]])
+    network = joined(len(places), node, follows, span, (section.stretch, section.bend))
     return Layout(network, places, np.full(2, plan.width), np.flatnonzero(fixed))
 
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,13 +221,27 @@ def strung(
     places: Array, fibres: Sequence[Sequence[int]], stretch: float, bend: float
 ) -> FibreNetwork:
     """Fibres through nodes at places (N, d) m; fibres: their nodes in turn."""
-    ends = np.array([pair for nodes in fibres for pair in pairwise(nodes)])
-    fibre = np.repeat(np.arange(len(fibres)), [len(nodes) - 1 for nodes in fibres])
-    joint = np.flatnonzero(fibre[1:] == fibre[:-1])
-    span = places[ends[:, 1]] - places[ends[:, 0]]
-    length = np.linalg.norm(span, axis=1)
+    fibre = np.repeat(np.arange(len(fibres)), [len(nodes) for nodes in fibres])
+    node, follows = np.concatenate(fibres), following(fibre)
+    span = places[node[follows + 1]] - places[node[follows]]
+    return joined(len(places), node, follows, span, (stretch, bend))
+
+
+def following(fibre: Indices) -> Indices:
+    """(S,) places after which the fibre goes on. fibre: (K,) of every stop, stop by stop."""
+    return np.flatnonzero(fibre[1:] == fibre[:-1])
+
+
+def joined(
+    nodes: int, node: Indices, follows: Indices, span: Array, section: tuple[float, float]
+) -> FibreNetwork:
+    """Fibres whose stops are known. node: (K,) of every stop. follows: (S,), as of `following`.
+    span: (S, d) m. section: N and N m^2, stretching and bending stiffness."""
+    joint = np.flatnonzero(follows[1:] == follows[:-1] + 1)
+    length, (stretch, bend) = np.linalg.norm(span, axis=1), section
+    ends = np.stack([node[follows], node[follows + 1]], axis=1)
     return FibreNetwork(
-        nodes=len(places),
+        nodes=nodes,
         ends=ends,
         span=span,
         stretch=np.full(len(ends), stretch),

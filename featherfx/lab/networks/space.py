@@ -21,7 +21,9 @@ from featherfx.lab.networks.network import (
     FibreNetwork,
     Indices,
     equilibrium,
+    following,
     held_system,
+    joined,
     strain_rows,
 )
 
@@ -116,18 +118,9 @@ def _strung(
     point = middle[fibre] + at[:, None] * along[fibre]
     sums = [np.bincount(node, point[:, k], total) for k in range(3)]
     places: Array = np.stack(sums, axis=1) / np.bincount(node, minlength=total)[:, None]
-    follows = np.flatnonzero(fibre[1:] == fibre[:-1])
-    length = at[follows + 1] - at[follows]
-    joint = np.flatnonzero(follows[1:] == follows[:-1] + 1)
-    network = FibreNetwork(
-        nodes=total,
-        ends=np.stack([node[follows], node[follows + 1]], axis=1),
-        span=length[:, None] * along[fibre[follows]],
-        stretch=np.full(len(follows), section.stretch),
-        pairs=np.stack([joint, joint + 1], axis=1),
-        reach=length[joint] + length[joint + 1],
-        bend=np.full(len(joint), section.bend),
-    )
+    follows = following(fibre)
+    span = (at[follows + 1] - at[follows])[:, None] * along[fibre[follows]]
+    network = joined(total, node, follows, span, (section.stretch, section.bend))
     border = np.abs(places[:, 1] - 0.5) > 0.5 - 1e-9
     return SpaceLayout(network, places, np.flatnonzero(border), np.zeros(len(follows), np.bool_))
 
