@@ -284,7 +284,7 @@ fibre_solvers solvers:lattices A sparse factorisation beside preconditioned iter
     Houghton 2020, section 5.3
 vane_solvers solvers:vane Preconditioned iterations on the nodal matrix of a vane
     Houghton 2020, section 4.2, on a feather
-fibre_rupture fibre_rupture:rupture A membrane of fibres is pulled until it tears
+fibre_rupture tissue:rupture A membrane of fibres is pulled until it tears
     Jacquemoud 2007, sections 4.5 and 4.6
 tissue_laws tissue:laws Laws of soft tissue with the parameters printed for skin
     Jacquemoud 2007, sections 2.4 to 2.6, tables 2-1, 2-2 and A5-3
