@@ -125,10 +125,18 @@ async function live(kit) {
   const opened = [...groups.keys()].find((title) => title.endsWith("vane_material"));
   for (const [title, group] of groups) group.open = title === opened || title.startsWith("wind/");
 
-  // Frames as they come.
+  // Frames as they come; the next is asked for before the last is drawn.
+  const valueShown = () => header.values.find((each) => each.name === kit.mode())?.name || "points";
+  let asked = null;
+  function ask() {
+    const value = valueShown(), answer = fetch(`${value}-after-${newest}`, { cache: "no-store" });
+    answer.catch(() => {}); // it is heard of where it is waited for
+    return { value, answer };
+  }
+
   async function next() {
-    const value = header.values.find((each) => each.name === kit.mode())?.name || "points";
-    const answer = await fetch(`${value}-after-${newest}`, { cache: "no-store" });
+    const { value, answer: coming } = asked || ask(), answer = await coming;
+    asked = null;
     if (!answer.ok) throw new Error(await answer.text());
     const buffer = await answer.arrayBuffer(), size = new DataView(buffer).getUint32(0, true);
     const now = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
@@ -140,15 +148,17 @@ async function live(kit) {
       await first.refresh();
       return;
     }
-    const found = kit.unpacked(header, buffer, 4 + size);
+    asked = ask();
+    const found = kit.unpacked(header.points, buffer, 4 + size);
     if (value !== "points") found.values[value] = new Uint8Array(buffer, 28 + size + 6 * header.points, header.points);
     if (kit.mode() === "velocity") {
       const seconds = before ? now.time - before.time : 0;
       found.speeds = seconds > 0 ? kit.speedsBetween(kit.pointsOf(before.found), kit.pointsOf(found), seconds) : new Float32Array(header.points);
     }
     before = { time: now.time, found };
+    kit.settle();
     first.put(found);
-    kit.paint(first, found);
+    if (value === valueShown()) kit.paint(first, found);
     kit.draw();
     state.live = now;
     state.updates++;

@@ -6,7 +6,7 @@
   const told = (text) => { byId("told").textContent = text; };
   const state = (window.featherfx = {
     frames: header.frames.length, frame: 0, feathers: header.feathers, ready: false, playing: false,
-    header, setFrame, setColour, pick, problem: "",
+    header, setFrame, setColour, pick, problem: "", triangles: header.triangles, spare: 30, drawing: 0,
   });
 
   async function embedded(name) {
@@ -28,39 +28,45 @@
   // its mesh. prefix: of its names at the server.
   function shownCache(header, prefix) {
     const kept = new Map();
-    async function frameOf(number) {
-      if (!kept.has(number)) {
-        kept.set(number, load(`${prefix}frame-${number}`).then((buffer) => unpacked(header, buffer, 0)));
+    // level: whose points alone come, where a server gives them.
+    async function frameOf(number, level = 0) {
+      const name = `${prefix}frame${level || ""}-${number}`, points = own.levels[level].points;
+      if (!kept.has(name)) {
+        kept.set(name, load(name).then((buffer) => ({ ...unpacked(points, buffer, 0), level })));
         const most = Math.max(8, Math.floor(header.keptBytes / (6 * header.points)));
         while (kept.size > most) kept.delete(kept.keys().next().value);
       }
-      const found = kept.get(number);
-      kept.delete(number);
-      kept.set(number, found);
+      const found = kept.get(name);
+      kept.delete(name);
+      kept.set(name, found);
       try {
         return await found;
       } catch (error) {
-        kept.delete(number);
+        kept.delete(name);
         throw error;
       }
     }
-    const geometry = new THREE.BufferGeometry();
-    const mesh = new THREE.Mesh(geometry, material);
+    const mesh = new THREE.Mesh(new THREE.BufferGeometry(), material);
     mesh.frustumCulled = false;
-    const own = { header, geometry, mesh, frameOf, base: {}, position: null, colour: null, painted: "" };
+    const own = { header, mesh, frameOf, base: {}, levels: [], level: 0, painted: "" };
     own.refresh = async () => {
       const constant = await load(`${prefix}constant`);
+      let begin = 0;
+      const taken = (count) => new Uint32Array(constant, (begin += 4 * count) - 4 * count, count);
+      own.levels = [[header.points, header.triangles], ...header.levels].map(([points, triangles], k) =>
+        levelOf(k ? taken(points) : null, points, taken(3 * triangles)));
       BASES.forEach((name, k) => {
-        own.base[name] = new Uint8Array(constant, 12 * header.triangles + 3 * k * header.points, 3 * header.points);
+        own.base[name] = new Uint8Array(constant, begin + 3 * k * header.points, 3 * header.points);
       });
-      own.position = new THREE.BufferAttribute(new Uint16Array(3 * header.points), 3, true);
-      own.painted = "";
-      own.colour = new THREE.BufferAttribute(new Float32Array(3 * header.points), 3);
-      own.position.usage = own.colour.usage = 35048; // changes often
-      geometry.setAttribute("position", own.position);
-      geometry.setAttribute("color", own.colour);
-      geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(constant, 0, 3 * header.triangles), 1));
       kept.clear();
+      own.whole = { box: new Float32Array(6), places: new Uint16Array(3 * header.points) };
+      own.draws(0);
+    };
+    // Points and triangles of which later levels have fewer.
+    own.draws = (level) => {
+      own.level = Math.min(level, own.levels.length - 1);
+      mesh.geometry = own.levels[own.level].geometry;
+      own.painted = "";
     };
     // A value of a frame, which comes when a colour asks for it.
     own.value = async (found, name, number) => {
@@ -68,21 +74,48 @@
     };
     // Places in the box of a frame are drawn as they are; the mesh has its size.
     own.put = (found) => {
-      own.position.array.set(found.places);
-      own.position.needsUpdate = true;
+      const { chosen, points, position } = own.levels[own.level], to = position.array, from = found.places;
+      const every = !chosen || found.level > 0;
+      for (let k = 0; k < points; k++) {
+        const at = 3 * (every ? k : chosen[k]);
+        to[4 * k] = from[at];
+        to[4 * k + 1] = from[at + 1];
+        to[4 * k + 2] = from[at + 2];
+      }
+      if (!found.level) own.whole = found;
+      position.needsUpdate = true;
       mesh.position.fromArray(found.box);
       mesh.scale.fromArray(found.box, 3);
       mesh.updateMatrixWorld();
-      geometry.boundingSphere = null;
+      mesh.geometry.boundingSphere = null;
     };
-    own.point = (k, to) => to.fromBufferAttribute(own.position, k).applyMatrix4(mesh.matrixWorld);
+    // Where a point is, in the frame that was there in full last.
+    own.point = (k, to) => {
+      const { box, places } = own.whole, at = (c) => box[c] + (box[3 + c] / 65535) * places[3 * k + c];
+      return to.set(at(0), at(1), at(2));
+    };
+    // Which point of the cache a corner of what is drawn is.
+    own.pointOf = (corner) => own.levels[own.level].chosen?.[corner] ?? corner;
     return own;
   }
 
+  // Points of a cache, all or those that are chosen. Four numbers a point, of which three count:
+  // what is not aligned to four bytes is converted anew by drivers, for every frame.
+  function levelOf(chosen, points, corners) {
+    const geometry = new THREE.BufferGeometry();
+    const position = new THREE.BufferAttribute(new Uint16Array(4 * points), 4, true);
+    const colour = new THREE.BufferAttribute(new Uint8Array(4 * points).fill(255), 4, true);
+    position.usage = colour.usage = 35048; // changes often
+    geometry.setAttribute("position", position);
+    geometry.setAttribute("color", colour);
+    geometry.setIndex(new THREE.BufferAttribute(corners, 1));
+    return { chosen, points, triangles: corners.length / 3, geometry, position, colour };
+  }
+
   // A frame that begins somewhere in a buffer, and room for values by name.
-  function unpacked(header, buffer, begin) {
-    const box = new Float32Array(buffer, begin, 6), places = new Uint16Array(buffer, begin + 24, 3 * header.points);
-    return { box, places, values: {} };
+  function unpacked(points, buffer, begin) {
+    const box = new Float32Array(buffer, begin, 6), places = new Uint16Array(buffer, begin + 24, 3 * points);
+    return { box, places, values: {}, level: 0 };
   }
 
   // Its points, which only distances need.
@@ -158,6 +191,36 @@
     });
   }
 
+  // Fewer triangles and half the resolution while it moves, where drawing takes more than
+  // state.spare ms; all where it stands. One frame of some is timed, to its end.
+  const pixel = new Uint8Array(4);
+  let untimed = 0, aimed = 0; // aimed: the level of the next frame
+  function drawMoving() {
+    if (untimed-- > 0) return draw();
+    const gl = renderer.getContext(), began = performance.now();
+    draw();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+    state.drawing = performance.now() - began;
+    const each = state.drawing / trianglesDrawn(first.level);
+    const fits = (level, share) => each * trianglesDrawn(level) <= share * state.spare;
+    while (aimed + 1 < first.levels.length && !fits(aimed, 1)) aimed++;
+    while (aimed > 0 && fits(aimed - 1, 0.5)) aimed--;
+    untimed = aimed === first.level ? 12 : 2;
+  }
+  const trianglesDrawn = (level) => halves().reduce((sum, each) => sum + each.levels[Math.min(level, each.levels.length - 1)].triangles, 0);
+
+  // The level that is drawn next, before its points are put.
+  function settle() {
+    if (!(state.playing || header.live)) aimed = 0;
+    if (aimed === first.level) return;
+    shown.forEach((each) => each.draws(aimed));
+    renderer.setPixelRatio(Math.min(devicePixelRatio, 2) * (aimed ? 0.5 : 1));
+    state.triangles = trianglesDrawn(aimed);
+    byId("few").textContent = aimed ? `drawn with ${state.triangles} of ${trianglesDrawn(0)} triangles and half the resolution while it moves, since this machine draws slowly` : "";
+  }
+  // The level that is asked of a server; what changes with frames has values of all points.
+  const levelAsked = (own) => (state.playing && !header.embedded && mode in own.base ? Math.min(aimed, own.levels.length - 1) : 0);
+
   function resize() {
     camera.aspect = width() / halves().length / innerHeight;
     camera.updateProjectionMatrix();
@@ -212,7 +275,7 @@
     state.wanted = wanted;
     let found;
     try {
-      const asked = [first.frameOf(wanted), ...(second ? [second.frameOf(ofSecond(wanted))] : [])];
+      const asked = [first.frameOf(wanted, levelAsked(first)), ...(second ? [second.frameOf(ofSecond(wanted), levelAsked(second))] : [])];
       found = await Promise.all(asked);
       for (const [k, each] of found.entries()) {
         const number = k ? ofSecond(wanted) : wanted;
@@ -227,6 +290,8 @@
       return state.frame;
     }
     if (state.wanted !== wanted) return state.frame; // another one was asked for meanwhile
+    settle();
+    if (shown.some((each, k) => found[k].level !== 0 && found[k].level !== each.level)) return setFrame(wanted);
     shown.forEach((each, k) => each.put(found[k]));
     if (mode === "difference") found[0].apart = apart(found);
     shown.forEach((each, k) => paint(each, found[k]));
@@ -237,7 +302,8 @@
     const code = header.frames[wanted];
     byId("number").textContent = code === null ? "at rest" : `frame ${code}`;
     mark();
-    draw();
+    if (state.playing) drawMoving();
+    else draw();
     return wanted;
   }
 
@@ -273,18 +339,17 @@
   function paint(own, found) {
     if (mode in own.base && own.painted === mode) return; // it does not change
     own.painted = mode;
-    const out = own.colour.array, ramp = ramps[mode];
-    if (mode in own.base) {
-      const from = own.base[mode];
-      for (let k = 0; k < out.length; k++) out[k] = from[k] / 255;
-    } else {
-      const [values, most] = mode === "velocity" ? [found.speeds, fastest] : [found.apart, farthest];
-      for (let k = 0; k < own.header.points; k++) {
-        const at = mode in found.values ? found.values[mode][k] : values ? Math.round((255 * values[k]) / most) : 0;
-        for (let c = 0; c < 3; c++) out[3 * k + c] = ramp[3 * at + c];
-      }
+    const { chosen, points, colour } = own.levels[own.level], out = colour.array;
+    const from = own.base[mode] || ramps[mode], scale = mode in own.base ? 1 : 255;
+    const [numbers, most] = mode === "velocity" ? [found.speeds, fastest] : [found.apart, farthest];
+    const bytes = found.values[mode];
+    for (let k = 0; k < points; k++) {
+      const point = chosen ? chosen[k] : k;
+      let at = point;
+      if (scale > 1) at = bytes ? bytes[point] : numbers ? Math.round((255 * numbers[point]) / most) : 0;
+      for (let c = 0; c < 3; c++) out[4 * k + c] = scale * from[3 * at + c];
     }
-    own.colour.needsUpdate = true;
+    colour.needsUpdate = true;
   }
 
   async function setColour(name) {
@@ -339,7 +404,7 @@
     const ray = rayAt(x - half * wide, y);
     const [hit] = ray.intersectObject(drawn[half].mesh);
     if (!hit) return null;
-    const name = drawn[half].header.feathers[ownerOf(drawn[half].header, hit.face.a)].id;
+    const name = drawn[half].header.feathers[ownerOf(drawn[half].header, drawn[half].pointOf(hit.face.a))].id;
     const feather = header.feathers.findIndex((each) => each.id === name);
     return feather < 0 ? null : { feather, point: hit.point };
   }
@@ -406,6 +471,7 @@
     begun = performance.now();
     from = state.frame;
     if (state.playing) requestAnimationFrame(tick);
+    else setFrame(state.frame); // in full
   }
 
   async function tick(now) {
@@ -416,7 +482,7 @@
       busy = true;
       await setFrame(wanted);
       const next = (wanted + 1) % state.frames; // ahead
-      shown.forEach((each, k) => each.frameOf(k ? ofSecond(next) : next).catch(() => {}));
+      shown.forEach((each, k) => each.frameOf(k ? ofSecond(next) : next, levelAsked(each)).catch(() => {}));
       busy = false;
     }
     requestAnimationFrame(tick);
@@ -427,7 +493,7 @@
   if (header.live) {
     document.body.classList.add("live");
     resize();
-    await live({ header, state, first, byId, told, draw, paint, showKey, unpacked, pointsOf, speedsBetween, under, rayAt, camera, controls, renderer, mode: () => mode });
+    await live({ header, state, first, byId, told, draw: drawMoving, settle, paint, showKey, unpacked, pointsOf, speedsBetween, under, rayAt, camera, controls, renderer, mode: () => mode });
   } else await setFrame(0);
   resize();
   look(0, header.points);

@@ -32,7 +32,7 @@ from featherfx.render.colour import (
 )
 from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_pose, load_scene
 from featherfx.usd.read.read import Cache
-from featherfx.view.thinned import Thinned, thinned
+from featherfx.view.thinned import Thinned, levels, thinned
 
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -128,6 +128,7 @@ class Played:
             "framesPerSecond": self.frames_per_second,
             "points": len(kept.points),
             "triangles": len(kept.triangles),
+            "levels": [[len(points), len(triangles)] for points, triangles in self._levels],
             "told": "; ".join(self.told()),
             "values": [value._asdict() for value in self.values],
             "ramp": SEQUENTIAL.tolist(),
@@ -176,18 +177,28 @@ class Played:
         own = self._scene.rest.points[slice(*self._scene.starts[index : index + 2])]
         return float(np.linalg.norm(np.ptp(own, axis=0)))
 
+    @cached_property
+    def _levels(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        return levels(self._scene.feathers, self._scene.starts, self._kept)
+
     def constant(self) -> bytes:
-        """Corners (3 uint32 a triangle), then three colours a point (3 bytes each): pattern, region
-        and barb angle."""
+        """Corners (3 uint32 a triangle), points (uint32) and their corners of each level
+        (thinned.py), then three colours a point (3 bytes each): pattern, region and barb angle."""
+        whole = [self._kept.triangles, *(each for level in self._levels for each in level)]
         colours = [self._pattern(), self._regions(), self._barbs()]
         return b"".join(
-            [self._kept.triangles.astype("<u4").tobytes(), *(_bytes(c).tobytes() for c in colours)]
+            [*(w.astype("<u4").tobytes() for w in whole), *(_bytes(c).tobytes() for c in colours)]
         )
 
-    def frame(self, number: int) -> bytes:
-        """A frame by its place among `codes`. Raises InputError where the cache has changed since
-        it was opened, or cannot be read."""
-        return self.packed(self._points(number))
+    @property
+    def levels(self) -> int:
+        """How many levels of fewer points there are."""
+        return len(self._levels)
+
+    def frame(self, number: int, level: int = 0) -> bytes:
+        """A frame by its place among `codes`, with the points of a level, 0 for all. Raises
+        InputError where the cache has changed since it was opened, or cannot be read."""
+        return self.packed(self._points(number), level)
 
     def value(self, name: str, number: int) -> bytes:
         """A value of all points in a frame, as `frame`."""
@@ -204,9 +215,10 @@ class Played:
     def _points(self, number: int) -> Array:
         return load_points(self._cache, self._scene, self._code(number))
 
-    def packed(self, points: Array) -> bytes:
-        """A frame of all points (V, 3)."""
+    def packed(self, points: Array, level: int = 0) -> bytes:
+        """A frame of all points (V, 3), with those of a level."""
         own = points if len(self._kept.points) == len(points) else points[self._kept.points]
+        own = own[self._levels[level - 1][0]] if level else own
         # column by column, which numpy does much faster
         low, high = (np.array([end(each) for each in own.T]) for end in (np.min, np.max))
         size = np.maximum(high - low, 1e-9)

@@ -30,7 +30,7 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-_FRAME = re.compile(r"(|second-)([a-z]+)-(\d{1,7})")
+_FRAME = re.compile(r"(|second-)([a-z]+)(\d?)-(\d{1,7})")
 HTML, BYTES, JSON = "text/html; charset=utf-8", "application/octet-stream", "application/json"
 # of what a page may say
 _MOST_BYTES = 65_536
@@ -73,11 +73,11 @@ class Server(ThreadingHTTPServer):
                 if name == f"{prefix}constant":
                     return BYTES, played.constant()
                 found = _FRAME.fullmatch(name)
-                if found and found[1] == prefix and int(found[3]) < len(played.codes):
-                    what, number = found[2], int(found[3])
-                    if what == "frame":
-                        return BYTES, played.frame(number)
-                    if what in [each.name for each in played.values]:
+                if found and found[1] == prefix and int(found[4]) < len(played.codes):
+                    what, level, number = found[2], int(found[3] or 0), int(found[4])
+                    if what == "frame" and level <= played.levels:
+                        return BYTES, played.frame(number, level)
+                    if level == 0 and what in [each.name for each in played.values]:
                         return BYTES, played.value(what, number)
         return None
 

@@ -18,6 +18,8 @@ Indices = NDArray[np.int64]
 
 # rows of a thinned vane, tried one after another
 _ROWS = (11, 7, 5, 3)
+# triangles of a level, at most a share of those of the one before
+_FEWER = 0.75
 
 
 class Thinned(NamedTuple):
@@ -48,6 +50,23 @@ def thinned(feathers: Sequence[CachedFeather], starts: Indices, most: int) -> Th
     return kept
 
 
+def levels(
+    feathers: Sequence[CachedFeather], starts: Indices, kept: Thinned
+) -> list[tuple[Indices, Indices]]:
+    """Ever fewer of kept points (P,) and triangles (T, 3) of these, for pages that draw slowly:
+    without shafts, with fewer rows, and at last the outline alone. starts: as of thinned."""
+    cuts = [slice(*kept.starts[k : k + 2]) for k in range(len(feathers))]
+    among = [kept.points[cut] - start for cut, start in zip(cuts, starts, strict=False)]
+    found, last = [], len(kept.triangles)
+    for rows, middle in (*((rows, True) for rows in _ROWS), (_ROWS[-1], False)):
+        parts = [_rows(f, rows, own, middle) for f, own in zip(feathers, among, strict=True)]
+        made = _joined(parts, starts, "")
+        if len(made.triangles) <= _FEWER * last:
+            found.append((np.searchsorted(kept.points, made.points), made.triangles))
+            last = len(made.triangles)
+    return found
+
+
 def _joined(parts: Sequence[tuple[Indices, Indices]], starts: Indices, told: str) -> Thinned:
     own = np.cumsum([0, *(len(points) for points, _ in parts)])
     points = [each + start for (each, _), start in zip(parts, starts, strict=False)]
@@ -70,22 +89,29 @@ def _without_shaft(feather: CachedFeather) -> tuple[Indices, Indices]:
     return _used(vane if len(vane) else feather.triangles)
 
 
-def _rows(feather: CachedFeather, most: int) -> tuple[Indices, Indices]:
-    """The ends of the barbs and the shaft at some of the rows, as strips."""
+def _rows(
+    feather: CachedFeather, most: int, among: Indices | None = None, middle: bool = True
+) -> tuple[Indices, Indices]:
+    """The ends of the barbs at some of the rows, and the shaft where the middle is wanted, as
+    strips. among: points that there are; None: all."""
     points, triangles = _without_shaft(feather)
     if feather.st is None or not (feather.side != RACHIS).any():
         return points, triangles
+    if among is not None:
+        points = np.intersect1d(points, among)
     across, along = feather.st[points, 0], np.round(feather.st[points, 1], 5)
     stations = np.unique(along)
     chosen = stations[np.unique(np.linspace(0, len(stations) - 1, most).round().astype(int))]
     corners = []
     for station in chosen:
         row = np.flatnonzero(along == station)
-        middle = row[np.abs(across[row] - 0.5).argmin()]
-        corners.append((row[across[row].argmin()], middle, row[across[row].argmax()]))
+        ends = row[across[row].argmin()], row[across[row].argmax()]
+        inner = (row[np.abs(across[row] - 0.5).argmin()],) if middle else ()
+        corners.append((ends[0], *inner, ends[1]))
     low, high = np.array(corners[:-1]), np.array(corners[1:])
-    strips = [(low[:, k], low[:, k + 1], high[:, k + 1]) for k in (0, 1)] + [
-        (low[:, k], high[:, k + 1], high[:, k]) for k in (0, 1)
+    columns = range(low.shape[1] - 1)
+    strips = [(low[:, k], low[:, k + 1], high[:, k + 1]) for k in columns] + [
+        (low[:, k], high[:, k + 1], high[:, k]) for k in columns
     ]
     made = points[np.concatenate([np.stack(each, axis=1) for each in strips])]
     real = (made[:, 0] != made[:, 1]) & (made[:, 1] != made[:, 2]) & (made[:, 2] != made[:, 0])

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from test_view_live import served
 from test_view_page import BROWSER_OPTIONS, scripted
@@ -45,13 +46,14 @@ def steps(begin: str, count: str, doing: str) -> str:
       await fetch("said", {{ method: "POST", body: "0" }});
       await wait({1e3 * SECONDS});
       const rate = 1000 * ({count} - first) / (performance.now() - since);
-      await fetch("said", {{ method: "POST", body: JSON.stringify(rate) }});
+      const body = JSON.stringify([rate, f.triangles, f.drawing]);
+      await fetch("said", {{ method: "POST", body }});
     }})();"""
 
 
 def measure(make: Callable[[], Server], what: tuple[str, str, str], title: str) -> None:
     kind = type(make())
-    said: list[tuple[float, float]] = []
+    said: list[tuple[Any, float]] = []
     done = threading.Event()
 
     class Watched(kind):  # type: ignore[misc, valid-type]
@@ -79,8 +81,12 @@ def measure(make: Callable[[], Server], what: tuple[str, str, str], title: str) 
             if not done.wait(180.0):
                 print(f"{title}: no answer")
             browser.terminate()
-    (_, begun), (rate, ended) = said
-    print(f"{title}: {rate:.1f} a second, {(ended - begun) / SECONDS / rate * 1e3:.1f} ms each")
+    (_, begun), ((rate, triangles, drawing), ended) = said
+    each = (ended - begun) / SECONDS / rate * 1e3
+    print(
+        f"{title}: {rate:.1f} a second, {each:.1f} ms each here;"
+        f" {triangles} triangles, drawn in {drawing:.0f} ms"
+    )
 
 
 def main(what: str, file: str, more: str = "") -> None:

@@ -79,6 +79,16 @@ STEPS = f"""
   told.nothing = f.pick(1, innerHeight / 2);
   told.about = document.getElementById("about").textContent;
   told.beyond = await f.setFrame(1e9);
+  await f.setColour("pattern");
+  const play = document.getElementById("play"), all = f.triangles;
+  f.spare = -1; // ms: no machine draws as fast
+  play.click();
+  for (let k = 0; k < 400 && f.triangles === all; k++) await wait(25);
+  told.few = [f.triangles, document.getElementById("few").textContent];
+  told.moving = drawn(shot());
+  play.click();
+  for (let k = 0; k < 400 && f.triangles !== all; k++) await wait(25);
+  told.all = [f.triangles, document.getElementById("few").textContent];
   document.title = JSON.stringify(told);
 }})();
 """
@@ -180,6 +190,12 @@ def test_a_file_plays_in_a_browser(cache, tmp_path):
     assert told["panel"].startswith(told["picked"])
     assert told["nothing"] is None
     assert told["about"] == "4 feathers, 5 frames"
+    # few triangles while it moves, where drawing is slow, and all where it stands
+    (few, said), (every, nothing) = told["few"], told["all"]
+    assert 0 < few < every
+    assert said.startswith(f"drawn with {few} of {every} triangles and half")
+    assert nothing == ""
+    assert told["moving"] > 0.01
 
 
 @needs_browser
@@ -263,6 +279,30 @@ def test_what_does_not_fit_is_left_out_and_told(cache):
     assert np.frombuffer(least.constant(), "<u4", 3 * header["triangles"]).max() < least.points
 
 
+def test_levels_have_ever_fewer_of_the_points(cache):
+    for most in (EVERYTHING, 40):
+        played = Played(cache, most)
+        header = played.header()
+        counts = np.array([[header["points"], header["triangles"]], *header["levels"]])
+        assert len(counts) == 1 + played.levels > 1
+        assert (np.diff(counts, axis=0) < 0).all()
+        words = np.frombuffer(played.constant()[: -9 * played.points], "<u4")
+        words = words[3 * header["triangles"] :]
+        whole = np.frombuffer(played.frame(2), "<u2", 3 * played.points, 24).reshape(-1, 3)
+        box = np.frombuffer(played.frame(2), "<f4", 6)
+        for level, (points, triangles) in enumerate(header["levels"], 1):
+            chosen, corners = words[:points], words[points : points + 3 * triangles]
+            words = words[points + 3 * triangles :]
+            assert (np.diff(chosen.astype(int)) > 0).all()
+            assert set(corners) == set(range(points))
+            frame = played.frame(2, level)
+            own = np.frombuffer(frame, "<f4", 6)
+            places = np.frombuffer(frame, "<u2", 3 * points, 24).reshape(-1, 3)
+            found, wanted = own[:3] + places / 65535 * own[3:], box[:3] + whole / 65535 * box[3:]
+            np.testing.assert_allclose(found, wanted[chosen], atol=2 * box[3:].max() / 65535)
+        assert len(words) == 0
+
+
 def served(played: Played):
     class Running:
         def __enter__(self):
@@ -293,6 +333,7 @@ def test_only_who_has_the_token_and_asks_from_the_page_gets_anything(cache):
         assert server.server_address[0] == HOST
         assert ask(server, f"/{token}/")[0] == 200
         assert ask(server, f"/{token}/frame-0") == (200, server.shown[0].frame(0))
+        assert ask(server, f"/{token}/frame1-0") == (200, server.shown[0].frame(0, 1))
         assert ask(server, f"/{token}/strain-4") == (200, server.shown[0].value("strain", 4))
         own = f"http://{HOST}:{server.server_port}"
         assert ask(server, f"/{token}/constant", Origin=own)[0] == 200
@@ -301,6 +342,8 @@ def test_only_who_has_the_token_and_asks_from_the_page_gets_anything(cache):
         for name in (
             "frame-5",
             "frame--1",
+            "frame9-0",
+            "strain1-0",
             "hooked-0",
             "second-frame-0",
             "../page.py",
