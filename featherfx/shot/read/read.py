@@ -120,9 +120,12 @@ def _collect(path: Path, library: Library, readers: SceneReaders | None) -> Shot
         return None
     scenes = _scenes(raw, parts, groom, place, readers)
     limbs = motion is not None and motion.of_limbs
+    limbs &= any(feather.turning is not None for feather in groom.feathers)
     if "motion" in raw and parts["skin"] is not None and not limbs:
-        message = "stands beside [skin], which moves the roots; a fold, flap or act of limbs may"
-        place.child("motion").fail(message)
+        message = (
+            "stands beside [skin], which moves the roots; a fold, flap or act of wings, tails "
+        )
+        place.child("motion").fail(message + "and crests may, where the groom has any")
     loads["channels"] = with_maps(loads["channels"], groom, parts, place, readers)
     loads["targets"] = with_shapes(loads["targets"], place, readers)
     if len(problems) or motion is None:
