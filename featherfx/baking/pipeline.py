@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from featherfx.baking.plan import plan
     from featherfx.baking.stats import plumage_stats
     from featherfx.usd.check.crossings import count_crossings
+    from featherfx.usd.check.outline import measure_holes, measure_moves
     from featherfx.usd.convert.retime import retime
     from featherfx.usd.convert.rigid import export_rigid
     from featherfx.usd.read.inspect import inspect_stage
@@ -32,6 +33,8 @@ _HOMES = {
     "export_rigid": "featherfx.usd.convert.rigid",
     "inspect_stage": "featherfx.usd.read.inspect",
     "join": "featherfx.baking.convert",
+    "measure_holes": "featherfx.usd.check.outline",
+    "measure_moves": "featherfx.usd.check.outline",
     "plan": "featherfx.baking.plan",
     "plumage_stats": "featherfx.baking.stats",
     "read_shot": "featherfx.api",
@@ -47,6 +50,8 @@ __all__ = [
     "export_rigid",
     "inspect_stage",
     "join",
+    "measure_holes",
+    "measure_moves",
     "plan",
     "plumage_stats",
     "read_shot",

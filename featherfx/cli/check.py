@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,12 @@ from featherfx.groom.read.places import located
 
 @click.command(
     cls=Command,
-    short_help="Check grooms, presets, shots and USD files; count crossings.",
+    short_help="Check grooms, presets, shots and USD files; count crossings, holes, moves.",
     epilog="""
     featherfx check samples/swan_wing/shot.toml
     featherfx check presets/feather/*.toml wing.usdc
     featherfx check --crossings pigeon.usdc --frames 1-24
+    featherfx check --holes top wing.usdc
     """,
 )
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=readable_path())
@@ -38,8 +40,16 @@ from featherfx.groom.read.places import located
     is_flag=True,
     help="Count triangles of vanes that pass through another or a body, in one USD file.",
 )
-@click.option("--frames", type=FrameRange(), help="Frames to count in.  [default: all]")
-@click.option("--json", "as_json", is_flag=True, help="Crossings as one JSON object.")
+@click.option(
+    "--holes",
+    type=click.Choice(("top", "side", "front")),
+    help="Find holes in the outline of one USD file, seen so.",
+)
+@click.option(
+    "--moves", is_flag=True, help="Tell how far points move from frame to frame of one cache."
+)
+@click.option("--frames", type=FrameRange(), help="Frames to look at.  [default: all]")
+@click.option("--json", "as_json", is_flag=True, help="What is measured as one JSON object.")
 @jobs_option()
 @progress_option
 @click.pass_context
@@ -47,7 +57,6 @@ def check(
     ctx: click.Context,
     files: tuple[Path, ...],
     preset_folders: tuple[Path, ...],
-    crossings: bool,
     style: str,
     **options: Any,
 ) -> None:
@@ -59,15 +68,29 @@ def check(
     With --crossings, prints for each whole frame of a cache how many pairs of triangles of vanes
     pass through each other, and of how many pairs of feathers they are. The skin of the shot, and
     meshes that are not feathers, count as one body. With --json also those of shafts.
+
+    With --holes, prints how many places in the outline of what a file draws, its skin too, are
+    open though enclosed, and the largest circle that fits into any.
+
+    With --moves, prints for each whole frame but the first the largest move of a point since the
+    one before, as a share of its feather's length.
     """
-    if crossings:
-        if len(files) != 1:
-            raise click.UsageError("--crossings takes one file")
-        _crossings(files[0], style, **options)
+    asked = {name: options.pop(name) for name in ("crossings", "holes", "moves")}
+    wanted = [name for name, value in asked.items() if value]
+    if len(wanted) > 1 or (wanted and len(files) != 1):
+        raise click.UsageError(f"--{wanted[0]} takes one file, and nothing else to measure")
+    if wanted:
+        measure: dict[str, Callable[..., None]] = {
+            "crossings": _crossings,
+            "holes": _holes,
+            "moves": _moves,
+        }
+        measure[wanted[0]](files[0], style, asked["holes"], **options)
         return
     for name, value in options.items():
         if value:
-            raise click.UsageError(f"--{name.removeprefix('as_')} needs --crossings")
+            message = f"--{name.removeprefix('as_')} needs --crossings, --holes or --moves"
+            raise click.UsageError(message)
     with Progress("files", style):
         found = [problem for file in files for problem in pipeline.check(file, preset_folders)]
     for problem in dict.fromkeys(found):
@@ -78,7 +101,12 @@ def check(
 
 
 def _crossings(
-    file: Path, style: str, frames: tuple[int, int] | None, as_json: bool, jobs: int | None
+    file: Path,
+    style: str,
+    view: None,
+    frames: tuple[int, int] | None,
+    as_json: bool,
+    jobs: int | None,
 ) -> None:
     counted = []
     with Progress("crossings", style) as progress:
@@ -87,11 +115,56 @@ def _crossings(
         ):
             counted.append(each)
             if not as_json:
-                at = "at rest" if each["frame"] is None else f"at frame {each['frame']:g}"
-                click.echo(f"crossings: {each['crossings']} in {each['pairs']} pairs {at}")
+                found = f"{each['crossings']} in {each['pairs']} pairs"
+                click.echo(f"crossings: {found} {_at(each['frame'])}")
     if as_json:
         keys = "crossings", "with_body", "with_shafts"
         total = {key: sum(each[key] for each in counted) for key in keys}
         worst = max(counted, key=lambda each: each["crossings"])["frame"]
-        told = {"file": str(file), **total, "worst_frame": worst, "frames": counted}
-        click.echo(json.dumps(told, indent=2))
+        _tell(file, {**total, "worst_frame": worst, "frames": counted})
+
+
+def _holes(
+    file: Path,
+    style: str,
+    view: str,
+    frames: tuple[int, int] | None,
+    as_json: bool,
+    jobs: int | None,
+) -> None:
+    counted = []
+    with Progress("holes", style) as progress:
+        for each in pipeline.measure_holes(file, view, frames, on_frame=progress):
+            counted.append(each)
+            if not as_json:
+                widest = f"the widest {1e3 * each['widest']:.2f} mm"
+                click.echo(f"holes: {each['holes']}, {widest}, {_at(each['frame'])}")
+    if as_json:
+        _tell(file, {"widest": max(each["widest"] for each in counted), "frames": counted})
+
+
+def _moves(
+    file: Path,
+    style: str,
+    view: None,
+    frames: tuple[int, int] | None,
+    as_json: bool,
+    jobs: int | None,
+) -> None:
+    counted = []
+    with Progress("moves", style) as progress:
+        for each in pipeline.measure_moves(file, frames, on_frame=progress):
+            counted.append(each)
+            if not as_json:
+                share = f"{100.0 * each['largest']:.3g} % of the length of {each['feather']}"
+                click.echo(f"moves: {share} {_at(each['frame'])}")
+    if as_json:
+        _tell(file, {"largest": max(each["largest"] for each in counted), "frames": counted})
+
+
+def _at(frame: float | None) -> str:
+    return "at rest" if frame is None else f"at frame {frame:g}"
+
+
+def _tell(file: Path, told: dict[str, Any]) -> None:
+    click.echo(json.dumps({"file": str(file), **told}, indent=2))

@@ -1,4 +1,4 @@
-"""Makes body.usdc: the skin of a walking pigeon, as one closed mesh on a skeleton.
+"""Makes body.usdc: the skin of a walking pigeon, as one closed mesh on a skeleton, and its eyes.
 
 python samples/pigeon/make_body.py [OUT.usdc [BIRD]]
 
@@ -9,7 +9,7 @@ The shape is a smooth union of ellipsoids and tapered capsules, given by its dis
 turned into a mesh by surface nets (Gibson 1998): one point in every cell of a lattice that the
 surface passes, drawn onto it, and one face for every edge of the lattice that it cuts. Metres, x
 forward, y to the left, z up. Vertex primvars tell how much of each part there is at a point; they
-add up to 1.
+add up to 1, and `eye` where no feathers shall be for the sake of the eyes.
 """
 
 from __future__ import annotations
@@ -27,26 +27,42 @@ ROUNDING = 0.012  # m, radius over which parts pass into each other
 SHARE_WIDTH = 0.006  # m, over which the parts' primvars pass into each other
 FRAMES, FRAMES_PER_SECOND = 96, 24
 STEP = 12  # frames from one step to the next
-# linear, by eye: skin, of which the coat shows little, beak and feet; other parts as torso
-COLOURS = {"torso": (0.10, 0.10, 0.12), "beak": (0.05, 0.05, 0.06), "leg": (0.42, 0.12, 0.10)}
+PUPIL, IRIS = 28.0, 52.0  # deg from the middle of the eye; the rest is its lid
+
+
+class Colours(NamedTuple):
+    """Linear, by eye. down: of what shows between feathers. cere: of the root of the bill."""
+
+    down: tuple[float, float, float] = (0.16, 0.18, 0.22)
+    bill: tuple[float, float, float] = (0.05, 0.05, 0.06)
+    cere: tuple[float, float, float] = (0.55, 0.52, 0.50)
+    leg: tuple[float, float, float] = (0.42, 0.12, 0.10)
+    iris: tuple[float, float, float] = (0.75, 0.16, 0.02)
 
 
 class Build(NamedTuple):
     """A bird beside the pigeon, by eye. size: of all of it. trunk: factors of its length, breadth
-    and depth. neck: of its length, head: of its radii, beak: of its length and thickness."""
+    and depth. neck: of its length, head: of its radii, beak: of its length and thickness. eye:
+    radius, m, of a head as large as the pigeon's, and how far it looks forward, 0 to 1."""
 
     size: float
     trunk: tuple[float, float, float] = (1.0, 1.0, 1.0)
     neck: float = 1.0
     head: float = 1.0
     beak: tuple[float, float] = (1.0, 1.0)
+    eye: tuple[float, float] = (0.0042, 0.2)
+    colours: Colours = Colours()
 
 
+_YELLOW, _HORN = (0.65, 0.38, 0.03), (0.12, 0.09, 0.06)
+_GULL = Colours((0.55, 0.56, 0.58), _YELLOW, _YELLOW, (0.55, 0.30, 0.25), (0.70, 0.60, 0.25))
+_OWL = Colours((0.22, 0.15, 0.09), _HORN, _HORN, (0.35, 0.28, 0.18), (0.80, 0.40, 0.02))
+_SPARROW = Colours((0.24, 0.19, 0.14), _HORN, _HORN, (0.40, 0.24, 0.16), (0.03, 0.02, 0.01))
 BUILDS = {
     "pigeon": Build(1.0),
-    "gull": Build(1.5, (1.05, 0.95, 0.95), 0.9, 1.05, (1.3, 1.2)),
-    "owl": Build(0.95, (0.95, 1.0, 1.05), 0.6, 1.45, (0.75, 1.0)),
-    "sparrow": Build(0.36, (0.9, 1.05, 1.05), 0.65, 1.2, (0.7, 1.3)),
+    "gull": Build(1.5, (1.05, 0.95, 0.95), 0.9, 1.05, (1.3, 1.2), (0.0038, 0.2), _GULL),
+    "owl": Build(0.95, (0.95, 1.0, 1.05), 0.6, 1.45, (0.75, 1.0), (0.0056, 0.7), _OWL),
+    "sparrow": Build(0.36, (0.9, 1.05, 1.05), 0.65, 1.2, (0.7, 1.3), (0.0040, 0.2), _SPARROW),
 }
 NECK = np.array((0.06, 0.0, 0.2))  # where it begins
 
@@ -95,8 +111,8 @@ def parts(points, build=BUILDS["pigeon"]):
     right = np.stack([x, np.abs(y), z], axis=-1)  # both sides at once, on the left
     trunk = np.array(build.trunk)
     torso = np.minimum(
-        ellipsoid(points, (-0.012, 0, 0.168), (0.1, 0.052, 0.055) * trunk, 17),
-        ellipsoid(points, (0.042, 0, 0.172), (0.055, 0.05, 0.058) * trunk, 30),
+        ellipsoid(points, (-0.012, 0, 0.168), (0.1, 0.043, 0.055) * trunk, 17),
+        ellipsoid(points, (0.044, 0, 0.172), (0.055, 0.054, 0.058) * trunk, 30),
     )
     leg = capsule(right, (0.005, 0.026, 0.122), (0.0, 0.028, 0.085), 0.021, 0.008)
     for start, end in (
@@ -125,6 +141,53 @@ def beak(build):
     skull = on_neck(build, (0.117, 0, 0.285))
     root = skull + build.head * np.array((0.018, 0.0, -0.002))
     return root, root + build.beak[0] * np.array((0.031, 0.0, -0.011))
+
+
+def eye(build):
+    """Middle of the left eye, (3,) m, and the unit way that it looks, at the pigeon's size."""
+    radius, forward = build.eye
+    look = np.array((forward, 1.0 - forward, 0.08))
+    look /= np.linalg.norm(look)
+    skull = on_neck(build, (0.117, 0, 0.285))
+    radii = build.head * np.array((0.0265, 0.0205, 0.0215))
+    aim = np.array((0.42 + 0.45 * forward, 1.0 - 0.55 * forward, 0.2))
+    rim = skull + radii * aim / np.linalg.norm(aim)
+    return rim - 0.15 * build.head * radius * look, look
+
+
+def without_feathers(points, build):
+    """(V,) from 0 to 1, around the eyes, and before them, where feathers would fall on them."""
+    middle, _ = eye(build)
+    ahead = np.array((0.9, 0.0, -0.1)) * build.eye[0] * build.head
+    right = points * np.array((1.0, -1.0, 1.0))
+    near = [np.linalg.norm(each - middle - ahead, axis=1) for each in (points, right)]
+    return 1.0 - smooth(np.minimum(*near) / (build.eye[0] * build.head), 1.5, 2.1)
+
+
+def eye_mesh(build):
+    """Points (V, 3) m, faces (F, 4), and linear colours (V, 3) of both eyes, at its size."""
+    middle, look = eye(build)
+    side = np.cross(look, (0.0, 0.0, 1.0))
+    side /= np.linalg.norm(side)
+    turned = np.radians([0.5, *np.linspace(PUPIL - 18.0, PUPIL, 3), PUPIL + 1.0])
+    turned = np.append(turned, np.radians([*np.linspace(IRIS - 12.0, IRIS, 3), IRIS + 2.0, 75, 90]))
+    around = np.radians(np.arange(0, 360, 15))
+    rings, steps = np.meshgrid(turned, around, indexing="ij")
+    ways = np.cos(rings)[..., None] * look
+    aside = np.cos(steps)[..., None] * side + np.sin(steps)[..., None] * np.cross(side, look)
+    left = middle + build.head * build.eye[0] * (ways + np.sin(rings)[..., None] * aside)
+    left = build.size * left.reshape(-1, 3)
+    number = np.arange(len(left)).reshape(rings.shape)
+    quads = [number[:-1], number[1:], np.roll(number, -1, 1)[1:], np.roll(number, -1, 1)[:-1]]
+    faces = np.stack(quads, axis=-1).reshape(-1, 4)
+    degrees = np.degrees(rings).reshape(-1, 1)
+    own = np.where(degrees <= IRIS, build.colours.iris, 0.6 * np.array(build.colours.down))
+    own = np.where(degrees <= PUPIL, (0.004, 0.004, 0.005), own)
+    return (
+        np.concatenate([left, left * (1.0, -1.0, 1.0)]),
+        np.concatenate([faces, faces[:, ::-1] + len(left)]),
+        np.concatenate([own, own]),
+    )
 
 
 def landmarks(build):
@@ -269,8 +332,9 @@ def quaternion(degrees):
     return Gf.Quatf(turned.GetQuat())
 
 
-def define_mesh(stage, points, faces, shares):
-    mesh = UsdGeom.Mesh.Define(stage, "/pigeon/body")
+def define_mesh(stage, name, points, faces, colours, shares=()):
+    """A mesh of quads with a linear colour (V, 3) at each point, and vertex primvars by name."""
+    mesh = UsdGeom.Mesh.Define(stage, f"/pigeon/{name}")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 4, np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
@@ -278,21 +342,27 @@ def define_mesh(stage, points, faces, shares):
     extent = np.stack([points.min(axis=0), points.max(axis=0)]).astype(np.float32)
     mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(extent))
     api = UsdGeom.PrimvarsAPI(mesh)
-    for name, share in shares.items():
-        primvar = api.CreatePrimvar(name, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
+    for key, share in dict(shares).items():
+        primvar = api.CreatePrimvar(key, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
         primvar.Set(Vt.FloatArray.FromNumpy(np.round(share, 4).astype(np.float32)))
     colour = api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "vertex")
-    own = np.array([COLOURS.get(name, COLOURS["torso"]) for name in shares])
-    part = np.stack(list(shares.values()), axis=1)
-    thigh = part[:, -1] * smooth(points[:, 2] / np.ptp(points[:, 2]), 0.19, 0.24)  # feathered skin
-    part[:, 0] += thigh
-    part[:, -1] -= thigh
-    mixed = part @ own
-    colour.Set(Vt.Vec3fArray.FromNumpy(mixed.astype(np.float32)))
+    colour.Set(Vt.Vec3fArray.FromNumpy(colours.astype(np.float32)))
     return mesh
 
 
-def bind_skeleton(stage, mesh, points, shares):
+def skin_colours(points, shares, build):
+    """(V, 3) linear. points: (V, 3) m, at the pigeon's size."""
+    down, bill, cere, leg, _ = (np.array(each) for each in build.colours)
+    root, tip = beak(build)
+    along = (points - root) @ (tip - root) / ((tip - root) @ (tip - root))
+    thigh = smooth(points[:, 2], 0.066, 0.083)  # feathered skin
+    feet, horn = shares["leg"] * (1.0 - thigh), shares["beak"]
+    share = smooth(along, 0.3, 0.4)[:, None]
+    own = share * bill + (1.0 - share) * cere
+    return (1.0 - feet - horn)[:, None] * down + feet[:, None] * leg + horn[:, None] * own
+
+
+def bind_skeleton(stage, mesh, eyes, points, shares):
     skeleton = UsdSkel.Skeleton.Define(stage, "/pigeon/skeleton")
     paths = {}
     for name, (parent, _) in JOINTS.items():
@@ -315,6 +385,11 @@ def bind_skeleton(stage, mesh, points, shares):
     api.CreateJointIndicesPrimvar(False, 3).Set(indices)
     shaped = Vt.FloatArray.FromNumpy(values.astype(np.float32).ravel())
     api.CreateJointWeightsPrimvar(False, 3).Set(shaped)
+    api.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
+    api = UsdSkel.BindingAPI.Apply(eyes.GetPrim())
+    api.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
+    api.CreateJointIndicesPrimvar(True, 1).Set([list(JOINTS).index("head")])
+    api.CreateJointWeightsPrimvar(True, 1).Set([1.0])
     api.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
     animation = UsdSkel.Animation.Define(stage, "/pigeon/skeleton/walk")
     animation.CreateJointsAttr(list(paths.values()))
@@ -346,9 +421,12 @@ def make(path, bird="pigeon"):
     stage.SetDefaultPrim(root.GetPrim())
     points, faces = surface_net(build)
     shares = part_shares(points, build)
-    mesh = define_mesh(stage, build.size * points, faces, shares)
+    maps = shares | {"eye": without_feathers(points, build)}
+    colours = skin_colours(points, shares, build)
+    mesh = define_mesh(stage, "body", build.size * points, faces, colours, maps)
+    eyes = define_mesh(stage, "eyes", *eye_mesh(build))
     if bird == "pigeon":
-        bind_skeleton(stage, mesh, points, shares)
+        bind_skeleton(stage, mesh, eyes, points, shares)
     stage.GetRootLayer().Save()
     return len(points), len(faces)
 

@@ -213,7 +213,8 @@ def test_few_are_dropped_where_one_is_in_the_way_of_many(kind):
         groom_of(*feathers, replace(spike, rotation=frames_from((-1, 0, 0.6), (0, 0, 1))), **limits)
     )
     assert report.unresolved == () or report.unresolved[0].depth <= 2e-4
-    assert len(report.dropped) <= 2
+    # two that are deep, and one whose mesh alone is pierced, between samples
+    assert len(report.dropped) <= 3
 
 
 def test_no_layout_changes_nothing(kind):

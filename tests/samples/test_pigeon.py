@@ -12,7 +12,10 @@ from pxr import Usd, UsdGeom
 from featherfx.api import read_groom, scene_readers
 from featherfx.baking.pipeline import bake, check
 from featherfx.errors import InputWarning
+from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.layout.layout import laid_out, measured
+from featherfx.feather.shapes import feathers_of
+from featherfx.feather.types import RACHIS
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
 from featherfx.groom.skin.faults import signed_volume, skin_faults
@@ -86,6 +89,36 @@ def assert_clear(report):
     assert (report.gaps < 0).mean() < 0.01
     assert report.gaps.min() > -1e-3
     assert report.skin_gaps.min() > -1e-3
+
+
+def crossed(feathers, rows=41, columns=10):
+    """Ids of pairs whose vanes pass through each other."""
+    parts, points = [], []
+    for number, (place, built) in enumerate(
+        zip(feathers, feathers_of(feathers, rows, columns), strict=True)
+    ):
+        surface = built.surface
+        faces = surface.triangles[surface.part != RACHIS]
+        at = place.position + surface.points(built.rest) @ np.asarray(place.rotation).T
+        parts.append((at, faces, np.zeros(len(faces), bool), number))
+        points.append(at)
+    found = crossings_of(np.concatenate(points), patches_of(parts))
+    return [tuple(feathers[k].id for k in pair) for pair in found.owners.tolist()]
+
+
+def test_feathers_of_a_folded_wing_do_not_cross(groom):
+    wing = [f for f in groom.feathers if f.id.startswith("right_wing")]
+    assert len(wing) > 100
+    assert crossed(wing) == []
+
+
+def test_a_laid_out_coat_does_not_cross(groom):
+    some = tuple(f for f in groom.feathers if f.region in ("nape", "crown"))
+    laid, report = laid_out(replace(groom, feathers=some))
+    placed, left = crossed(some, 21, 6), crossed(laid.feathers)
+    assert len(placed) > 100
+    assert len(left) < 0.01 * len(some)
+    assert len(report.dropped) < 0.05 * len(some)
 
 
 def test_wings_and_tail_are_laid_out(groom):

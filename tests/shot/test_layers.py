@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputWarning
+from featherfx.feather.crossings import crossings_of, patches_of
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import RACHIS
 from featherfx.groom.types import Placement
@@ -18,7 +19,6 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.share import share_count
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Contact, Detail, Layers, Motion, Shot
-from featherfx.usd.check.crossings import crossings_of, patches_of
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 THICKNESS = 1e-3

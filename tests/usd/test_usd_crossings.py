@@ -12,8 +12,9 @@ from click.testing import CliRunner
 
 from featherfx.cli.main import main
 from featherfx.errors import InputError
-from featherfx.usd.check.crossing_kernels import triangles_cross
-from featherfx.usd.check.crossings import BODY, count_crossings, crossings_of, patches_of
+from featherfx.feather.crossing_kernels import triangles_cross
+from featherfx.feather.crossings import BODY, crossings_of, patches_of
+from featherfx.usd.check.crossings import count_crossings
 
 FLAT = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 QUAD = np.array([[0, 1, 2], [0, 2, 3]])

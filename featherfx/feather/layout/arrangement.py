@@ -10,18 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from featherfx.feather.build import build_feather, repeated_shapes
+from featherfx.algebra.raster import nodes_within
+from featherfx.feather.build import repeated_shapes
+from featherfx.feather.crossings import Patches, crossings_of, patches_of
 from featherfx.feather.layout.move_kernels import all_gaps, count_cover
 from featherfx.feather.layout.overlap import Strips
+from featherfx.feather.shapes import built_shapes
 from featherfx.feather.types import RACHIS, Feather
-from featherfx.groom.types import FeatherKind, Placement
+from featherfx.groom.types import Placement
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-# the rest shape is built with so many rows and columns, and mapped onto so many nodes
-_ROWS, _COLUMNS = 11, 4
+# the rest shape is built with so many rows and columns, of which every second row gives samples,
+# and mapped onto so many nodes
+_ROWS, _COLUMNS, _SAMPLED = 21, 6, 2
 _NODES = (56, 28)
 
 
@@ -113,15 +117,43 @@ class Arrangement(NamedTuple):
         return 1.0 + float(counts[within].sum() / inner.sum())
 
 
-def arrangement_of(feathers: Sequence[Placement]) -> Arrangement:
-    """Feathers as they are placed. Raises InputError for shapes that cannot be built."""
+class Meshes(NamedTuple):
+    """The vanes of F feathers as meshes of V points. points: (V, 3) in feather lengths. owner:
+    (V,) whose each is."""
+
+    points: Array
+    owner: Indices
+    patches: Patches
+
+    def crossed(self, feathers: Arrangement) -> Indices:
+        """(K, 2) kept feathers that pass through each other where they are, the lower number
+        first."""
+        own = self.owner
+        world = np.einsum("vij,vj->vi", feathers.rotation[own], self.points)
+        world = feathers.place[own] + feathers.size[own, None] * world
+        found = crossings_of(world, self.patches)
+        return found.owners[feathers.kept[found.owners].all(axis=1)]
+
+
+def _vanes(feather: Feather, length: float) -> tuple[Array, Indices]:
+    """(V, 3) points of the vanes, in lengths, and (T, 3) their triangles."""
+    surface = feather.surface
+    used, corners = np.unique(surface.triangles[surface.part != RACHIS], return_inverse=True)
+    return surface.points(feather.rest)[used] / length, corners.reshape(-1, 3)
+
+
+def arrangement_of(feathers: Sequence[Placement]) -> tuple[Arrangement, Meshes]:
+    """Feathers as they are placed, and their vanes. Raises InputError for shapes that cannot be
+    built."""
     first, shape = repeated_shapes(feathers)
-    shapes = [(feathers[k].prototype or feathers[k].kind, feathers[k].mirrored) for k in first]
+    kinds = tuple((feathers[k].prototype or feathers[k].kind, feathers[k].mirrored) for k in first)
+    shapes = built_shapes(kinds, _ROWS, _COLUMNS)
+    built = [(each, kind.length) for each, (kind, _) in zip(shapes, kinds, strict=True)]
     frame = np.array([feather.rotation for feather in feathers])
     root = np.array([feather.position for feather in feathers])
     size = np.array([feather.kind.length for feather in feathers])
-    return Arrangement(
-        maps=height_maps(shapes),
+    arrangement = Arrangement(
+        maps=height_maps(built),
         shape=np.array(shape),
         root=root,
         frame=frame,
@@ -135,6 +167,14 @@ def arrangement_of(feathers: Sequence[Placement]) -> Arrangement:
         relation=np.zeros((3, 4)),
         nearest=np.zeros((2, 2)),
     )
+    return arrangement, _meshes([_vanes(*each) for each in built], shape)
+
+
+def _meshes(vanes: Sequence[tuple[Array, Indices]], shape: Sequence[int]) -> Meshes:
+    chosen = [vanes[k] for k in shape]
+    patches = patches_of([(p, t, np.zeros(len(t), bool), f) for f, (p, t) in enumerate(chosen)])
+    owner = np.repeat(np.arange(len(chosen)), [len(points) for points, _ in chosen])
+    return Meshes(np.concatenate([points for points, _ in chosen]), owner, patches)
 
 
 class SkinPlanes:
@@ -159,11 +199,8 @@ class SkinPlanes:
         return np.asarray(np.einsum("...c,...c->...", points, planes[..., :3]) - planes[..., 3])
 
 
-def height_maps(shapes: list[tuple[FeatherKind, bool]]) -> HeightMaps:
-    """Maps of kinds, each mirrored or not. Raises InputError for shapes that cannot be built."""
-    built = [
-        (build_feather(kind, _ROWS, _COLUMNS, mirrored), kind.length) for kind, mirrored in shapes
-    ]
+def height_maps(built: Sequence[tuple[Feather, float]]) -> HeightMaps:
+    """Maps of feathers, each with its length (m)."""
     parts = [_samples(feather) for feather, _ in built]
     samples = [
         np.concatenate(part) / length for part, (_, length) in zip(parts, built, strict=True)
@@ -186,43 +223,32 @@ def _samples(feather: Feather) -> tuple[Array, Array]:
     """(Q, 3) m within and on the edge: rachis and middles of barbs; ends of barbs and the tip."""
     middle, end = (_COLUMNS + 1) // 2, _COLUMNS
     nodes, within, edge = feather.rest.nodes, [], []
+    sampled = np.arange(len(nodes)) % _SAMPLED == 0
     for side in range(2):
-        has = feather.barb_length[side] > 0.0
+        has = (feather.barb_length[side] > 0.0) & sampled
         within.append(nodes[has, side * _COLUMNS + middle])
         edge.append(nodes[has, side * _COLUMNS + end])
     # where a vane begins rounded, it reaches back to a row without barbs
     cell = feather.cell.any(axis=(0, 2, 3))
-    in_vane = np.append(cell, False) | np.append(False, cell)
+    in_vane = (np.append(cell, False) | np.append(False, cell)) & sampled
     shaft = nodes[in_vane, 0]
     return np.concatenate([shaft[1:], *within]), np.concatenate([shaft[:1], *edge])
 
 
 def _map(feather: Feather, length: float) -> tuple[Array, Array]:
     """(H, W) heights and (4,) window of one feather, by its vanes' triangles."""
-    surface = feather.surface
-    triangles = surface.triangles[surface.part != RACHIS]
-    points = surface.points(feather.rest)[:, :] / length
-    used = points[np.unique(triangles)]
-    low, high = used[:, :2].min(axis=0), used[:, :2].max(axis=0)
+    points, triangles = _vanes(feather, length)
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     step = np.maximum((high - low) / (np.array(_NODES) - 1.0), 1e-9)
-    axes = [low[k] + step[k] * np.arange(_NODES[k]) for k in range(2)]
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    heights = _heights(nodes, points[triangles]).reshape(_NODES)
-    return heights, np.concatenate([low, step])
+    return _heights(low, step, points[triangles]), np.concatenate([low, step])
 
 
-def _heights(nodes: Array, corners: Array) -> Array:
-    """(N,) greatest height of triangles (T, 3, 3) over places (N, 2), NaN where there is none."""
-    first = corners[:, 1, :2] - corners[:, 0, :2]
-    second = corners[:, 2, :2] - corners[:, 0, :2]
-    area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    flat = np.abs(area) < 1e-14
-    inverse = 1.0 / np.where(flat, 1.0, area)
-    away = nodes[:, None, :] - corners[None, :, 0, :2]
-    u = (away[..., 0] * second[:, 1] - away[..., 1] * second[:, 0]) * inverse
-    v = (first[:, 0] * away[..., 1] - first[:, 1] * away[..., 0]) * inverse
-    inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9) & ~flat
-    z = corners[:, 0, 2] + u * (corners[:, 1, 2] - corners[:, 0, 2])
-    z = z + v * (corners[:, 2, 2] - corners[:, 0, 2])
-    best = np.where(inside, z, -np.inf).max(axis=1)
+def _heights(low: Array, step: Array, corners: Array) -> Array:
+    """(H, W) greatest height of triangles (T, 3, 3) over nodes from low (2,) on, step (2,) apart,
+    NaN where there is none."""
+    best = np.full(_NODES, -np.inf)
+    for found in nodes_within((corners[:, :, :2] - low) / step, _NODES):
+        z = corners[found.triangle, :, 2]
+        height = z[:, 0] + found.u * (z[:, 1] - z[:, 0]) + found.v * (z[:, 2] - z[:, 0])
+        np.maximum.at(best, (found.i, found.j), height)
     return np.where(np.isfinite(best), best, np.nan)

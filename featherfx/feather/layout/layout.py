@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from featherfx.feather.layout.arrangement import (
     Array,
     Indices,
     Mask,
+    Meshes,
     SkinPlanes,
     arrangement_of,
 )
@@ -38,6 +39,8 @@ _SETTLED = 0.05  # share of the clearance that may be lacking
 _SHORTER, _MOST_ROUNDS, _SWEEPS_PER_ROUND = 0.9, 12, 5
 # sweeps until all are shortened that are to be
 _SHORTENED = _MOST_SWEEPS + _SWEEPS_PER_SEARCH + _MOST_ROUNDS * _SWEEPS_PER_ROUND
+_MOST_PARTED = 5  # how often meshes that pass through each other are given more clearance
+_NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
 _DROPS = 3  # how often feathers are dropped and the others let settle
 _MOST_NAMED = 5
 _UNCHANGED = 1e-12  # relative, of a length
@@ -171,9 +174,10 @@ class Laid(NamedTuple):
 
 def _laid(groom: Groom, layout: Layout) -> Laid:
     skin = None if groom.skin is None else SkinPlanes(groom.skin)
-    feathers = arrangement_of(groom.feathers)
+    feathers, meshes = arrangement_of(groom.feathers)
     with phase("layout", _Solving.most_sweeps(layout), at_most=True) as done:
-        pairs, order = _Solving(feathers, skin, layout, done).solve(strips_of(groom.feathers))
+        solving = _Solving(feathers, meshes, skin, layout, done)
+        pairs, order = solving.solve(strips_of(groom.feathers))
     return _result(feathers, np.argsort(order), pairs, skin)
 
 
@@ -212,13 +216,17 @@ def _moved(placement: Placement, laid: Laid, k: int) -> Placement:
 class _Solving:
     """Moves, shortens and drops feathers until none pass through each other.
 
-    done: is told of sweeps, those that were not needed counted as done.
+    done: is told of sweeps, those that were not needed counted as done. crossed: pairs as keys, one
+    for every time that their meshes were found to pass through each other: so many clearances more
+    are between them, since samples and maps miss what a corner pierces.
     """
 
     feathers: Arrangement
+    meshes: Meshes
     skin: SkinPlanes | None
     layout: Layout
     done: Done
+    crossed: list[Indices] = field(default_factory=list)
 
     @staticmethod
     def most_sweeps(layout: Layout) -> int:
@@ -250,7 +258,8 @@ class _Solving:
             self._settle(pairs, order, _MOST_SWEEPS)
             self.done(_SHORTENED + (number + 1) * _MOST_SWEEPS)
             pairs = self._search(strips)
-        self._drop(pairs, self.layout.drop)
+        self._part_meshes(pairs, order)
+        self._drop(pairs, self.layout.drop, crossed=True)
         return pairs, order
 
     def _search(self, strips: Strips) -> Indices:
@@ -267,7 +276,9 @@ class _Solving:
         tilt = np.radians(np.where(feathers.grown, layout.most_tilt, layout.most_tilt_placed))
         lift = np.where(tilt > 0.0, layout.most_lift, 0.0)
         least = np.stack([-0.5 * tilt, -tilt, np.zeros(len(tilt))], axis=1)
-        limits = Limits(layout.clearance, least, np.stack([tilt, tilt, lift], axis=1))
+        most = np.stack([tilt, tilt, lift], axis=1)
+        wide = layout.clearance * (1.0 + self._times_crossed(pairs).astype(float))
+        limits = Limits(wide, layout.clearance, least, most)
         travel = Travel(np.zeros(len(tilt)), np.full(len(pairs), -1.0), np.zeros(len(pairs)))
         planes = np.zeros((0, 1, 4))
         for number in range(sweeps):
@@ -276,6 +287,24 @@ class _Solving:
             lack = sweep(feathers, neighbours, planes, limits, travel)
             if lack < _SETTLED * layout.clearance:
                 break
+
+    def _keys(self, pairs: Indices) -> Indices:
+        """(K,) one number for each pair, whichever comes first."""
+        return np.asarray(pairs.min(axis=1) * len(self.feathers.size) + pairs.max(axis=1))
+
+    def _times_crossed(self, pairs: Indices) -> Indices:
+        """(K,) how often the meshes of pairs were found to pass through each other."""
+        keys, found = self._keys(pairs), np.sort(np.concatenate([*self.crossed, _NO_PAIRS[:, 0]]))
+        return np.searchsorted(found, keys, "right") - np.searchsorted(found, keys)
+
+    def _part_meshes(self, pairs: Indices, order: Indices) -> None:
+        """Ask for more clearance where meshes pass through each other although samples do not."""
+        for _ in range(_MOST_PARTED):
+            keys = self._keys(self.meshes.crossed(self.feathers))
+            if not np.isin(keys, self._keys(pairs)).any():
+                return
+            self.crossed.append(keys)
+            self._settle(pairs, order, _SWEEPS_PER_ROUND)
 
     def _shorten(self, pairs: Indices, order: Indices) -> None:
         """Shorten grown feathers that do not come clear, each the one whose tip is at fault."""
@@ -299,31 +328,38 @@ class _Solving:
             size[chosen] = np.maximum(_SHORTER * size[chosen], least[chosen])
             self._settle(pairs, order, _SWEEPS_PER_ROUND)
 
-    def _drop(self, pairs: Indices, depth: float) -> bool:
-        """Drop grown feathers that pass through others or the skin by more than depth; if any."""
+    def _drop(self, pairs: Indices, depth: float, crossed: bool = False) -> bool:
+        """Drop grown feathers that pass through others or the skin by more than depth; if any.
+
+        crossed: also those whose meshes pass through each other by less.
+        """
         kept, grown = self.feathers.kept, self.feathers.grown
         before = int(kept.sum())
         kept &= ~(grown & (self.feathers.heights(self.skin) < -depth))
         pairs = pairs[kept[pairs].all(axis=1)]
         gaps, _ = self.feathers.gaps(pairs)
-        deep = gaps < -depth
-        kept &= ~_covering(pairs[deep], -gaps[deep], grown)
+        deep, through = gaps < -depth, self.meshes.crossed(self.feathers)
+        depths = np.append(-gaps[deep], np.zeros(len(through)))
+        must = np.append(np.ones(deep.sum(), np.bool_), np.full(len(through), crossed))
+        kept &= ~_covering(np.concatenate([pairs[deep], through]), depths, must, grown)
         return int(kept.sum()) < before
 
 
-def _covering(pairs: Indices, depths: Array, grown: Mask) -> Mask:
-    """(F,) grown feathers of which every pair (K, 2) with one holds one: those in most first."""
+def _covering(pairs: Indices, depths: Array, must: Mask, grown: Mask) -> Mask:
+    """(F,) grown feathers of which every pair (K, 2) that must and has one holds one: those in most
+    pairs first, whether these must or not."""
     chosen = np.zeros(len(grown), dtype=np.bool_)
     keep = grown[pairs].any(axis=1)
-    pairs, depths = pairs[keep], depths[keep]
-    while len(pairs):
+    pairs, depths, must = pairs[keep], depths[keep], must[keep]
+    while must.any():
         # the depth decides between feathers of as many pairs
-        weight = np.repeat(1.0 + depths / (depths.max() * (len(depths) + 1)), 2)
+        weight = np.repeat(1.0 + depths / (max(depths.max(), 1e-9) * (len(depths) + 1)), 2)
         count = np.bincount(pairs.ravel(), weights=weight, minlength=len(grown))
-        worst = int(np.argmax(np.where(grown, count, -1.0)))
+        may = np.intersect1d(pairs[must], np.flatnonzero(grown))
+        worst = int(may[np.argmax(count[may])])
         chosen[worst] = True
         left = (pairs != worst).all(axis=1)
-        pairs, depths = pairs[left], depths[left]
+        pairs, depths, must = pairs[left], depths[left], must[left]
     return chosen
 
 
@@ -333,7 +369,7 @@ def measured(groom: Groom) -> LayoutReport:
     def compute() -> dict[str, Any]:
         skin = None if groom.skin is None else SkinPlanes(groom.skin)
         pairs, order = shingle_pairs(strips_of(groom.feathers))
-        return _result(arrangement_of(groom.feathers), np.argsort(order), pairs, skin)._asdict()
+        return _result(arrangement_of(groom.feathers)[0], np.argsort(order), pairs, skin)._asdict()
 
     return _report(groom, Laid(**kept("overlap", [groom.feathers, groom.skin], compute)))
 
@@ -343,7 +379,7 @@ def cover(groom: Groom) -> float:
 
     def compute() -> dict[str, Any]:
         pairs, _ = shingle_pairs(strips_of(groom.feathers))
-        return {"cover": arrangement_of(groom.feathers).cover(pairs)}
+        return {"cover": arrangement_of(groom.feathers)[0].cover(pairs)}
 
     return float(kept("cover", [groom.feathers], compute)["cover"])
 

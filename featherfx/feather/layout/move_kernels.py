@@ -44,10 +44,11 @@ class Neighbours(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """clearance: m, wanted between feathers, and over the skin. least, most: (F, 3) bounds of
-    raise (rad), roll (rad) and lift (m)."""
+    """clearance: (K,) m, wanted between the feathers of each pair; ground: m, over the skin. least,
+    most: (F, 3) bounds of raise (rad), roll (rad) and lift (m)."""
 
-    clearance: float
+    clearance: NDArray[np.float64]
+    ground: float
     least: NDArray[np.float64]
     most: NDArray[np.float64]
 
@@ -174,13 +175,14 @@ def part(feathers, neighbours, pair, limits, travel):
     if gone - travel.seen[pair] < travel.room[pair]:
         return 0.0
     gap, above, below = least_gap(feathers, upper, lower), feathers.nearest[0], feathers.nearest[1]
+    clearance = limits.clearance[pair]
     travel.seen[pair] = gone
     beside = math.isnan(gap)
-    travel.room[pair] = BESIDE * feathers.size[upper] if beside else gap - limits.clearance
-    if beside or gap >= limits.clearance:
+    travel.room[pair] = BESIDE * feathers.size[upper] if beside else gap - clearance
+    if beside or gap >= clearance:
         return 0.0
     travel.room[pair] = 0.0
-    lack = limits.clearance - gap
+    lack = clearance - gap
     total = ease(above, feathers.size[upper])
     total += LOWER_EASE * ease(below, feathers.size[lower])
     down = LOWER_EASE * lack / total
@@ -212,7 +214,7 @@ def clear_skin(feathers, f, planes, limits, travel):
     """Raise a feather off the skin where it lacks clearance; returns how much it lacked (m)."""
     first, at = 0.0, feathers.nearest[0]
     for number in range(SKIN_TRIES):
-        lack = limits.clearance - skin_gap(feathers, f, planes)
+        lack = limits.ground - skin_gap(feathers, f, planes)
         if number == 0:
             first = max(lack, 0.0)
         if lack <= 0.0:

@@ -25,9 +25,9 @@ _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the 
 _WEIGHTS = np.array([1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of these: wrist and tips lie on
 _CLEAR = 0.02  # of the wing's longest feather, at least to the body
 _NEAR = 0.06  # of it, up to which a wing leaves no room for feathers below
-_EDGE = 0.6  # of the innermost shaft, from where its inner vane reaches the middle of the back
+_EDGE = 0.16  # of a feather's length, from its shaft to the edge of its inner vane
 _ROOF, _TUCK, _BOW = (25.0, 95.0), (-15.0, 30.0), (0.0, 30.0)  # deg, allowed; beyond, vanes part
-_STEPS = 300
+_STEPS, _STARTS = 200, 3
 _APART = 0.4  # tenths of the longest feather, from the middle of the back to either wing
 
 
@@ -78,19 +78,16 @@ def lie_on(
 
 
 def _best(fit: _Fit) -> Array:
-    """(4,) values of `placed` that cost least."""
+    """(5,) values of `placed` that cost least."""
     from scipy.optimize import minimize
 
     kind = fit.kind
-    start = np.array([kind.roof[1], kind.tuck[1], 20.0, 0.0])
-    steps = np.vstack([start, start + np.diag([-15.0, 6.0, 15.0, 1.0])])
-    found = minimize(
-        lambda values: fit.cost(values),
-        start,
-        method="Nelder-Mead",
-        options={"initial_simplex": steps, "maxfev": _STEPS, "xatol": 0.1, "fatol": 1e-4},
-    )
-    return np.asarray(found.x)
+    found = np.array([kind.roof[1], kind.tuck[1], 20.0, 0.0, 0.0])
+    for _ in range(_STARTS):  # a simplex that has gone flat is put up again
+        steps = np.vstack([found, found + np.diag([-15.0, 6.0, -8.0, 1.0, 0.7])])
+        options = {"initial_simplex": steps, "maxfev": _STEPS, "xatol": 0.1, "fatol": 1e-4}
+        found = minimize(fit.cost, found, method="Nelder-Mead", options=options).x
+    return np.asarray(found)
 
 
 def _shafts(kind: WingType, roots: Array, frames: Array, sizes: Array) -> Array:
@@ -123,9 +120,11 @@ class _Fit:
         return self.scale * max(self.kind.primaries.lengths)
 
     def placed(self, values: Array) -> tuple[WingType, Array, Array, Array]:
-        """Type, shoulder, points (N, 3) m of the wing and the inner edge (3,) m. values: (4,)
-        roof, tuck and bow, deg, and the way down from the landmark, in tenths of the longest
-        feather."""
+        """Type, shoulder, points (N, 3) m of the wing's shafts and inner edges (N, 3) m.
+
+        values: (5,) roof, tuck and bow, deg, and the ways down and back from the landmark, in
+        tenths of the longest feather.
+        """
         roof, tuck, bow = (
             float(np.clip(value, *allowed))
             for value, allowed in zip(values[:3], (_ROOF, _TUCK, _BOW), strict=True)
@@ -139,26 +138,28 @@ class _Fit:
         dorsal = bones.frames[1][:, 2]
         across = np.cross(dorsal, frames[0, :, 0])
         across = across if (roots[-1] - roots[0]) @ across > 0.0 else -across
-        shift = 0.1 * self.longest * values[3] * across
+        back = frames[0, :, 0] - frames[0, :, 0] @ dorsal * dorsal
+        shift = 0.1 * self.longest * (values[3] * across + values[4] * back)
         points = _shafts(kind, roots, frames, sizes)
         for _ in range(3):
             gap = self.body.gaps((points + shift).reshape(-1, 3)).min()
             shift = shift + (self.below + _CLEAR * self.longest - gap) * dorsal
-        inner = roots[0] + _EDGE * sizes[0] * frames[0, :, 0]
-        inner = inner - 0.16 * sizes[0] * across
-        return kind, self.shoulder + shift, (points + shift).reshape(-1, 3), inner + shift
+        outwards = frames[:, :, 1] * np.sign(frames[:, :, 1] @ across)[:, None]
+        points = points + shift
+        inner = points - _EDGE * (sizes[:, None] * outwards)[:, None]
+        return kind, self.shoulder + shift, points.reshape(-1, 3), inner.reshape(-1, 3)
 
     def cost(self, values: Array) -> float:
         kind, shoulder, points, inner = self.placed(values)
         size = 0.1 * self.longest
         gaps = self.body.gaps(points) / size
-        aside = (inner - self.body.middle) @ self.body.axes[:, 1] / size
-        aside = abs(aside) - _APART  # the back shows between both wings
+        aside = ((inner - self.body.middle) @ self.body.axes[:, 1]).max() / size
+        aside = aside + _APART  # the back shows between both wings, of which this is the right one
         outside = values[:3] - [kind.roof[1], kind.tuck[1], kind.bow]
         moved = np.linalg.norm(shoulder - self.shoulder) / size
         return float(
             np.average(gaps**2, weights=np.tile(_WEIGHTS, len(gaps) // len(_WEIGHTS)))
-            + 0.3 * aside**2
+            + aside**2
             + 0.1 * moved**2
             + 0.01 * outside @ outside
         )

@@ -1,0 +1,91 @@
+"""Holes in an outline, and moves from frame to frame, of meshes whose figures are known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from featherfx.baking.pipeline import measure_holes, measure_moves
+from featherfx.cli.main import main
+
+SLIT, SIZE = 0.003, 0.05
+
+
+def strip(stage, name, low, high, frames=()):
+    """A quad in the plane of `high` as a feather. low, high: corners; frames: (code, shift)."""
+    (x, y, z), (u, v, w) = low, high
+    corners = np.array([[x, y, z], [u, y, z], [u, v, w], [x, v, w]])
+    mesh = UsdGeom.Mesh.Define(stage, f"/{name}")
+    mesh.CreateFaceVertexCountsAttr([4])
+    mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    tagged = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("featherId", Sdf.ValueTypeNames.String)
+    tagged.Set(name)
+    attribute = mesh.CreatePointsAttr([Gf.Vec3f(*map(float, each)) for each in corners])
+    for code, shift in frames:
+        attribute.Set([Gf.Vec3f(*map(float, each + shift)) for each in corners], code)
+
+
+def frame_of_strips(path, unit=1.0, up="Z", slit=SLIT):
+    """Four strips around a slit of 10 by 3 mm, and a gap beside them that is open to one side."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageMetersPerUnit(stage, unit)
+    UsdGeom.SetStageUpAxis(stage, up)
+
+    def put(name, low, high):
+        places = [np.array([*each, 0.0]) / unit for each in (low, high)]
+        if up == "Y":
+            places = [each[[0, 2, 1]] * (1, 1, -1) for each in places]
+        strip(stage, name, *places)
+
+    put("left", (0.0, 0.0), (0.02, SIZE))
+    put("right", (0.03, 0.0), (SIZE, SIZE))
+    put("below", (0.02, 0.0), (0.03, 0.01))
+    put("above", (0.02, 0.01 + slit), (0.03, 0.03))
+    stage.GetRootLayer().Save()
+
+
+@pytest.mark.parametrize(("unit", "up"), [(1.0, "Z"), (0.01, "Y")])
+def test_the_widest_circle_of_an_enclosed_gap(tmp_path, unit, up):
+    frame_of_strips(tmp_path / "a.usda", unit, up)
+    (found,) = measure_holes(tmp_path / "a.usda", "top")
+    assert found["holes"] == 1
+    assert found["widest"] == pytest.approx(SLIT, abs=2.0 * found["pixel"])
+    assert 0.02 < found["place"][0] < 0.03
+    # from the side it is a line
+    (beside,) = measure_holes(tmp_path / "a.usda", "front")
+    assert beside["holes"] == 0
+    assert beside["widest"] == 0.0
+
+
+def test_what_touches_has_no_hole(tmp_path):
+    frame_of_strips(tmp_path / "a.usda", slit=0.0)
+    done = CliRunner().invoke(main, ["check", "--holes", "top", str(tmp_path / "a.usda")])
+    assert done.stdout == "holes: 0, the widest 0.00 mm, at rest\n"
+
+
+def test_moves_are_shares_of_the_feather(tmp_path):
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    still = [(code, np.zeros(3)) for code in (1, 2, 3)]
+    jump = [(1, np.zeros(3)), (2, np.zeros(3)), (3, np.array([0.0, 0.0, 0.002]))]
+    strip(stage, "still", (0, 0, 0), (0.3, 0.4, 0.0), still)
+    strip(stage, "jumps", (1, 0, 0), (1.06, 0.08, 0.0), jump)
+    stage.SetStartTimeCode(1)
+    stage.SetEndTimeCode(3)
+    stage.GetRootLayer().Save()
+    second, third = measure_moves(tmp_path / "a.usda")
+    assert second["largest"] == 0.0
+    # 2 mm of 0.1 m
+    assert third["largest"] == pytest.approx(0.02, rel=1e-5)
+    assert third["feather"] == "jumps"
+    assert third["middle"] == pytest.approx(0.01, rel=1e-5)
+    told = CliRunner().invoke(main, ["check", "--moves", "--json", str(tmp_path / "a.usda")])
+    assert json.loads(told.stdout)["largest"] == pytest.approx(0.02, rel=1e-5)
+    refused = CliRunner().invoke(
+        main, ["check", "--moves", "--frames", "2-2", str(tmp_path / "a.usda")]
+    )
+    assert refused.exit_code != 0
+    assert "two frames" in f"{refused.output} {refused.exception}"
