@@ -130,8 +130,8 @@ def calibrate(
             break
     weighted: Array = np.concatenate([test.stress(_moduli(guess)) for test in tests])
     residual = np.asarray(weighted - data, dtype=np.float64)
-    inverse = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
-    low, high = _intervals(guess, inverse, residual)
+    half = half_intervals(jacobian, residual)
+    low, high = (None if half is None else _moduli(guess + each * half) for each in (-1.0, 1.0))
     singular = np.linalg.svd(jacobian, compute_uv=False)
     return Calibration(
         moduli=_moduli(guess),
@@ -265,15 +265,15 @@ def identified_shares(jacobian: Array) -> tuple[float, ...]:
     return tuple(found)
 
 
-def _intervals(
-    guess: Array, inverse: Array, residual: Array
-) -> tuple[Moduli | None, Moduli | None]:
-    freedom = len(residual) - 3
+def half_intervals(jacobian: Array, residual: Array) -> Array | None:
+    """(k,) half widths of the 95 % intervals of a least-squares fit; None with no more points than
+    values. jacobian: (n, k). residual: (n,)."""
+    freedom = len(residual) - jacobian.shape[1]
     if freedom < 1:
-        return None, None
+        return None
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
     variance = float(residual @ residual) / freedom * np.diag(inverse)
-    half = student.ppf(0.975, freedom) * np.sqrt(variance)
-    return _moduli(guess - half), _moduli(guess + half)
+    return np.asarray(student.ppf(0.975, freedom) * np.sqrt(variance))
 
 
 def _moduli(logarithms: Array) -> Moduli:

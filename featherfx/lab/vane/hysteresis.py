@@ -18,12 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import t as student
 
 from featherfx.errors import InputError, Problem
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.declare import require
-from featherfx.lab.vane.calibrate import IDENTIFIED, identified_shares
+from featherfx.lab.vane.calibrate import IDENTIFIED, half_intervals, identified_shares
 from featherfx.lab.vane.curves import MeasuredCurve
 from featherfx.mechanics.vane_hook_kernels import hooked_response, slip_after
 
@@ -121,7 +120,7 @@ def fit_cycles(curves: Sequence[MeasuredCurve], kind: FeatherKind, source: str =
     if weak:
         message = "the curves do not determine it; missing is {}"
         raise InputError(*(Problem(source, n, message.format(MISSING[n])) for n in weak))
-    half = _half_intervals(found.jac, found.fun)
+    half = half_intervals(found.jac, found.fun)
     unit = np.array([1.0, 1.0, kind.barb_spacing])
     fitted = {}
     for k, name in enumerate(NAMES):
@@ -158,12 +157,3 @@ def _guesses(curves: Sequence[MeasuredCurve]) -> list[Array]:
     across = abs(float(strain @ stress)) / max(float(strain @ strain), 1e-12)
     most = max(float(curve.stress.max()) for curve in curves)
     return [np.log([across, share * most, slip]) for share, slip in product(YIELDS, SLIPS)]
-
-
-def _half_intervals(jacobian: Array, residual: Array) -> Array | None:
-    freedom = len(residual) - len(NAMES)
-    if freedom < 1:
-        return None
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
-    variance = float(residual @ residual) / freedom * np.diag(inverse)
-    return np.asarray(student.ppf(0.975, freedom) * np.sqrt(variance))
