@@ -1,15 +1,15 @@
 """Feathers as they are shown: laid over those beneath them and over the skin, sample by sample.
 
-What is simulated does not change. Every sample starts from the lifts of the one before: points are
-lifted by them, laps are searched in that pose (lap_kernels.py), and the lifts that clear them are
-taken from the lowest feather up (lift_kernels.py).
+What is simulated does not change. Every sample starts from the lifts of the one before. Feathers
+are taken from the lowest up: each is lifted as it was, its laps over what is laid already are
+searched (lap_kernels.py), and the lift that clears them is found (lift_kernels.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,43 +18,28 @@ from numpy.typing import NDArray
 from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.layers.depths import Depths
-from featherfx.shot.layers.ground import skins_beneath
-from featherfx.shot.layers.lap_kernels import ground_lacks, lift_points
-from featherfx.shot.layers.lift_kernels import lift_all, pair_depths
+from featherfx.shot.layers.ground import ground_beneath
+from featherfx.shot.layers.lift_kernels import lay_feathers
 from featherfx.shot.layers.stack import (
-    Room,
     among,
     beneath,
+    by_height,
     part_of,
     pose_like,
+    scratch_of,
     stack_of,
     vanes_of,
 )
-from featherfx.shot.layers.types import (
-    Array,
-    Ground,
-    Indices,
-    Laid,
-    Laps,
-    Lifts,
-    Stack,
-    Vanes,
-)
+from featherfx.shot.layers.types import Array, Indices, Laid, Lifts, Manner, Stack, Vanes
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.placement import place
 from featherfx.shot.types import Shot
 
-# gap up to which nodes are followed, in thicknesses
-MARGIN = 4.0
 # s, in which a lift that is no longer asked for falls to 1 / e
 FALL = 0.1
-# searches and passes for a sample at most, and for the first; change of a lift, over half a
-# thickness, from which on a feather is searched again
-MOST_ROUNDS, FIRST_ROUNDS, OFF = 4, 16, 1.0
-# the same, from which on what is written is searched again for its depths
-SEEN = 0.1
-# pieces of work for each thread
-PIECES = 8
+MANNER = Manner(kept=0.0, anew=True, turns=8, follow=4.0, off=1.0, seen=0.1, slope=0.1)
+# laps of a feather that there is room for at first
+ROOM = 4096
 
 
 def shot_stack(shot: Shot, drawn: Sequence[Feather]) -> tuple[Stack, Vanes, RowPoints]:
@@ -91,31 +76,28 @@ class Layers:
     def __init__(self, shot: Shot, drawn: Sequence[Feather], wanted: Indices, jobs: int) -> None:
         stack, vanes, rest = shot_stack(shot, drawn)
         self.needed = beneath(stack, wanted)
-        self.stack, self.vanes = part_of(stack, vanes, self.needed)
+        stack, self.vanes = part_of(stack, vanes, self.needed)
+        self.stack, self._heights = by_height(stack)
         rest = rest.at(self.needed)
         self._names = [shot.groom.feathers[f].id for f in self.needed]
-        self._depths = Depths(self.stack)
+        self._depths, pairs = Depths(self.stack), len(self.stack.pairs)
         shape = self.vanes.present.shape
         self.lifts = Lifts(
             lift=np.zeros(shape),
             before=np.zeros(shape),
-            asked=np.zeros(shape),
-            sought=np.zeros(shape),
-            wanted=np.zeros(shape[1:]),
-            renewed=np.zeros(shape[0], dtype=np.int8),
+            moved=np.zeros(shape[0], dtype=np.int8),
+            settled=np.zeros(shape[0], dtype=np.int8),
+            strays=np.zeros(shape[0], dtype=np.int8),
+            depths=np.zeros(pairs),
+            touching=np.zeros(pairs, dtype=np.int8),
         )
-        self._pose = pose_like(rest, shape)
-        self._skins = []
-        if shot.skin is not None and shot.layers is not None and shot.layers.contact.skin:
-            self._skins = skins_beneath(shot.skin, self.needed, self.vanes, _nodes(rest.nodes))
-            for skin in self._skins:
-                skin.ground.triangle[~_touching(shot)[self.needed]] = -1
-        self._jobs = jobs
-        # places in the order, between which there are about as many pairs
-        ends = np.linspace(0, len(self.stack.pairs), PIECES * jobs + 1)
-        self._ends = np.searchsorted(self.stack.first, ends.astype(np.int64), side="right") - 1
-        self._ends[0] = 0
-        self._rooms = [Room(self.vanes) for _ in self._ends[1:]]
+        self._start, self._pose = pose_like(rest, shape), pose_like(rest, shape)
+        assert shot.layers is not None
+        skin = shot.skin if shot.layers.contact.skin else None
+        self._skin = ground_beneath(skin, self.needed, self.vanes, _nodes(rest.nodes))
+        self._skin.ground.triangle[~_touching(shot)[self.needed]] = -1
+        self._under: Array | None = None
+        self._scratch = [scratch_of(self.vanes, ROOM) for _ in range(jobs)]
 
     def lay(
         self, poses: Sequence[FeatherPose], frame: float, time: float, duration: float
@@ -125,27 +107,9 @@ class Layers:
         frame: its number. time: s since the first one. duration: s since the sample before; 0 at
         the first.
         """
-        points = stacked([pose.points for pose in poses])
-        lifts, pose = self.lifts, self._pose
-        kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
-        lifts.before[:] = lifts.lift
-        stale, skins = np.ones(len(poses), dtype=np.bool_), self._moved(time)
-        with ThreadPoolExecutor(self._jobs) as pool:
-            for number in range(MOST_ROUNDS if duration > 0.0 else FIRST_ROUNDS):
-                self._pose_lifted(pool, points, number == 0)
-                self._ask_ground(pool, skins)
-                self._lift(self._found(pool, stale), stale, kept, number > 0)
-                change = np.abs(lifts.lift - lifts.sought).max(axis=(1, 2))
-                stale = change > OFF * self.vanes.half
-                if not stale.any():
-                    break
-            self._pose_lifted(pool, points, False)
-            found = self._found(pool, change > SEEN * self.vanes.half)
-        depths = np.full(len(self.stack.pairs), -np.inf)
-        touching = np.zeros(len(depths), dtype=np.bool_)
-        for laps in found:
-            pair_depths(self.vanes, laps, lifts.lift, depths, touching)
-        self._depths.add(depths, touching, frame)
+        points, lifts, pose = stacked([pose.points for pose in poses]), self.lifts, self._pose
+        self._lay(points, self._skin.points(time), duration)
+        self._depths.add(lifts.depths, lifts.touching != 0, frame)
         nodes, rates = pose.points.copy(), np.stack([given.velocities.nodes for given in poses])
         if duration > 0.0:
             rates += _along_dorsal((lifts.lift - lifts.before) / duration, pose.dorsal)
@@ -159,45 +123,34 @@ class Layers:
             for own, rate, given in zip(nodes, rates, poses, strict=True)
         ]
 
+    def _lay(self, points: RowPoints, skin: Array, duration: float) -> None:
+        """Lifts and pose of the next sample. points: of all feathers; skin: (V, 3) m."""
+        kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
+        anew = self._under is None or not np.array_equal(skin, self._under)
+        manner, self._under = MANNER._replace(kept=kept, anew=anew), skin
+        self.lifts.before[:] = self.lifts.lift
+        given = points, self._skin.ground, skin
+
+        def work(job: int, begin: int, end: int) -> None:
+            bodies, poses = (self.vanes, self.stack), (self._start, self._pose)
+            while begin < end:
+                args = manner, (begin, end), self._scratch[job]
+                begin = lay_feathers(bodies, given, self.lifts, poses, *args)
+                if begin < end:
+                    more = 2 * len(self._scratch[job].laps)
+                    self._scratch[job] = scratch_of(self.vanes, more)
+
+        if len(self._scratch) == 1:
+            work(0, 0, len(self.stack.order))
+            return
+        with ThreadPoolExecutor(len(self._scratch)) as pool:
+            for low, high in pairwise(self._heights.tolist()):
+                ends = np.linspace(low, high, len(self._scratch) + 1).astype(int).tolist()
+                list(pool.map(work, range(len(self._scratch)), ends[:-1], ends[1:]))
+
     def of(self, wanted: Indices, laid: Sequence[FeatherPose]) -> list[FeatherPose]:
         """Those of the needed feathers' poses that are wanted, by numbers."""
         return [laid[k] for k in np.searchsorted(self.needed, wanted).tolist()]
-
-    def _pose_lifted(self, pool: ThreadPoolExecutor, points: RowPoints, fresh: bool) -> None:
-        asked = self.vanes, points, self.lifts.lift, self._pose, fresh
-        self._each(pool, partial(lift_points, *asked))
-
-    def _moved(self, time: float) -> list[tuple[Ground, Array]]:
-        """The skins at a time, (V, 3) m."""
-        return [(skin.ground, skin.skin.points(time)) for skin in self._skins]
-
-    def _ask_ground(self, pool: ThreadPoolExecutor, skins: list[tuple[Ground, Array]]) -> None:
-        for ground, moved in skins:
-            asked = self.vanes, self._pose, ground, moved, self.lifts.asked
-            self._each(pool, partial(ground_lacks, *asked))
-
-    def _found(self, pool: ThreadPoolExecutor, stale: NDArray[np.bool_]) -> list[Laps]:
-        """Laps of all pairs, by upper feather; those of pairs that are not stale hold on."""
-        stack, numbers = self.stack, stale.astype(np.int8)
-        self.lifts.sought[stale] = self._pose.lift[stale]
-
-        def search(room: Room, begin: int, end: int) -> Laps:
-            span = int(stack.first[begin]), int(stack.first[end])
-            return room.search((self.vanes, stack, self._pose), numbers, MARGIN, span)
-
-        return list(pool.map(search, self._rooms, self._ends[:-1], self._ends[1:]))
-
-    def _lift(
-        self, found: Sequence[Laps], stale: NDArray[np.bool_], kept: float, begun: bool
-    ) -> None:
-        numbers = stale.astype(np.int8)
-        for laps, *span in zip(found, self._ends[:-1], self._ends[1:], strict=True):
-            args = (int(span[0]), int(span[1])), numbers, self.lifts, kept, begun
-            lift_all(self.vanes, self.stack, laps, *args)
-
-    def _each(self, pool: ThreadPoolExecutor, work: Callable[[int, int], object]) -> None:
-        ends = np.linspace(0, len(self.vanes.half), PIECES * self._jobs + 1).astype(int).tolist()
-        list(pool.map(work, ends[:-1], ends[1:]))
 
     def report(self) -> dict[str, Any]:
         """Figures of what was laid so far."""
@@ -215,6 +168,7 @@ class Layers:
     def restore(self, memory: Mapping[str, Array]) -> None:
         """Take over what `memory` gave."""
         self.lifts.lift[:] = memory["lift"]
+        self._under = None
 
 
 def _nodes(points: Array) -> Array:

@@ -1,83 +1,82 @@
 """How far each node is lifted so that every feather is clear of those beneath it.
 
-Feathers are taken from the lowest up, so that what is beneath is where it stays, and one pass is
-enough. A feather's lift is the least field that is nowhere below what its laps ask for and that
-rises and falls by no more than SLOPE a metre along shaft and barbs:
+Feathers are taken from the lowest up: what is beneath is where it stays, so each is laid once and
+for all, in a few turns of searching and lifting. A feather's lift is the least field that is
+nowhere below what its laps ask for and that rises and falls by no more than a slope along shaft
+and barbs:
 
-    w(a) = max over nodes b of  r(b) - SLOPE |a - b|,   |a - b| along shaft plus along barb,
+    w(a) = max over nodes b of  r(b) - slope |a - b|,   |a - b| along shaft plus along barb,
 
 which changes nowhere by more than r does anywhere. What is asked for less than at the sample before
 goes back slowly. Below the vane the lift falls off to the root, which stays.
 """
 
 from featherfx.jit.compiled import kernel
+from featherfx.shot.layers.lap_kernels import BESIDE, find_laps, ground_lacks
+from featherfx.shot.layers.pose_kernels import lift_points
+from featherfx.solver.contact.search_kernels import strip_point
 
-# what a lift may rise along shaft or barb
-SLOPE = 0.1
 # of a point, that a node has at least where it is asked for all that is lacking there
 SHARE = 0.1
-# thicknesses beside the other's edge from which on a point does not touch it
-BESIDE = 1.0
 # thicknesses beyond what is to be between them, up to which feathers touch
 TOUCH = 0.1
 
 
 @kernel
-def _raise(wanted, vanes, f, node, need, share):
-    """What is wanted at a node of a feather, of which a point that lacks something has a share.
+def _raise(wanted, vanes, f, node, asked, slope):
+    """What is wanted at a node of a feather. asked: by a point, m, and which share it has in that.
 
     Towards a share of none it falls to what the others' lifts give it anyway, so that nothing jumps
     where points pass from one triangle to the next.
     """
-    i, c = node
+    (i, c), (need, share) = node, asked
     columns, before = vanes.exists.shape[3], max(i - 1, 0)
     near = min(vanes.row[f, before], vanes.barb[f, 1 if c < columns else 0, i])
-    need -= SLOPE * near * max(0.0, 1.0 - share / SHARE)
+    need -= slope * near * max(0.0, 1.0 - share / SHARE)
     wanted[i, c] = max(wanted[i, c], need)
 
 
 @kernel
-def _ask(vanes, laps, k, lifts):
+def _ask(vanes, lap, lifts, slope, wanted):
     """Raise what is wanted of the upper feather of a lap."""
-    lap = laps[k]
     lift, total, other = lifts.lift, 0.0, 0.0
     for q in range(3):
         total += lap.weight[q]
         if lap.above == 1:
             other += lap.weight[q] * lift[lap.lower, lap.corner[q, 0], lap.corner[q, 1]]
-    wanted, (i, c), (j, d) = lifts.wanted, lap.node, lap.after
+    (i, c), (j, d) = lap.node, lap.after
     if lap.above == 1:
         need = lap.share * (lap.base + other) / lap.own
-        _raise(wanted, vanes, lap.upper, (i, c), need, 1.0 - lap.part)
+        _raise(wanted, vanes, lap.upper, (i, c), (need, 1.0 - lap.part), slope)
         if lap.part > 0.0:
-            _raise(wanted, vanes, lap.upper, (j, d), need, lap.part)
+            _raise(wanted, vanes, lap.upper, (j, d), (need, lap.part), slope)
         return
     lifted = (1.0 - lap.part) * lift[lap.lower, i, c] + lap.part * lift[lap.lower, j, d]
     need = (lap.base + lap.own * lifted) * lap.share / total
     for q in range(3):
         if lap.weight[q] > 0.0:
             corner = lap.corner[q, 0], lap.corner[q, 1]
-            _raise(wanted, vanes, lap.upper, corner, need, lap.weight[q] / total)
+            _raise(wanted, vanes, lap.upper, corner, (need, lap.weight[q] / total), slope)
 
 
 @kernel
-def _spread(values, vanes, f):
-    """Least field over values (n, 2 m + 1) that is nowhere steeper than SLOPE, in place."""
+def _spread(values, vanes, f, slope):
+    """Least field over values (n, 2 m + 1) that is nowhere steeper than a slope, in place."""
     rows, columns = values.shape[0], vanes.exists.shape[3]
     for i in range(rows - 1):
-        fall = SLOPE * vanes.row[f, i]
+        fall = slope * vanes.row[f, i]
         for c in range(values.shape[1]):
             values[i + 1, c] = max(values[i + 1, c], values[i, c] - fall)
     for i in range(rows - 2, -1, -1):
-        fall = SLOPE * vanes.row[f, i]
+        fall = slope * vanes.row[f, i]
         for c in range(values.shape[1]):
             values[i, c] = max(values[i, c], values[i + 1, c] - fall)
     for i in range(rows):
         for c in range(2 * columns):
-            fall = SLOPE * vanes.barb[f, 1 if c < columns else 0, i]
+            fall = slope * vanes.barb[f, 1 if c < columns else 0, i]
             values[i, c + 1] = max(values[i, c + 1], values[i, c] - fall)
         for c in range(2 * columns, 0, -1):
-            fall = SLOPE * vanes.barb[f, 1 if c <= columns else 0, i]
+            fall = slope * vanes.barb[f, 1 if c <= columns else 0, i]
             values[i, c - 1] = max(values[i, c - 1], values[i, c] - fall)
 
 
@@ -97,46 +96,119 @@ def _to_root(values, vanes, f):
 
 
 @kernel
-def lift_all(vanes, stack, laps, span, stale, lifts, kept, begun):
-    """Lifts of the feathers at span[0] to span[1] - 1 of the order, from the lowest up.
+def lay_feathers(bodies, given, lifts, poses, manner, span, scratch):
+    """Lay the feathers at span[0] to span[1] - 1 of the order, of which none lies over another, on
+    those before them. Returns the place of the first that scratch has no room for, else span[1].
 
-    stale: (F,) those whose laps were searched; others are left, unless what lies beneath them was
-    searched or lifted anew, so that what lies above a feather never matters to it. laps: (L,) of
-    their pairs, in the order of these. kept: share of the lift before that is kept at least. begun:
-    whether the lifts are of this sample, and do not fall: what is lifted off something is beside it
-    at times, and would come and go.
+    bodies: vanes and stack. given: RowPoints before they are lifted, ground and skin (V, 3) m.
+    poses: with the lifts of the sample before, and of this one. What has not moved since then, as
+    all beneath it, and then kept its lift, keeps it.
     """
-    lap = 0
+    (vanes, stack), (points, ground, skin), (start, pose) = bodies, given, poses
     for k in range(span[0], span[1]):
-        f, wanted = stack.order[k], lifts.wanted
-        lifts.renewed[f] = stale[f]
-        for pair in range(stack.first[k], stack.first[k + 1]):
+        f, own = stack.order[k], (stack.first[k], stack.first[k + 1])
+        lift, before, same = lifts.lift[f], lifts.before[f], _is_as_before(points, pose, lifts, f)
+        rests, strays = same and lifts.settled[f] != 0 and not manner.anew, False
+        for pair in range(own[0], own[1]):
             lower = stack.pairs[pair, 1]
-            lifts.renewed[f] = max(lifts.renewed[f], max(stale[lower], lifts.renewed[lower]))
-        if lifts.renewed[f] == 0:
-            while lap < laps.shape[0] and laps[lap].pair < stack.first[k + 1]:
-                lap += 1
+            rests = rests and lifts.moved[lower] == 0
+            strays = strays or lifts.strays[lower] != 0
+        lifts.moved[f], lifts.strays[f] = 0, 0
+        if rests:
             continue
-        before, lift, asked = lifts.before[f], lifts.lift[f], lifts.asked[f]
-        for i in range(wanted.shape[0]):
-            for c in range(wanted.shape[1]):
-                least = lift[i, c] if begun else kept * before[i, c]
-                wanted[i, c] = max(asked[i, c], least)
-        while lap < laps.shape[0] and laps[lap].pair < stack.first[k + 1]:
-            _ask(vanes, laps, lap, lifts)
-            lap += 1
-        _spread(wanted, vanes, f)
-        _to_root(wanted, vanes, f)
-        for i in range(wanted.shape[0]):
-            for c in range(wanted.shape[1]):
-                lift[i, c] = wanted[i, c]
+        lift_points(vanes, points, before, start, f)
+        ground_lacks(vanes, start, ground, skin, f, scratch.asked)
+        # where nothing is lifted yet, so that all that is beneath takes this one with it
+        count = find_laps(vanes, stack, start, manner.follow, own, scratch.laps, scratch.seen)
+        if count <= scratch.laps.shape[0]:
+            _raise_lift(vanes, (lifts, f), manner, scratch, count, False)
+            change = _most_change(lift, before)
+            if strays:
+                change = 1e300
+            for turn in range(manner.turns):
+                least = manner.off if turn < manner.turns - 1 else manner.seen
+                if change <= least * vanes.half[f]:
+                    break
+                lift_points(vanes, points, lift, pose, f)
+                ground_lacks(vanes, pose, ground, skin, f, scratch.asked)
+                laps = scratch.laps
+                count = find_laps(vanes, stack, pose, manner.follow, own, laps, scratch.seen)
+                if count > laps.shape[0]:
+                    break
+                if turn < manner.turns - 1:
+                    _raise_lift(vanes, (lifts, f), manner, scratch, count, True)
+                    change = _most_change(lift, pose.lift[f])
+        if count > scratch.laps.shape[0]:
+            _copy(before, lift)
+            return k
+        lift_points(vanes, points, lift, pose, f)
+        for pair in range(own[0], own[1]):
+            lifts.depths[pair], lifts.touching[pair] = -1e300, 0
+        _pair_depths(vanes, scratch.laps, count, lifts)
+        lifts.strays[f] = 1 if _most_change(lift, before) > manner.off * vanes.half[f] else 0
+        lifts.settled[f] = 1 if _most_change(lift, before) == 0.0 else 0
+        lifts.moved[f] = 0 if same and lifts.settled[f] != 0 else 1
+    return span[1]
 
 
 @kernel
-def pair_depths(vanes, laps, lift, depths, touching):
-    """How deep each pair (K,) is, over the thickness, by its laps; below 0 how far apart. touching:
-    (K,) becomes 1 for those that are no farther apart than they are to be, but for TOUCH."""
-    for k in range(laps.shape[0]):
+def _is_as_before(points, pose, lifts, f):
+    """Whether a feather, lifted as at the sample before, is where it was shown then."""
+    columns = (lifts.lift.shape[2] - 1) // 2
+    for i in range(lifts.lift.shape[1]):
+        for k in range(3):
+            dorsal = points.directors[f, i, 1, k]
+            if pose.dorsal[f, i, k] != dorsal:
+                return False
+            for c in range(lifts.lift.shape[2]):
+                p = strip_point(c, columns)
+                risen = lifts.lift[f, i, c] * dorsal
+                if pose.points[f, i, p, k] != points.nodes[f, i, p, k] + risen:
+                    return False
+    return True
+
+
+@kernel
+def _copy(source, target):
+    for i in range(source.shape[0]):
+        for c in range(source.shape[1]):
+            target[i, c] = source[i, c]
+
+
+@kernel
+def _most_change(first, second):
+    """The most that two fields (n, 2 m + 1) differ anywhere."""
+    most = 0.0
+    for i in range(first.shape[0]):
+        for c in range(first.shape[1]):
+            most = max(most, abs(first[i, c] - second[i, c]))
+    return most
+
+
+@kernel
+def _raise_lift(vanes, place, manner, scratch, count, begun):
+    """Lift one feather by its laps, of which there are so many. place: lifts, and the feather.
+    begun: whether its lift is of this sample, and does not fall: what is lifted off something is
+    beside it at times, and would come and go."""
+    (lifts, f), wanted = place, scratch.wanted
+    before, lift = lifts.before[f], lifts.lift[f]
+    for i in range(wanted.shape[0]):
+        for c in range(wanted.shape[1]):
+            least = lift[i, c] if begun else manner.kept * before[i, c]
+            wanted[i, c] = max(scratch.asked[i, c], least)
+    for k in range(count):
+        _ask(vanes, scratch.laps[k], lifts, manner.slope, wanted)
+    _spread(wanted, vanes, f, manner.slope)
+    _to_root(wanted, vanes, f)
+    _copy(wanted, lift)
+
+
+@kernel
+def _pair_depths(vanes, laps, count, lifts):
+    """How deep the pairs of so many laps are, over the thickness, below 0 how far apart, and which
+    are no farther apart than they are to be, but for TOUCH."""
+    lift = lifts.lift
+    for k in range(count):
         lap = laps[k]
         thickness = vanes.half[lap.upper] + vanes.half[lap.lower]
         if lap.beside > BESIDE * thickness:
@@ -147,6 +219,6 @@ def pair_depths(vanes, laps, lift, depths, touching):
         for q in range(3):
             apart -= lap.weight[q] * lift[host, lap.corner[q, 0], lap.corner[q, 1]]
         depth = lap.base - lap.clear - (apart if lap.above == 1 else -apart)
-        depths[lap.pair] = max(depths[lap.pair], depth / thickness)
+        lifts.depths[lap.pair] = max(lifts.depths[lap.pair], depth / thickness)
         if depth + lap.clear > -TOUCH * thickness:
-            touching[lap.pair] = 1
+            lifts.touching[lap.pair] = 1

@@ -14,8 +14,19 @@ from featherfx.feather.layout.overlap import Strips, shingle_pairs, strips_of
 from featherfx.feather.types import LEADING, Feather, RowPoints
 from featherfx.files.store import kept
 from featherfx.groom.types import Placement
-from featherfx.shot.layers.lap_kernels import FIELDS, find_laps, lift_points
-from featherfx.shot.layers.types import LAP, Array, Bytes, Indices, Laps, Pose, Stack, Vanes
+from featherfx.shot.layers.lap_kernels import FADE, find_laps
+from featherfx.shot.layers.pose_kernels import FIELDS, lift_points_of_all
+from featherfx.shot.layers.types import (
+    LAP,
+    Array,
+    Bytes,
+    Indices,
+    Laps,
+    Pose,
+    Scratch,
+    Stack,
+    Vanes,
+)
 
 # feathers may come over each other that are, at rest, so many times as far apart as they are wide
 REACH = 1.5
@@ -26,10 +37,11 @@ WRONG = 0.05
 # heights over a feather's length up to which points tell who lies over whom at rest
 NEAR = 0.1
 # what is kept between surfaces, which are bent between their nodes: over the distance of rows, but
-# at most so many thicknesses
-CLEAR, MOST_CLEAR = 0.08, 6.0
+# at most so many thicknesses. More adds up, over feathers over feathers, until none lies any more:
+# with 0.08 and 6 the pigeon's coat rises by centimetres, and more of it crosses.
+CLEAR, MOST_CLEAR = 0.024, 1.8
 # depth, over a feather's length, that is undone; beyond twice that the order counts for nothing
-DEEPEST = 0.2
+DEEPEST = 0.3
 
 
 def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: RowPoints) -> Stack:
@@ -62,11 +74,16 @@ def _laps_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> Laps:
     """Of all pairs, also of those that lie the other way round."""
     length = vanes.row.sum(axis=1)
     pose = pose_like(rest, vanes.present.shape)
-    lift_points(vanes, rest, pose.lift, pose, True, 0, len(length))
+    lift_points_of_all(vanes, rest, pose)
     seen = vanes._replace(deepest=NEAR * length)
-    stale, span = np.ones(len(length), dtype=np.int8), (0, len(stack.pairs))
-    follow = NEAR * float((length / vanes.half).max(initial=0.0))
-    laps = Room(vanes).search((seen, stack, pose), stale, follow, span)
+    follow, count = NEAR * float((length / vanes.half).max(initial=0.0)), 1024
+    while True:
+        scratch = scratch_of(vanes, count)
+        span = 0, len(stack.pairs)
+        count = find_laps(seen, stack, pose, follow, span, scratch.laps, scratch.seen)
+        if count <= len(scratch.laps):
+            break
+    laps = scratch.laps[:count]
     return laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
 
 
@@ -110,29 +127,11 @@ def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:
     return sorted_stack(agreeing, np.array(found, dtype=np.int64))
 
 
-Searched = tuple[Vanes, Stack, Pose]
-
-
-class Room:
-    """What a search for laps writes to. laps: as found last."""
-
-    def __init__(self, vanes: Vanes) -> None:
-        self._seen = np.zeros((*vanes.present.shape[1:], 5), dtype=np.int64)
-        self._spare, self._used = (np.zeros(1024, dtype=LAP) for _ in range(2))
-        self.laps = self._used[:0]
-
-    def search(self, bodies: Searched, stale: Bytes, follow: float, span: tuple[int, int]) -> Laps:
-        """Laps of the pairs span[0] to span[1] - 1 (find_laps); those found last hold for pairs of
-        which neither feather is stale. bodies: as the kernel takes them."""
-        while True:
-            buffers = self.laps, self._spare, self._seen
-            count = find_laps(*bodies, stale, follow, span, *buffers)
-            if count <= len(self._spare):
-                break
-            self._spare = np.zeros(int(1.25 * count), dtype=LAP)
-        self._spare, self._used = self._used, self._spare
-        self.laps = self._used[:count]
-        return self.laps
+def scratch_of(vanes: Vanes, laps: int) -> Scratch:
+    """What a search for so many laps writes to, and what lifts one feather."""
+    shape = vanes.present.shape[1:]
+    seen = np.zeros((*shape, 5), dtype=np.int64)
+    return Scratch(np.zeros(laps, dtype=LAP), np.zeros(shape), np.zeros(shape), seen)
 
 
 def pose_like(points: RowPoints, shape: tuple[int, ...]) -> Pose:
@@ -147,7 +146,6 @@ def pose_like(points: RowPoints, shape: tuple[int, ...]) -> Pose:
         frames=np.zeros((count, 4, 3)),
         own=np.zeros((count, 6)),
         heights=np.zeros((count, *FIELDS, 2)),
-        moved=np.zeros(count, dtype=np.int8),
     )
 
 
@@ -159,6 +157,18 @@ def sorted_stack(pairs: Indices, order: Indices) -> Stack:
     chosen = np.lexsort((rank[pairs[:, 1]], upper))
     first = np.searchsorted(upper[chosen], np.arange(len(order) + 1))
     return Stack(order.astype(np.int64), np.ascontiguousarray(pairs[chosen]), first)
+
+
+def by_height(stack: Stack) -> tuple[Stack, Indices]:
+    """A stack in an order in which those that lie on nothing come first, then those on them alone,
+    and so on; and (H + 1,) the places of the first of each height."""
+    height = np.zeros(len(stack.order), dtype=np.int64)
+    for k, f in enumerate(stack.order.tolist()):
+        lower = stack.pairs[stack.first[k] : stack.first[k + 1], 1]
+        height[f] = height[lower].max(initial=-1) + 1
+    order = stack.order[np.argsort(height[stack.order], kind="stable")]
+    heights = np.arange(height.max(initial=-1) + 2)
+    return sorted_stack(stack.pairs, order), np.searchsorted(height[order], heights)
 
 
 def among(stack: Stack, touching: NDArray[np.bool_]) -> Stack:
@@ -202,6 +212,7 @@ def vanes_of(feathers: Sequence[Feather], halves: Array) -> Vanes:
         first=np.argmax(present.any(axis=2), axis=1),
         deepest=DEEPEST * row.sum(axis=1),
         clear=np.minimum(CLEAR * row.mean(axis=1), MOST_CLEAR * 2.0 * halves),
+        reach=np.full(count, 2.0 * FADE * halves.max(initial=0.0)),
     )
 
 

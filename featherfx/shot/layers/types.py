@@ -42,7 +42,8 @@ class Vanes(NamedTuple):
     present: (F, n, 2 m + 1) nodes that a triangle has. exists: (F, 2, n - 1, m, 2) triangles.
     half: (F,) m, half thickness. row: (F, n - 1) and barb: (F, 2, n) m, distances of nodes along
     shaft and barbs. first: (F,) first row of the vane. deepest: (F,) m, depth that is undone.
-    clear: (F,) m, kept from others, at the least.
+    clear: (F,) m, kept from others, at the least. reach: (F,) m, beside a vane, up to where it
+    counts.
     """
 
     present: Bytes
@@ -53,6 +54,7 @@ class Vanes(NamedTuple):
     first: Indices
     deepest: Array
     clear: Array
+    reach: Array
 
 
 class Stack(NamedTuple):
@@ -84,16 +86,44 @@ class Ground(NamedTuple):
 
 
 class Lifts(NamedTuple):
-    """How far nodes are lifted. lift: (F, n, 2 m + 1) m, now; before: at the sample before; asked:
-    by the skin; sought: when laps were last searched. wanted: scratch, (n, 2 m + 1) m. renewed:
-    (F,) scratch."""
+    """How far nodes are lifted. lift: (F, n, 2 m + 1) m, now; before: at the sample before. moved:
+    (F,) whether a feather is shown elsewhere than then; settled: whether its lift is what it was
+    then, strays: whether it is far from that. depths: (K,) how deep each
+    pair is, in thicknesses, below 0 how far apart. touching: (K,) whether it touches."""
 
     lift: Array
     before: Array
-    asked: Array
-    sought: Array
+    moved: Bytes
+    settled: Bytes
+    strays: Bytes
+    depths: Array
+    touching: Bytes
+
+
+class Manner(NamedTuple):
+    """How a sample is laid. kept: share of a lift that it keeps at least, of the sample before.
+    anew: whether nothing is known of that, so that what has not moved is laid as well. turns:
+    searches of a feather at most. follow: gap up to which nodes are followed, in thicknesses. off:
+    change of a lift, over half a thickness, from which on a feather is searched again; seen: the
+    same, for what is written. slope: what a lift may rise along shaft or barb."""
+
+    kept: float
+    anew: bool
+    turns: int
+    follow: float
+    off: float
+    seen: float
+    slope: float
+
+
+class Scratch(NamedTuple):
+    """What one thread writes to. laps: (L,). wanted, asked: (n, 2 m + 1) m. seen:
+    (n, 2 m + 1, 5)."""
+
+    laps: Laps
     wanted: Array
-    renewed: Bytes
+    asked: Array
+    seen: Indices
 
 
 class Pose(NamedTuple):
@@ -101,8 +131,7 @@ class Pose(NamedTuple):
     (F, n, 2 m + 1) m, along dorsal, (F, n, 3), the rows' dorsal directors. boxes: (F, n, 6) around
     rows and bounds: (F, 6) around vanes. frames: (F, 4, 3) origin and axes of each feather, along
     its shaft, across and dorsal; own: (F, 6) box around the vane in that, and heights:
-    (F, 12, 8, 2) m, least and greatest height of the vane in it, over fields along and across.
-    moved: (F,) whether a feather is elsewhere than in the pose before."""
+    (F, 12, 8, 2) m, least and greatest height of the vane in it, over fields along and across."""
 
     points: Array
     dorsal: Array
@@ -112,4 +141,3 @@ class Pose(NamedTuple):
     frames: Array
     own: Array
     heights: Array
-    moved: Bytes
