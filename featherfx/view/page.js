@@ -6,7 +6,7 @@
   const told = (text) => { byId("told").textContent = text; };
   const state = (window.featherfx = {
     frames: header.frames.length, frame: 0, feathers: header.feathers, ready: false, playing: false,
-    header, setFrame, setColour, pick, problem: "", triangles: header.triangles, spare: 30, drawing: 0,
+    header, setFrame, setColour, pick, problem: "", triangles: header.triangles, spare: 30, drawing: 0, few: 10000,
   });
 
   async function embedded(name) {
@@ -191,32 +191,51 @@
     });
   }
 
-  // Fewer triangles and half the resolution while it moves, where drawing takes more than
-  // state.spare ms; all where it stands. One frame of some is timed, to its end.
+  // Half the resolution and fewer triangles while it moves, where drawing takes more than
+  // state.spare ms, step by step, with a try of the step before where there is time to spare; all
+  // where it stands. One frame of some is timed, to its end; the first ones set drawing up. Below
+  // state.few triangles fewer bring nothing.
   const pixel = new Uint8Array(4);
-  let untimed = 0, aimed = 0; // aimed: the level of the next frame
+  let untimed = 3, patience = 12, trying = false, step = 0, aimed = 0; // aimed: the level of the next frame
   function drawMoving() {
     if (untimed-- > 0) return draw();
     const gl = renderer.getContext(), began = performance.now();
     draw();
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
     state.drawing = performance.now() - began;
-    const each = state.drawing / trianglesDrawn(first.level);
-    const fits = (level, share) => each * trianglesDrawn(level) <= share * state.spare;
-    while (aimed + 1 < first.levels.length && !fits(aimed, 1)) aimed++;
-    while (aimed > 0 && fits(aimed - 1, 0.5)) aimed--;
-    untimed = aimed === first.level ? 12 : 2;
+    untimed = patience;
+    if (state.drawing > state.spare && step < steps()) {
+      step++;
+      patience = trying ? Math.min(2 * patience, 400) : patience;
+      untimed = trying ? patience : 1;
+      trying = false;
+    } else if (step && state.drawing < 0.5 * state.spare) {
+      step--;
+      trying = true;
+      untimed = 1;
+    } else trying = false;
+    aimed = Math.min(step, most());
   }
+  // The level of the fewest triangles that bring something, and steps: one where that is the first.
+  const most = () => {
+    const found = first.levels.findIndex((each) => each.triangles <= state.few);
+    return found < 0 ? first.levels.length - 1 : found;
+  };
+  const steps = () => Math.max(1, most());
   const trianglesDrawn = (level) => halves().reduce((sum, each) => sum + each.levels[Math.min(level, each.levels.length - 1)].triangles, 0);
 
-  // The level that is drawn next, before its points are put.
+  // The step that is drawn next, before its points are put.
+  let drawnStep = 0;
   function settle() {
-    if (!(state.playing || header.live)) aimed = 0;
-    if (aimed === first.level) return;
+    const now = state.playing || header.live ? step : 0;
+    aimed = Math.min(now, most());
+    if (now === drawnStep && first.level === aimed) return;
+    drawnStep = now;
     shown.forEach((each) => each.draws(aimed));
-    renderer.setPixelRatio(Math.min(devicePixelRatio, 2) * (aimed ? 0.5 : 1));
+    renderer.setPixelRatio(Math.min(devicePixelRatio, 2) * (now ? 0.5 : 1));
     state.triangles = trianglesDrawn(aimed);
-    byId("few").textContent = aimed ? `drawn with ${state.triangles} of ${trianglesDrawn(0)} triangles and half the resolution while it moves, since this machine draws slowly` : "";
+    const told = aimed ? ` and ${state.triangles} of ${trianglesDrawn(0)} triangles` : "";
+    byId("few").textContent = now ? `drawn with half the resolution${told} while it moves, since this machine draws slowly` : "";
   }
   // The level that is asked of a server; what changes with frames has values of all points.
   const levelAsked = (own) => (state.playing && !header.embedded && mode in own.base ? Math.min(aimed, own.levels.length - 1) : 0);
