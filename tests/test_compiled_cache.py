@@ -17,7 +17,7 @@ from packaging.specifiers import SpecifierSet
 from featherfx.algebra import copy_kernels
 from featherfx.errors import InputError
 from featherfx.files.trust import distrust
-from featherfx.jit import cache, shipped, stored
+from featherfx.jit import cache, ship, shipped, stored
 from featherfx.jit.compiled import TRIED
 from featherfx.jit.crew import compilers
 
@@ -303,6 +303,21 @@ def test_shipped_code_that_was_changed_or_could_be_is_not_loaded(
     before = SHIPPED.replace("FOLDER)", f"{str(folder)!r})")
     assert run_kernels(tmp_path / "here", before=before) == ["4.0", ALL]
     assert run_kernels.stderr.count("InputWarning") == (harm is not flip)
+
+
+def test_all_that_was_compiled_is_put_into_the_wheels_folder(
+    tmp_path, monkeypatch, capsys, compiled_once
+):
+    def compiled(folder, processor):
+        shutil.copytree(compiled_once[1], folder, dirs_exist_ok=True)
+
+    monkeypatch.setattr(ship, "fill", compiled)
+    monkeypatch.setattr(ship, "FOLDER", tmp_path / "code")
+    (tmp_path / "code" / "old").mkdir(parents=True)
+    ship.main()
+    assert capsys.readouterr().out.count(": 3 kernels, 0.") == len(shipped.of_this_machine())
+    found = {each.name: each.read_bytes() for each in (tmp_path / "code").glob("*/*")}
+    assert found == {each.name: each.read_bytes() for each in compiled_once[1].glob("*/*.code")}
 
 
 def test_a_numba_of_unknown_inner_classes_compiles_as_it_does(run_kernels, tmp_path):

@@ -53,7 +53,7 @@ def main() -> None:
                 target = FOLDER / entry.parent.name / entry.name
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(entry, target)
-        size = sum(each.stat().st_size for each in entries) / 1e6
+            size = sum(each.stat().st_size for each in entries) / 1e6
         print(f"{processor.name}: {len(entries)} kernels, {size:.1f} MB")
 
 
