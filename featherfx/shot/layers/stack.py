@@ -36,6 +36,8 @@ FACING = 0.3
 WRONG = 0.05
 # heights over a feather's length up to which points tell who lies over whom at rest
 NEAR = 0.1
+# pairs whose laps at rest are searched together
+PAIRS_AT_ONCE = 10_000
 # what is kept between surfaces, which are bent between their nodes: over the distance of rows, but
 # at most so many thicknesses. More adds up, over feathers over feathers, until none lies any more:
 # with 0.08 and 6 the pigeon's coat rises by centimetres, and more of it crosses.
@@ -76,15 +78,20 @@ def _laps_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> Laps:
     pose = pose_like(rest, vanes.present.shape)
     lift_points_of_all(vanes, rest, pose)
     seen = vanes._replace(deepest=NEAR * length)
-    follow, count = NEAR * float((length / vanes.half).max(initial=0.0)), 1024
-    while True:
-        scratch = scratch_of(vanes, count)
-        span = 0, len(stack.pairs)
-        count = find_laps(seen, stack, pose, follow, span, scratch.laps, scratch.seen)
-        if count <= len(scratch.laps):
-            break
-    laps = scratch.laps[:count]
-    return laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
+    follow = NEAR * float((length / vanes.half).max(initial=0.0))
+    # part by part: laps of all pairs at once would be the most that a bake holds
+    scratch, found = scratch_of(vanes, 1024), []
+    for begin in range(0, max(len(stack.pairs), 1), PAIRS_AT_ONCE):
+        span = begin, min(begin + PAIRS_AT_ONCE, len(stack.pairs))
+        while True:
+            count = find_laps(seen, stack, pose, follow, span, scratch.laps, scratch.seen)
+            if count <= len(scratch.laps):
+                break
+            scratch = scratch_of(vanes, int(1.25 * count))
+        laps = scratch.laps[:count]
+        near = vanes.half[laps["upper"]] + vanes.half[laps["lower"]]
+        found.append(laps[laps["beside"] <= near])
+    return np.concatenate(found)
 
 
 def _votes(laps: Laps, count: int) -> tuple[Indices, Indices]:

@@ -182,8 +182,15 @@ class PosedGroup:
     def rest(self) -> WrittenPose:
         """The rest pose; its rates are zero."""
         pose = self.new_pose()
-        for index, feather in enumerate(self.feathers):
-            pose.finite[index] = feather.rest(pose.members[index])
+        if self._joined is not None and self._joined.evaluate(
+            pose.values, [each.at_rest for each in self.feathers]
+        ):
+            for (_, name), value in pose.values.items():
+                if name in RATES:
+                    value.numbers[...] = 0.0
+        else:
+            for index, feather in enumerate(self.feathers):
+                pose.finite[index] = feather.rest(pose.members[index])
         self.bound(pose)
         return pose
 

@@ -127,6 +127,12 @@ class PosedFeather:
         return rows, nodes
 
     @property
+    def at_rest(self) -> FeatherPose:
+        """The rest pose, for what sets its rates to zero."""
+        points = self._entry.rest_points
+        return FeatherPose(points, points, points)
+
+    @property
     def is_plain(self) -> bool:
         """Whether its surface is all that is written, and follows from its nodes alone."""
         surface = self._entry.feather.surface
