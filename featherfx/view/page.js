@@ -193,10 +193,10 @@
 
   // Half the resolution and fewer triangles while it moves, where drawing takes more than
   // state.spare ms, step by step, with a try of the step before where there is time to spare; all
-  // where it stands. One frame of some is timed, to its end; the first ones set drawing up. Below
+  // where it stands. One frame of some is timed, to its end; the first sets drawing up. Below
   // state.few triangles fewer bring nothing.
   const pixel = new Uint8Array(4);
-  let untimed = 3, patience = 12, trying = false, step = 0, aimed = 0; // aimed: the level of the next frame
+  let untimed = 1, patience = 12, trying = false, step = 0, aimed = 0; // aimed: the level of the next frame
   function drawMoving() {
     if (untimed-- > 0) return draw();
     const gl = renderer.getContext(), began = performance.now();
@@ -205,7 +205,8 @@
     state.drawing = performance.now() - began;
     untimed = patience;
     if (state.drawing > state.spare && step < steps()) {
-      step++;
+      const each = state.drawing / trianglesDrawn(first.level);
+      do step++; while (step < steps() && each * trianglesDrawn(Math.min(step, most())) > state.spare);
       patience = trying ? Math.min(2 * patience, 400) : patience;
       untimed = trying ? patience : 1;
       trying = false;
