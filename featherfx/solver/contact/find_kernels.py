@@ -137,6 +137,13 @@ def _find_node(node, guess, ceiling, search, touch, count):
         _put_on(contact, place, weight, columns)
     if not _meets(contact, along, node, search):
         return count, near
+    if node.known < 0 and search.turns and contact.spared > AROUND * contact.thickness:
+        # of planes that it only now is over it may have been on either side
+        begin = guest_place(bodies.start[guest], node.row, p, fraction)
+        _, found, height = _at_start(contact, begin, near, search)
+        _put_on(contact, place, weight, columns)
+        was = height if found else contact.thickness
+        set_gaps(contact, contact.thickness, was, search.recovery)
     _press(contact, node.known, search)
     return count + 1, near
 
@@ -171,9 +178,15 @@ def _choose_side(contact, along, node, near, search):
     depth, turned = -contact.side * along, contact.side != node.side
     if not turned and depth < AROUND * contact.thickness:
         return
-    # deeper than it goes past the host in the step: not through it, but around
     bodies, host = search.bodies, node.host
     x = guest_place(bodies.start[node.guest], contact.row, contact.point, contact.fraction)
+    if turned and depth > 0.0:
+        over, _, height = _at_start(contact, x, near, search)
+        if over and height < 0.0:
+            # pressed through to where it belongs
+            contact.side = node.side
+            return
+    # deeper than it goes past the host in the step: not through it, but around
     ahead = guest_place(bodies.ahead[node.guest], contact.row, contact.point, contact.fraction)
     led = sub(host_place(bodies.ahead[host], contact), host_place(bodies.start[host], contact))
     leaps = depth > max(AROUND * contact.thickness, length(sub(sub(ahead, x), led)))

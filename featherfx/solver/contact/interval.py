@@ -225,7 +225,8 @@ class ContactSolver:
                 break
             # the bodies did not go where they were headed: look again where they went
             add_forces(*self.found, forces)
-            memory = self.found.remembered(self.candidates.order, self._found_in)
+            order = self.candidates.order
+            memory = self.found.remembered(order, self._found_in, self.memory)
         # what is not where contacts were searched may have missed some
         off = np.where(stale, np.maximum(moved, solved.marks.worst), solved.marks.worst)
         contacts = self.found.contacts

@@ -48,25 +48,33 @@ class Found(NamedTuple):
         """(number,) of CONTACT."""
         return self.touch[: self.number]
 
-    def remembered(self, order: Indices, memory: Memory) -> Memory:
+    def remembered(self, order: Indices, memory: Memory, start: Memory | None = None) -> Memory:
         """What the next search needs of them: forces, and sides that an order does not tell, or
-        that poses tell otherwise."""
+        that poses tell otherwise.
+
+        start: of an interval that goes on. Its poses so far tell no sides but where a force held
+        them; all others are as they were.
+        """
         contacts, (_, rows, columns) = self.contacts, memory.wall.shape
         on_wall, wall = contacts["host"] < 0, np.zeros_like(memory.wall)
-        mine, others = contacts[on_wall], np.nonzero(~on_wall)[0]
+        mine, others = contacts[on_wall], contacts[~on_wall]
         wall[mine["guest"], mine["row"], mine["column"]] = mine["guest_force"]
-        # what is deep belongs on its side, whether it is pressed or not
-        held = (contacts["guest_force"] > 0.0) | (contacts["host_force"] > 0.0)
-        held |= contacts["gap"] < contacts["spared"]
-        own_side = contacts["side"][others] != order[contacts["pair"][others]]
-        kept = contacts[others[held[others] | own_side]]
-        return Memory(
-            key=(kept["pair"] * rows + kept["row"]) * columns + kept["column"],
-            force=np.stack([kept["guest_force"], kept["host_force"]], axis=1),
-            side=kept["side"].astype(np.int8),
-            wall=wall,
-            inside=memory.inside.copy(),
-        )
+        held = (others["guest_force"] > 0.0) | (others["host_force"] > 0.0)
+        if start is None:
+            # what is deep belongs on its side, whether it is pressed or not
+            held |= others["gap"] < others["spared"]
+            held |= others["side"] != order[others["pair"]]
+        kept = others[held]
+        key = (kept["pair"] * rows + kept["row"]) * columns + kept["column"]
+        force = np.stack([kept["guest_force"], kept["host_force"]], axis=1)
+        side = kept["side"].astype(np.int8)
+        if start is not None:
+            idle = ~np.isin(start.key, key)
+            key = np.concatenate([key, start.key[idle]])
+            along = np.argsort(key, kind="stable")
+            force = np.concatenate([force, np.zeros((int(idle.sum()), 2))])[along]
+            key, side = key[along], np.concatenate([side, start.side[idle]])[along]
+        return Memory(key, force, side, wall, memory.inside.copy())
 
 
 class Searcher:
