@@ -141,6 +141,8 @@ def lay_feathers(bodies, given, lifts, poses, manner, span, scratch):
         if count > scratch.laps.shape[0]:
             _copy(before, lift)
             return k
+        if _most_change(lift, before) <= manner.seen * vanes.half[f]:
+            _copy(before, lift)
         lift_points(vanes, points, lift, pose, f)
         for pair in range(own[0], own[1]):
             lifts.depths[pair], lifts.touching[pair] = -1e300, 0
@@ -198,6 +200,11 @@ def _raise_lift(vanes, place, manner, scratch, count, begun):
             wanted[i, c] = max(scratch.asked[i, c], least)
     for k in range(count):
         _ask(vanes, scratch.laps[k], lifts, manner.slope, wanted)
+    if begun and _most_change(wanted, lift) > manner.off * vanes.half[f]:
+        # it fell onto what was not seen from where it was, and would come and go
+        for i in range(wanted.shape[0]):
+            for c in range(wanted.shape[1]):
+                wanted[i, c] = max(wanted[i, c], before[i, c])
     _spread(wanted, vanes, f, manner.slope)
     _to_root(wanted, vanes, f)
     _copy(wanted, lift)
