@@ -211,6 +211,13 @@ class VaneMaterial:
     bending_across: Annotated[
         float, Number(0, 10, "N m"), "Bending modulus of the vane across the barbs."
     ]
+    twist_ratio: Annotated[
+        float,
+        Number(0, 1e4),
+        "Twist modulus D_66 of the vane over `bending_across`; 0.5 is that of a plate without "
+        "Poisson's effect. On barbs at an angle to the shaft twist is that between the barbs' "
+        "direction and the shaft's.",
+    ] = 0.5
     loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
     compression_guard: Annotated[
         float,

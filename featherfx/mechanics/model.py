@@ -62,8 +62,11 @@ class Model(NamedTuple):
     barb_stiffness: (F, 2, n, 2 C) N m, normal then in-plane; 1 where there is no barb.
     cell_rest: (F, 2, n-1, m, 2, 3) 1/s, p, 1/h of triangles A and B (vane_membrane_kernels).
     cell_stiffness: (F, 2, n-1, m, 2, 2) N m, b A E_ww and b A E_vw; 0 where there is no triangle.
-    hinge_rest: (F, 2, n, m) rad, rest dihedral angle at the barb edge from column j to j + 1.
+    hinge_rest: (F, 2, n, m, 3) rest dihedral angle at the barb edge from column j to j + 1, rad,
+    and opening (1/m^4) of the triangles above and below it (vane_bending_kernels).
     hinge_stiffness: (F, 2, n, m) N m; 0 where there is no hinge.
+    twist_rest: (F, 2, n-1, m, 2) 1 / A^(3/2) (1/m^3) and rest twist (vane_twist_kernels).
+    twist_stiffness: (F, 2, n-1, m) N m, 4 D_66; 0 where a cell lacks a triangle.
     mass: (F, n, 1 + 2 m) kg, of the nodes.
     rotary_inertia: (F, n, 2) kg m^2 of the shaft, carried by the directors.
     shaft_area: (F, n) m^2, side area of the shaft that the row stands for, for air drag.
@@ -85,6 +88,8 @@ class Model(NamedTuple):
     cell_stiffness: Array
     hinge_rest: Array
     hinge_stiffness: Array
+    twist_rest: Array
+    twist_stiffness: Array
     mass: Array
     rotary_inertia: Array
     shaft_area: Array

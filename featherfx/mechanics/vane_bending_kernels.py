@@ -2,15 +2,21 @@
 
     W = 1/2 k (t - t0)^2,        k = D s^2 / (A_1 + A_2)
 
-           x_2
-          /    \\            t   dihedral angle, 0 when flat, rad;  t0 at rest
-        x_0 --- x_1         s   rest length of the barb edge x_0 x_1, m
-          \\    /            A   rest areas of the two triangles, m^2
-           x_3              D   bending modulus across the barbs, N m
+              x_2
+            /  |            t   dihedral angle, 0 when flat, rad;  t0 at rest
+        x_0 - x_1           s   rest length of the barb edge x_0 x_1, m
+            \\  |            A   rest areas of the two triangles, m^2
+              x_3           D   bending modulus across the barbs, N m
 
 With heights h_1, h_2 of the triangles, k = 2 D s / (h_1 + h_2): a strip of barbs h apart that is
 bent to a cylinder turns t = h / radius at each, and W per area is D / (2 radius^2).
 Source: Grinspun et al. 2003; the factor is derived for edges of one direction only.
+
+x_1, x_2 and x_3 are of one column: twist of the vane does not turn its hinges. Were x_2 and x_3 of
+two columns s apart, as the membrane's triangles have them, twist k_vw would turn them by s k_vw, as
+if the vane had a twist modulus of D (s / h)^2 / 4, which depends on the grid; its twist is that of
+vane_twist_kernels alone. A hinge measures the curvature at its outer node and stands for the strip
+around it, the innermost one also for what is next to the rachis.
 
 Where a triangle is crushed to a line its normal turns over and the angle jumps by pi, which would
 make the energy jump, too. t - t0 is therefore multiplied by w(y) of either triangle,
@@ -83,9 +89,9 @@ def hinge_gradient(start, end, above, below, gradient):
 
 
 @kernel
-def opening(rest):
-    """1 / (2 c A)^2 of a triangle with rest values (1/s, p, 1/h), 1/m^4."""
-    return (rest[0] * rest[2] / CRUSHED) ** 2
+def opening(area):
+    """1 / (2 c A)^2 of a triangle with rest area A, 1/m^4."""
+    return (0.5 / (CRUSHED * area)) ** 2
 
 
 @kernel

@@ -214,9 +214,15 @@ def row_of_gaps(hooks, f, side, i, gaps):
 
 @kernel
 def hinge_hold(gaps, side, i, j):
-    """Part of the stiffness that the hinge on row i's barb has: what the weaker of its triangles
-    has left; gaps: of one feather."""
-    return min(gaps.hooked[side, i, j, 0], gaps.hooked[side, i - 1, j, 1])
+    """Part of the stiffness that the hinge on row i's barb has: what the weakest triangle of the
+    cells on either side has left; gaps: of one feather."""
+    return min(twist_hold(gaps, side, i, j), twist_hold(gaps, side, i - 1, j))
+
+
+@kernel
+def twist_hold(gaps, side, i, j):
+    """The same of a cell's twist."""
+    return min(gaps.hooked[side, i, j, 0], gaps.hooked[side, i, j, 1])
 
 
 class Gap(NamedTuple):

@@ -95,9 +95,9 @@ class Cells(NamedTuple):
 class Vane(NamedTuple):
     """Stiffness of a vane's nodes, and sums of one row and side, w = 6 + 2 C.
 
-    blocks: (n, 2, 5, 3, 3 S), N/m, of pairs of nodes (vane/pairs_kernels), S at least m + 2 and a
+    blocks: (n, 2, 6, 3, 3 S), N/m, of pairs of nodes (vane/pairs_kernels), S at least m + 2 and a
     multiple of four. nodes: (n, 2, 3, S + 4) m and pull: (n, 2, 3, S + 4) N, gradient, of the nodes
-    of all barbs, line by line. product: (w, 3 S) and tiles: (w, 3, 3 S + 1) of one barb
+    of all barbs, line by line. product: (w, 3 S) and tiles: (w, 3, 3 S + 2) of one barb
     (vane/assembly_kernels). tension: (m,) N.
     """
 
@@ -148,6 +148,7 @@ def no_strains(model: Model, *lead: int) -> Strains:
         barb=np.zeros((*lead, 2, n, 2 * c)),
         cell=np.zeros((*lead, 2, n - 1, m, 2, 2)),
         hinge=np.zeros((*lead, 2, n, m)),
+        twist=np.zeros((*lead, 2, n - 1, m)),
         openness=np.zeros((*lead, 2, n, m)),
     )
 
@@ -208,11 +209,11 @@ def make_work(model: Model) -> Work:
         system=make_system(model.unknowns, 3 * (6 + 4 * c)),
         secants=np.zeros((PAIRS, 3, model.unknowns)),
         vane=Vane(
-            blocks=np.zeros((n, 2, 5, 3, 3 * padded)),
+            blocks=np.zeros((n, 2, 6, 3, 3 * padded)),
             nodes=np.zeros((n, 2, 3, padded + 4)),
             pull=np.zeros((n, 2, 3, padded + 4)),
             product=np.zeros((wide, 3 * padded)),
-            tiles=np.zeros((wide, 3, 3 * padded + 1)),
+            tiles=np.zeros((wide, 3, 3 * padded + 2)),
             tension=np.zeros(m),
             cells=Cells(
                 rest=np.zeros((3, padded)),

@@ -13,7 +13,14 @@ from featherfx.feather.hooked import hooked_share
 from featherfx.feather.types import RACHIS
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
-from featherfx.mechanics.batch import LEAST_HOOKED, make_model, resized, row_frames
+from featherfx.lab.feathers.strip import strip_feather, strip_kind
+from featherfx.mechanics.batch import (
+    LEAST_HOOKED,
+    cell_weights,
+    make_model,
+    resized,
+    row_frames,
+)
 from featherfx.mechanics.model import no_loads, wind_of_each
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
 from featherfx.solver.step.integrator_kernels import Factors
@@ -99,6 +106,7 @@ def test_cells_cover_the_vane(name):
     feather, model = preset_batch(name, 21, 6)
     vane = preset_kind(name).vane_material
     held = np.maximum(hooked_share(preset_kind(name), feather), LEAST_HOOKED)[..., None]
+    held *= cell_weights(6)[..., None]
     area = model.cell_stiffness[0] / vane.thickness / np.array([vane.across, vane.shear]) / held
     assert area[..., 0].sum() == pytest.approx(vane_area(feather), rel=1e-12)
     assert area[..., 1] == pytest.approx(area[..., 0], rel=1e-12)
@@ -132,6 +140,20 @@ def flat_kind(angle):
     return replace(kind, rachis=rachis, leading=vane, trailing=vane)
 
 
+@pytest.mark.parametrize("columns", [2, 3, 4, 6, 9])
+def test_masses_of_a_barb_have_the_moments_of_an_even_one(columns):
+    """Gregory's rule is exact up to cubes; of three nodes it is Simpson's, of four that of 3/8."""
+    feather = strip_feather(0.1, 2.0, 3, columns)
+    kind = strip_kind(0.1, preset_kind("swan_primary").vane_material)
+    mass = make_model([feather], [kind], 0).mass[0]
+    barb = mass[:, 1 + columns :].sum(axis=0)
+    place = np.arange(1, columns + 1) / columns
+    even = 0.1 * kind.vane_material.surface_density
+    for power in (1, 2, 3):
+        assert barb @ place**power == pytest.approx(even / (power + 1), rel=1e-12)
+    assert mass.sum() == pytest.approx(2.0 * even, rel=1e-12)
+
+
 @pytest.mark.parametrize("angle", [90.0, 45.0])
 def test_a_vane_bent_to_a_cylinder_along_its_barbs_has_the_energy_of_a_plate(angle):
     kind = flat_kind(angle)
@@ -147,10 +169,10 @@ def test_a_vane_bent_to_a_cylinder_along_its_barbs_has_the_energy_of_a_plate(ang
     bent[..., 2] = radius * (1.0 - np.cos(turn))
     energy = area = 0.0
     for i, j in np.argwhere(stiffness > 0.0):
-        corners = bent[i, j], bent[i, j + 1], bent[i + 1, j], bent[i - 1, j + 1]
-        change = hinge_angle(*corners) - model.hinge_rest[0, 0, i, j]
+        corners = bent[i, j], bent[i, j + 1], bent[i + 1, j + 1], bent[i - 1, j + 1]
+        change = hinge_angle(*corners) - model.hinge_rest[0, 0, i, j, 0]
         energy += 0.5 * stiffness[i, j] * change**2
-        rest = nodes[i, j], nodes[i, j + 1], nodes[i + 1, j], nodes[i - 1, j + 1]
+        rest = nodes[i, j], nodes[i, j + 1], nodes[i + 1, j + 1], nodes[i - 1, j + 1]
         edge = rest[1] - rest[0]
         area += 0.5 * np.linalg.norm(np.cross(edge, rest[2] - rest[0]))
         area += 0.5 * np.linalg.norm(np.cross(edge, rest[3] - rest[0]))

@@ -13,7 +13,7 @@ from featherfx.mechanics.vane_bending_kernels import (
 )
 
 # unit edge, triangles of height 1 at rest
-REST = np.array([1.0, 0.0, 1.0])
+REST = 0.5
 
 
 def nodes(height, seed=0):

@@ -27,6 +27,7 @@ from featherfx.mechanics.node_kernels import node_energy, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
+from featherfx.mechanics.vane_twist_kernels import cell_twist, twist_slopes
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.work import make_work
 
@@ -111,6 +112,17 @@ def hinge(rng):
         return 0.5 * (hinge_angle(*(nodes + x.reshape(4, 3))) - rest) ** 2
 
     return Case(value, (hinge_angle(*nodes) - rest) * slopes.ravel(), 0.3)
+
+
+def twist(rng):
+    """Energy of one cell's twist."""
+    nodes, rest = rng.normal(size=(4, 3)), rng.normal()
+    slopes = np.array(twist_slopes(*(nodes[1:] - nodes[0])))
+
+    def value(x):
+        return 0.5 * (cell_twist(*(nodes + x.reshape(4, 3))) - rest) ** 2
+
+    return Case(value, (cell_twist(*nodes) - rest) * slopes.ravel(), 0.1)
 
 
 def barb(rng):
@@ -201,7 +213,7 @@ def node_stiffness(rng):
     return Case(lambda x: np.sum(weight * trial.forces(x)), gradient.ravel())
 
 
-CASES = [rachis, rachis_at_rest_angle, membrane, hinge, barb, directors, nodes]
+CASES = [rachis, rachis_at_rest_angle, membrane, hinge, twist, barb, directors, nodes]
 
 
 @pytest.mark.parametrize("seed", SEEDS)

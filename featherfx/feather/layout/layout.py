@@ -47,7 +47,7 @@ _UNCHANGED = 1e-12  # relative, of a length
 # figures of materials that no shape depends on; whatever is not named here is taken to matter
 _VANE_STRENGTHS = (
     "along", "across", "shear", "surface_density", "barb_bending_normal", "barb_bending_in_plane",
-    "bending_across", "loss_factor", "compression_guard", "barb_clamp_normal",
+    "bending_across", "twist_ratio", "loss_factor", "compression_guard", "barb_clamp_normal",
     "barb_clamp_in_plane", "hook_yield_across", "hook_yield_shear", "hook_strength",
 )  # fmt: skip
 _SHAFT_STRENGTHS = ("young", "shear", "cortex_density", "core_density", "loss_factor")

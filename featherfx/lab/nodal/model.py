@@ -22,7 +22,7 @@ from featherfx.groom.types import FeatherKind
 from featherfx.lab.nodal.plate import barb_hinges, hinge_places, oriented_hinges, plate_tables
 from featherfx.lab.nodal.turns_kernels import barb_turns, half_bandwidth, hinge_turns
 from featherfx.mechanics.barb_shapes import FLOOR
-from featherfx.mechanics.batch import LEAST_HOOKED, barb_nodes, row_frames
+from featherfx.mechanics.batch import LEAST_HOOKED, barb_nodes, cell_weights, row_frames
 from featherfx.mechanics.model import Model
 
 Array = NDArray[np.float64]
@@ -157,11 +157,11 @@ def _one(
     present = feather.barb_length > 0.0
     area = np.where(feather.cell, model.cell_stiffness[f, ..., 0], 0.0)
     held = np.maximum(hooked_share(kind, feather), LEAST_HOOKED)
-    area = area / (vane.across * vane.thickness * held)
+    area = area / (vane.across * vane.thickness * held * cell_weights(feather.columns))
     nodes = np.ascontiguousarray(feather.rest.nodes)
     rotation = frames_to_quats(row_frames(feather.rest.directors))
     active = hinge_places(feather.cell)
-    plate = _bending_tables(model, f, feather, kind, bending, area, active, shaft)
+    plate = _bending_tables(feather, kind, bending, area, held, active, shaft)
     used = np.any(plate != 0.0, axis=-2)
     active = _used_hinges(active, used)
     bend_stiffness = _bend_stiffness(feather, kind, bending, shaft)
@@ -259,23 +259,21 @@ def _bend_stiffness(feather: Feather, kind: FeatherKind, bending: Bending, shaft
 
 
 def _bending_tables(
-    model: Model,
-    f: int,
     feather: Feather,
     kind: FeatherKind,
     bending: Bending,
     area: Array,
+    held: Array,
     active: NDArray[np.bool_],
     shaft: bool,
 ) -> Array:
     vane, columns = kind.vane_material, feather.columns
+    nodes, across = barb_nodes(feather.rest.nodes), vane.bending_across
     if bending == "barbs":
-        return barb_hinges(model.hinge_stiffness[f])
+        return barb_hinges(nodes, area, active, held, across)
     if bending == "hinges":
         along = vane.barb_bending_normal * _taper((np.arange(columns) + 0.5) / columns, kind)
-        return oriented_hinges(
-            barb_nodes(feather.rest.nodes), area, active, along, vane.bending_across
-        )
+        return oriented_hinges(nodes, area, active, along, across)
     if shaft:
         active = active.copy()
         active[2, :, :, 0] = False

@@ -39,11 +39,17 @@ def hinge_places(cell: Mask) -> Mask:
     return active
 
 
-def barb_hinges(hinge_stiffness: Array) -> Array:
-    """(2, n-1, m, 2, 3, 3) tables of hinges at the barb edges only; hinge_stiffness: (2, n, m)."""
-    sides, rows, columns = hinge_stiffness.shape
-    modes = np.zeros((sides, rows - 1, columns, 2, 3, 3))
-    modes[:, :, :, 0, 0, 0] = np.sqrt(hinge_stiffness[:, :-1])
+def barb_hinges(nodes: Array, area: Array, active: Mask, held: Array, across: float) -> Array:
+    """(2, n-1, m, 2, 3, 3) tables of hinges at the barb edges only, as of oriented_hinges.
+
+    held: (2, n-1, m, 2), share of the modulus that each triangle has.
+    """
+    edge = np.diff(nodes, axis=2)[:, 1:-1]
+    softer = area[:, 1:, :, 0] / held[:, 1:, :, 0] + area[:, :-1, :, 1] / held[:, :-1, :, 1]
+    there = active[0, :, 1:-1] & (softer > 0.0)
+    stiffness = across * np.einsum("...k,...k", edge, edge) / np.where(there, softer, 1.0)
+    modes = np.zeros((*area.shape, 3, 3))
+    modes[:, 1:, :, 0, 0, 0] = np.sqrt(np.where(there, stiffness, 0.0))
     return modes
 
 

@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 NAMES = ("stiffness", "damping", "gravity")
 # arrays of a model that are moduli
 _MODULI = (
-    "rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness", "cell_guard",
+    "rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness", "twist_stiffness",
+    "cell_guard",
 )  # fmt: skip
 # gusts are those of a batch: feathers are put together that feel the same of them, to a part of
 _WIND_STEP = 1.0 / 8.0

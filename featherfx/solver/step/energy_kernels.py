@@ -14,7 +14,7 @@ from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.vane_guard_kernels import guard_total
-from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, hooks_energy
+from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, hooks_energy, twist_hold
 
 
 @kernel
@@ -55,12 +55,29 @@ def _held_hinges(strains, reference, gaps, stiffness, damping):
 
 
 @kernel
+def _held_twists(twist, reference, gaps, stiffness, damping):
+    """As _quadratic, of the twist of cells whose gaps may be open."""
+    total = 0.0
+    for side in range(2):
+        for i in range(stiffness.shape[1]):
+            for j in range(stiffness.shape[2]):
+                rate = twist[side, i, j] - reference[side, i, j]
+                weight = 0.5 * stiffness[side, i, j] * twist_hold(gaps, side, i, j)
+                total += weight * (twist[side, i, j] ** 2 + damping * rate * rate)
+    return total
+
+
+@kernel
 def _bending_energy(model, f, strains, reference, gaps, damping):
-    """As _quadratic, of the hinges, which open gaps leave loose."""
-    stiffness = model.hinge_stiffness[f]
+    """As _quadratic, of hinges and twist, which open gaps leave loose."""
+    hinge, twist = model.hinge_stiffness[f], model.twist_stiffness[f]
     if all_hold(gaps):
-        return _hinge_energy(strains, reference, stiffness, damping)
-    return _held_hinges(strains, reference, gaps, stiffness, damping)
+        return _hinge_energy(strains, reference, hinge, damping) + _quadratic(
+            strains.twist, reference.twist, twist, damping
+        )
+    return _held_hinges(strains, reference, gaps, hinge, damping) + _held_twists(
+        strains.twist, reference.twist, gaps, twist, damping
+    )
 
 
 @kernel

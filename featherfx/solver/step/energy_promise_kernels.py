@@ -128,6 +128,7 @@ def _rounding_energy(model, f):
     """Energy (J) of strains that are nothing but round-off: that of a feather at perfect rest."""
     stiffness = _sum(model.rachis_stiffness[f]) + _sum(model.barb_stiffness[f])
     stiffness += _sum(model.cell_stiffness[f]) + _sum(model.hinge_stiffness[f])
+    stiffness += _sum(model.twist_stiffness[f])
     return 0.5 * stiffness * STRAIN * STRAIN
 
 

@@ -22,7 +22,9 @@ from featherfx.solver.work import Work, make_work
 
 Array = NDArray[np.float64]
 
-STIFFNESSES = ("rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness")
+STIFFNESSES = (
+    "rachis_stiffness", "barb_stiffness", "cell_stiffness", "hinge_stiffness", "twist_stiffness",
+)  # fmt: skip
 
 # unknowns up to which all modes are found at once; the Krylov space of few unknowns breaks down
 SMALL = 120

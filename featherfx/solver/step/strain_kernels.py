@@ -11,22 +11,25 @@ from numpy.typing import NDArray
 from featherfx.algebra.copy_kernels import copy_values
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
-from featherfx.mechanics.vane_bending_kernels import angle_and_openness, opening
+from featherfx.mechanics.vane_bending_kernels import angle_and_openness
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
+from featherfx.mechanics.vane_twist_kernels import cell_twist
 
 
 class Strains(NamedTuple):
     """Strains of one feather; those of a state have leading axes.
 
     rachis: (n-1, 6) of the elements. barb: (2, n, 2 C) rad, coefficients. cell: (2, n-1, m, 2, 2),
-    e_ww and 2 e_vw of triangles A and B. hinge: (2, n, m) rad, dihedral angles. openness:
-    (2, n, m), of the hinges (vane_bending_kernels).
+    e_ww and 2 e_vw of triangles A and B. hinge: (2, n, m) rad, dihedral angles. twist:
+    (2, n-1, m), of the cells (vane_twist_kernels). openness: (2, n, m), of the hinges
+    (vane_bending_kernels).
     """
 
     rachis: NDArray[np.float64]
     barb: NDArray[np.float64]
     cell: NDArray[np.float64]
     hinge: NDArray[np.float64]
+    twist: NDArray[np.float64]
     openness: NDArray[np.float64]
 
     def at(self, *place: int) -> Strains:
@@ -53,6 +56,7 @@ def strains_of(strains, f, step):
         strains.barb[f, step],
         strains.cell[f, step],
         strains.hinge[f, step],
+        strains.twist[f, step],
         strains.openness[f, step],
     )
 
@@ -64,6 +68,7 @@ def copy_strains(source, target):
     copy_values(source.barb, target.barb)
     copy_values(source.cell, target.cell)
     copy_values(source.hinge, target.hinge)
+    copy_values(source.twist, target.twist)
     copy_values(source.openness, target.openness)
 
 
@@ -94,6 +99,7 @@ def set_reference_strains(weights, last, before, reference):
     set_reference(weights, last.barb, before.barb, reference.barb)
     set_reference(weights, last.cell, before.cell, reference.cell)
     set_reference(weights, last.hinge, before.hinge, reference.hinge)
+    set_reference(weights, last.twist, before.twist, reference.twist)
 
 
 @kernel
@@ -110,6 +116,7 @@ def feather_strains(model, f, pose, reference):
     copy_values(pose.coefficient, strains.barb)
     cell_strains(model, f, pose.points.nodes, strains.cell)
     _hinge_strains(model, f, pose.points.nodes, reference.hinge, strains)
+    _twist_strains(model, f, pose.points.nodes, strains.twist)
 
 
 @kernel
@@ -137,22 +144,38 @@ def cell_strains(model, f, points, strains):
 @kernel
 def _hinge_strains(model, f, points, reference, strains):
     """Dihedral angles and openness; reference: (2, n, m)."""
-    rest, columns = model.cell_rest[f], reference.shape[2]
+    columns = reference.shape[2]
     for side in range(2):
         for i in range(reference.shape[1]):
             for j in range(columns):
                 angle, openness = 0.0, 1.0
                 if model.hinge_stiffness[f, side, i, j] != 0.0:
                     near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+                    rest, before = model.hinge_rest[f, side, i, j], reference[side, i, j]
                     angle, openness = angle_and_openness(
                         points[i, near],
                         points[i, far],
-                        points[i + 1, near],
+                        points[i + 1, far],
                         points[i - 1, far],
-                        opening(rest[side, i, j, 0]),
-                        opening(rest[side, i - 1, j, 1]),
+                        rest[1],
+                        rest[2],
                     )
-                    before = reference[side, i, j]
-                    angle = wrapped(angle - model.hinge_rest[f, side, i, j] - before) + before
+                    angle = wrapped(angle - rest[0] - before) + before
                 strains.hinge[side, i, j] = angle
                 strains.openness[side, i, j] = openness
+
+
+@kernel
+def _twist_strains(model, f, points, strains):
+    """Twist of the cells from rest, (2, n-1, m)."""
+    columns = strains.shape[2]
+    for side in range(2):
+        for i in range(strains.shape[1]):
+            for j in range(columns):
+                twist, rest = 0.0, model.twist_rest[f, side, i, j]
+                if model.twist_stiffness[f, side, i, j] != 0.0:
+                    near, far = node_index(side, j, columns), node_index(side, j + 1, columns)
+                    low, high = points[i], points[i + 1]
+                    volume = cell_twist(low[near], low[far], high[near], high[far])
+                    twist = rest[0] * volume - rest[1]
+                strains[side, i, j] = twist

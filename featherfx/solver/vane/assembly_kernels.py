@@ -11,7 +11,7 @@ from featherfx.algebra.vec3_kernels import add, cross
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.mechanics.row_kernels import node_index
-from featherfx.solver.vane.pairs_kernels import ALONG, OWN, SKIP, SLANT, UP, damped_stress
+from featherfx.solver.vane.pairs_kernels import ALONG, BACK, OWN, SKIP, SLANT, UP, damped_stress
 
 
 @kernel
@@ -63,16 +63,17 @@ def _copy_three_times(source, first, second, third):
 
 @kernel
 def _tile(jacobian, tiles):
-    """Each axis of a barb's Jacobian (w, 3 S) three times over, to tiles (w, 3, 3 S + 1)."""
+    """Each axis of a barb's Jacobian (w, 3 S) three times over, to tiles (w, 3, 3 S + 2), the
+    first number of which is 0."""
     count = jacobian.shape[1] // 3
     for a in range(jacobian.shape[0]):
         for axis in range(3):
             line = tiles[a, axis]
             _copy_three_times(
                 jacobian[a, axis * count : axis * count + count],
-                line,
-                line[count:],
-                line[2 * count :],
+                line[1:],
+                line[1 + count :],
+                line[1 + 2 * count :],
             )
 
 
@@ -80,8 +81,9 @@ def _tile(jacobian, tiles):
 def _blocks_times(near, far, tiles, product):
     """product[a] = near J + far J(next node) for every increment a of a barb.
 
-    near, far: (3, 3 S) blocks, entry [m, k S + j] = K_km at node j. The last node of a tile is a
-    zero, so that its next one, which is not of this barb, has no factor. product: (w, 3 S).
+    near, far: (3, 3 S) blocks, entry [m, k S + j] = K_km at node j. The last number of an axis is a
+    zero, as the first of a tile is, so that nodes beyond a barb's ends have no factor.
+    product: (w, 3 S).
     """
     size = near.shape[1]
     n0, n1, n2, f0, f1, f2 = near[0], near[1], near[2], far[0], far[1], far[2]
@@ -89,24 +91,46 @@ def _blocks_times(near, far, tiles, product):
         x, y, z, line = tiles[a, 0], tiles[a, 1], tiles[a, 2], product[a]
         for s in range(size):
             line[s] = (
-                n0[s] * x[s]
-                + n1[s] * y[s]
-                + n2[s] * z[s]
-                + f0[s] * x[s + 1]
-                + f1[s] * y[s + 1]
-                + f2[s] * z[s + 1]
+                n0[s] * x[s + 1]
+                + n1[s] * y[s + 1]
+                + n2[s] * z[s + 1]
+                + f0[s] * x[s + 2]
+                + f1[s] * y[s + 2]
+                + f2[s] * z[s + 2]
             )
 
 
 @loop_kernel
-def _far_times(far, tiles, product):
-    """As _blocks_times without near."""
-    size = far.shape[1]
+def _three_times(back, near, far, tiles, product):
+    """As _blocks_times, with back J(node before) added."""
+    size = near.shape[1]
+    b0, b1, b2, n0, n1, n2 = back[0], back[1], back[2], near[0], near[1], near[2]
     f0, f1, f2 = far[0], far[1], far[2]
     for a in range(product.shape[0]):
         x, y, z, line = tiles[a, 0], tiles[a, 1], tiles[a, 2], product[a]
         for s in range(size):
-            line[s] = f0[s] * x[s + 1] + f1[s] * y[s + 1] + f2[s] * z[s + 1]
+            line[s] = (
+                b0[s] * x[s]
+                + b1[s] * y[s]
+                + b2[s] * z[s]
+                + n0[s] * x[s + 1]
+                + n1[s] * y[s + 1]
+                + n2[s] * z[s + 1]
+                + f0[s] * x[s + 2]
+                + f1[s] * y[s + 2]
+                + f2[s] * z[s + 2]
+            )
+
+
+@loop_kernel
+def _block_times(block, tiles, product):
+    """As _blocks_times without far."""
+    size = block.shape[1]
+    b0, b1, b2 = block[0], block[1], block[2]
+    for a in range(product.shape[0]):
+        x, y, z, line = tiles[a, 0], tiles[a, 1], tiles[a, 2], product[a]
+        for s in range(size):
+            line[s] = b0[s] * x[s + 1] + b1[s] * y[s + 1] + b2[s] * z[s + 1]
 
 
 @kernel
@@ -239,10 +263,11 @@ def add_rows(model, f, damping, signed, work):
             _blocks_times(own, along, tiles, product)
             _add_within_row(barb, product, at, shift, band)
             if i + 1 < rows:
-                _blocks_times(blocks[i, side, UP], blocks[i, side, SLANT], tiles, product)
+                between = blocks[i, side]
+                _three_times(between[BACK], between[UP], between[SLANT], tiles, product)
                 _add_between_rows(jacobian[i + 1, side], product, at + row_size, at, shift, band)
             if i + 2 < rows:
-                _far_times(blocks[i + 1, side, SKIP], tiles, product)
+                _block_times(blocks[i + 1, side, SKIP], tiles, product)
                 _add_between_rows(
                     jacobian[i + 2, side], product, at + 2 * row_size, at, shift, band
                 )

@@ -20,7 +20,7 @@ from featherfx.mechanics.vane_membrane_kernels import (
 from featherfx.solver.vane.line_kernels import (
     add_diagonal,
     add_forces,
-    add_outer,
+    add_strains_outer,
     lanes,
     membrane_gradients,
 )
@@ -167,25 +167,26 @@ def _find_normal_stiffness(columns, own, other, shift, cells):
 
 @kernel
 def _add_pairs(count, half, weight, gradient, low, high):
-    """One strain of triangles A or B (half) to the blocks of the rows below and above them.
+    """One or two strains of triangles A or B (half) to the blocks of the rows below and above them.
 
-    weight: (2, .) stiffness and half of it. gradient: (nodes, 3, .). low, high: (5, 3, 3 S).
+    weight: (strains, 2, .) stiffness and half of it. gradient: (strains, nodes, 3, .). low, high:
+    (6, 3, 3 S).
     """
-    k, h, a, b, c = weight[0], weight[1], gradient[0], gradient[1], gradient[2]
+    k, h, g = weight[:, 0], weight[:, 1], gradient
     if half == 0:
-        add_outer(count, h, a, a, 0, low[OWN])
-        add_outer(count, h, b, b, 1, low[OWN])
-        add_outer(count, h, c, c, 0, high[OWN])
-        add_outer(count, k, a, b, 0, low[ALONG])
-        add_outer(count, k, c, a, 0, low[UP])
-        add_outer(count, k, c, b, 0, low[SLANT])
+        add_strains_outer(count, h, g, (0, 0), 0, low[OWN])
+        add_strains_outer(count, h, g, (1, 1), 1, low[OWN])
+        add_strains_outer(count, h, g, (2, 2), 0, high[OWN])
+        add_strains_outer(count, k, g, (0, 1), 0, low[ALONG])
+        add_strains_outer(count, k, g, (2, 0), 0, low[UP])
+        add_strains_outer(count, k, g, (2, 1), 0, low[SLANT])
     else:
-        add_outer(count, h, a, a, 0, high[OWN])
-        add_outer(count, h, b, b, 1, high[OWN])
-        add_outer(count, h, c, c, 1, low[OWN])
-        add_outer(count, k, a, b, 0, high[ALONG])
-        add_outer(count, k, b, c, 1, low[UP])
-        add_outer(count, k, a, c, 0, low[SLANT])
+        add_strains_outer(count, h, g, (0, 0), 0, high[OWN])
+        add_strains_outer(count, h, g, (1, 1), 1, high[OWN])
+        add_strains_outer(count, h, g, (2, 2), 1, low[OWN])
+        add_strains_outer(count, k, g, (0, 1), 0, high[ALONG])
+        add_strains_outer(count, k, g, (1, 2), 1, low[UP])
+        add_strains_outer(count, k, g, (0, 2), 0, low[SLANT])
 
 
 @kernel
@@ -243,10 +244,12 @@ def add_strip(i, side, half, strip, damping, wanted, vane):
     if slips:
         _mix_strains(columns, cells.coupling, gradient)
     low, high = vane.blocks[i, side], vane.blocks[i + 1, side]
-    for strain in range(4):
+    _add_pairs(count, half, cells.weight[:GUARD], gradient[:GUARD], low, high)
+    for strain in range(GUARD, NORMAL + 1):
         if (strain == GUARD and not pressed) or (strain == NORMAL and wanted == WHOLE):
             continue
-        _add_pairs(count, half, cells.weight[strain], gradient[strain], low, high)
+        this = slice(strain, strain + 1)
+        _add_pairs(count, half, cells.weight[this], gradient[this], low, high)
     if wanted == WHOLE:
         _find_geometric_stiffness(columns, cells)
         _add_geometric_stiffness(count, half, cells.geometric, low, high)

@@ -1,14 +1,14 @@
-"""Forces of membrane and bending across barbs on the nodes of a vane, and their stiffness there.
+"""Forces of membrane, bending across barbs and twist on the nodes of a vane, and their stiffness.
 
 A strain with stress s and stiffness k, whose gradient by node p is g_p, gives the force s g_p and,
 for every pair of its nodes, the block k g_p g_q^T. Blocks are kept row by row and side by side: the
-few kinds of pairs in pairs_kernels are all that triangles and hinges couple.
+few kinds of pairs in pairs_kernels are all that triangles, hinges and twist couple.
 """
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, row_of_gaps
+from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, row_of_gaps, twist_hold
 from featherfx.solver.vane.cell_kernels import Strip, add_strip
-from featherfx.solver.vane.hinge_kernels import Hinges, add_hinges
+from featherfx.solver.vane.hinge_kernels import Hinges, Twists, add_hinges, add_twists
 from featherfx.solver.vane.line_kernels import add_lines_to_nodes, nodes_to_lines
 from featherfx.solver.vane.pairs_kernels import FORCES_ONLY
 
@@ -25,8 +25,18 @@ def _held(stiffness, gaps, side, i, held):
 
 
 @kernel
+def _held_twist(stiffness, gaps, side, i, held):
+    """As _held, of the cells between rows i and i + 1."""
+    if all_hold(gaps):
+        return stiffness
+    for j in range(stiffness.shape[0]):
+        held[j] = stiffness[j] * twist_hold(gaps, side, i, j)
+    return held
+
+
+@kernel
 def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
-    """Membrane and hinges of feather f: forces added to force (n, 1 + 2 m, 3), stiffness to
+    """Membrane, hinges and twist of feather f: forces added to force (n, 1 + 2 m, 3), stiffness to
     vane.blocks.
 
     around: Surroundings. wanted: FORCES_ONLY leaves the blocks as they are, STABILISING leaves out
@@ -51,10 +61,17 @@ def add_vane_forces(model, f, damping, wanted, pose, around, vane, force):
             )
             for half in range(2):
                 add_strip(i, side, half, strip, damping, wanted, vane)
+            stiffness = model.twist_stiffness[f, side, i]
+            twists = Twists(
+                rest=model.twist_rest[f, side, i],
+                stiffness=_held_twist(stiffness, around.gaps, side, i, vane.cells.held),
+                twist=strains.twist[side, i],
+                reference=reference.twist[side, i],
+            )
+            add_twists(i, side, twists, damping, wanted, vane)
         for i in range(1, rows - 1):
             hinges = Hinges(
-                above=rest[i],
-                below=rest[i - 1],
+                rest=model.hinge_rest[f, side, i],
                 stiffness=_held(hinge[i], around.gaps, side, i, vane.cells.held),
                 angle=strains.hinge[side, i],
                 openness=strains.openness[side, i],

@@ -1,4 +1,5 @@
-"""Forces and stiffness of a vane's hinges (vane_bending_kernels), barb by barb."""
+"""Forces and stiffness of a vane's hinges and of its twist (vane_bending_kernels,
+vane_twist_kernels), barb by barb."""
 
 from typing import NamedTuple
 
@@ -6,10 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.vane_bending_kernels import opening, openness_gradient
-from featherfx.solver.vane.line_kernels import add_forces, add_outer, hinge_gradients, lanes
+from featherfx.mechanics.vane_bending_kernels import openness_gradient
+from featherfx.solver.vane.line_kernels import (
+    add_forces,
+    add_outer,
+    hinge_gradients,
+    lanes,
+    twist_gradients,
+)
 from featherfx.solver.vane.pairs_kernels import (
     ALONG,
+    BACK,
     FORCES_ONLY,
     OWN,
     SKIP,
@@ -24,12 +32,10 @@ Array = NDArray[np.float64]
 class Hinges(NamedTuple):
     """The hinges on one barb.
 
-    above, below: (m, 2, 3) rest values of the cells on either side of it. stiffness, angle,
-    openness, reference: (m,), angle and its reference from rest.
+    rest: (m, 3). stiffness, angle, openness, reference: (m,), angle and its reference from rest.
     """
 
-    above: Array
-    below: Array
+    rest: Array
     stiffness: Array
     angle: Array
     openness: Array
@@ -62,7 +68,7 @@ def _crush(j, strain, gradient, shrink, pull, above, below):
             if node < 2:
                 pull[k, j + node] += force
             elif node == 2:
-                above[k, j] += force
+                above[k, j + 1] += force
             else:
                 below[k, j + 1] += force
 
@@ -77,10 +83,8 @@ def _crush_hinges(i, side, hinges, damping, vane):
         stiffness, openness = hinges.stiffness[j], hinges.openness[j]
         if stiffness == 0.0 or openness >= 1.0:
             continue
-        opens = opening(hinges.above[j, 0]), opening(hinges.below[j, 1])
-        openness_gradient(
-            own[:, j], own[:, j + 1], up[:, j], down[:, j + 1], opens[0], opens[1], shrink
-        )
+        corners = own[:, j], own[:, j + 1], up[:, j + 1], down[:, j + 1]
+        openness_gradient(*corners, hinges.rest[j, 1], hinges.rest[j, 2], shrink)
         angle, lag = hinges.angle[j], hinges.angle[j] - hinges.reference[j]
         by_angle = stiffness * openness * openness * (angle + damping * lag)
         by_openness = stiffness * openness * (angle * angle + damping * lag * lag)
@@ -93,20 +97,20 @@ def _crush_hinges(i, side, hinges, damping, vane):
 def _add_hinge_pairs(count, weight, gradient, low, own, high):
     """Hinges of a row to the blocks of the rows below them, their own and above.
 
-    weight: (2, .) stiffness and half of it. gradient: (4, 3, .). low, own, high: (5, 3, 3 S).
+    weight: (2, .) stiffness and half of it. gradient: (4, 3, .). low, own, high: (6, 3, 3 S).
     """
     k, h = weight[0], weight[1]
     a, b, c, d = gradient[0], gradient[1], gradient[2], gradient[3]
     add_outer(count, h, a, a, 0, own[OWN])
     add_outer(count, h, b, b, 1, own[OWN])
-    add_outer(count, h, c, c, 0, high[OWN])
+    add_outer(count, h, c, c, 1, high[OWN])
     add_outer(count, h, d, d, 1, low[OWN])
     add_outer(count, k, a, b, 0, own[ALONG])
-    add_outer(count, k, c, a, 0, own[UP])
-    add_outer(count, k, c, b, 0, own[SLANT])
+    add_outer(count, k, c, a, 1, own[BACK])
+    add_outer(count, k, c, b, 1, own[UP])
     add_outer(count, k, a, d, 0, low[SLANT])
     add_outer(count, k, b, d, 1, low[UP])
-    add_outer(count, k, c, d, 0, own[SKIP])
+    add_outer(count, k, c, d, 1, own[SKIP])
 
 
 @kernel
@@ -122,10 +126,58 @@ def add_hinges(i, side, hinges, damping, wanted, vane):
     stress = cells.stress[0]
     add_forces(count, stress, gradient[0], 0, pull[i, side])
     add_forces(count, stress, gradient[1], 1, pull[i, side])
-    add_forces(count, stress, gradient[2], 0, pull[i + 1, side])
+    add_forces(count, stress, gradient[2], 1, pull[i + 1, side])
     add_forces(count, stress, gradient[3], 1, pull[i - 1, side])
     if wanted != FORCES_ONLY:
         blocks = vane.blocks
         _add_hinge_pairs(
             count, weight, gradient, blocks[i - 1, side], blocks[i, side], blocks[i + 1, side]
         )
+
+
+class Twists(NamedTuple):
+    """The cells between two barbs. rest: (m, 2). stiffness, twist, reference: (m,), twist and its
+    reference from rest."""
+
+    rest: Array
+    stiffness: Array
+    twist: Array
+    reference: Array
+
+
+@kernel
+def _add_twist_pairs(count, weight, gradient, low, high):
+    """As _add_hinge_pairs, of the twist of a row of cells."""
+    k, h = weight[0], weight[1]
+    a, b, c, d = gradient[0], gradient[1], gradient[2], gradient[3]
+    add_outer(count, h, a, a, 0, low[OWN])
+    add_outer(count, h, b, b, 1, low[OWN])
+    add_outer(count, h, c, c, 0, high[OWN])
+    add_outer(count, h, d, d, 1, high[OWN])
+    add_outer(count, k, a, b, 0, low[ALONG])
+    add_outer(count, k, c, d, 0, high[ALONG])
+    add_outer(count, k, c, a, 0, low[UP])
+    add_outer(count, k, d, b, 1, low[UP])
+    add_outer(count, k, c, b, 0, low[SLANT])
+    add_outer(count, k, d, a, 1, low[BACK])
+
+
+@kernel
+def add_twists(i, side, twists, damping, wanted, vane):
+    """Twist of the cells between rows i and i + 1."""
+    cells, nodes, pull = vane.cells, vane.nodes, vane.pull
+    count, weight, gradient = lanes(twists.stiffness.shape[0]), cells.weight[0], cells.gradient[0]
+    for j in range(twists.stiffness.shape[0]):
+        value, factor = twists.stiffness[j], twists.rest[j, 0]
+        weight[0, j] = value * (1.0 + damping) * factor * factor
+        weight[1, j] = 0.5 * weight[0, j]
+        stress = damped_stress(value, twists.twist[j], twists.reference[j], damping)
+        cells.stress[0, j] = stress * factor
+    twist_gradients(count, nodes[i, side], nodes[i + 1, side], gradient)
+    stress = cells.stress[0]
+    add_forces(count, stress, gradient[0], 0, pull[i, side])
+    add_forces(count, stress, gradient[1], 1, pull[i, side])
+    add_forces(count, stress, gradient[2], 0, pull[i + 1, side])
+    add_forces(count, stress, gradient[3], 1, pull[i + 1, side])
+    if wanted != FORCES_ONLY:
+        _add_twist_pairs(count, weight, gradient, vane.blocks[i, side], vane.blocks[i + 1, side])

@@ -10,6 +10,7 @@ from featherfx.algebra.vec3_kernels import sub
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_bending_kernels import hinge_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_slopes
+from featherfx.mechanics.vane_twist_kernels import twist_slopes
 
 LANES = 4
 
@@ -116,8 +117,34 @@ def hinge_gradients(count, own, above, below, weight, gradient):
     """
     g = gradient
     by_nodes = _three(g[0], 0), _three(g[1], 0), _three(g[2], 0), _three(g[3], 0)
-    start, end, up, down = _three(own, 0), _three(own, 1), _three(above, 0), _three(below, 1)
+    start, end, up, down = _three(own, 0), _three(own, 1), _three(above, 1), _three(below, 1)
     _hinges(count, weight, start, end, up, down, by_nodes)
+
+
+@loop_kernel
+def _twists(count, start, end, above, beyond, gradient):
+    """twist_slopes of every cell; start to beyond: lines of x_0 to x_3."""
+    by_start, by_end, by_above, by_beyond = gradient
+    for j in range(count):
+        x = start[0][j], start[1][j], start[2][j]
+        a, b, c, d = twist_slopes(
+            sub((end[0][j], end[1][j], end[2][j]), x),
+            sub((above[0][j], above[1][j], above[2][j]), x),
+            sub((beyond[0][j], beyond[1][j], beyond[2][j]), x),
+        )
+        by_start[0][j], by_start[1][j], by_start[2][j] = a
+        by_end[0][j], by_end[1][j], by_end[2][j] = b
+        by_above[0][j], by_above[1][j], by_above[2][j] = c
+        by_beyond[0][j], by_beyond[1][j], by_beyond[2][j] = d
+
+
+@kernel
+def twist_gradients(count, own, above, gradient):
+    """Gradients of 6 V of a row of cells, to gradient (4, 3, .); own, above: (3, .) nodes of the
+    barbs below and above them."""
+    g = gradient
+    by_nodes = _three(g[0], 0), _three(g[1], 0), _three(g[2], 0), _three(g[3], 0)
+    _twists(count, _three(own, 0), _three(own, 1), _three(above, 0), _three(above, 1), by_nodes)
 
 
 @loop_kernel
@@ -164,6 +191,47 @@ def add_outer(count, weight, left, right, shift, block):
         weight,
         _three(left, 0),
         _three(right, 0),
+        (block[0, shift:], block[0, y:], block[0, z:]),
+        (block[1, shift:], block[1, y:], block[1, z:]),
+        (block[2, shift:], block[2, y:], block[2, z:]),
+    )
+
+
+@loop_kernel
+def _two_outers(count, weight, left, right, x, y, z):
+    """As _outer, of two strains at once: weight: 2 lines, left, right: 6 of them."""
+    for j in range(count):
+        v, w = weight[0][j], weight[1][j]
+        ax, ay, az = v * right[0][j], v * right[1][j], v * right[2][j]
+        bx, by, bz = w * right[3][j], w * right[4][j], w * right[5][j]
+        x[0][j] += ax * left[0][j] + bx * left[3][j]
+        x[1][j] += ax * left[1][j] + bx * left[4][j]
+        x[2][j] += ax * left[2][j] + bx * left[5][j]
+        y[0][j] += ay * left[0][j] + by * left[3][j]
+        y[1][j] += ay * left[1][j] + by * left[4][j]
+        y[2][j] += ay * left[2][j] + by * left[5][j]
+        z[0][j] += az * left[0][j] + bz * left[3][j]
+        z[1][j] += az * left[1][j] + bz * left[4][j]
+        z[2][j] += az * left[2][j] + bz * left[5][j]
+
+
+@kernel
+def add_strains_outer(count, weight, gradient, pair, shift, block):
+    """add_outer of the nodes of a pair, for all strains at once.
+
+    weight: (1 or 2 strains, .). gradient: (strains, nodes, 3, .).
+    """
+    left, right, size = gradient[0, pair[0]], gradient[0, pair[1]], block.shape[1] // 3
+    if weight.shape[0] == 1:
+        add_outer(count, weight[0], left, right, shift, block)
+        return
+    more_left, more_right = gradient[1, pair[0]], gradient[1, pair[1]]
+    y, z = size + shift, 2 * size + shift
+    _two_outers(
+        count,
+        (weight[0], weight[1]),
+        (left[0], left[1], left[2], more_left[0], more_left[1], more_left[2]),
+        (right[0], right[1], right[2], more_right[0], more_right[1], more_right[2]),
         (block[0, shift:], block[0, y:], block[0, z:]),
         (block[1, shift:], block[1, y:], block[1, z:]),
         (block[2, shift:], block[2, y:], block[2, z:]),
