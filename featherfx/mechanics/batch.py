@@ -16,7 +16,14 @@ from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
 from featherfx.mechanics.model import Hooks, Model, no_hooks
 from featherfx.mechanics.section import shaft_mass, shaft_stiffness
-from featherfx.mechanics.vane_bending_kernels import opening
+from featherfx.mechanics.vane_rest import (
+    barb_nodes,
+    cell_weights,
+    cells_at_rest,
+    end_corrections,
+    hinges_at_rest,
+    twists_at_rest,
+)
 
 Array = NDArray[np.float64]
 
@@ -168,7 +175,7 @@ def _guard(feather: Feather, kind: FeatherKind, touching: bool) -> Array:
     fibres = own <= vane.compression_guard * LEAST_HOOKED
     loose = 1.0 if _may_open(kind) else (1.0 - held) * touching
     modulus = np.where(fibres, FIBRE_GUARD * loose, own)
-    stiffness = GUARD_SCALE * vane.thickness * _cells(feather)[1] * modulus
+    stiffness = GUARD_SCALE * vane.thickness * cells_at_rest(feather)[1] * modulus
     return np.stack([stiffness, np.where(fibres, FIBRE_SHARE, 1.0)], axis=-1)
 
 
@@ -179,13 +186,13 @@ def _constants(
     centre = feather.rest.nodes[:, 0]
     length = np.linalg.norm(np.diff(centre, axis=0), axis=1)
     clamp, joints, segment = _barb_rest(feather, frames)
-    cell_rest, cell_area = _cells(feather)
+    cell_rest, cell_area = cells_at_rest(feather)
     vane = kind.vane_material
     held = _held(feather, kind)
     held_area = held * cell_area * cell_weights(feather.columns)
     cell_stiffness = np.stack([vane.across * held_area, vane.shear * held_area], axis=-1)
-    hinge_rest, hinge_stiffness = _hinges(feather, held, vane.bending_across)
-    twist_rest, twist_stiffness = _twists(feather, cell_area)
+    hinge_rest, hinge_stiffness = hinges_at_rest(feather, held, vane.bending_across)
+    twist_rest, twist_stiffness = twists_at_rest(feather, cell_area)
     return _Constants(
         length=length,
         rachis_rest=_rachis_rest(centre, frames, length),
@@ -228,7 +235,7 @@ def _hooks(feather: Feather, kind: FeatherKind) -> Hooks:
     one over the spacing of barbs; one of them opens, so that this slip is over the triangle's
     height.
     """
-    cell_rest, cell_area = _cells(feather)
+    cell_rest, cell_area = cells_at_rest(feather)
     vane, held = kind.vane_material, _held(feather, kind)
     volume = vane.thickness * cell_area * cell_weights(feather.columns) * held
     scatter = np.random.default_rng(SCATTER_SEED).normal(size=cell_area.shape[:2])
@@ -263,7 +270,7 @@ def _opened(feather: Feather, cell_area: Array) -> Array:
     if feather.split.size == 0:
         return np.zeros(cell_area.shape)
     whole = replace(feather, rest=feather.rest._replace(nodes=feather.unsplit))
-    _, unsplit_area = _cells(whole)
+    _, unsplit_area = cells_at_rest(whole)
     nearer = np.divide(unsplit_area, cell_area, out=np.ones_like(cell_area), where=cell_area > 0.0)
     return np.where(feather.split, np.clip(nearer, LEAST_NEAREST, 1.0), 0.0)
 
@@ -316,7 +323,7 @@ def _mass(feather: Feather, kind: FeatherKind, cell_area: Array, length: Array) 
 def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = None) -> Array:
     """(n, 1 + 2 m) kg, of the vane at the nodes. cell_area: of the triangles, if known."""
     columns = feather.columns
-    cell_area = _cells(feather)[1] if cell_area is None else cell_area
+    cell_area = cells_at_rest(feather)[1] if cell_area is None else cell_area
     mass = np.zeros((feather.rows, 1 + 2 * columns))
     third = cell_area * kind.vane_material.surface_density / 3.0
     for side in range(2):
@@ -327,59 +334,16 @@ def vane_mass(feather: Feather, kind: FeatherKind, cell_area: Array | None = Non
         node[1:, :-1] += first + second
         node[1:, 1:] += second
         is_barb = feather.barb_length[side] > 0.0
-        node[is_barb] = node[is_barb] @ _end_corrections(columns)
+        node[is_barb] = node[is_barb] @ end_corrections(columns)
         mass[:, 0] += node[:, 0]
         mass[:, barb_slice(side, columns)] = node[:, 1:]
     return mass
-
-
-# what Gregory's rule of third order (h^4) moves of the last term of a sum by trapezoids: to itself
-# and to the two next to it
-_MOVED = -1.0 / 4.0, 1.0 / 3.0, -1.0 / 12.0
-
-
-def _end_corrections(columns: int) -> Array:
-    """(m + 1, m + 1) by which sums by trapezoids over a barb's nodes become Gregory's.
-
-    What is lumped at the nodes stands for integrals along the barb. By trapezoids four columns err
-    by 0.36 % of the length in the shake of docs/benchmarks.md, so by 0.05 %.
-    """
-    moved = np.eye(columns + 1)
-    if columns > 1:
-        moved[0, :3] += _MOVED
-        moved[-1, :-4:-1] += _MOVED
-    return moved
-
-
-def _node_weights(columns: int) -> Array:
-    """(m + 1,) of a barb's nodes in such a sum, in segments."""
-    trapezoids = np.ones(columns + 1)
-    trapezoids[[0, -1]] = 0.5
-    return np.asarray(trapezoids @ _end_corrections(columns))
-
-
-def cell_weights(columns: int) -> Array:
-    """(m, 2) of triangles A and B in an integral over the vane, beside their areas.
-
-    The strain across the barbs is that at node j in A and at j + 1 in B, in both as wide as half a
-    segment.
-    """
-    weights = _node_weights(columns)
-    weights[[0, -1]] *= 2.0
-    return np.stack([weights[:-1], weights[1:]], axis=-1)
 
 
 def _rotary_inertia(feather: Feather, kind: FeatherKind, length: Array) -> Array:
     """(n, 2) kg m^2: a director moves where the shaft turns about the other one."""
     _, about_second, about_third = shaft_mass(feather.width, feather.height, kind.rachis_material)
     return np.stack([about_third, about_second], axis=1) * _row_length(length)[:, None]
-
-
-def barb_nodes(nodes: Array) -> Array:
-    """(2, n, m + 1, 3) nodes of all barbs, column 0 on the rachis, from nodes (n, 1 + 2 m, 3)."""
-    root, columns = nodes[:, :1], nodes.shape[1] // 2
-    sides = [nodes[:, barb_slice(side, columns)] for side in range(2)]
-    return np.stack([np.concatenate([root, side], axis=1) for side in sides])
 
 
 def _barb_rest(feather: Feather, frames: Array) -> tuple[Array, Array, Array]:
@@ -429,69 +393,3 @@ def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int, elas
             parts.append((feather.barb_span / compliance)[:, :, None])
     stiffness = np.concatenate(parts, axis=2)
     return np.where(stiffness > 0.0, stiffness, 1.0)
-
-
-def _triangle(feather: Feather) -> tuple[Array, Array, Array]:
-    """Edge start, edge end and opposite node of all cells: (2, n-1, m, 2, 3) each."""
-    nodes = barb_nodes(feather.rest.nodes)
-    low, high = nodes[:, :-1], nodes[:, 1:]
-    start = np.stack([low[:, :, :-1], high[:, :, :-1]], axis=3)
-    end = np.stack([low[:, :, 1:], high[:, :, 1:]], axis=3)
-    opposite = np.stack([high[:, :, :-1], low[:, :, 1:]], axis=3)
-    return start, end, opposite
-
-
-def _cells(feather: Feather) -> tuple[Array, Array]:
-    """cell_rest (2, n-1, m, 2, 3) and rest area (2, n-1, m, 2), zero where masked."""
-    start, end, opposite = _triangle(feather)
-    exists = feather.cell
-    edge = np.linalg.norm(end - start, axis=-1)
-    edge = np.where(exists, edge, 1.0)
-    along = np.einsum("...k,...k", opposite - start, end - start) / edge
-    reach = np.einsum("...k,...k", opposite - start, opposite - start)
-    height = np.sqrt(np.where(exists, np.maximum(reach - along**2, 0.0), 1.0))
-    rest = np.stack([1.0 / edge, along, 1.0 / height], axis=-1)
-    return np.where(exists[..., None], rest, 0.0), np.where(exists, 0.5 * edge * height, 0.0)
-
-
-def _hinges(feather: Feather, held: Array, modulus: float) -> tuple[Array, Array]:
-    """hinge_rest (2, n, m, 3) and hinge_stiffness (2, n, m).
-
-    held: (2, n-1, m, 2) share of the modulus that each cell has; those on either side of the barb
-    bend one after the other.
-    """
-    nodes = barb_nodes(feather.rest.nodes)
-    shape = (2, feather.rows, feather.columns)
-    rest, stiffness = np.zeros((*shape, 3)), np.zeros(shape)
-    start, end = nodes[:, 1:-1, :-1], nodes[:, 1:-1, 1:]
-    above, below = nodes[:, 2:, 1:], nodes[:, :-2, 1:]
-    edge = end - start
-    first, second = np.cross(edge, above - start), np.cross(below - start, edge)
-    size = np.linalg.norm(edge, axis=-1)
-    sine = np.einsum("...k,...k", np.cross(first, second), edge)
-    angle = np.arctan2(sine, size * np.einsum("...k,...k", first, second))
-    upper, lower = 0.5 * np.linalg.norm(first, axis=-1), 0.5 * np.linalg.norm(second, axis=-1)
-    both = feather.cell[:, 1:, :, 0] & feather.cell[:, :-1, :, 1] & (upper > 0.0) & (lower > 0.0)
-    upper, lower = np.where(both, upper, 1.0), np.where(both, lower, 1.0)
-    softer = upper / held[:, 1:, :, 0] + lower / held[:, :-1, :, 1]
-    # of a segment, the width of the strip that each hinge stands for
-    weights = _node_weights(feather.columns)
-    share = weights[1:]
-    share[0] += weights[0]
-    stiffness[:, 1:-1] = np.where(both, modulus * share * size**2 / softer, 0.0)
-    known = np.stack([angle, opening.py_func(upper), opening.py_func(lower)], axis=-1)
-    rest[:, 1:-1] = np.where(stiffness[:, 1:-1, :, None] > 0.0, known, 0.0)
-    return rest, stiffness
-
-
-def _twists(feather: Feather, cell_area: Array) -> tuple[Array, Array]:
-    """twist_rest (2, n-1, m, 2), and 1 where there is a whole cell, 0 elsewhere, (2, n-1, m)."""
-    nodes = barb_nodes(feather.rest.nodes)
-    low, high = nodes[:, :-1], nodes[:, 1:]
-    start, end = low[:, :, :-1], low[:, :, 1:]
-    normal = np.cross(end - start, high[:, :, :-1] - start)
-    volume = np.einsum("...k,...k", high[:, :, 1:] - start, normal)
-    whole = (cell_area[..., 0] > 0.0) & (cell_area[..., 1] > 0.0)
-    area = np.where(whole, cell_area.sum(axis=-1), 1.0)
-    rest = np.stack([area**-1.5, volume * area**-1.5], axis=-1)
-    return np.where(whole[..., None], rest, 0.0), whole.astype(float)

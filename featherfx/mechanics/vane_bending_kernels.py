@@ -43,7 +43,6 @@ from featherfx.algebra.vec3_kernels import (
 from featherfx.jit.compiled import kernel
 
 TINY = 1e-300
-CRUSHED = 0.2
 
 
 @kernel
@@ -86,12 +85,6 @@ def hinge_gradient(start, end, above, below, gradient):
     slopes = hinge_slopes(sub(end, start), sub(above, start), sub(below, start))
     for node in range(4):
         store(gradient[node], slopes[node])
-
-
-@kernel
-def opening(area):
-    """1 / (2 c A)^2 of a triangle with rest area A, 1/m^4."""
-    return (0.5 / (CRUSHED * area)) ** 2
 
 
 @kernel

@@ -14,15 +14,10 @@ from featherfx.feather.types import RACHIS
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
-from featherfx.mechanics.batch import (
-    LEAST_HOOKED,
-    cell_weights,
-    make_model,
-    resized,
-    row_frames,
-)
+from featherfx.mechanics.batch import LEAST_HOOKED, make_model, resized, row_frames
 from featherfx.mechanics.model import no_loads, wind_of_each
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
+from featherfx.mechanics.vane_rest import cell_weights
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.newton_kernels import evaluate

@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from featherfx.mechanics.vane_bending_kernels import (
-    CRUSHED,
-    angle_and_openness,
-    opening,
-    openness_gradient,
-)
+from featherfx.mechanics.vane_bending_kernels import angle_and_openness, openness_gradient
+from featherfx.mechanics.vane_rest import CRUSHED, opening
 
 # unit edge, triangles of height 1 at rest
 REST = 0.5

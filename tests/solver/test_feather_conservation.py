@@ -157,14 +157,14 @@ def test_free_flight_keeps_linear_and_angular_momentum() -> None:
 
 def test_a_storm_does_not_force_small_steps() -> None:
     """A wind that rises to 80 m/s in eight frames and gusts by a fifth: steps of a whole frame, or
-    of a half where the feather is thrown about, converge; drag is implicit. Explicitly, a tip barb
-    of mass m and area S would need steps below m / (rho S v), 0.3 ms."""
+    of a half or a third where the feather is thrown about, converge; drag is implicit. Explicitly,
+    a tip barb of mass m and area S would need steps below m / (rho S v), 0.3 ms."""
     kind = preset_kind("swan_primary")
     model = make_model([build_feather(kind, 11, 4)], [kind], 2)
     model = with_damping(model, [kind])
     air = no_loads(1, (0.0, 0.0, -9.81))._replace(air=np.array([1.2, 1.2, 0.02, 1.1]))
     frames = 24
-    for speed, most in ((5.0, 1.0), (20.0, 1.0), (80.0, 2.0)):
+    for speed, most in ((5.0, 1.0), (20.0, 1.0), (80.0, 2.5)):
         state, steps = at_origin(model), 0.0
         with Solver(model, Settings(UNLIMITED, newton=1e-6, max_substeps=1)) as solver:
             for k in range(frames):

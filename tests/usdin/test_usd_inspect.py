@@ -34,13 +34,14 @@ def test_the_body_of_the_pigeon():
     assert code == 0
     assert (found["meters_per_unit"], found["up_axis"]) == (1.0, "Z")
     assert (found["start"], found["end"], found["time_codes_per_second"]) == (1, 96, 24)
-    mesh, skeleton = found["prims"]
-    assert (mesh["path"], mesh["points"], mesh["parts"]) == ("/pigeon/body", 9066, 9066)
+    mesh, eyes, skeleton = found["prims"]
+    assert (eyes["path"], eyes["skeleton"]) == ("/pigeon/eyes", "/pigeon/skeleton")
+    assert (mesh["path"], mesh["points"], mesh["parts"]) == ("/pigeon/body", 9000, 9000)
     assert (mesh["sampled"], mesh["skeleton"]) == ([1, 96], "/pigeon/skeleton")
     assert skeleton["joints"][2] == "body/neck/head"
     primvar = next(each for each in mesh["primvars"] if each["name"] == "torso")
     kind = (primvar["type"], primvar["interpolation"], primvar["count"])
-    assert kind == ("float[]", "vertex", 9066)
+    assert kind == ("float[]", "vertex", 9000)
 
 
 def test_a_creature_in_centimetres_is_told_in_metres(tmp_path):

@@ -33,8 +33,9 @@ from featherfx.lab.nodal.solver import NodalSolver, nodal_system
 from featherfx.lab.nodal.state import NodalState, make_nodal_work, nodal_rest_state
 from featherfx.lab.rods.experiments import posed
 from featherfx.lab.rods.rod import Vector
-from featherfx.mechanics.batch import barb_nodes, make_model
+from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model
+from featherfx.mechanics.vane_rest import barb_nodes
 from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind

@@ -22,8 +22,9 @@ from featherfx.groom.types import FeatherKind
 from featherfx.lab.nodal.plate import barb_hinges, hinge_places, oriented_hinges, plate_tables
 from featherfx.lab.nodal.turns_kernels import barb_turns, half_bandwidth, hinge_turns
 from featherfx.mechanics.barb_shapes import FLOOR
-from featherfx.mechanics.batch import LEAST_HOOKED, barb_nodes, cell_weights, row_frames
+from featherfx.mechanics.batch import LEAST_HOOKED, row_frames
 from featherfx.mechanics.model import Model
+from featherfx.mechanics.vane_rest import barb_nodes, cell_weights
 
 Array = NDArray[np.float64]
 Bending = Literal["barbs", "hinges", "plate"]
