@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
@@ -75,17 +75,12 @@ def check(
     With --moves, prints for each whole frame but the first the largest move of a point since the
     one before, as a share of its feather's length.
     """
-    asked = {name: options.pop(name) for name in ("crossings", "holes", "moves")}
+    asked = {name: options.pop(name) for name in _TOLD}
     wanted = [name for name, value in asked.items() if value]
     if len(wanted) > 1 or (wanted and len(files) != 1):
         raise click.UsageError(f"--{wanted[0]} takes one file, and nothing else to measure")
     if wanted:
-        measure: dict[str, Callable[..., None]] = {
-            "crossings": _crossings,
-            "holes": _holes,
-            "moves": _moves,
-        }
-        measure[wanted[0]](files[0], style, asked["holes"], **options)
+        _measure(wanted[0], files[0], style, asked["holes"], **options)
         return
     for name, value in options.items():
         if value:
@@ -100,71 +95,63 @@ def check(
     click.echo(f"{len(files)} checked, no problems", err=True)
 
 
-def _crossings(
+class _Told(NamedTuple):
+    """What is said of what is measured: the line of a frame, and what all frames have in JSON."""
+
+    line: Callable[[dict[str, Any]], str]
+    whole: Callable[[list[dict[str, Any]]], dict[str, Any]]
+
+
+def _totals(counted: list[dict[str, Any]]) -> dict[str, Any]:
+    keys = "crossings", "with_body", "with_shafts"
+    total = {key: sum(each[key] for each in counted) for key in keys}
+    return total | {"worst_frame": max(counted, key=lambda each: each["crossings"])["frame"]}
+
+
+def _greatest(key: str) -> Callable[[list[dict[str, Any]]], dict[str, Any]]:
+    return lambda counted: {key: max(each[key] for each in counted)}
+
+
+_TOLD = {
+    "crossings": _Told(lambda each: f"{each['crossings']} in {each['pairs']} pairs", _totals),
+    "holes": _Told(
+        lambda each: f"{each['holes']}, the widest {1e3 * each['widest']:.2f} mm,",
+        _greatest("widest"),
+    ),
+    "moves": _Told(
+        lambda each: f"{100.0 * each['largest']:.3g} % of the length of {each['feather']}",
+        _greatest("largest"),
+    ),
+}
+
+
+def _measure(
+    what: str,
     file: Path,
     style: str,
-    view: None,
+    view: str | None,
     frames: tuple[int, int] | None,
     as_json: bool,
     jobs: int | None,
 ) -> None:
-    counted = []
-    with Progress("crossings", style) as progress:
-        for each in pipeline.count_crossings(
-            file, frames, jobs=jobs or default_jobs(), on_frame=progress
-        ):
+    if jobs is not None and what != "crossings":
+        raise click.UsageError("--jobs goes with --crossings")
+    told, counted = _TOLD[what], []
+    with Progress(what, style) as progress:
+        if what == "crossings":
+            found = pipeline.count_crossings(
+                file, frames, jobs=jobs or default_jobs(), on_frame=progress
+            )
+        elif what == "holes":
+            found = pipeline.measure_holes(file, str(view), frames, on_frame=progress)
+        else:
+            found = pipeline.measure_moves(file, frames, on_frame=progress)
+        for each in found:
             counted.append(each)
             if not as_json:
-                found = f"{each['crossings']} in {each['pairs']} pairs"
-                click.echo(f"crossings: {found} {_at(each['frame'])}")
+                frame = each["frame"]
+                at = "at rest" if frame is None else f"at frame {frame:g}"
+                click.echo(f"{what}: {told.line(each)} {at}")
     if as_json:
-        keys = "crossings", "with_body", "with_shafts"
-        total = {key: sum(each[key] for each in counted) for key in keys}
-        worst = max(counted, key=lambda each: each["crossings"])["frame"]
-        _tell(file, {**total, "worst_frame": worst, "frames": counted})
-
-
-def _holes(
-    file: Path,
-    style: str,
-    view: str,
-    frames: tuple[int, int] | None,
-    as_json: bool,
-    jobs: int | None,
-) -> None:
-    counted = []
-    with Progress("holes", style) as progress:
-        for each in pipeline.measure_holes(file, view, frames, on_frame=progress):
-            counted.append(each)
-            if not as_json:
-                widest = f"the widest {1e3 * each['widest']:.2f} mm"
-                click.echo(f"holes: {each['holes']}, {widest}, {_at(each['frame'])}")
-    if as_json:
-        _tell(file, {"widest": max(each["widest"] for each in counted), "frames": counted})
-
-
-def _moves(
-    file: Path,
-    style: str,
-    view: None,
-    frames: tuple[int, int] | None,
-    as_json: bool,
-    jobs: int | None,
-) -> None:
-    counted = []
-    with Progress("moves", style) as progress:
-        for each in pipeline.measure_moves(file, frames, on_frame=progress):
-            counted.append(each)
-            if not as_json:
-                share = f"{100.0 * each['largest']:.3g} % of the length of {each['feather']}"
-                click.echo(f"moves: {share} {_at(each['frame'])}")
-    if as_json:
-        _tell(file, {"largest": max(each["largest"] for each in counted), "frames": counted})
-
-
-def _at(frame: float | None) -> str:
-    return "at rest" if frame is None else f"at frame {frame:g}"
-
-
-def _tell(file: Path, told: dict[str, Any]) -> None:
-    click.echo(json.dumps({"file": str(file), **told}, indent=2))
+        whole = {"file": str(file), **told.whole(counted), "frames": counted}
+        click.echo(json.dumps(whole, indent=2))
