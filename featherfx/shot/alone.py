@@ -51,7 +51,7 @@ class Alone:
 
         Raises SimulationError.
         """
-        group, (acting,), duration = self._group, loads, end - start
+        group, (acting,), duration = self._group, loads, self._levels.duration
         active, cycle = self._levels.active(group), group.cycle if begun else None
         path = self._levels.held(group, root_path(self._motion, group.members, start, end))
         moving = np.ptp(path.samples, axis=1).max(axis=1) > 0.0

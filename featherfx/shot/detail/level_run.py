@@ -31,7 +31,7 @@ class LevelRun:
 
     drawn: all feathers on the meshes' grid. groups: all batches; a feather is in one for each
     level that it ever has. carried: those that follow guides. wanted: numbers of the feathers that
-    are shown. subframes: samples a frame.
+    are shown. subframes: samples a frame. duration: s, between two samples.
     """
 
     def __init__(
@@ -49,11 +49,11 @@ class LevelRun:
         self._computing = np.union1d(wanted, carried.guides)
         self._shot, self._drawn, self._motion = shot, drawn, motion
         self._groups = groups
-        self._duration = 1.0 / (shot.frames_per_second * subframes)
+        self.duration = 1.0 / (shot.frames_per_second * subframes)
         rules = shot.level_of_detail
         samples = subframes * (rules.fade if rules else 1)
         lengths = np.array([p.kind.length for p in shot.groom.feathers])
-        self.fades = Fades(plan, lengths, samples, subframes, self._duration)
+        self.fades = Fades(plan, lengths, samples, subframes, self.duration)
         self._place = {
             (int(f), NUMBER[group.level]): (group, k)
             for group in groups
@@ -78,7 +78,7 @@ class LevelRun:
         starting = [c for c in self._changes if (c.feather, c.after) in self._place]
         if not starting:
             return
-        poses, time = self._poses(index - 1), (index - 1) * self._duration
+        poses, time = self._poses(index - 1), (index - 1) * self.duration
         roots = self._motion.frames(time)
         copied: set[int] = set()
         for change in starting:
@@ -145,7 +145,7 @@ class LevelRun:
         return self._known[1]
 
     def _computed(self, index: int) -> Poses:
-        start, end = (index - 1) * self._duration, index * self._duration
+        start, end = (index - 1) * self.duration, index * self.duration
         every = self._computing
         found: Poses = {}
         for group in self._groups:
