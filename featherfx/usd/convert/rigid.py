@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, UsdGeom, Vt
 
-from featherfx.algebra.rotation import frames_to_quats
+from featherfx.algebra.rotation import frames_to_quats, rotation_part
 from featherfx.errors import InputError, Problem
 from featherfx.files.whole import standing
 from featherfx.usd import arrays
@@ -72,10 +72,7 @@ def fitted(points: Array) -> tuple[Motion, float]:
 
 def _turns(shape: Array, about: Array) -> Array:
     """(F, 3, 3) rotations of a shape (V, 3) onto poses (F, V, 3), all about their middles."""
-    left, _, right = np.linalg.svd(np.einsum("fvi,vj->fij", about, shape))
-    flip = np.ones((len(about), 1, 3))
-    flip[:, 0, 2] = np.linalg.det(left @ right)
-    return np.asarray((left * flip) @ right)
+    return rotation_part(np.einsum("fvi,vj->fij", about, shape))
 
 
 @dataclass

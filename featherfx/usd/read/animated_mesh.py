@@ -117,14 +117,14 @@ class AnimatedMesh(ScenePrim):
         local, matrix = self._pose(code)
         if triangles.size > len(local):
             # each point once
-            moved = transformed(local.astype(np.float64), matrix)
+            moved = transformed(local, matrix)
             return self._finite(moved[triangles], code)
-        return self._finite(transformed(local[triangles].astype(np.float64), matrix), code)
+        return self._finite(transformed(local[triangles], matrix), code)
 
     def points(self, code: float) -> Array:
         """(V, 3) m, all points at a time code."""
         local, matrix = self._pose(code)
-        return self._finite(transformed(local.astype(np.float64), matrix), code)
+        return self._finite(transformed(local, matrix), code)
 
     def _pose(self, code: float) -> tuple[NDArray[Any], Array]:
         """Points of the mesh, and the matrix from their space to the world, at a time code."""
@@ -186,7 +186,7 @@ class AnimatedMesh(ScenePrim):
         matrix = self._scene.matrix(prim, self._rest_code)
         bound = np.eye(4) if self._skinning is None else self._skinning.bind_matrix
         self.rest_matrix = bound @ matrix
-        return self._finite(transformed(local.astype(np.float64), matrix), None)
+        return self._finite(transformed(local, matrix), None)
 
     def _sign(self, code: Any) -> bool:
         prim = self._prim if self._skinning is None else self._skinning.space

@@ -33,6 +33,7 @@ from featherfx.limits import MOST_BARBS, MOST_COLUMNS, MOST_ROWS
 from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.members import Member, members_of
 from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.stage import transformed
 from featherfx.usd.read.values import (
     DEFAULT,
     INTEGERS,
@@ -256,7 +257,7 @@ class _Shafts:
 
     def _placed(self, points: Array, code: Any) -> Array:
         matrix = np.array(self._curves.ComputeLocalToWorldTransform(code))
-        return np.asarray(points @ matrix[:3, :3] + matrix[3, :3])
+        return transformed(points, matrix)
 
     def _pose(self, code: Any) -> tuple[Array, Array]:
         """(N, 1 + 2 m, 3) nodes, leading first, and (N, 2, 3) directors of all rows."""

@@ -17,6 +17,7 @@ from featherfx.usd.read.cached_feather import CachedFeather, constant_parts, wit
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes
 from featherfx.usd.read.members import Member
 from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.stage import transformed
 from featherfx.usd.read.values import (
     DEFAULT,
     EARLIEST,
@@ -196,7 +197,7 @@ class Cache:
         # Normals turn with the inverse transpose; row vectors here.
         turned = None if normals is None else _unit(normals @ np.linalg.inv(matrix[:3, :3]).T)
         return CachedPose(
-            points=(points @ matrix[:3, :3] + matrix[3, :3]).astype(np.float32),
+            points=transformed(points, matrix).astype(np.float32),
             velocities=None if velocities is None else velocities @ matrix[:3, :3],
             normals=turned,
             barb_direction=direction,
@@ -215,7 +216,7 @@ class Cache:
             points, matrix, _ = self._placed(run, time)
             moved = points.astype(float)
             if (matrix != np.eye(4)).any():
-                moved = moved @ matrix[:3, :3] + matrix[3, :3]
+                moved = transformed(moved, matrix)
             own = [self._own[index].points for index in run]
             ends = [0 if each.start is None else each.start - own[0].start for each in own]
             found += [moved[a:b] for a, b in pairwise([*ends, len(moved)])]

@@ -203,9 +203,9 @@ def in_world(local_to_stage: Array, to_world: Array) -> Array:
     return whole
 
 
-def transformed(points: Array, matrix: Array) -> Array:
+def transformed(points: NDArray[Any], matrix: Array) -> Array:
     """(..., 3) points by a (4, 4) matrix, row vectors."""
-    x, y, z = (points[..., k] for k in range(3))
+    x, y, z = (np.asarray(points[..., k], dtype=np.float64) for k in range(3))
     moved = np.empty(points.shape)
     for k in range(3):  # ten times as fast as a product of so narrow matrices
         moved[..., k] = x * matrix[0, k] + y * matrix[1, k] + z * matrix[2, k] + matrix[3, k]
