@@ -99,6 +99,7 @@ from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
     help="USD file whose meshes are drawn, too. Skin and colliders of the shot always are.",
 )
 @click.option("--bare", is_flag=True, help="Leave out skin and colliders.")
+@click.option("--floor", is_flag=True, help="A floor under what is drawn, which takes its shadow.")
 @click.option(
     "--samples",
     type=click.Choice([str(each) for each in SAMPLES]),

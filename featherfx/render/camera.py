@@ -22,6 +22,10 @@ VIEWS = ("auto", "top", "side", "front")
 _ANGLE = math.radians(24)
 _FOCAL_LENGTH = 0.056  # m: sees this angle over the height of a frame of 24 mm
 _MARGIN = 1.04
+# chosen by eye: vanes with less of their area along one axis are around a body, which is seen from
+# so far aside of its broad side and from so high
+_ROUND = 0.6
+_ASIDE, _RAISED = math.radians(25), math.radians(12)
 # (right, up) of the fixed views: top, from -y, and from +x.
 _FIXED = {
     "top": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
@@ -106,12 +110,16 @@ def axes_of(view: str, points: Array, triangles: NDArray[np.int64]) -> tuple[Arr
 
 
 def _three_quarter(points: Array, triangles: NDArray[np.int64]) -> tuple[Array, Array]:
-    """(right, up) of a view that sees the vanes from their broad side, a little from aside."""
+    """(right, up) of a view that sees the vanes from their broad side, a little from aside; of
+    vanes around a body, one of it upright."""
     world_up = np.array([0.0, 0.0, 1.0])
     a, b, c = (points[triangles[:, k]] for k in range(3))
     normals = 0.5 * np.cross(b - a, c - a)
     size = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
-    broad = np.linalg.eigh(np.einsum("tk,tl,t->kl", normals, normals, 1 / size))[1][:, -1]
+    areas, axes = np.linalg.eigh(np.einsum("tk,tl,t->kl", normals, normals, 1 / size))
+    if areas[-1] < _ROUND * areas.sum():
+        return _upright(points)
+    broad = axes[:, -1]
     toward = broad @ world_up
     if abs(toward) < 0.3:
         toward = broad @ normals.sum(axis=0)
@@ -129,6 +137,20 @@ def _three_quarter(points: Array, triangles: NDArray[np.int64]) -> tuple[Array, 
     right /= np.linalg.norm(right)
     across = np.cross(back, right)
     return right, across / np.linalg.norm(across)
+
+
+def _upright(points: Array) -> tuple[Array, Array]:
+    """(right, up) of a view that sees a body from the side, raised, and from a little ahead of its
+    positive end, or behind where that is its tail."""
+    flat = points[:, :2] - points[:, :2].mean(axis=0)
+    long = np.linalg.eigh(flat.T @ flat)[1][:, -1]
+    long = long if long[np.argmax(np.abs(long))] > 0 else -long
+    turn, rise = _ASIDE, _RAISED
+    side = np.array([long[1], -long[0]])
+    level = math.cos(turn) * side + math.sin(turn) * long
+    right = np.array([-level[1], level[0], 0.0])
+    back = np.array([*(math.cos(rise) * level), math.sin(rise)])
+    return right, np.cross(back, right)
 
 
 def framing(right: Array, up: Array, points: Array, size: tuple[int, int]) -> Eye:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,12 +40,13 @@ Picture = NDArray[np.uint8]
 @dataclass(frozen=True)
 class Shot:
     """One picture to draw. time: code, None for the rest pose. name: of its label. number: of its
-    file."""
+    file. floor: m, height of a floor, None for none."""
 
     time: float | None
     eye: Eye
     name: str
     number: str
+    floor: float | None = None
 
 
 def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[Path]:
@@ -56,6 +57,8 @@ def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[P
             subjects.append(open_subject(Path(options.against), options))
         times = _times(path, subjects[0], options, output)
         shots = _shots(path, subjects, times, options)
+        if options.floor:
+            shots = _on_floor(shots, subjects)
         files = _files(output, shots, options)
         problems = file_problems(files, options.overwrite) + check_pixels(len(shots), options)
         if problems:
@@ -102,7 +105,7 @@ def _pictures(
 
     def prepared(subject: Subject, shot: Shot) -> Tracer:
         geometry = subject.geometry(shot.time)
-        return Tracer(geometry, shot.eye, options.samples, not options.is_look)
+        return Tracer(geometry, shot.eye, options.samples, not options.is_look, shot.floor)
 
     drawers, preparer = ThreadPoolExecutor(jobs), ThreadPoolExecutor(1)
     try:
@@ -143,7 +146,10 @@ def _shots(
     if options.camera is not None:
         seen = camera_of(path, options.camera, subjects[0].cache)
         eyes = [whole(seen(time), options.pixels) for time in times]
-        return [Shot(time, eye, *names) for (time, *names), eye in zip(named, eyes, strict=True)]
+        return [
+            Shot(time, eye, name, number)
+            for (time, name, number), eye in zip(named, eyes, strict=True)
+        ]
     kept = times if options.framed == "drawn" else None
     reach = [each for subject in subjects for each in subject.reach(kept)]
     way = way_of(reach)
@@ -164,8 +170,17 @@ def _shots(
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         eyes = [eye.focused(options.f_stop, middle) for eye in eyes]
     return [
-        Shot(time, carried(eye, way(time)), *names)
-        for (time, *names), eye in zip(named, eyes, strict=True)
+        Shot(time, carried(eye, way(time)), name, number)
+        for (time, name, number), eye in zip(named, eyes, strict=True)
+    ]
+
+
+def _on_floor(shots: Sequence[Shot], subjects: Sequence[Subject]) -> list[Shot]:
+    """With a floor as high as the lowest point of all frames, where they are seen from above it."""
+    hulls = [hull for subject in subjects for _, hull in subject.reach()]
+    height = min(float(hull[:, 2].min()) for hull in hulls)
+    return [
+        replace(shot, floor=height) if shot.eye.view.eye[2] > height else shot for shot in shots
     ]
 
 

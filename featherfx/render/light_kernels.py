@@ -39,12 +39,14 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
 
-# what a triangle is of; rows of MATERIALS
-VANE, SHAFT, SKIN = 0, 1, 2
+# what a triangle is of; rows of MATERIALS. A floor only takes shadow: its colour is that behind it
+VANE, SHAFT, SKIN, FLOOR = 0, 1, 2, 3
 # share of light that goes through, gloss k, its sharpness p, light that a shadow lets through
-EXPOSURE = 0.36
+EXPOSURE = 0.46
 FURROW = 0.8  # darkness of furrows between barbs of full roundness
-MATERIALS = np.array([[0.34, 0.10, 18.0, 0.30], [0.0, 0.22, 40.0, 0.0], [0.0, 0.03, 12.0, 0.0]])
+MATERIALS = np.array(
+    [[0.34, 0.10, 18.0, 0.30], [0.0, 0.22, 40.0, 0.0], [0.0, 0.03, 12.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+)
 
 
 class Lens(NamedTuple):
@@ -297,8 +299,20 @@ def _displayed(light):
 
 
 @kernel
+def _take_shadow(lights, toward, light, sky_prim, shown):
+    """Fill `shown` (3,) with the share of the colour behind it that a floor shows, by the light
+    that is left there. Values of displays go with the root of light."""
+    seen = 0.0 if sky_prim >= 0 else 1.0
+    for k in range(3):
+        sun = toward * lights.sun_light[k]
+        sky = lights.harmonics[0, k] + lights.harmonics[1, k] + lights.harmonics[2, k]
+        shown[k] = sqrt((light * sun + seen * sky) / (sun + sky))
+
+
+@kernel
 def shade(surface, lights, points, rays, which, light, sky_prims, shown):
-    """Colours (N, 3) as displays show them, of light back to the camera.
+    """Colours (N, 3) as displays show them, of light back to the camera; of a floor the share of
+    what is behind it.
 
     light: (N,) share of the sun. sky_prims: hit by the rays to the sky, -1 for none; what is hit
     there is taken to be lit by half of the sky's mean.
@@ -314,6 +328,9 @@ def shade(surface, lights, points, rays, which, light, sky_prims, shown):
         sky = combined(
             1.0 - through, _received(lights, height), through, _received(lights, -height)
         )
+        if material == FLOOR:
+            _take_shadow(lights, toward, light[index], sky_prims[index], shown[index])
+            continue
         prim = sky_prims[index]
         if prim >= 0:
             met = surface.colours[surface.triangles[prim, 0]]

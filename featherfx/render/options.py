@@ -34,7 +34,8 @@ class PictureOptions:
     feathers to look at closely; the others are drawn only with surroundings. against: another
     cache, drawn beside this one. scenery: further USD files whose meshes are drawn. bare: whether
     skin and colliders of the shot are left out. samples: rays a pixel, one of SAMPLES. turntable:
-    number of views around the upright axis, 0 for none. f_stop: of the lens, sharp at the middle of
+    number of views around the upright axis, 0 for none. floor: whether there is one under what is
+    looked at, which takes its shadow. f_stop: of the lens, sharp at the middle of
     what is framed; 0: all is sharp. overwrite: whether files that exist are replaced.
     """
 
@@ -53,6 +54,7 @@ class PictureOptions:
     bare: bool = False
     samples: int = 16
     turntable: int = 0
+    floor: bool = False
     f_stop: float = 0.0
     overwrite: bool = False
 
@@ -110,6 +112,8 @@ def check_options(path: Path, output: Path, options: PictureOptions) -> None:
     if options.against is not None and not options.is_look:
         told = f"'{options.colour}' would have a scale for each file; allowed: shaded, region"
         problems.append(Problem("preview", "colour", told))
+    if options.floor and not options.is_look:
+        problems.append(Problem("preview", "floor", f"'{options.colour}' has no shadows to take"))
     if not os.path.isdir(output.parent):
         problems.append(Problem(str(output.parent), "", "folder does not exist"))
     others = () if options.against is None else (options.against,)

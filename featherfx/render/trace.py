@@ -12,8 +12,9 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from featherfx.render.camera import Eye
-from featherfx.render.geometry import Geometry
+from featherfx.render.geometry import Geometry, geometry_of, joined
 from featherfx.render.light_kernels import (
+    FLOOR,
     Lights,
     Points,
     Surface,
@@ -29,9 +30,10 @@ from featherfx.render.light_kernels import (
 Array = NDArray[np.float64]
 
 ROWS_AT_ONCE = 16
+_FLOOR = 40.0  # half of a floor's side, over the size of all that stands on it
 _LAYERS = 4  # of vanes that light of the sun may pass; what lies under more is dark
 _OFFSET = 2e-5  # of the size of all that is drawn: how far rays start off a surface
-_TOP, _BOTTOM = np.array([0.64, 0.68, 0.73]), np.array([0.40, 0.43, 0.47])
+_TOP, _BOTTOM = np.array([0.70, 0.73, 0.77]), np.array([0.50, 0.52, 0.55])
 # light of the sun and of the sky at zenith, horizon and ground; tangent of the sun's half angle
 _SUN, _SUN_RADIUS = (2.15, 1.95, 1.65), 0.10
 _SKY = (0.50, 0.62, 0.80), (0.78, 0.81, 0.85), (0.36, 0.31, 0.26)
@@ -64,6 +66,15 @@ def _harmonics(zenith: Array, horizon: Array, ground: Array) -> Array:
     return np.asarray(received[:, None] * (orders.T @ sky))
 
 
+def _floor(middle: Array, height: float, half: float) -> Geometry:
+    """A square around a middle (3,), at a height."""
+    corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
+    points = np.array([(middle[0] + x, middle[1] + y, height) for x, y in corners])
+    triangles = np.array([(0, 1, 2), (0, 2, 3)])
+    up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    return geometry_of(points, triangles, FLOOR, up, np.ones(3))
+
+
 def _points(count: int) -> Points:
     """Room for what `count` rays hit."""
     places, beyond, normals, tangents, colours, to_sun, to_sky = np.zeros((7, count, 3), np.float32)
@@ -73,15 +84,26 @@ def _points(count: int) -> Points:
 
 class Tracer:
     """Draws one pose as one camera sees it. samples: rays a pixel, a power of 2. values: whether
-    colours stand for values, so that there is neither light nor shadow."""
+    colours stand for values, so that there is neither light nor shadow. floor: height, m, of a
+    floor that takes shadow; None: there is none."""
 
-    def __init__(self, geometry: Geometry, eye: Eye, samples: int, values: bool) -> None:
+    def __init__(
+        self,
+        geometry: Geometry,
+        eye: Eye,
+        samples: int,
+        values: bool,
+        floor: float | None = None,
+    ) -> None:
         self._samples, self._values = samples, values
         # single precision: an origin amid what is drawn keeps far-off scenes exact
         low, high = geometry.points.min(axis=0), geometry.points.max(axis=0)
         middle = 0.5 * (low + high)
         self.lens, self._lights = eye.lens(middle), lights_of(eye)
-        self._offset = _OFFSET * float((high - low).max())
+        size = float((high - low).max())
+        self._offset = _OFFSET * size
+        if floor is not None:
+            geometry = joined([geometry, _floor(middle, floor - self._offset, _FLOOR * size)])
         self._embree = rtcore_scene.EmbreeScene()
         points = np.ascontiguousarray(geometry.points - middle, dtype=np.float32)
         self._mesh = TriangleMesh(self._embree, points, geometry.triangles)
@@ -105,17 +127,17 @@ class Tracer:
         camera_rays(tile)
         found = self._hits(tile.origins, rays)
         which = np.flatnonzero(found["primID"] >= 0)
-        sums, covered = np.zeros((count * lens.columns, 3)), np.zeros(count * lens.columns)
-        if len(which):
-            shown = self._shown(tile, found, which)
-            gather(which, samples, shown, sums, covered)
         place = np.repeat((top + np.arange(count) + 0.5) / lens.rows, lens.columns)[:, None]
         behind = _TOP + (_BOTTOM - _TOP) * place**1.5
+        sums, covered = np.zeros((count * lens.columns, 3)), np.zeros(count * lens.columns)
+        if len(which):
+            shown = self._shown(tile, found, which, behind)
+            gather(which, samples, shown, sums, covered)
         picture = (sums + (samples - covered)[:, None] * behind) / samples
         return np.round(255 * picture.clip(0, 1)).astype(np.uint8).reshape(count, -1, 3)
 
-    def _shown(self, tile: Tile, found: dict[str, Any], which: Any) -> Array:
-        """(N, 3) colours of the samples `which`, 0 to 1."""
+    def _shown(self, tile: Tile, found: dict[str, Any], which: Any, behind: Array) -> Array:
+        """(N, 3) colours of the samples `which`, 0 to 1. behind: (P, 3) of what is behind all."""
         points, shown = _points(len(which)), np.zeros((len(which), 3))
         hits = tuple(found[name] for name in ("primID", "u", "v", "tfar", "Ng"))
         surface, lights = self._surface, self._lights
@@ -126,6 +148,8 @@ class Tracer:
         sunlight = self._sunlight(points)
         sky = self._hits(points.beyond, points.to_sky)["primID"]
         shade(surface, lights, points, tile.rays, which, sunlight, sky, shown)
+        on_floor = np.flatnonzero(points.material == FLOOR)
+        shown[on_floor] *= behind[which[on_floor] // self._samples]
         return shown
 
     def _sunlight(self, points: Points) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom
+from scipy.spatial import ConvexHull
 
 from featherfx import export_groom
 from featherfx.errors import InputError, InputWarning
@@ -158,6 +159,31 @@ def test_shadows_are_soft(two_squares, tmp_path):
     full = np.median(lit)
     assert 60 < lit.min() < 0.75 * full
     assert ((lit > lit.min() + 60) & (lit < full - 60)).any()
+
+
+def test_a_floor_takes_shadow_and_has_no_colour(two_squares, tmp_path):
+    stage = Usd.Stage.Open(str(two_squares))
+    define_square(stage, "low", 0.1, 0.0)
+    define_square(stage, "high", 0.6, 0.8)
+    stage.Save()
+    free, stands = (
+        picture(two_squares, tmp_path / "a.png", floor=floor, samples=16) for floor in (False, True)
+    )
+    darker = (free - stands).max(axis=2)
+    assert darker[~covered(free)].max() > 40
+    assert (darker >= -1).all()
+    assert (darker <= 1).mean() > 0.5
+
+
+def test_a_body_is_seen_upright():
+    directions = np.random.default_rng(3).normal(size=(60, 3))
+    ball = ConvexHull(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    points = ball.points * (2.0, 1.0, 1.0)
+    right, up = axes_of("auto", points, ball.simplices)
+    assert right[2] == 0
+    assert up[2] > 0.9
+    # to the right where its longest axis is positive
+    assert right[0] > 0.8
 
 
 def test_a_lens_blurs_what_is_out_of_focus(two_squares, tmp_path):
