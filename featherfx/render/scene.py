@@ -129,9 +129,16 @@ def load_pose(cache: Cache, scene: DrawnScene, time: float | None) -> DrawnPose:
     return _pose(cache, scene.chosen, scene.triangles, scene.to_world, time)
 
 
-def load_points(cache: Cache, scene: DrawnScene, time: float | None) -> Array:
-    """(V, 3) points alone, much faster than load_pose."""
-    points = np.concatenate(cache.points_of(scene.chosen.tolist(), time), dtype=float)
+def load_points(
+    cache: Cache, scene: DrawnScene, time: float | None, among: Indices | None = None
+) -> Array:
+    """(V, 3) points alone, much faster than load_pose. among: ascending numbers of some of them,
+    which alone are read."""
+    chosen = scene.chosen.tolist()
+    if among is None:
+        points = np.concatenate(cache.points_of(chosen, time), dtype=float)
+    else:
+        points = cache.some_points_of(chosen, time, among)
     return points if (scene.to_world == np.eye(3)).all() else points @ scene.to_world
 
 

@@ -153,19 +153,22 @@
   const ramps = Object.fromEntries(header.values.map((v) => [v.name, table(v.ramp)]));
   ramps.velocity = ramps.difference = table(header.ramp);
 
-  // Without a graphics card smooth edges take more time than all else.
+  // The address may say what draws: page.html#webgl, page.html#software.
   function hasCard() {
+    if (["#webgl", "#software"].includes(location.hash)) return location.hash === "#webgl";
     const probe = document.createElement("canvas").getContext("webgl2"), info = probe?.getExtension("WEBGL_debug_renderer_info");
-    return !(info && /swiftshader|llvmpipe|software/i.test(probe.getParameter(info.UNMASKED_RENDERER_WEBGL)));
+    return probe && !(info && /swiftshader|llvmpipe|software/i.test(probe.getParameter(info.UNMASKED_RENDERER_WEBGL)));
   }
-  const renderer = new THREE.WebGLRenderer({ antialias: hasCard(), preserveDrawingBuffer: true });
+  const renderer = hasCard() ? new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true }) : softwareRenderer();
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
   document.body.prepend(renderer.domElement);
   const scene = new THREE.Scene();
   scene.background = new THREE.Color(0x4a4f57);
   const camera = new THREE.PerspectiveCamera(35, 1, 0.001, 1000);
   camera.up.set(0, 0, 1);
-  scene.add(new THREE.HemisphereLight(0xe8eefc, 0x6b5c4c, 1.6));
+  const sky = new THREE.HemisphereLight(0xe8eefc, 0x6b5c4c, 1.6);
+  sky.position.set(0, 0, 1);
+  scene.add(sky);
   const sun = new THREE.DirectionalLight(0xfff3e0, 2.2);
   camera.add(sun);
   sun.position.set(1, 1.5, 2);
@@ -192,21 +195,25 @@
   }
 
   // Half the resolution and fewer triangles while it moves, where drawing takes more than
-  // state.spare ms, step by step, with a try of the step before where there is time to spare; all
-  // where it stands. One frame of some is timed, to its end; the first sets drawing up. Below
-  // state.few triangles fewer bring nothing.
+  // state.spare ms, or less but so much that it plays slower than it should, step by step, with a
+  // try of the step before where there is time to spare; all where it stands. One frame of some is
+  // timed, to its end; the first sets drawing up. Below state.few triangles fewer bring nothing.
   const pixel = new Uint8Array(4);
   let untimed = 1, patience = 12, trying = false, step = 0, aimed = 0; // aimed: the level of the next frame
+  let since = 0, passed = 0; // when frames began to be counted, and how many came
   function drawMoving() {
+    passed++;
     if (untimed-- > 0) return draw();
-    const gl = renderer.getContext(), began = performance.now();
+    const gl = renderer.getContext?.(), began = performance.now();
     draw();
-    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+    gl?.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
     state.drawing = performance.now() - began;
     untimed = patience;
-    if (state.drawing > state.spare && step < steps()) {
-      const each = state.drawing / trianglesDrawn(first.level);
-      do step++; while (step < steps() && each * trianglesDrawn(Math.min(step, most())) > state.spare);
+    const pace = (began - since) / passed, isLate = state.playing && since && pace > 1.1 * frameTime() && state.drawing > 0.25 * pace;
+    [since, passed] = [began, 0];
+    if ((isLate || state.drawing > state.spare) && step < steps()) {
+      const each = state.drawing / trianglesDrawn(first.level), spare = Math.min(state.spare, 0.7 * state.drawing);
+      do step++; while (step < steps() && each * trianglesDrawn(Math.min(step, most())) > spare);
       patience = trying ? Math.min(2 * patience, 400) : patience;
       untimed = trying ? patience : 1;
       trying = false;
@@ -223,6 +230,8 @@
     return found < 0 ? first.levels.length - 1 : found;
   };
   const steps = () => Math.max(1, most());
+  // ms from frame to frame, of those that can be seen
+  const frameTime = () => Math.max(1000 / (Number(byId("speed").value) * header.framesPerSecond), 1000 / 24);
   const trianglesDrawn = (level) => halves().reduce((sum, each) => sum + each.levels[Math.min(level, each.levels.length - 1)].triangles, 0);
 
   // The step that is drawn next, before its points are put.
@@ -490,6 +499,7 @@
     byId("play").textContent = state.playing ? "stop" : "play";
     begun = performance.now();
     from = state.frame;
+    since = 0;
     if (state.playing) requestAnimationFrame(tick);
     else setFrame(state.frame); // in full
   }
@@ -500,8 +510,9 @@
     const wanted = (from + Math.floor(((now - begun) / 1000) * speed)) % state.frames;
     if (!busy && wanted !== state.frame) {
       busy = true;
+      const far = Math.min(Math.max((wanted - state.frame + state.frames) % state.frames, 1), 12);
       await setFrame(wanted);
-      const next = (wanted + 1) % state.frames; // ahead
+      const next = (wanted + far) % state.frames; // ahead, as far as it went this time
       shown.forEach((each, k) => each.frameOf(k ? ofSecond(next) : next, levelAsked(each)).catch(() => {}));
       busy = false;
     }

@@ -17,6 +17,7 @@ from featherfx.usd.write.output import file_problems
 from featherfx.view.played import Played, packed
 
 _FOLDER = Path(__file__).parent
+_SCRIPTS = ("software.js", "page.js")
 _KEPT_BYTES = 400_000_000  # of frames that a page keeps in memory
 # of the names of what belongs to one and another cache
 PREFIXES = ("", "second-")
@@ -49,7 +50,7 @@ def page(
         "TITLE": html.escape(title),
         "HEADER": packed(header),
         "THREE": _text("three.min.js"),
-        "SCRIPT": (_text("live.js") if "live" in header else "") + _text("page.js"),
+        "SCRIPT": "".join(_text(name) for name in [*["live.js"] * ("live" in header), *_SCRIPTS]),
     }
     before, after = _text("page.html").split("@DATA@")
     yield _filled(before, values)

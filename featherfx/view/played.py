@@ -35,6 +35,7 @@ from featherfx.usd.read.read import Cache
 from featherfx.view.thinned import Thinned, levels, thinned
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 _PLACES = 65535
@@ -178,7 +179,7 @@ class Played:
         return float(np.linalg.norm(np.ptp(own, axis=0)))
 
     @cached_property
-    def _levels(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    def _levels(self) -> list[tuple[Indices, Indices]]:
         return levels(self._scene.feathers, self._scene.starts, self._kept)
 
     def constant(self) -> bytes:
@@ -198,7 +199,10 @@ class Played:
     def frame(self, number: int, level: int = 0) -> bytes:
         """A frame by its place among `codes`, with the points of a level, 0 for all. Raises
         InputError where the cache has changed since it was opened, or cannot be read."""
-        return self.packed(self._points(number), level)
+        kept = self._kept.points
+        if level:
+            kept = kept[self._levels[level - 1][0]]
+        return _packed(self._points(number, kept))
 
     def value(self, name: str, number: int) -> bytes:
         """A value of all points in a frame, as `frame`."""
@@ -212,18 +216,14 @@ class Played:
             raise InputError(Problem(str(self.path), "", "has changed; open it again"))
         return self.codes[number]
 
-    def _points(self, number: int) -> Array:
-        return load_points(self._cache, self._scene, self._code(number))
+    def _points(self, number: int, among: Indices | None = None) -> Array:
+        if among is not None and len(among) == len(self._scene.rest.points):
+            among = None
+        return load_points(self._cache, self._scene, self._code(number), among)
 
-    def packed(self, points: Array, level: int = 0) -> bytes:
-        """A frame of all points (V, 3), with those of a level."""
-        own = points if len(self._kept.points) == len(points) else points[self._kept.points]
-        own = own[self._levels[level - 1][0]] if level else own
-        # column by column, which numpy does much faster
-        low, high = (np.array([end(each) for each in own.T]) for end in (np.min, np.max))
-        size = np.maximum(high - low, 1e-9)
-        places = (own - low) * (_PLACES / size) + 0.5
-        return np.concatenate([low, size]).astype("<f4").tobytes() + places.astype("<u2").tobytes()
+    def packed(self, points: Array) -> bytes:
+        """A frame of all points (V, 3)."""
+        return _packed(points[self._kept.points])
 
     def valued(self, name: str, points: Array, hooked: Array | None = None) -> bytes:
         """A value of all points (V, 3). hooked: as of DrawnPose, where that is asked for."""
@@ -274,6 +274,14 @@ class Played:
 def packed(header: Mapping[str, Any]) -> str:
     """JSON that may stand within a script of a page."""
     return json.dumps(header, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _packed(points: Array) -> bytes:
+    # column by column, which numpy does much faster
+    low, high = (np.array([end(each) for each in points.T]) for end in (np.min, np.max))
+    size = np.maximum(high - low, 1e-9)
+    places = (points - low) * (_PLACES / size) + 0.5
+    return np.concatenate([low, size]).astype("<f4").tobytes() + places.astype("<u2").tobytes()
 
 
 def _bytes(colours: Array) -> Bytes:

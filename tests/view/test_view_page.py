@@ -201,6 +201,36 @@ def test_a_file_plays_in_a_browser(cache, tmp_path):
     assert told["moving"] > 0.01
 
 
+# the picture in blocks of 8 by 8 pixels, each its mean
+BLOCKS = f"""
+(async () => {{
+  {PIXELS}
+  const all = shot(), told = [];
+  for (let y = 40; y + 8 < copy.height - 48; y += 8)
+    for (let x = 0; x + 8 < copy.width; x += 8) {{
+      const sum = [0, 0, 0];
+      for (let k = 0; k < 64; k++)
+        for (let c = 0; c < 3; c++)
+          sum[c] += all[4 * ((y + (k >> 3)) * copy.width + x + (k & 7)) + c] / 64;
+      told.push(sum.map(Math.round));
+    }}
+  document.title = JSON.stringify({{ told }});
+}})();
+"""
+
+
+@needs_browser
+def test_the_processor_draws_what_a_card_does(cache, tmp_path):
+    write_page([cache], tmp_path / "page.html", EVERYTHING, overwrite=False)
+    page = with_steps(tmp_path / "page.html", BLOCKS).as_uri()
+    pictures = [
+        np.array(result_of(browse(page + end, tmp_path))["told"]) for end in ("#webgl", "#software")
+    ]
+    assert np.ptp(pictures[0], axis=0).min() > 30  # there is something in it
+    assert np.abs(pictures[0] - pictures[1]).mean() < 1.0
+    assert np.quantile(np.abs(pictures[0] - pictures[1]), 0.99) < 25  # edges are smooth in one
+
+
 @needs_browser
 def test_two_caches_stand_side_by_side_or_as_their_difference(cache, tmp_path):
     other, page = cache.with_name("others.usdc"), tmp_path / "page.html"

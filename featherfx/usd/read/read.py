@@ -147,6 +147,7 @@ class Cache:
         if not found:
             raise InputError(Problem(str(path), "", "holds no visible mesh"))
         self._own = [own for own, _ in found]
+        self._last_runs: tuple[list[int], list[list[int]]] = [], []
         names = unique_prim_names([feather.name for _, feather in found])
         self.feathers = tuple(
             replace(feather, name=name) for (_, feather), name in zip(found, names, strict=True)
@@ -214,16 +215,30 @@ class Cache:
         found = []
         for run in self._runs(chosen):
             points, matrix, _ = self._placed(run, time)
-            moved = points.astype(float)
-            if (matrix != np.eye(4)).any():
-                moved = transformed(moved, matrix)
+            moved = _moved(points, matrix)
             own = [self._own[index].points for index in run]
             ends = [0 if each.start is None else each.start - own[0].start for each in own]
             found += [moved[a:b] for a, b in pairwise([*ends, len(moved)])]
         return found
 
-    def _runs(self, chosen: Sequence[int]) -> Iterator[list[int]]:
+    def some_points_of(self, chosen: Sequence[int], time: float | None, among: Indices) -> Array:
+        """(P, 3) points of feathers, one after the other, as `points_of` has them: those with the
+        ascending numbers among (P,) alone, in the time that these take."""
+        found, before, first = [], 0, 0
+        for run in self._runs(chosen):
+            points, matrix, _ = self._placed(run, time)
+            last = int(np.searchsorted(among, before + len(points)))
+            found.append(_moved(points[among[first:last] - before], matrix))
+            before, first = before + len(points), last
+        return np.concatenate(found)
+
+    def _runs(self, chosen: Sequence[int]) -> list[list[int]]:
         """The feathers in pieces of which all points follow each other in one mesh."""
+        if self._last_runs[0] != (chosen := list(chosen)):
+            self._last_runs = chosen, list(self._new_runs(chosen))
+        return self._last_runs[1]
+
+    def _new_runs(self, chosen: Sequence[int]) -> Iterator[list[int]]:
         run: list[int] = []
         for index in chosen:
             if run:
@@ -323,6 +338,12 @@ def _scenery(stage: Any) -> Iterator[dict[str, Any]]:
             isinstance(entry.get(key), kind) for key, kind in kinds.items()
         ):
             yield entry
+
+
+def _moved(points: Floats, matrix: Array) -> Array:
+    """Points in the world, in double precision."""
+    points = points.astype(float)
+    return transformed(points, matrix) if (matrix != np.eye(4)).any() else points
 
 
 def _unit(vectors: Any) -> Any:
