@@ -15,7 +15,9 @@ from featherfx.cli.view import serve
 
 # what is simulated where a preset is given: one feather of it, or of this kind
 _KIND, _WIND, _MOTION = "swan_primary", "breeze", "hold"
-_FAMILIES = ("feather", "material/vane", "material/rachis", "wind", "motion")
+_FAMILIES = ("feather", "material/vane", "material/rachis", "wind", "motion", "wing")
+# of a wing that is tuned by itself, which has some two hundred feathers with its coverts
+_OF_WING = "wing_primary_*"
 
 
 @click.command(
@@ -23,6 +25,7 @@ _FAMILIES = ("feather", "material/vane", "material/rachis", "wind", "motion")
     short_help="Change presets by sliders, in a browser, while feathers are simulated.",
     epilog="""
     featherfx tune swan_primary
+    featherfx tune wing/pigeon --motion flap
     featherfx tune samples/breeze/shot.toml --feather 'right_primary_0?' --into my_presets
     featherfx bake samples/breeze/shot.toml -o breeze.usdc --presets my_presets
     """,
@@ -33,7 +36,8 @@ _FAMILIES = ("feather", "material/vane", "material/rachis", "wind", "motion")
     "feathers",
     multiple=True,
     metavar="ID",
-    help="Only these of a shot, with * and ? as wild cards. Repeatable.",
+    help=f"Only these of a shot or wing, with * and ? as wild cards. Repeatable.  [default: all of"
+    f" a shot, {_OF_WING} of a wing]",
 )
 @click.option(
     "--into",
@@ -60,7 +64,7 @@ def tune(
     overwrite: bool,
     **serving: Any,
 ) -> None:
-    """Simulate a SHOT (TOML), or one feather of a PRESET, and change its presets by sliders.
+    """Simulate a SHOT (TOML), or a feather or wing of a PRESET, and change its presets by sliders.
 
     Drag a feather to pull it, beside it to turn the view (with shift anywhere); b blows along the
     view while it is held. `save` writes presets with only what was changed, which extend those of
@@ -74,20 +78,23 @@ def tune(
     given = shot.suffix == ".toml"
     if given and (wind or motion):
         raise click.UsageError("--wind and --motion are for presets; a shot has its own")
-    if feathers and not given:
-        raise click.UsageError("--feather is for shots")
     with tempfile.TemporaryDirectory(prefix="featherfx-") as name:
         folder = Path(name)
         if not given:
-            shot = _stage(what, folder, preset_folders, wind or _WIND, motion or _MOTION)
+            shot, family = _stage(what, folder, preset_folders, wind or _WIND, motion or _MOTION)
+            if feathers and family != "wing":
+                raise click.UsageError("--feather is for shots and wings")
+            feathers = feathers or [_OF_WING] * (family == "wing")
         source = Source(shot, folder, feathers, quality, preset_folders, default_jobs())
         with Live(source, presets_of(source)) as live:
             server = LiveServer(live, into, overwrite, serving["port"] or 0)
             serve(server, serving["no_browser"])
 
 
-def _stage(preset: str, folder: Path, folders: Sequence[Path], wind: str, motion: str) -> Path:
-    """A shot of one feather that a preset is of."""
+def _stage(
+    preset: str, folder: Path, folders: Sequence[Path], wind: str, motion: str
+) -> tuple[Path, str]:
+    """A shot of one feather, or of a wing, that a preset is of, and the preset's family."""
     from featherfx.errors import InputError, Problem
     from featherfx.groom.presets.presets import load_preset, toml_of
 
@@ -95,6 +102,10 @@ def _stage(preset: str, folder: Path, folders: Sequence[Path], wind: str, motion
     name = preset.rpartition("/")[2]
     if family not in _FAMILIES:
         told = f"is a {family} preset, allowed: {', '.join(_FAMILIES)}"
+        if family == "bird":
+            told += (
+                "; a bird needs a body, so give a shot that has one (featherfx sample first_bird)"
+            )
         raise InputError(Problem("tune", preset, told))
     feather = {"id": "feather", "kind": name if family == "feather" else _KIND}
     own = {"wind": wind, "motion": motion} | (
@@ -104,8 +115,12 @@ def _stage(preset: str, folder: Path, folders: Sequence[Path], wind: str, motion
     lines += [f"{key} = {toml_of(value)}" for key, value in feather.items()]
     if family.startswith("material/"):
         lines.append(f"overrides = {{ {family[9:]}_material = {toml_of(name)} }}")
+    if family == "wing":
+        own_wing = {"id": "wing", "type": name, "shoulder": [0, 0, 0], "fold": 0}
+        lines = ['name = "groom"', "[[wing]]"]
+        lines += [f"{key} = {toml_of(value)}" for key, value in own_wing.items()]
     (folder / "groom.toml").write_text("\n".join(lines), encoding="utf-8")
     shot = {"name": name, "groom": "groom.toml", "frames": [1, 2], **own}
     text = "\n".join(f"{key} = {toml_of(value)}" for key, value in shot.items())
     (folder / "shot.toml").write_text(text, encoding="utf-8")
-    return folder / "shot.toml"
+    return folder / "shot.toml", family

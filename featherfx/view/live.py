@@ -345,7 +345,8 @@ class Live:
     def _take(self, made: Made) -> None:
         """Go on with another simulation from where this one stands."""
         before, again, self._again = self._made, self._again, False
-        goes_on = not again and made.simulation.reshaped(before.simulation)
+        stays = np.array_equal(_roots(made.shot), _roots(before.shot))
+        goes_on = not again and stays and made.simulation.reshaped(before.simulation)
         frames = iter(made.simulation)
         if not goes_on:
             self._frame = next(frames)
@@ -431,17 +432,33 @@ def _vector(values: Any) -> Array:
 
 
 def presets_of(source: Source) -> Tuned:
-    """The presets that a shot names: of its feathers' kinds, and of its wind and motion.
+    """The presets that a shot names: of its feathers' kinds, of its wind and motion, and of wings
+    and birds of its groom.
 
     A value that the shot or its groom says itself wins over presets, in what is shown as in a bake.
     """
     problems = Problems()
-    raw = load_toml(source.shot, problems) or {}
-    problems.raise_any()
     shot, library = read_shot(source.shot, source.folders), Library(source.folders, problems)
+    raw = load_toml(source.shot, problems) or {}
+    groom = source.shot.parent / str(raw.get("groom", ""))
+    made = (load_toml(groom, problems) or {}) if groom.suffix == ".toml" else {}
+    problems.raise_any()
     kinds = dict.fromkeys(each.kind.name for each in some_of(shot, source.feathers))
     named = [("feather", name) for name in kinds]
-    for family, default in (("wind", "calm"), ("motion", "hold")):
-        given = raw.get(family, default)
-        named.append((family, given if isinstance(given, str) else str(given.get("base", ""))))
-    return Tuned([each for each in named if library.find(*each)], source.folders)
+    named += [
+        (name, _base(raw.get(name, of))) for name, of in (("wind", "calm"), ("motion", "hold"))
+    ]
+    named += [("wing", _base(each.get("type"))) for each in made.get("wing", ())]
+    named.append(("bird", _base(made.get("bird", {}).get("type"))))
+    found = dict.fromkeys(each for each in named if library.find(*each))
+    return Tuned(found, source.folders)
+
+
+def _roots(shot: Shot) -> Array:
+    """(N, 12) place and turn of each feather."""
+    return np.array([[*each.position, *np.ravel(each.rotation)] for each in shot.groom.feathers])
+
+
+def _base(given: Any) -> str:
+    """Name of the preset that a value is, or begins with."""
+    return str(given.get("base", "")) if isinstance(given, dict) else str(given or "")

@@ -32,7 +32,11 @@ from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset, toml_of
 
 # what is not of the mechanics, or decides which other keys there are
-_LEFT_OUT = {"feather": {"colour", "barbs", "scaling"}, "motion": {"kind", "amount"}}
+_LEFT_OUT = {
+    "feather": {"colour", "barbs", "scaling"},
+    "motion": {"kind", "amount"},
+    "bird": {"colours"},
+}
 # a slider goes through the whole range where the value is at least this part of it, else so many
 # times beyond the value; whole numbers so many on
 _PART, _FAR, _WHOLE = 0.1, 30.0, 100.0

@@ -18,6 +18,7 @@ from test_view_page import BROWSER_OPTIONS, PIXELS, needs_browser, scripted
 
 from featherfx.api import read_quality, read_shot
 from featherfx.cli.main import main
+from featherfx.cli.tune import _OF_WING, _stage
 from featherfx.errors import InputError
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
@@ -32,6 +33,7 @@ ANGLE = "feather/swan_primary:leading.guides.1.angle"
 YOUNG = "feather/swan_primary:rachis_material.young"
 HOOKS = "feather/swan_primary:vane_material.hooks"
 SPEED = "wind/calm:speed"
+YOUNG_OF_PRIMARY = "feather/primary:rachis_material.young"
 
 
 def test_sliders_are_the_declared_keys():
@@ -201,6 +203,28 @@ def test_changes_are_simulated_and_what_is_wrong_is_told(live):
     assert until(live, lambda told: told["time"] < 0.5)["frame"] < 13
 
 
+def test_a_wing_begins_again_with_other_bones(tmp_path):
+    shot, family = _stage("wing/pigeon", tmp_path, [], "calm", "hold")
+    source = Source(shot, tmp_path, [_OF_WING])
+    tuned = presets_of(source)
+    assert family == "wing"
+    assert {"wing/pigeon:humerus", "wing/pigeon:primaries.lengths.3", YOUNG_OF_PRIMARY} <= {
+        each.key for each in tuned.sliders
+    }
+    with Live(source, tuned) as live:
+        assert len(live.header()["feathers"]) == 10
+        before = until(live, lambda told: told["frame"] > 3)
+        root = live._frame.poses[0].points.nodes[0, 0]
+        live.change(YOUNG_OF_PRIMARY, 4e9)  # which moves no root: it goes on
+        young = lambda: live._made.shot.groom.feathers[0].kind.rachis_material.young  # noqa: E731
+        assert until(live, lambda _: young() == 4e9)["frame"] > before["frame"]
+        live.change("wing/pigeon:humerus", 0.055)  # 45 mm before
+        moved = lambda: np.linalg.norm(live._frame.poses[0].points.nodes[0, 0] - root)  # noqa: E731
+        told = until(live, lambda _: moved() > 0.005)
+        assert told["problem"] == ""
+        assert moved() == pytest.approx(0.01, abs=1e-4)
+
+
 @contextmanager
 def served(server):
     thread = threading.Thread(target=server.serve_forever, daemon=True)
@@ -318,6 +342,7 @@ def test_a_slider_of_the_page_changes_the_feather(live, tmp_path):
     [
         (["no_such"], "there is no such preset"),
         (["quality/draft"], "is a quality preset, allowed: feather"),
+        (["bird/pigeon"], "a bird needs a body, so give a shot"),
         (["missing.toml"], "there is no such file"),
         ([str(SHOT), "--feather", "x*"], "0 feathers, allowed 1 to 200"),
     ],

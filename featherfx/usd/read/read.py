@@ -342,8 +342,8 @@ def _scenery(stage: Any) -> Iterator[dict[str, Any]]:
 
 def _moved(points: Floats, matrix: Array) -> Array:
     """Points in the world, in double precision."""
-    points = points.astype(float)
-    return transformed(points, matrix) if (matrix != np.eye(4)).any() else points
+    exact: Array = points.astype(float)
+    return transformed(exact, matrix) if (matrix != np.eye(4)).any() else exact
 
 
 def _unit(vectors: Any) -> Any:
