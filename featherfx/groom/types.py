@@ -218,6 +218,14 @@ class VaneMaterial:
         "Poisson's effect. On barbs at an angle to the shaft twist is that between the barbs' "
         "direction and the shaft's.",
     ] = 0.5
+    ribbon: Annotated[
+        bool,
+        "Whether shaft and vanes are one flat strip, as a single long barb or a filoplume: "
+        "developable where it is thin, it bends with `bending_across`, twists at the cost of its "
+        "curvature and lets the air at its width. Both vanes together are its width; hooks and "
+        "the moduli of barbs and membrane do not count, nor what the shaft bears.",
+    ] = False
+    poisson: Annotated[float, Number(0, 0.5), "Poisson's ratio of a ribbon."] = 0.3
     loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
     compression_guard: Annotated[
         float,

@@ -15,7 +15,8 @@ from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
 from featherfx.mechanics.model import Hooks, Model, no_hooks
-from featherfx.mechanics.section import shaft_mass, shaft_stiffness
+from featherfx.mechanics.resolution import vane_width
+from featherfx.mechanics.section import shaft_mass, shaft_stiffness, strip_stiffness
 from featherfx.mechanics.vane_rest import (
     barb_nodes,
     cell_weights,
@@ -114,6 +115,8 @@ def make_model(
             known[key] = _constants(feather, kind, coefficients, elastic, touching)
         parts.append(known[key])
     stacked = {name: np.stack([getattr(p, name) for p in parts]) for name in _Constants._fields}
+    if not any(kind.vane_material.ribbon for kind in kinds):
+        stacked["rachis_rest"] = stacked["rachis_rest"][:, :, :6].copy()
     if not guarded:
         stacked["cell_guard"] = np.zeros((len(parts), 0, 0, 0, 0, 0))
     slips = any(may_slip(kind) for kind in kinds)
@@ -173,7 +176,7 @@ def _guard(feather: Feather, kind: FeatherKind, touching: bool) -> Array:
     vane, held = kind.vane_material, _held(feather, kind)
     own = vane.compression_guard * held
     fibres = own <= vane.compression_guard * LEAST_HOOKED
-    loose = 1.0 if _may_open(kind) else (1.0 - held) * touching
+    loose = 1.0 if _may_open(kind) else (1.0 - held) * (touching and not vane.ribbon)
     modulus = np.where(fibres, FIBRE_GUARD * loose, own)
     stiffness = GUARD_SCALE * vane.thickness * cells_at_rest(feather)[1] * modulus
     return np.stack([stiffness, np.where(fibres, FIBRE_SHARE, 1.0)], axis=-1)
@@ -195,7 +198,9 @@ def _constants(
     twist_rest, twist_stiffness = twists_at_rest(feather, cell_area)
     return _Constants(
         length=length,
-        rachis_rest=_rachis_rest(centre, frames, length),
+        rachis_rest=np.concatenate(
+            [_rachis_rest(centre, frames, length), _ribbon(feather, kind, length)], axis=1
+        ),
         rachis_stiffness=_rachis_stiffness(feather, kind, length),
         clamp=clamp,
         joints=joints,
@@ -220,6 +225,9 @@ def _constants(
 
 def _held(feather: Feather, kind: FeatherKind) -> Array:
     """(2, n-1, m, 2) share of each triangle's stiffness that its hooked barbules have."""
+    if kind.vane_material.ribbon:
+        # its stiffness is all in the shaft's
+        return np.full(feather.cell.shape, LEAST_HOOKED)
     return np.maximum(hooked_share(kind, feather), LEAST_HOOKED)
 
 
@@ -309,7 +317,28 @@ def _rachis_stiffness(feather: Feather, kind: FeatherKind, length: Array) -> Arr
     width = 0.5 * (feather.width[:-1] + feather.width[1:])
     height = 0.5 * (feather.height[:-1] + feather.height[1:])
     stretch, bend = shaft_stiffness(width, height, kind.rachis_material)
+    strip = _strip_width(feather, kind)[:, None]
+    flat = strip_stiffness(strip[:, 0], kind.vane_material)
+    stretch, bend = (
+        np.where(strip > 0.0, of, own) for of, own in zip(flat, (stretch, bend), strict=True)
+    )
     return np.concatenate([stretch * length[:, None], bend / length[:, None]], axis=1)
+
+
+def _strip_width(feather: Feather, kind: FeatherKind) -> Array:
+    """(n-1,) m, of the ribbon that each element is, 0 where it is a shaft."""
+    if not kind.vane_material.ribbon:
+        return np.zeros(feather.rows - 1)
+    width = vane_width(feather)
+    return np.asarray(0.5 * (width[:-1] + width[1:]))
+
+
+def _ribbon(feather: Feather, kind: FeatherKind, length: Array) -> Array:
+    """(n-1, 2) nu and f of ribbon_kernels."""
+    vane = kind.vane_material
+    flat = _strip_width(feather, kind) ** 2 / (vane.thickness * length)
+    beam = 1.0 - vane.poisson**2
+    return np.stack([np.full(len(length), vane.poisson), 3.0 / 16.0 * beam * flat**2], axis=1)
 
 
 def _mass(feather: Feather, kind: FeatherKind, cell_area: Array, length: Array) -> Array:
@@ -380,6 +409,11 @@ def _barb_stiffness(feather: Feather, kind: FeatherKind, coefficients: int, elas
     """
     vane = kind.vane_material
     length = feather.barb_length
+    if vane.ribbon:
+        # across itself the strip is a plate, within itself stiff
+        plate = vane.bending_across
+        stiff = plate * (float(length.max()) / vane.thickness) ** 2
+        vane = replace(vane, barb_bending_normal=plate, barb_bending_in_plane=stiff)
     scale = np.divide(feather.barb_span, length, out=np.zeros_like(length), where=length > 0)
     parts = []
     for bending, clamp in (

@@ -26,7 +26,7 @@ import numpy as np
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import FLOOR
-from featherfx.mechanics.section import shaft_mass, shaft_stiffness
+from featherfx.mechanics.section import shaft_mass, shaft_stiffness, strip_stiffness
 
 # share of the deflection that C = 0, 1, ... coefficients miss
 MISSED = (1.0, 0.16, 0.004, 0.0006, 0.0001)
@@ -39,6 +39,8 @@ ROWS = (6, 8, 11, 15, 21, 29, 41, 57, 81, 113, 161, 225, 321)
 def barb_deflection(feather: Feather, kind: FeatherKind, pressure: float) -> float:
     """m, how far a pressure (Pa) moves the end of the longest barb; at most the barb's length."""
     vane = kind.vane_material
+    if vane.ribbon:
+        return 0.0
     s = (np.arange(200) + 0.5) / 200
     stiffness = np.maximum((1.0 - s) ** vane.barb_taper, FLOOR)
     flexibility = float(np.mean((1.0 - s) ** 3 / (2.0 * stiffness)))
@@ -80,8 +82,12 @@ def rachis_deflection(
     section = kind.rachis_material
     line, _, _ = shaft_mass(feather.width, feather.height, section)
     _, bending = shaft_stiffness(feather.width, feather.height, section)
+    width = vane_width(feather)
+    if kind.vane_material.ribbon:
+        _, flat = strip_stiffness(width, kind.vane_material)
+        bending = np.where(width[:, None] > 0.0, flat, bending)
     on_vane = kind.vane_material.surface_density * acceleration + pressure
-    load = line * acceleration + vane_width(feather) * on_vane
+    load = line * acceleration + width * on_vane
     s = feather.station
     step = np.diff(s)
 

@@ -208,6 +208,16 @@ VANE_FAULTS = [
     ("trailing.splits = {number = 2, where = [0.6, 0.6]}", "0.6 is not above the first, 0.6"),
     ("leading = {outline = [], splits = {number = 1}}", "there is no vane on this side"),
     ("rachis.course = [[0.5, 0, 5, 0], [0.5, 0, 9, 0]]", "rachis.course[1][0]: 0.5 is not above"),
+    (
+        'vane_material = { ribbon = true, hooks = "open" }',
+        "vane_material.hooks: 'open' is not for vane_material.ribbon = true",
+    ),
+    (
+        "vane_material.ribbon = true\nleading.splits.number = 1",
+        "leading.splits: not for vane_material.ribbon = true",
+    ),
+    ("vane_material = { ribbon = true, bending_across = 0 }", "allowed: above 0 N m"),
+    ("vane_material = { ribbon = true, poisson = 0.6 }", "0.6 is out of range, allowed 0 to 0.5"),
     ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range, allowed 0 to 1"),
     ("rachis.diameter_tip = 0.02", "allowed up to diameter_base = 0.007 m"),
 ]

@@ -48,7 +48,7 @@ _UNCHANGED = 1e-12  # relative, of a length
 _VANE_STRENGTHS = (
     "along", "across", "shear", "surface_density", "barb_bending_normal", "barb_bending_in_plane",
     "bending_across", "twist_ratio", "loss_factor", "compression_guard", "barb_clamp_normal",
-    "barb_clamp_in_plane", "hook_yield_across", "hook_yield_shear", "hook_strength",
+    "barb_clamp_in_plane", "hook_yield_across", "hook_yield_shear", "hook_strength", "poisson",
 )  # fmt: skip
 _SHAFT_STRENGTHS = ("young", "shear", "cortex_density", "core_density", "loss_factor")
 

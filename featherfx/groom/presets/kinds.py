@@ -94,6 +94,8 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind | None:
         at = Place(source, place.child("rachis.diameter_tip").key, place.problems)
         at.fail(f"{tip:g} is out of range, allowed up to diameter_base = {base:g} m")
     _check_hooks(kind.vane_material, tree, place)
+    if kind.vane_material.ribbon:
+        _check_ribbon(kind, tree, place)
     if len(place.problems) > count:
         return None
     return dialled(kind, values["stiffness"], values["weight"])
@@ -110,6 +112,28 @@ def _check_hooks(vane: VaneMaterial, tree: Tree, place: Place) -> None:
     message += f"hook_yield_across = {limit:g} Pa"
     key = place.child("vane_material.hook_strength").key
     Place(source, key, place.problems).fail(message)
+
+
+def _check_ribbon(kind: FeatherKind, tree: Tree, place: Place) -> None:
+    """A ribbon is one sheet, which bends."""
+    sheet, sides = "vane_material.ribbon = true, a strip without gaps", ("leading", "trailing")
+    vane, shapes = kind.vane_material, [getattr(kind, side) for side in sides]
+    faults = [
+        (f"{side}.{key}", f"not for {sheet}; allowed: none")
+        for side, shape in zip(sides, shapes, strict=True)
+        for key, there in (("splits", shape.is_split), ("hooked", shape.hooked != Hooked()))
+        if there
+    ]
+    if vane.hooks != "closed":
+        message = f"'{vane.hooks}' is not for {sheet}; allowed: closed"
+        faults.append(("vane_material.hooks", message))
+    if vane.bending_across == 0.0:
+        message = "0 is out of range for a ribbon, which bends with it; allowed: above 0 N m"
+        faults.append(("vane_material.bending_across", message))
+    for key, message in faults:
+        source = _source(tree, *key.split("."))
+        source = place.source if source in ("", "default") else source
+        Place(source, place.child(key).key, place.problems).fail(message)
 
 
 def _vane_faults(kind: FeatherKind, vane: VaneShape) -> list[tuple[str, str]]:

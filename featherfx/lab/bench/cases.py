@@ -158,7 +158,7 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
     state.coefficient[0] = random.uniform(-bend, bend, state.coefficient[0].shape)
     unstretched = make_work(model).now
     load_pose(model, 0, state, unstretched)
-    unstretched.rachis[:] = model.rachis_rest[0]
+    unstretched.rachis[:] = model.rachis_rest[0, :, :6]
     rebuild_centres(model.length[0], unstretched)
     state.centre[0] = unstretched.centre
     pose = pose_of(model, state)

@@ -139,6 +139,9 @@ def _check(
     if model.hooked:
         message = "the nodal kinematics has no gaps that slip or open; allowed: closed, no splits"
         problems.append(Problem("", "vane_material.hooks", message))
+    if model.rachis_rest.shape[2] > 6:
+        message = "true; the nodal kinematics has no ribbons; allowed: false"
+        problems.append(Problem("", "vane_material.ribbon", message))
     if problems:
         raise InputError(*problems)
 

@@ -14,11 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
+from featherfx.feather.build import build_feather
+from featherfx.groom.types import (
+    BarbGuide,
+    FeatherKind,
+    RachisMaterial,
+    RachisShape,
+    VaneMaterial,
+    VaneShape,
+)
 from featherfx.lab.declare import FINITE, NOT_NEGATIVE, POSITIVE, out_of_range, part, require, value
 from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.motion import Air, Pace, RibbonMotion
 from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon
 from featherfx.lab.rods.rod import Rod, rod_loads, rod_model, tributary_length
+from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
 
@@ -190,4 +201,61 @@ def hang_rod(rod: Rod, line_density: float, clamp: Clamp = "level") -> Array:
     state = rest_state(model, np.zeros((1, 3)), root[None])
     state, status, _ = Solver(model, Settings(newton=1e-8 * rod.length)).equilibrium(state, loads)
     raise_if_failed(status, state.time, ["rod"])
+    return np.array(state.centre[0])
+
+
+# m, and moduli and density, of a shaft that is as good as none
+NO_SHAFT, NOTHING = 1e-5, 1.0
+
+
+def feather_of(ribbon: Ribbon, thickness: float) -> FeatherKind:
+    """The feather that a uniform ribbon is in a shot (mechanics/ribbon_kernels.py).
+
+    thickness: m. What it lacks beside the ribbon is what fans of rulings add where the strip is
+    wide; what it has besides, the stretch of a strip that is not infinitely thin.
+    """
+    half = 0.5 * ribbon.width / ribbon.length
+    vane = VaneShape(((0.0, half), (1.0, half)), (BarbGuide(0.0, 90.0), BarbGuide(1.0, 90.0)))
+    return FeatherKind(
+        name="ribbon",
+        length=ribbon.length,
+        calamus=0.0,
+        vane_material=VaneMaterial(
+            along=NOTHING,
+            across=NOTHING,
+            shear=NOTHING,
+            barb_bending_normal=NOTHING,
+            barb_bending_in_plane=NOTHING,
+            thickness=thickness,
+            surface_density=ribbon.surface_density,
+            bending_across=ribbon.rigidity,
+            ribbon=True,
+            poisson=ribbon.poisson,
+        ),
+        rachis_material=RachisMaterial(
+            young=NOTHING, shear=NOTHING, wall=1.0, cortex_density=NOTHING
+        ),
+        rachis=RachisShape(
+            NO_SHAFT, NO_SHAFT, camber=np.degrees(float(ribbon.rest_curvature) * ribbon.length)
+        ),
+        leading=vane,
+        trailing=vane,
+    )
+
+
+def hang_feather(kind: FeatherKind, rows: int, clamp: Clamp = "level") -> Array:
+    """(rows, 3) m, the shaft of a feather at rest in the frame of the ribbon experiments.
+
+    It leaves its plane as in `hang_rod`, then gravity is straight. Raises InputError,
+    SimulationError.
+    """
+    frame = clamp_frame(clamp)
+    model = make_model([build_feather(kind, rows, 1)], [kind], 0)
+    root = np.stack([frame[:, 2], frame[:, 0], frame[:, 1]], axis=1)
+    state = rest_state(model, np.zeros((1, 3)), root[None])
+    solver = Solver(model, Settings(newton=1e-6 * kind.length))
+    for tilt in (0.1, 0.0):
+        pull = GRAVITY + np.array([0.0, 0.0, tilt * np.linalg.norm(GRAVITY)])
+        state, status, _ = solver.equilibrium(state, no_loads(1, tuple(pull)))
+        raise_if_failed(status, state.time, [kind.name])
     return np.array(state.centre[0])

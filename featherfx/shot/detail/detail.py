@@ -186,7 +186,7 @@ def simulated_settings(
         own = settings_for(quality, feather, kind, bent[f], _pressure(kind, loads, f))
         if may_slip(kind):
             own = own._replace(columns=quality.columns)
-        if quality.coefficients == CHOSEN_BY_SOLVER:
+        if quality.coefficients == CHOSEN_BY_SOLVER and not kind.vane_material.ribbon:
             least = 2 if placement.id in pulled or free[f] >= 0 else 1
             own = own._replace(coefficients=max(own.coefficients, least))
         found.append(own)

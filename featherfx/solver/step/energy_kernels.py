@@ -13,6 +13,7 @@ from featherfx.jit.compiled import kernel
 from featherfx.mechanics.contact_kernels import contact_energy
 from featherfx.mechanics.director_kernels import couple_energy, director_energy
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
+from featherfx.mechanics.ribbon_kernels import curl_total
 from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, hooks_energy, twist_hold
 
@@ -99,6 +100,7 @@ def elastic_energy(model, f, strains, reference, gaps, strain_rate):
     vane = model.retardation[f, 1] * strain_rate
     return (
         _quadratic(strains.rachis, reference.rachis, model.rachis_stiffness[f], shaft)
+        + curl_total(model, f, strains.rachis)
         + _quadratic(strains.barb, reference.barb, model.barb_stiffness[f], vane)
         + _cell_energy(model, f, strains.cell, reference.cell, gaps, vane)
         + guard_total(model.cell_guard[f], strains.cell)

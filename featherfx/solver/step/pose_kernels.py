@@ -193,8 +193,9 @@ def rest_pose(model, positions, rotations, state, pose):
     for f in range(positions.shape[0]):
         store(pose.centre[0], positions[f])
         store_rotation(pose.rotation[0], rotations[f])
-        copy_values(model.rachis_rest[f], pose.rachis)
         for i in range(pose.rachis.shape[0]):
+            for k in range(6):
+                pose.rachis[i, k] = model.rachis_rest[f, i, k]
             bend = exponential(pose.rachis[i, 3:])
             after = normalised(multiply(pose.rotation[i], bend))
             store_rotation(pose.rotation[i + 1], after)
