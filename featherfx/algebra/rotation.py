@@ -49,13 +49,6 @@ def vectors_to_frames(vectors: Array) -> Array:
     return np.asarray(flat.reshape(*vectors.shape, 3))
 
 
-def rotation_matrices(vectors: Array) -> Array:
-    """(N, 3) rotation vectors, rad, to (N, 3, 3) rotation matrices."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_rotvec(vectors).as_matrix())
-
-
 def along_rows(quats: Array) -> Array:
     """(..., n, 4) quaternions with the signs that are nearest to those of the row before.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.algebra.rotation import vectors_to_frames
 
 Array = NDArray[np.float64]
 
@@ -35,31 +35,35 @@ class Bow:
     edge: float
     curvature: float
 
-    def way(self, position: Array, rotation: Array, length: float) -> float:
-        """m, of the middle of a shaft across the cylinder."""
-        return float((position + 0.5 * length * rotation[:, 0] - self.middle) @ self.across)
+    def ways(self, positions: Array, rotations: Array, lengths: Array) -> Array:
+        """(N,) m, of the middles of shafts across the cylinder."""
+        middles = positions + 0.5 * lengths[:, None] * rotations[:, :, 0]
+        return np.asarray((middles - self.middle) @ self.across)
 
-    def bent(self, way: float, root: Array, position: Array) -> tuple[Array, Array]:
-        """The (3, 3) turn and the new place (3,) m of a position in the plane.
+    def bent(self, ways: Array, roots: Array, positions: Array) -> tuple[Array, Array]:
+        """The (N, 3, 3) turns and the new places (N, 3) m of positions in the plane.
 
-        way: m across. root: (3,) m, of the flight feather that it belongs to.
+        ways: (N,) m across. roots: (N, 3) m, of the flight feathers that they belong to.
         """
-        way = min(way, self.edge)
+        ways = np.minimum(ways, self.edge)
         sense = float(np.cross(self.across, self.dorsal) @ self.along)
         # outwards is down the cylinder: the dorsal side turns towards `across`
-        turn = from_rotation_vector(-sense * way / self.radius * self.along)
+        turns = vectors_to_frames(np.outer(-sense * ways / self.radius, self.along))
+        arcs, positions = self._along_arc(roots, positions)
         centre = self.middle - self.radius * self.dorsal
-        arc, position = self._along_arc(root, position)
-        return turn @ arc, centre + turn @ (position - way * self.across - centre)
+        flat = positions - np.outer(ways, self.across) - centre
+        return turns @ arcs, centre + np.einsum("nij,nj->ni", turns, flat)
 
-    def _along_arc(self, root: Array, position: Array) -> tuple[Array, Array]:
+    def _along_arc(self, roots: Array, positions: Array) -> tuple[Array, Array]:
         if self.curvature == 0.0:
-            return np.eye(3), position
-        way = float((root - self.middle) @ self.along)
-        axis = np.cross(self.dorsal, self.along)
-        turn = from_rotation_vector(way * self.curvature * axis)
+            return np.eye(3), positions
+        ways = (roots - self.middle) @ self.along
+        turns = vectors_to_frames(
+            np.outer(ways * self.curvature, np.cross(self.dorsal, self.along))
+        )
         centre = self.middle - self.dorsal / self.curvature
-        return turn, centre + turn @ (position - way * self.along - centre)
+        flat = positions - np.outer(ways, self.along) - centre
+        return turns, centre + np.einsum("nij,nj->ni", turns, flat)
 
 
 _FLATTEST = 1e-6  # rad, for a wing that bends along its feathers alone

@@ -123,10 +123,8 @@ def lying(kind: WingType, bones: WingBones, scale: float) -> tuple[Array, Array,
     roots = roots - scale * kind.lift * _below(remiges)[:, None] * frames[:, :, 2]
     bow = _bow(kind, bones, remiges, scale)
     if bow is not None:
-        ways = [bow.way(*each) for each in zip(roots, frames, remiges.lengths, strict=True)]
-        bent = [bow.bent(*each) for each in zip(ways, remiges.roots, roots, strict=True)]
-        frames = np.stack([turn for turn, _ in bent]) @ frames
-        roots = np.stack([place for _, place in bent])
+        turns, roots = bow.bent(bow.ways(roots, frames, remiges.lengths), remiges.roots, roots)
+        frames = turns @ frames
     return roots, frames, remiges.lengths
 
 
@@ -413,21 +411,21 @@ def _feathers(wing: _Wing, remiges: _Remiges, row: _Row) -> Iterator[Draft]:
     roots, frames = _in_plane(wing, remiges, row)
     if closed is not None:
         shut = _in_plane(closed.wing, closed.remiges, row)
+        ways = closed.bow.ways(*shut, row.lengths)
+        turns, places = closed.bow.bent(ways, closed.remiges.roots[row.own], shut[0])
     share = float(bow_share(wing.bones.fold[2]))
     for k, remex in enumerate(row.own):
         length, root = float(row.lengths[k]), remiges.roots[remex]
         position, rotation, wrap = roots[k], frames[k], (0.0, 0.0)
         turning = Turning((wing.joint(1), wing.joint(2)), float(remiges.shares[remex]), root)
         if closed is not None:
-            way = closed.bow.way(shut[0][k], shut[1][k], length)
-            turn, place = closed.bow.bent(way, closed.remiges.roots[remex], shut[0][k])
             back = rotation @ shut[1][k].T  # from the folded wing to this one
-            bow = back @ rotation_vectors(turn)
-            shift = back @ (place - shut[0][k])
+            bow = back @ rotation_vectors(turns[k])
+            shift = back @ (places[k] - shut[0][k])
             turning = replace(turning, bow=bow, shift=shift)
             position = position + share * shift
             rotation = from_rotation_vector(share * bow) @ rotation
-            within = _bent(kind, row.width * length, closed.bow.edge - way)
+            within = _bent(kind, row.width * length, closed.bow.edge - ways[k])
             bent = share * length / closed.bow.radius * within
             wrap = float(bent[0]), float(bent[1])
         yield Draft(

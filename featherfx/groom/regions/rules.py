@@ -29,9 +29,11 @@ class Presence:
     inputs: tuple[Any, ...]
 
     def __call__(self, points: SurfacePoints) -> Array:
-        result = np.ones(len(points))
+        result, left = np.ones(len(points)), np.arange(len(points))
         for rule in self.rules:
-            result = result * rule(points)
+            result[left] *= rule(points if len(left) == len(points) else points.some(left))
+            # what one rule leaves out no other brings back
+            left = left[result[left] > 0.0]
         return result
 
 

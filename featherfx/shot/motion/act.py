@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.ease import eased
-from featherfx.algebra.rotation import rotation_matrices, rotation_vectors
+from featherfx.algebra.rotation import rotation_vectors, vectors_to_frames
 from featherfx.groom.keys.preset import STEADY, Clock
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 
@@ -35,7 +35,7 @@ def clocked(poses: PosesOverTime, clock: Clock) -> PosesOverTime:
         found, amount = poses(own), eased(times, amounts, own)
         if amount == 1.0:
             return found
-        rotations = rotation_matrices(amount * rotation_vectors(found.rotations))
+        rotations = vectors_to_frames(amount * rotation_vectors(found.rotations))
         return JointPoses(rotations, amount * found.displacements)
 
     return changed

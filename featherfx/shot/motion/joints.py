@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from featherfx.algebra.ease import smooth_step
 from featherfx.algebra.rotation import (
     from_rotation_vector,
-    rotation_matrices,
     rotation_vectors,
     shared_turns,
+    vectors_to_frames,
 )
 from featherfx.errors import InputError, Problem
 from featherfx.groom.anatomy.bow import bow_share
@@ -99,7 +99,7 @@ class Bows:
         more = (bow_share(folds) - bow_share(self.folds))[self.joints, None]
         positions, rotations = at_rest.positions.copy(), at_rest.rotations.copy()
         positions[self.members] += more * self.shifts
-        turn = rotation_matrices(more * self.turns)
+        turn = vectors_to_frames(more * self.turns)
         rotations[self.members] = turn @ rotations[self.members]
         return RootFrames(positions, rotations)
 
