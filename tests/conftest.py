@@ -7,12 +7,13 @@ import sys
 
 import pytest
 
+# all that steps and contact need
 STEPS = """
 import tempfile
 from pathlib import Path
 from featherfx import bake
 with tempfile.TemporaryDirectory() as folder:
-    shot, output = Path("samples/swan_wing/shot.toml"), Path(folder) / "wing.usdc"
+    shot, output = Path("samples/flapping_bird/shot.toml"), Path(folder) / "bird.usdc"
     bake(shot, output, frames=(1, 2), quality="draft")
 """
 # half a minute of one core, which the helpers of the steps leave free; its tests are many
@@ -20,6 +21,8 @@ BIRD = """
 from featherfx import read_groom
 read_groom("samples/pigeon/groom.toml")
 """
+# rooms whose tests call kernels that no other does: compiled by one process, not by several at once
+ALONE = frozenset({"mechanics", "nodal", "render", "solver"})
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("FEATHERFX_COMPILERS", "1")
@@ -32,3 +35,14 @@ def pytest_xdist_setupnodes(config, specs):
         for work in ((STEPS, BIRD) if whole else (STEPS,))
     ]
     assert not any([work.wait() for work in works])
+
+
+def pytest_xdist_make_scheduler(config, log):
+    from xdist.scheduler import LoadFileScheduling
+
+    class Rooms(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            room = nodeid.split("/")[1]
+            return room if room in ALONE else super()._split_scope(nodeid)
+
+    return Rooms(config, log)
