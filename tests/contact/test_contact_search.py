@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from contact_cases import THICKNESS, free_feathers
 
-from featherfx.solver.contact.colour_kernels import colour_some, neighbours
-from featherfx.solver.contact.run import no_colours, no_islands
+from featherfx.solver.contact.colour_kernels import colour_island, colour_some, neighbours
+from featherfx.solver.contact.run import islands_before, no_colours
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.surfaces import (
     WALL_FIT,
@@ -159,8 +159,11 @@ def test_bodies_that_touch_differ_in_colour():
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     active = rng.random(41) < 0.8
     colours, marks = no_colours(41), in_one_island(active)
-    colour_some(neighbours(pairs, 41), marks, no_islands(1), colours)
-    colour = colours.colour
+    near, islands = neighbours(pairs, 41), islands_before(1, marks.island, 1)
+    colour_some(near, marks, islands, colours)
+    colour, alone = colours.colour, no_colours(41)
+    assert colour_island(0, near, marks, islands, alone) == colours.number[0]
+    assert (alone.colour == colour).all()
     assert (colour[~active] == -1).all()
     both = active[pairs].all(axis=1)
     assert (colour[pairs[both, 0]] != colour[pairs[both, 1]]).all()

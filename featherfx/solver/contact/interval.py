@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import Loads
 from featherfx.solver.contact.colour_kernels import islands_of, neighbours
 from featherfx.solver.contact.list_kernels import add_forces, list_by_body, soften
-from featherfx.solver.contact.run import Run, Team, no_colours, no_islands
+from featherfx.solver.contact.run import Run, Team, islands_before, no_colours
 from featherfx.solver.contact.search import Found, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
     WALL_FIT,
@@ -352,7 +352,7 @@ class ContactSolver:
         touching = self._neighbours()
         count, island = islands_of(touching)
         island[~self._free | run.failed()] = -1
-        marks, islands = run.marks(island, stale), no_islands(count)
+        marks, islands = run.marks(island, stale), islands_before(count, island, self._team.jobs)
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         batches, held = run.batches(room)
         sweep = Sweep(

@@ -34,6 +34,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
+# bodies of an island that one thread solves by itself, over its share of all, at most
+UNEVEN = 1.2
+
 
 class Team:
     """Threads that sweep over batches, and what each of them and each batch needs for that.
@@ -186,12 +189,19 @@ class Run:
         ]
 
 
-def no_islands(count: int) -> Islands:
-    """Islands with all rounds before them."""
+def islands_before(count: int, island: Indices, jobs: int) -> Islands:
+    """So many islands with all rounds before them. island: (B,) of each body, -1 for none. jobs:
+    threads."""
+    bodies = np.argsort(island, kind="stable")[np.count_nonzero(island < 0) :]
+    sizes = np.bincount(island[bodies], minlength=count)
+    order = np.argsort(-sizes, kind="stable")
     return Islands(
         rounds=np.zeros(count, dtype=np.int64),
         worst=np.zeros(count),
         open=np.ones(count, dtype=np.int8),
+        bodies=bodies,
+        first=np.concatenate([[0], np.cumsum(sizes)]),
+        alone=order[sizes[order] * jobs <= UNEVEN * max(1, len(bodies))] if jobs > 1 else order,
     )
 
 

@@ -17,7 +17,7 @@ from featherfx.algebra.copy_kernels import copy_values
 from featherfx.jit.compiled import kernel
 from featherfx.jit.team import forget_tickets, meet, ticket
 from featherfx.jit.views import Views, viewed
-from featherfx.solver.contact.colour_kernels import colour_some
+from featherfx.solver.contact.colour_kernels import colour_island, colour_some
 from featherfx.solver.contact.list_kernels import (
     closed_on_led,
     hand_out,
@@ -73,11 +73,16 @@ class Marks(NamedTuple):
 
 
 class Islands(NamedTuple):
-    """I islands. rounds: taken. worst: m. open: whether rounds go on."""
+    """I islands. rounds: taken. worst: m. open: whether rounds go on. bodies: of island i
+    bodies[first[i]] to bodies[first[i + 1] - 1], ascending. alone: those that one thread solves by
+    itself, the largest first."""
 
     rounds: Indices
     worst: Array
     open: Bytes
+    bodies: Indices
+    first: Indices
+    alone: Indices
 
 
 class Colours(NamedTuple):
@@ -212,54 +217,93 @@ def _measure(team, size, kind, sweep):
 
 
 @kernel
+def _look(body, first, sweep):
+    """How far the contacts of a body are off, and whether it is solved again. first: whether
+    nothing is solved yet."""
+    marks = sweep.marks
+    marks.active[body] = 0
+    if marks.mine[body] == 0 or sweep.islands.open[marks.island[body]] == 0:
+        return
+    worst, depth = residual(body, sweep.touch, sweep.listed, sweep.rules.thinnest)
+    again = worst > sweep.rules.quiet
+    if first:
+        again = again or marks.fresh[body] != 0
+    marks.active[body] = 1 if again else 0
+    marks.worst[body], marks.depth[body] = worst, depth
+
+
+@kernel
 def _judge(team, size, kind, first, sweep):
-    """How far the contacts of each body are off. first: whether nothing is solved yet."""
-    marks, bodies = sweep.marks, sweep.marks.mine.shape[0]
+    """How far the contacts of each body are off. first: as of _look."""
+    bodies = sweep.marks.mine.shape[0]
     while True:
         low = BODIES * ticket(team, kind)
         if low >= bodies:
             break
         for body in range(low, min(low + BODIES, bodies)):
-            marks.active[body] = 0
-            if marks.mine[body] == 0 or sweep.islands.open[marks.island[body]] == 0:
-                continue
-            worst, depth = residual(body, sweep.touch, sweep.listed, sweep.rules.thinnest)
-            again = worst > sweep.rules.quiet
-            if first:
-                again = again or marks.fresh[body] != 0
-            marks.active[body] = 1 if again else 0
-            marks.worst[body], marks.depth[body] = worst, depth
+            _look(body, first, sweep)
 
 
 @kernel
-def _close(number, sweep):
-    """End the islands that are done after so many rounds; the bodies of the next by colours."""
+def _close(island, number, sweep):
+    """End an island that is done after so many rounds."""
     marks, islands, rules = sweep.marks, sweep.islands, sweep.rules
-    for i in range(islands.open.shape[0]):
-        if islands.open[i] != 0:
-            islands.worst[i] = 0.0
-            islands.rounds[i] = number
     anew = rules.friction and number == 1 and rules.rounds > 1
-    for body in range(marks.mine.shape[0]):
-        if marks.mine[body] == 0 or islands.open[marks.island[body]] == 0:
+    islands.worst[island], islands.rounds[island] = 0.0, number
+    for at in range(islands.first[island], islands.first[island + 1]):
+        body = islands.bodies[at]
+        if marks.mine[body] == 0:
             continue
-        island, worst = marks.island[body], marks.worst[body]
+        worst = marks.worst[body]
         if number == 0 and marks.fresh[body] != 0:
             worst = np.inf
         elif anew and closed_on_led(body, sweep.touch, sweep.listed, marks.mine):
             worst, marks.active[body] = np.inf, 1
         islands.worst[island] = max(islands.worst[island], worst)
-    for i in range(islands.open.shape[0]):
-        if number >= rules.rounds or islands.worst[i] < rules.tolerance:
-            islands.open[i] = 0
-    colour_some(sweep.touching, marks, islands, sweep.colours)
+    if number >= rules.rounds or islands.worst[island] < rules.tolerance:
+        islands.open[island] = 0
+
+
+@kernel
+def _reach(number, sweep):
+    """m, gap beyond which contacts without a force are left out of a round."""
+    # at first they may still go far
+    return np.inf if number == 1 else sweep.rules.reach
+
+
+@kernel
+def _solve_alone(island, thread, sweep):
+    """All rounds of an island by one thread."""
+    islands, colours, number = sweep.islands, sweep.colours, 0
+    low, high = islands.first[island], islands.first[island + 1]
+    while True:
+        for at in range(low, high):
+            _look(islands.bodies[at], number == 0, sweep)
+        _close(island, number, sweep)
+        if islands.open[island] == 0:
+            return
+        number += 1
+        most = colour_island(island, sweep.touching, sweep.marks, islands, colours)
+        for c in range(most):
+            for at in range(low, high):
+                if colours.colour[islands.bodies[at]] == c:
+                    _solve(islands.bodies[at], thread, _reach(number, sweep), sweep)
 
 
 @kernel
 def solve_rounds(thread, team, size, sweep):
     """All rounds of all islands; each thread of a team of this size calls it, with its number."""
-    kind, number = 0, 0
+    kind, number, islands = 0, 0, sweep.islands
     _measure(team, size, kind, sweep)
+    meet(team, size)
+    kind = 1
+    if thread == 0:
+        forget_tickets(team, 0)
+    while True:
+        at = ticket(team, kind)
+        if at >= islands.alone.shape[0]:
+            break
+        _solve_alone(islands.alone[at], thread, sweep)
     while True:
         meet(team, size)
         kind = 1 - kind
@@ -270,14 +314,16 @@ def solve_rounds(thread, team, size, sweep):
         kind = 1 - kind
         if thread == 0:
             forget_tickets(team, 1 - kind)
-            _close(number, sweep)
+            for island in range(islands.open.shape[0]):
+                if islands.open[island] != 0:
+                    _close(island, number, sweep)
+            colour_some(sweep.touching, sweep.marks, islands, sweep.colours)
         meet(team, size)
         colours = sweep.colours
         if colours.number[0] == 0:
             return
         number += 1
-        # at first they may still go far
-        reach = np.inf if number == 1 else sweep.rules.reach
+        reach = _reach(number, sweep)
         for c in range(colours.number[0]):
             if c > 0:
                 meet(team, size)
