@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from featherfx.baking.stats import plumage_stats
     from featherfx.usd.check.crossings import count_crossings
     from featherfx.usd.check.outline import measure_holes, measure_moves
+    from featherfx.usd.convert.levels import export_levels
     from featherfx.usd.convert.retime import retime
     from featherfx.usd.convert.rigid import export_rigid
     from featherfx.usd.read.inspect import inspect_stage
@@ -30,6 +31,7 @@ _HOMES = {
     "error_of": "featherfx.baking.accuracy",
     "export": "featherfx.baking.convert",
     "export_groom": "featherfx.baking.groom",
+    "export_levels": "featherfx.usd.convert.levels",
     "export_rigid": "featherfx.usd.convert.rigid",
     "inspect_stage": "featherfx.usd.read.inspect",
     "join": "featherfx.baking.convert",
@@ -47,6 +49,7 @@ __all__ = [
     "error_of",
     "export",
     "export_groom",
+    "export_levels",
     "export_rigid",
     "inspect_stage",
     "join",

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from featherfx.baking import pipeline
-from featherfx.cli.options import FrameRange, readable_path
+from featherfx.cli.options import FrameRange, Numbers, readable_path
 from featherfx.cli.program import Command
 
 
@@ -18,6 +18,7 @@ from featherfx.cli.program import Command
     featherfx export wing.usda -o wing_flat.usdc
     featherfx export wing.usdc -o wing_condensed.usdc --condensed
     featherfx export bird.usda -o bird_rigid.usdc --rigid 0.1
+    featherfx export bird.usda -o bird_lod.usdc --lod
     featherfx export wing.usdc -o wing.abc
     featherfx export wing.usdc -o look.glb --frames 1-24
     featherfx export wing.usdc -o web.glb --morph
@@ -41,6 +42,14 @@ from featherfx.cli.program import Command
     help="USD: feathers that move rigidly within so many millimetres become transforms.",
 )
 @click.option(
+    "--lod",
+    type=Numbers(),
+    is_flag=False,
+    flag_value="0.1,0.01,0.001",
+    help="USD: beside the cache versions with fewer points, each for feathers that take less than"
+    " a share of the view (0.1,0.01,0.001 where none are given).",
+)
+@click.option(
     "--frames", type=FrameRange(), help="Alembic, meshes: first and last frame.  [default: all]"
 )
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
@@ -50,6 +59,7 @@ def export(
     morph: bool,
     condensed: bool,
     rigid: float | None,
+    lod: list[float] | None,
     frames: tuple[int, int] | None,
     overwrite: bool,
 ) -> None:
@@ -59,6 +69,8 @@ def export(
         raise click.UsageError("--condensed goes with a USD file")
     if rigid is not None and (condensed or not usd):
         raise click.UsageError("--rigid goes with a USD file, without --condensed")
+    if lod is not None and (condensed or rigid is not None or not usd):
+        raise click.UsageError("--lod goes with a USD file, without --condensed and --rigid")
     if frames and usd:
         raise click.UsageError("--frames goes with Alembic and mesh files")
     if morph and output.suffix != ".glb":
@@ -66,6 +78,10 @@ def export(
     if rigid is not None:
         count = pipeline.export_rigid(cache, output, rigid, overwrite)
         click.echo(f"{count} feather{'s' * (count != 1)} move rigidly", err=True)
+        return
+    if lod is not None:
+        levels = pipeline.export_levels(cache, output, lod, overwrite)
+        click.echo(", ".join(f"{name}: {count} triangles" for name, count in levels), err=True)
         return
     files = pipeline.export(
         cache, output, condensed=condensed, morph=morph, frames=frames, overwrite=overwrite

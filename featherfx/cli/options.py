@@ -59,6 +59,22 @@ class Pairs(click.ParamType):
             self.fail(f"'{value}' {self._told}", param, ctx)
 
 
+class Numbers(click.ParamType):
+    """Numbers with commas between."""
+
+    name = "NUMBERS"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[float]:
+        if isinstance(value, list):
+            return value
+        try:
+            return [float(each) for each in value.split(",")]
+        except ValueError:
+            self.fail(f"'{value}' is no list of numbers such as 0.1,0.01", param, ctx)
+
+
 class Names(click.ParamType):
     """Some of the allowed names, with commas between."""
 

@@ -32,7 +32,7 @@ from featherfx.render.colour import (
 )
 from featherfx.render.scene import DrawnPose, DrawnScene, load_points, load_pose, load_scene
 from featherfx.usd.read.read import Cache
-from featherfx.view.thinned import Thinned, levels, thinned
+from featherfx.usd.read.thinned import Thinned, levels, thinned
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

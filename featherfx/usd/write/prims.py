@@ -120,18 +120,23 @@ def labels(id: str, kind: str, region: str) -> dict[str, Any]:
 def _tell_whose(
     prim: Any, group: PosedGroup, entries: Sequence[FeatherEntry], **starts: Indices
 ) -> None:
-    """Tell whose a prim is, or which of its elements are whose.
+    """Tell whose a prim is, or which of its elements are whose; starts as of tell_shared."""
+    if group.alone:
+        author_primvars(prim, **labels(entries[0].id, entries[0].kind, entries[0].region))
+    else:
+        tell_shared(prim, entries, **starts)
+
+
+def tell_shared(prim: Any, feathers: Sequence[Any], **starts: Indices) -> None:
+    """Tell which elements of a prim are of which feathers, that have an id, kind and region.
 
     starts: (M + 1,) of points, then of faces or curves, where each feather's begin, and all.
     """
-    if group.alone:
-        author_primvars(prim, **labels(entries[0].id, entries[0].kind, entries[0].region))
-        return
     *_, elements = starts.values()
     texts = {
-        "featherId": [entry.id for entry in entries],
-        "featherKind": [entry.kind for entry in entries],
-        "region": [entry.region for entry in entries],
+        "featherId": [each.id for each in feathers],
+        "featherKind": [each.kind for each in feathers],
+        "region": [each.region for each in feathers],
     }
     for name, values in texts.items():
         author_texts(prim, name, values, UsdGeom.Tokens.uniform, np.diff(elements))

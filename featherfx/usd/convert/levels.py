@@ -1,0 +1,232 @@
+"""A cache with versions of fewer points, of which renderers take one by its size on the screen.
+
+The file names the cache, as its finest version, and holds the others: one mesh of all feathers
+each, with some of the cache's points (read/thinned.py) at all of its samples. Only the finest is
+visible; the variant set `levelOfDetail` shows another one instead. Where the installed USD has
+UsdLod (26.11 has it, 24.3 has not), the versions are its items besides: renderers that know it
+choose by the share of the view that a sphere around the feathers takes, and pass over visibility.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
+
+from featherfx.errors import InputError, Problem
+from featherfx.files.whole import standing
+from featherfx.usd import arrays
+from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.read import Cache
+from featherfx.usd.read.stage import refuse_inputs
+from featherfx.usd.read.thinned import levels, thinned
+from featherfx.usd.read.values import EARLIEST
+from featherfx.usd.write.output import check_output
+from featherfx.usd.write.prims import author_primvars, tell_shared
+from featherfx.usd.write.publish import publish
+from featherfx.usd.write.stage import FEATHERS, MATERIALS
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SET, FULL = "levelOfDetail", "full"
+# shares of the view, by eye: a bird 500, 160 and 50 pixels long in a picture of 1920 by 1080
+THRESHOLDS = (0.1, 0.01, 0.001)
+
+
+@dataclass(frozen=True)
+class _Level:
+    """A version. points: (P,) ascending numbers of its points among those of all feathers.
+    triangles: (T, 3) into these."""
+
+    name: str
+    points: Indices
+    triangles: Indices
+
+
+def knows_lod() -> bool:
+    """Whether the installed USD has UsdLod."""
+    return importlib.util.find_spec("pxr.UsdLod") is not None
+
+
+def export_levels(
+    path: str | Path,
+    output: str | Path,
+    thresholds: Sequence[float] = THRESHOLDS,
+    overwrite: bool = False,
+) -> list[tuple[str, int]]:
+    """Write a file that names a cache and has coarser versions of it; return the names of all with
+    their triangles, the finest first.
+
+    thresholds: falling shares of the view, below which the next version is taken. The samples of
+    the coarser versions are in memory. Raises InputError where the cache cannot be read or has no
+    vanes, or the output not be written.
+    """
+    if not thresholds or any(not 0.0 < b < a for a, b in pairwise([np.inf, *thresholds])):
+        told = f"{', '.join(f'{each:g}' for each in thresholds)}; allowed: falling numbers above 0"
+        raise InputError(Problem("lod", "", told))
+    target = check_output(output, overwrite)
+    before = {target: standing(target)}
+    refuse_inputs([target], [Path(path)])
+    source, cache = open_stage(path), Cache(path)
+    if not source.GetDefaultPrim():
+        raise InputError(Problem(str(path), "defaultPrim", "is missing, so nothing can name it"))
+    codes: Sequence[float | None] = cache.codes() or [None]
+    counts = [len(each) for each in cache.points_of(range(len(cache.feathers)), codes[0])]
+    starts = np.cumsum([0, *counts])
+    found = _levels(cache, starts, len(thresholds))
+    if not found:
+        raise InputError(Problem(str(path), "", "has no vanes that can do with fewer points"))
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    stage = Usd.Stage.Open(layer)
+    group = _begin(stage, source)
+    meshes = [_mesh(stage, group, each, cache, starts) for each in found]
+    place = UsdGeom.Xformable(source.GetDefaultPrim()).ComputeLocalToWorldTransform(EARLIEST)
+    extent = _animate(meshes, found, cache, codes, np.array(place.ExtractTranslation()))
+    _add_variants(group)
+    if knows_lod():
+        _choose_by_size(stage, group, extent, thresholds[: len(found)])
+    full, root = group.GetPath().AppendChild(FULL), group.GetParent().GetPath()
+    del stage, group, meshes  # a stage would complain of references of what has no file yet
+    _name_cache(layer, full, root, source, f"./{os.path.relpath(path, target.parent)}")
+    layer.customLayerData = {"featherfx": {"lod": arrays.strings(FULL, *(e.name for e in found))}}
+    publish([(layer, target)], before)
+    whole = sum(len(each.triangles) for each in cache.feathers)
+    return [(FULL, whole), *((each.name, len(each.triangles)) for each in found)]
+
+
+def _levels(cache: Cache, starts: Indices, most: int) -> list[_Level]:
+    """Up to so many versions, evenly among those that there are."""
+    kept = thinned(cache.feathers, starts, int(starts[-1]))
+    every = levels(cache.feathers, starts, kept)
+    chosen = np.unique(np.linspace(0, len(every) - 1, min(most, len(every))).round().astype(int))
+    return [
+        _Level(f"coarse_{number}", kept.points[every[k][0]], every[k][1])
+        for number, k in enumerate(chosen if every else (), 1)
+    ]
+
+
+def _begin(stage: Any, source: Any) -> Any:
+    """Root and the finest version; return the prim that versions are children of."""
+    default = source.GetDefaultPrim()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(source))
+    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(source))
+    stage.SetTimeCodesPerSecond(source.GetTimeCodesPerSecond())
+    stage.SetFramesPerSecond(source.GetFramesPerSecond())
+    if source.HasAuthoredTimeCodeRange():
+        stage.SetStartTimeCode(source.GetStartTimeCode())
+        stage.SetEndTimeCode(source.GetEndTimeCode())
+    root = UsdGeom.Xform.Define(stage, f"/{default.GetName()}").GetPrim()
+    Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
+    stage.SetDefaultPrim(root)
+    group = UsdGeom.Xform.Define(stage, root.GetPath().AppendChild("levels")).GetPrim()
+    full = UsdGeom.Xform.Define(stage, group.GetPath().AppendChild(FULL)).GetPrim()
+    Usd.ModelAPI(full).SetKind(Kind.Tokens.subcomponent)  # a component has no components
+    return group
+
+
+def _name_cache(layer: Any, full: Any, root: Any, source: Any, asset: str) -> None:
+    """Refer to the cache, and to its materials for the other versions."""
+    layer.GetPrimAtPath(full).referenceList.Prepend(Sdf.Reference(asset))
+    materials = source.GetDefaultPrim().GetPath().AppendChild(MATERIALS)
+    if source.GetPrimAtPath(materials):
+        own = Sdf.CreatePrimInLayer(layer, root.AppendChild(MATERIALS))
+        own.specifier = Sdf.SpecifierDef
+        own.referenceList.Prepend(Sdf.Reference(asset, materials))
+
+
+def _mesh(stage: Any, group: Any, level: _Level, cache: Cache, starts: Indices) -> Any:
+    """A version's mesh with all that never changes."""
+    own = UsdGeom.Xform.Define(stage, group.GetPath().AppendChild(level.name))
+    mesh = UsdGeom.Mesh.Define(stage, own.GetPath().AppendChild(FEATHERS))
+    mesh.CreateFaceVertexCountsAttr(arrays.ints(np.full(len(level.triangles), 3)))
+    mesh.CreateFaceVertexIndicesAttr(arrays.ints(level.triangles.ravel()))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateDoubleSidedAttr(True)
+    firsts = np.searchsorted(level.points, starts)
+    faces = np.searchsorted(level.triangles[:, 0], firsts)
+    tell_shared(mesh.GetPrim(), cache.feathers, points=firsts, faces=faces)
+    for name, primvar, kind in (
+        ("st", "st", arrays.vec2f),
+        ("colour", "displayColor", arrays.vec3f),
+    ):
+        values = [getattr(each, name) for each in cache.feathers]
+        if all(value is not None for value in values):
+            sizes = np.diff(starts)[:, None]
+            whole = [
+                np.broadcast_to(v, (int(n), v.shape[1]))
+                for v, (n,) in zip(values, sizes, strict=True)
+            ]
+            usual = UsdGeom.Tokens.vertex
+            author_primvars(
+                mesh.GetPrim(), usual, **{primvar: kind(np.concatenate(whole)[level.points])}
+            )
+    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
+    binding = mesh.GetPrim().CreateRelationship(UsdShade.Tokens.materialBinding, False)
+    binding.AddTarget(group.GetParent().GetPath().AppendPath(f"{MATERIALS}/vane"))
+    return mesh
+
+
+def _animate(
+    meshes: Sequence[Any],
+    found: Sequence[_Level],
+    cache: Cache,
+    codes: Sequence[float | None],
+    place: Array,
+) -> Array:
+    """Author points and extents at all samples, and return the box of all that is there, (2, 3).
+
+    place: (3,) where the meshes stand, so that their numbers are small.
+    """
+    every, chosen = [], range(len(cache.feathers))
+    for mesh in meshes:
+        if place.any():
+            mesh.AddTranslateOp().Set(Gf.Vec3d(*place.tolist()))
+    for code in codes:
+        points = np.concatenate(cache.points_of(chosen, code))
+        every.append([points.min(axis=0), points.max(axis=0)])
+        time = Usd.TimeCode.Default() if code is None else Usd.TimeCode(code)
+        for mesh, level in zip(meshes, found, strict=True):
+            own = points[level.points] - place
+            mesh.GetPointsAttr().Set(arrays.vec3f(own), time)
+            box = arrays.vec3f(np.array([own.min(axis=0), own.max(axis=0)]))
+            mesh.GetExtentAttr().Set(box, time)
+    boxes = np.array(every)
+    return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+
+def _add_variants(group: Any) -> None:
+    """Show one version, the finest at first: what does not know levels of detail draws it alone."""
+    root, names = group.GetParent(), [each.GetName() for each in group.GetChildren()]
+    variants = root.GetVariantSets().AddVariantSet(SET)
+    for name in names:
+        variants.AddVariant(name)
+        variants.SetVariantSelection(name)
+        with variants.GetVariantEditContext():
+            for each in group.GetChildren():
+                shown = (
+                    UsdGeom.Tokens.inherited if each.GetName() == name else UsdGeom.Tokens.invisible
+                )
+                UsdGeom.Imageable(each).CreateVisibilityAttr(shown)
+    variants.SetVariantSelection(FULL)
+
+
+def _choose_by_size(stage: Any, group: Any, extent: Array, thresholds: Sequence[float]) -> None:
+    """Make the versions items of UsdLod."""
+    from pxr import UsdLod
+
+    by_size = UsdLod.ScreenSizeHeuristic.Define(
+        stage, group.GetParent().GetPath().AppendChild("bySize")
+    )
+    by_size.CreateLodDomainAttr(UsdLod.Tokens.imaging)
+    by_size.CreateExtentAttr(arrays.vec3f(extent))
+    by_size.CreateThresholdsAttr(Vt.FloatArray([*thresholds]))
+    UsdLod.RootAPI.Apply(group).CreateLodHeuristicsRel().AddTarget(by_size.GetPath())
