@@ -94,23 +94,32 @@ def _meet(first, second):
 
 
 @kernel
-def near_patches(order, bounds, owner, low, high, found):
+def near_patches(order, axis, clusters, bounds, low, high, found):
     """Pairs of patches of different owners whose bounds meet; returns how many there are.
 
-    order: (P,) patches by the least x of their bounds; those from low to high - 1 are paired with
-    all behind them. found: (K, 2), written as far as there is room.
+    order: (C,) clusters by the least coordinate along an axis; those from low to high - 1 are
+    paired with all behind them. found: (K, 2), written as far as there is room.
     """
-    count = 0
+    count, around, starts = 0, clusters.around, clusters.first
     for place in range(low, high):
         first = order[place]
         for other in range(place + 1, order.shape[0]):
             second = order[other]
-            if bounds[second, 0] > bounds[first, 3]:
+            if around[second, axis] > around[first, 3 + axis]:
                 break
-            if owner[first] != owner[second] and _meet(bounds[first], bounds[second]):
-                if count < found.shape[0]:
-                    found[count, 0], found[count, 1] = first, second
-                count += 1
+            if clusters.owner[first] == clusters.owner[second]:
+                continue
+            asked = clusters.asked[first] or clusters.asked[second]
+            if not asked or not _meet(around[first], around[second]):
+                continue
+            for p in range(starts[first], starts[first + 1]):
+                if not _meet(bounds[p], around[second]):
+                    continue
+                for q in range(starts[second], starts[second + 1]):
+                    if _meet(bounds[p], bounds[q]):
+                        if count < found.shape[0]:
+                            found[count, 0], found[count, 1] = p, q
+                        count += 1
     return count
 
 

@@ -1,7 +1,8 @@
 """Triangles of vanes that pass through other vanes, or through a body.
 
-Meshes are cut into patches of few triangles that lie together; boxes around patches, then around
-triangles, say which are compared. Threads share the patches, and do not change the counts.
+Meshes are cut into patches of few triangles that lie together; boxes around a mesh's patches, then
+around patches, then around triangles, say which are compared. Threads share the work, and do not
+change the counts.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from featherfx.feather.crossing_kernels import crossings_between, fit_boxes, nea
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
-# triangles of a patch at most (63 is what the kernel can take); pieces of work for each thread
-PATCH, PIECES = 48, 8
+# triangles of a patch (63 is what the kernel can take) and patches of a cluster at most; pieces of
+# work for each thread
+PATCH, CLUSTER, PIECES = 48, 16, 8
 # number of the body among the owners; feathers count from 0
 BODY = -1
 
@@ -29,9 +32,19 @@ class Patches(NamedTuple):
     first: (P + 1,) first triangle of each patch; owner: (P,) feather, or BODY."""
 
     triangles: Indices
-    shaft: NDArray[np.bool_]
+    shaft: Mask
     first: Indices
     owner: Indices
+
+
+class Clusters(NamedTuple):
+    """C runs of patches of one owner each. first: (C + 1,) first patch, owner: (C,), around: (C, 6)
+    box, asked: (C,) whether its crossings are asked for."""
+
+    first: Indices
+    owner: Indices
+    around: Array
+    asked: Mask
 
 
 class Crossings(NamedTuple):
@@ -48,7 +61,7 @@ class Crossings(NamedTuple):
         return int(self.vanes.sum() + self.shafts.sum())
 
 
-def patches_of(meshes: Sequence[tuple[Array, Indices, NDArray[np.bool_], int]]) -> Patches:
+def patches_of(meshes: Sequence[tuple[Array, Indices, Mask, int]]) -> Patches:
     """Patches of meshes: points (V, 3), triangles (T, 3), shaft (T,) and owner of each; points
     are counted on through all meshes."""
     triangles, shafts, sizes, owners = [], [], [], []
@@ -84,13 +97,16 @@ def _cut(middles: Array, some: Indices) -> Iterator[Indices]:
         yield from _cut(middles, half)
 
 
-def crossings_of(points: Array, patches: Patches, jobs: int = 1) -> Crossings:
-    """Crossings of all meshes. points: (V, 3) m or any unit, of all of them."""
+def crossings_of(
+    points: Array, patches: Patches, jobs: int = 1, asked: Mask | None = None
+) -> Crossings:
+    """Crossings of all meshes. points: (V, 3) m or any unit, of all of them. asked: (F,) feathers
+    with which others' crossings are looked for; None: all."""
     count = len(patches.owner)
     boxes, bounds = np.empty((len(patches.triangles), 6)), np.empty((count, 6))
     with ThreadPoolExecutor(jobs) as pool:
         _in_pieces(pool, count, jobs, lambda a, b: fit_boxes(points, patches, boxes, bounds, a, b))
-        pairs = _near(pool, bounds, patches.owner, jobs)
+        pairs = _near(pool, bounds, _clusters(patches.owner, bounds, asked), jobs)
         counts = np.zeros((len(pairs), 2), dtype=np.int64)
 
         def look(low: int, high: int) -> None:
@@ -107,13 +123,30 @@ def crossings_of(points: Array, patches: Patches, jobs: int = 1) -> Crossings:
     return Crossings(each.reshape(-1, 2), vanes, shafts)
 
 
-def _near(pool: ThreadPoolExecutor, bounds: Array, owner: Indices, jobs: int) -> Indices:
+def _clusters(owner: Indices, bounds: Array, asked: Mask | None) -> Clusters:
+    """Patches of one owner that follow each other, a few at a time."""
+    begin = np.flatnonzero(np.diff(owner, prepend=owner[0] - 1))
+    within = np.arange(len(owner)) - np.repeat(begin, np.diff(begin, append=len(owner)))
+    first = np.flatnonzero(within % CLUSTER == 0)
+    around = np.concatenate(
+        [np.minimum.reduceat(bounds[:, :3], first), np.maximum.reduceat(bounds[:, 3:], first)],
+        axis=1,
+    )
+    whose = owner[first]
+    wanted = np.ones(len(first), dtype=np.bool_) if asked is None else asked[whose]
+    return Clusters(np.append(first, len(owner)), whose, around, wanted)
+
+
+def _near(pool: ThreadPoolExecutor, bounds: Array, clusters: Clusters, jobs: int) -> Indices:
     """(K, 2) patches of different owners whose bounds meet."""
-    order = np.argsort(bounds[:, 0], kind="stable")
+    axis = int(np.ptp(clusters.around[:, :3], axis=0).argmax())
+    order = np.argsort(clusters.around[:, axis], kind="stable")
 
     def search(low: int, high: int) -> Indices:
-        found = np.empty((4 * (high - low) + 64, 2), dtype=np.int64)
-        while (count := int(near_patches(order, bounds, owner, low, high, found))) > len(found):
+        found = np.empty((64 * (high - low) + 64, 2), dtype=np.int64)
+        while (count := int(near_patches(order, axis, clusters, bounds, low, high, found))) > len(
+            found
+        ):
             found = np.empty((count, 2), dtype=np.int64)
         return found[:count]
 

@@ -76,7 +76,7 @@ def test_a_second_bake_computes_no_layout_shape_model_or_pair_anew(shot, monkeyp
             (groups, "make_model"),
             (groups, "with_damping"),
             (pairs, "_near_pairs"),
-            (stack, "_laps_at_rest"),
+            (stack, "_seen_at_rest"),
         ):
             patch.setattr(module, name, computed)
         assert baked(shot, "second") == first

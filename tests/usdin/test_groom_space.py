@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 from pxr import Gf, Usd, UsdGeom, Vt
-from regions_skin import RADIUS, grown, problems, roots, skin_folder, write_skin
+from regions_skin import RADIUS, SKIN, grown, problems, roots, skin_folder, write_skin
 
 __all__ = ["skin_folder"]
 
@@ -234,3 +234,19 @@ def test_a_skin_without_even_axes_lends_no_space(folder, scale, said):
     assert f"/skin is {said} by its transforms" in problems(
         folder, "[space]\nof = 'skin'\nleft = 'y'\n"
     )
+
+
+def test_landmarks_of_a_skin_that_is_not_there_are_one_mistake(folder):
+    row = """[space]
+of = 'skin'
+left = 'y'
+[[row]]
+id = 'right_row'
+kind = 'covert'
+count = 3
+path = [{ vertex = 1 }, { vertex = 2 }]
+first = { position = { vertex = 1 }, direction = [1, 0, 0], up = [0, 0, 1] }
+last = { position = [0, 0, 0], direction = [1, 0, 0], up = [0, 0, 1] }
+"""
+    found = problems(folder, row, skin=SKIN.replace("/skin", "/skim"))
+    assert "no prim /skim" in found and len(found.splitlines()) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -117,22 +118,27 @@ class Arrangement(NamedTuple):
         return 1.0 + float(counts[within].sum() / inner.sum())
 
 
-class Meshes(NamedTuple):
+class Meshes:
     """The vanes of F feathers as meshes of V points. points: (V, 3) in feather lengths. owner:
-    (V,) whose each is."""
+    (V,) whose each is, in order. Only what has moved since the last look is compared again."""
 
-    points: Array
-    owner: Indices
-    patches: Patches
+    def __init__(self, points: Array, owner: Indices, patches: Patches) -> None:
+        self._points, self._owner, self._patches = points, owner, patches
+        self._first = np.flatnonzero(np.diff(owner, prepend=-1))
+        self._world, self._found = np.full_like(points, np.nan), np.zeros((0, 2), dtype=np.int64)
 
     def crossed(self, feathers: Arrangement) -> Indices:
         """(K, 2) kept feathers that pass through each other where they are, the lower number
         first."""
-        own = self.owner
-        world = np.einsum("vij,vj->vi", feathers.rotation[own], self.points)
+        own = self._owner
+        world = np.einsum("vij,vj->vi", feathers.rotation[own], self._points)
         world = feathers.place[own] + feathers.size[own, None] * world
-        found = crossings_of(world, self.patches)
-        return found.owners[feathers.kept[found.owners].all(axis=1)]
+        moved = np.logical_or.reduceat((world != self._world).any(axis=1), self._first)
+        jobs = os.cpu_count() or 1
+        again = crossings_of(world, self._patches, jobs, moved & feathers.kept).owners
+        known = self._found[~moved[self._found].any(axis=1)]
+        self._world, self._found = world, np.unique(np.concatenate([known, again]), axis=0)
+        return self._found[feathers.kept[self._found].all(axis=1)]
 
 
 def _vanes(feather: Feather, length: float) -> tuple[Array, Indices]:
@@ -187,16 +193,26 @@ class SkinPlanes:
         offsets = np.einsum("tc,tc->t", centres, normals)
         self._planes = np.concatenate([normals, offsets[:, None]], axis=1)
         self._tree = cKDTree(centres)
+        self._points, self._found = np.zeros((0, 0, 3)), np.zeros((0, 0, 4))
 
     def planes(self, points: Array) -> Array:
-        """(..., 4) unit normal and offset, m, near points (..., 3)."""
-        _, near = self._tree.query(points.reshape(-1, 3), workers=-1)
-        return self._planes[near].reshape(*points.shape[:-1], 4)
+        """(F, Q, 4) unit normal and offset, m, near points (F, Q, 3) of feathers; those that have
+        not moved since the last look keep theirs."""
+        if self._points.shape != points.shape:
+            self._points, self._found = (
+                np.full_like(points, np.nan),
+                np.zeros((*points.shape[:2], 4)),
+            )
+        moved = (points != self._points).any(axis=(1, 2))
+        _, near = self._tree.query(points[moved].reshape(-1, 3), workers=-1)
+        self._found[moved] = self._planes[near].reshape(-1, points.shape[1], 4)
+        self._points = points
+        return self._found
 
     def gaps(self, points: Array) -> Array:
-        """(...) m, heights of points (..., 3) over the skin; negative inside."""
+        """(F, Q) m, heights of points (F, Q, 3) over the skin; negative inside."""
         planes = self.planes(points)
-        return np.asarray(np.einsum("...c,...c->...", points, planes[..., :3]) - planes[..., 3])
+        return np.asarray(np.einsum("fqc,fqc->fq", points, planes[..., :3]) - planes[..., 3])
 
 
 def height_maps(built: Sequence[tuple[Feather, float]]) -> HeightMaps:

@@ -105,12 +105,11 @@ def in_groom(parts: dict[str, Any], place: Place, read: SkinsReader | None) -> S
     """
     skins = _Skins(parts["skin"], place, read)
     space = _space(parts["space"], skins, place.child("space"))
-    if space is None:
-        return GROOM_SPACE
-    placing = _Placing(space, skins)
+    # of a skin that cannot be read one problem is enough
+    placing = _Placing(space or GROOM_SPACE, skins if space else None)
     for name, key in GROOM_FILE.keys.items():
         parts[name] = placing.value(key.type, parts[name], place.child(name))
-    return space
+    return placing.space
 
 
 @dataclass(frozen=True)
@@ -173,10 +172,11 @@ def _axis(name: str) -> Array:
 
 @dataclass(frozen=True)
 class _Placing:
-    """Turns checked values of a space into those of the groom's frame."""
+    """Turns checked values of a space into those of the groom's frame. skins: None where no landmark
+    can be found."""
 
     space: Space
-    skins: _Skins
+    skins: _Skins | None
 
     def value(self, kind: Any, value: Any, place: Place) -> Any:
         """A value of a type; INVALID after adding problems."""
@@ -218,6 +218,8 @@ class _Placing:
     def _point(self, value: Any, place: Place) -> Any:
         if not isinstance(value, dict):
             return tuple(self.space.points(np.array(value)).tolist()) if self.space.given else value
+        if self.skins is None:
+            return INVALID
         given = [name for name in _NAMES if value[name] is not None]
         if len(given) != 1:
             held = " and ".join(given) or "none"

@@ -21,7 +21,6 @@ from featherfx.shot.layers.types import (
     Array,
     Bytes,
     Indices,
-    Laps,
     Pose,
     Scratch,
     Stack,
@@ -37,7 +36,7 @@ WRONG = 0.05
 # heights over a feather's length up to which points tell who lies over whom at rest
 NEAR = 0.1
 # pairs whose laps at rest are searched together
-PAIRS_AT_ONCE = 10_000
+PAIRS_AT_ONCE = 2_000
 # what is kept between surfaces, which are bent between their nodes: over the distance of rows, but
 # at most so many thicknesses. More adds up, over feathers over feathers, until none lies any more:
 # with 0.08 and 6 the pigeon's coat rises by centimetres, and more of it crosses.
@@ -63,44 +62,39 @@ def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: RowPoints) -> 
 def _seen_stack(strips: Strips, vanes: Vanes, rest: RowPoints) -> Stack:
     pairs, order = shingle_pairs(replace(strips, reach=REACH * strips.reach), FACING)
     stack = sorted_stack(pairs, order)
-    laps = _laps_at_rest(stack, vanes, rest)
+    depth, votes = _seen_at_rest(stack, vanes, rest)
     if strips.rank.min(initial=0) < 0:
-        return _by_votes(*_votes(laps, len(order)), order)
+        return _by_votes(stack.pairs, votes, order)
     # a layout leaves some feathers on the wrong side of others
-    depth, length = np.zeros(len(stack.pairs)), vanes.row.sum(axis=1)
-    np.maximum.at(depth, laps["pair"], laps["base"] - laps["clear"])
+    length = vanes.row.sum(axis=1)
     return sorted_stack(stack.pairs[depth <= WRONG * length[stack.pairs].min(axis=1)], order)
 
 
-def _laps_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> Laps:
-    """Of all pairs, also of those that lie the other way round."""
+def _seen_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> tuple[Array, Indices]:
+    """(K,) m, how deep the upper feather of each pair is below the lower one, and by how many
+    points it is over it, less those by which it is under it. Of all pairs, also of those that lie
+    the other way round."""
     length = vanes.row.sum(axis=1)
     pose = pose_like(rest, vanes.present.shape)
     lift_points_of_all(vanes, rest, pose)
     seen = vanes._replace(deepest=NEAR * length)
     follow = NEAR * float((length / vanes.half).max(initial=0.0))
     # part by part: laps of all pairs at once would be the most that a bake holds
-    scratch, found = scratch_of(vanes, 1024), []
-    for begin in range(0, max(len(stack.pairs), 1), PAIRS_AT_ONCE):
-        span = begin, min(begin + PAIRS_AT_ONCE, len(stack.pairs))
+    scratch, count = scratch_of(vanes, 1024), len(stack.pairs)
+    depth, votes = np.zeros(count), np.zeros(count, dtype=np.int64)
+    for begin in range(0, count, PAIRS_AT_ONCE):
+        span = begin, min(begin + PAIRS_AT_ONCE, count)
         while True:
-            count = find_laps(seen, stack, pose, follow, span, scratch.laps, scratch.seen)
-            if count <= len(scratch.laps):
+            found = find_laps(seen, stack, pose, follow, span, scratch.laps, scratch.seen)
+            if found <= len(scratch.laps):
                 break
-            scratch = scratch_of(vanes, int(1.25 * count))
-        laps = scratch.laps[:count]
-        near = vanes.half[laps["upper"]] + vanes.half[laps["lower"]]
-        found.append(laps[laps["beside"] <= near])
-    return np.concatenate(found)
-
-
-def _votes(laps: Laps, count: int) -> tuple[Indices, Indices]:
-    """Pairs (K, 2) and by how many points of either the first is over the second, less those by
-    which it is under it."""
-    upper, lower = laps["upper"].astype(np.int64), laps["lower"].astype(np.int64)
-    keys, place = np.unique(upper * count + lower, return_inverse=True)
-    sums = np.bincount(place, np.where(laps["base"] > laps["clear"], -1.0, 1.0), len(keys))
-    return np.stack([keys // count, keys % count], axis=1), sums.astype(np.int64)
+            scratch = scratch_of(vanes, int(1.25 * found))
+        laps = scratch.laps[:found]
+        laps = laps[laps["beside"] <= vanes.half[laps["upper"]] + vanes.half[laps["lower"]]]
+        below = laps["base"] - laps["clear"]
+        np.maximum.at(depth, laps["pair"], below)
+        np.add.at(votes, laps["pair"], np.where(below > 0.0, -1, 1))
+    return depth, votes
 
 
 def _by_votes(pairs: Indices, votes: Indices, order: Indices) -> Stack:

@@ -31,7 +31,7 @@ class _Run:
     """Poses of the chunk at hand, of each group of feathers.
 
     moved: (M,) which of its feathers have left their first pose. first: that pose, None for static
-    groups. codes: of all poses. kept: poses that the layer refers to.
+    groups. codes: of all poses. kept: other poses that the layer refers to.
     """
 
     moved: list[Flags]
@@ -88,6 +88,7 @@ class ChunkWriter:
                 for key in prims.paths[index]
             ]
         self._spare: list[list[WrittenPose]] = [[] for _ in groups]
+        self._first: dict[int, WrittenPose] = {}
         self._place = {number: number for group in groups for number in group.members}
         self._taken: dict[int, Samples] = {}
         self._run = self._new_run()
@@ -163,7 +164,6 @@ class ChunkWriter:
         had_moved = moved.any()
         if first is None:
             run.first[index] = first = pose
-            run.kept[index].append(pose)
         group.hold(pose, first, moved, self._seconds)
         group.bound(pose)
         corners = pose.corners()
@@ -180,8 +180,12 @@ class ChunkWriter:
         prims.author_sample(self._layer, index, (code,), pose)
 
     def _room(self, index: int) -> WrittenPose:
-        spare = self._spare[index]
-        return spare.pop() if spare else self._prims.groups[index].new_pose()
+        group, spare = self._prims.groups[index], self._spare[index]
+        if self._run.first[index] is None:
+            if index not in self._first:
+                self._first[index] = group.new_pose()
+            return self._first[index]
+        return spare.pop() if spare else group.new_pose(compared=False)
 
     def _new_run(self) -> _Run:
         with Sdf.ChangeBlock():

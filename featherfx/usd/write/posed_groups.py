@@ -14,7 +14,6 @@ from featherfx.shot.frames import FeatherPose
 from featherfx.usd.arrays import Floats, InPlace, Quath, Scalars, Vec3f
 from featherfx.usd.types import (
     BARB,
-    BARB_DIRECTION,
     HOOKED,
     HOOKS,
     MESH,
@@ -123,11 +122,17 @@ class PosedGroup:
             return self.faces
         return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)
 
-    def new_pose(self) -> WrittenPose:
-        """Room for one pose; static feathers are in it already."""
-        own = [key for key in self._vectors if key not in self._unwritten]
-        values: dict[Key, InPlace] = {key: Vec3f(self._count(key)) for key in own}
-        values |= self._unwritten
+    def new_pose(self, compared: bool = True) -> WrittenPose:
+        """Room for one pose; static feathers are in it already.
+
+        compared: whether others are compared with it; else they share all that is not written.
+        """
+        own = ("points", *RATES) if compared else ()
+        shared = {key: room for key, room in self._unwritten.items() if key[1] not in own}
+        values: dict[Key, InPlace] = {
+            key: Vec3f(self._count(key)) for key in self._vectors if key not in shared
+        }
+        values |= shared
         values |= {key: Vec3f(2) for key in self._extents}
         values |= {key: Scalars(self._count(key)) for key in self._scalars}
         values |= {key: Quath(self._count(key)) for key in self._turns}
@@ -141,10 +146,9 @@ class PosedGroup:
 
     @cached_property
     def _unwritten(self) -> dict[Key, Vec3f]:
-        """Room, which all poses share, for what is found with points that are not written."""
-        keys = (MESH, "normals"), (MESH, BARB_DIRECTION)
+        """Room, which poses share, for what is found with them and not written."""
         form = self.feathers[0].form
-        return {key: Vec3f(self._count(key)) for key in keys if not form.writes(key)}
+        return {key: Vec3f(self._count(key)) for key in self._vectors if not form.writes(key)}
 
     def _count(self, key: Key) -> int:
         return int(self.starts(key)[-1])
