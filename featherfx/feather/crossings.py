@@ -21,8 +21,8 @@ Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 # triangles of a patch (63 is what the kernel can take) and patches of a cluster at most; pieces of
-# work for each thread
-PATCH, CLUSTER, PIECES = 48, 16, 8
+# work for each thread, few at a time in memory
+PATCH, CLUSTER, PIECES = 48, 16, 16
 # number of the body among the owners; feathers count from 0
 BODY = -1
 
@@ -106,19 +106,22 @@ def crossings_of(
     boxes, bounds = np.empty((len(patches.triangles), 6)), np.empty((count, 6))
     with ThreadPoolExecutor(jobs) as pool:
         _in_pieces(pool, count, jobs, lambda a, b: fit_boxes(points, patches, boxes, bounds, a, b))
-        pairs = _near(pool, bounds, _clusters(patches.owner, bounds, asked), jobs)
-        counts = np.zeros((len(pairs), 2), dtype=np.int64)
+        clusters = _clusters(patches.owner, bounds, asked)
+        search = _search(bounds, clusters)
 
-        def look(low: int, high: int) -> None:
-            corners = np.empty((2, 3))
-            crossings_between(points, patches, boxes, bounds, pairs, (low, high), corners, counts)
+        def look(low: int, high: int) -> tuple[Indices, Indices]:
+            pairs, corners = search(low, high), np.empty((2, 3))
+            counts, span = np.zeros((len(pairs), 2), dtype=np.int64), (0, len(pairs))
+            crossings_between(points, patches, boxes, bounds, pairs, span, corners, counts)
+            crossed = np.flatnonzero(counts.any(axis=1))
+            return patches.owner[pairs[crossed]], counts[crossed]
 
-        _in_pieces(pool, len(pairs), jobs, look)
-    crossed = np.flatnonzero(counts.any(axis=1))
-    owners = np.sort(patches.owner[pairs[crossed]], axis=1)
+        found = _in_pieces(pool, len(clusters.owner), jobs, look)
+    owners = np.sort(np.concatenate([each for each, _ in found]), axis=1)
+    counts = np.concatenate([each for _, each in found])
     each, place = np.unique(owners, axis=0, return_inverse=True)
     vanes, shafts = (
-        np.bincount(place.ravel(), counts[crossed, k], len(each)).astype(np.int64) for k in (0, 1)
+        np.bincount(place.ravel(), counts[:, k], len(each)).astype(np.int64) for k in (0, 1)
     )
     return Crossings(each.reshape(-1, 2), vanes, shafts)
 
@@ -137,20 +140,21 @@ def _clusters(owner: Indices, bounds: Array, asked: Mask | None) -> Clusters:
     return Clusters(np.append(first, len(owner)), whose, around, wanted)
 
 
-def _near(pool: ThreadPoolExecutor, bounds: Array, clusters: Clusters, jobs: int) -> Indices:
-    """(K, 2) patches of different owners whose bounds meet."""
+def _search(bounds: Array, clusters: Clusters) -> Callable[[int, int], Indices]:
+    """Of a piece of the clusters, in an order of its own, (K, 2) patches of different owners whose
+    bounds meet."""
     axis = int(np.ptp(clusters.around[:, :3], axis=0).argmax())
     order = np.argsort(clusters.around[:, axis], kind="stable")
 
     def search(low: int, high: int) -> Indices:
-        found = np.empty((64 * (high - low) + 64, 2), dtype=np.int64)
-        while (count := int(near_patches(order, axis, clusters, bounds, low, high, found))) > len(
-            found
-        ):
+        found = np.empty((256 * (high - low) + 64, 2), dtype=np.int64)
+        while True:
+            count = int(near_patches(order, axis, clusters, bounds, low, high, found))
+            if count <= len(found):
+                return found[:count]
             found = np.empty((count, 2), dtype=np.int64)
-        return found[:count]
 
-    return np.concatenate(_in_pieces(pool, len(order), jobs, search))
+    return search
 
 
 def _in_pieces(

@@ -28,6 +28,8 @@ Mask = NDArray[np.bool_]
 # and mapped onto so many nodes
 _ROWS, _COLUMNS, _SAMPLED = 21, 6, 2
 _NODES = (56, 28)
+# points of meshes that are turned at once
+_AT_ONCE = 100_000
 
 
 class HeightMaps(NamedTuple):
@@ -130,9 +132,12 @@ class Meshes:
     def crossed(self, feathers: Arrangement) -> Indices:
         """(K, 2) kept feathers that pass through each other where they are, the lower number
         first."""
-        own = self._owner
-        world = np.einsum("vij,vj->vi", feathers.rotation[own], self._points)
-        world = feathers.place[own] + feathers.size[own, None] * world
+        world = np.empty_like(self._points)
+        for begin in range(0, len(world), _AT_ONCE):
+            some = slice(begin, begin + _AT_ONCE)
+            own = self._owner[some]
+            turned = np.einsum("vij,vj->vi", feathers.rotation[own], self._points[some])
+            world[some] = feathers.place[own] + feathers.size[own, None] * turned
         moved = np.logical_or.reduceat((world != self._world).any(axis=1), self._first)
         jobs = os.cpu_count() or 1
         again = crossings_of(world, self._patches, jobs, moved & feathers.kept).owners

@@ -172,8 +172,8 @@ def _axis(name: str) -> Array:
 
 @dataclass(frozen=True)
 class _Placing:
-    """Turns checked values of a space into those of the groom's frame. skins: None where no landmark
-    can be found."""
+    """Turns checked values of a space into those of the groom's frame. skins: None where landmarks
+    cannot be found."""
 
     space: Space
     skins: _Skins | None
