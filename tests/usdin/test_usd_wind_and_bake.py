@@ -243,6 +243,7 @@ def mebibytes(field):
 start = time.process_time()
 shot = featherfx.read_shot(sys.argv[1])
 read = time.process_time() - start
+shot.skin.frames(0.0)  # which loads what compiles kernels
 before = mebibytes("RssAnon")
 for frame in range(240):
     shot.skin.frames(frame / 24.0)
