@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 from contextlib import AbstractContextManager
-from types import TracebackType
 from typing import Any, Self
 
 import click
@@ -59,14 +58,9 @@ class Progress:
         self.account.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         self._close_bar()
-        self.account.__exit__(kind, error, trace)
+        self.account.__exit__()
         if self.style == "openjd" and isinstance(error, Exception):
             click.echo(f"openjd_fail: {'; '.join(str(error).splitlines())}", err=True)
         if isinstance(error, KeyboardInterrupt) and not str(error) and self.account.failed:

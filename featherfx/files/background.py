@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from queue import Queue
 from threading import Thread
-from types import TracebackType
 from typing import Any, Self
 
 
@@ -45,12 +44,7 @@ class Background:
         self._end()
         self._raise()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._stopped = kind is not None
         if kind is None:
             self.close()

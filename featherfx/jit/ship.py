@@ -20,10 +20,9 @@ from featherfx.jit.cache import ROOT
 from featherfx.jit.shipped import FOLDER, Processor, of_this_machine
 
 _SAMPLES = ROOT.parent / "samples"
-# what compiles what is common: steps of a wing, feathers that touch, the layout of a bird
+# what compiles what is common: steps of feathers that touch, the layout of a bird
 _FRAMES = ("--quality", "draft", "--frames", "1-2", "-o")
 WORKS = (
-    ("bake", _SAMPLES / "swan_wing" / "shot.toml", *_FRAMES),
     ("bake", _SAMPLES / "flapping_bird" / "shot.toml", *_FRAMES),
     ("groom", _SAMPLES / "pigeon" / "groom.toml", "--quality", "draft", "-o"),
 )
@@ -37,9 +36,15 @@ def fill(folder: Path, processor: Processor) -> None:
             "NUMBA_CPU_NAME": processor.name,
             "NUMBA_CPU_FEATURES": "",
         }
-        for number, work in enumerate(WORKS):
-            command = [sys.executable, "-m", "featherfx", *map(str, work)]
-            subprocess.run([*command, Path(place) / f"{number}.usdc"], env=environment, check=True)
+        own = [sys.executable, "-m", "featherfx"]
+        commands = [
+            [*own, *map(str, work), str(Path(place) / f"{number}.usdc")]
+            for number, work in enumerate(WORKS)
+        ]
+        works = [subprocess.Popen(each, env=environment) for each in commands]
+        for command, ended in zip(commands, [work.wait() for work in works], strict=True):
+            if ended:
+                raise subprocess.CalledProcessError(ended, command)
 
 
 def main() -> None:

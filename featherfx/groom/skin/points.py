@@ -82,6 +82,14 @@ class SkinSurface:
         return 0.5 * np.sqrt((self._products**2).sum(axis=1))
 
     @cached_property
+    def samples(self) -> tuple[SurfacePoints, ...]:
+        """Four sets of one point of each triangle, which stand for a fourth of its area each."""
+        places = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
+        triangle = np.arange(len(self.areas))
+        wide = [np.broadcast_to(place, (len(triangle), 3)) for place in places]
+        return tuple(self.at(triangle, place) for place in wide)
+
+    @cached_property
     def normals(self) -> Array:
         """(V, 3) unit, mean of the faces around by their area."""
         summed = np.zeros_like(self.source.points)

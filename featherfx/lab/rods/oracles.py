@@ -39,6 +39,12 @@ def elastica_tip(load: float) -> tuple[float, float]:
     return float(np.sqrt(2.0 * np.sin(slope) / load)), float(drop)
 
 
+def _cross_matrix(vector: Array) -> Array:
+    """(3, 3) matrix that multiplies as the cross product with a vector (3,) does."""
+    x, y, z = vector.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def kirchhoff_tip(
     length: float,
     stiffness: Sequence[float] | Array,
@@ -54,7 +60,7 @@ def kirchhoff_tip(
     m' = n x d1, n = tip_force + weight beyond s, m.d_i = B_i (k_i - k0_i), d_i' = k x d_i.
     Unknown: the tip's rotation, found by continuation in the load so that the clamp's is none.
     """
-    stiffness = np.asarray(stiffness, float)
+    stiffness, force = np.asarray(stiffness, float), np.asarray(tip_force, float)
 
     def beyond(s: float) -> float:
         if taper == 0.0:
@@ -65,12 +71,11 @@ def kirchhoff_tip(
     def back(rotation: Rotation, factor: float, accuracy: float) -> Array:
         def slope(s: float, y: Array) -> Array:
             frame = y[6:].reshape(3, 3)
-            n = factor * (np.asarray(tip_force, float) - [0.0, 0.0, beyond(s)])
+            n = factor * (force - [0.0, 0.0, beyond(s)])
             bend = stiffness * (1.0 - taper * s / length) ** 4
             bent = frame @ (frame.T @ y[3:6] / bend + [0.0, 0.0, curvature])
-            return np.concatenate(
-                [frame[:, 0], np.cross(n, frame[:, 0]), np.cross(bent, frame.T).T.ravel()]
-            )
+            turned = _cross_matrix(bent) @ frame
+            return np.concatenate([frame[:, 0], _cross_matrix(n) @ frame[:, 0], turned.ravel()])
 
         start = np.concatenate([np.zeros(6), rotation.as_matrix().ravel()])
         span = (length, 0.0)
