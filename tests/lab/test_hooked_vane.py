@@ -55,9 +55,8 @@ def test_strength_and_energy_of_a_split_are_those_of_the_law(rows):
     )
     at_peak = found["strain"][int(np.argmax(found["stress"]))]
     assert found["strength"] == pytest.approx(VANE.hook_strength * (1.0 + at_peak), rel=0.02)
-    # gaps of one strength may part one after the other while the sample snaps
-    gaps = found["split_length"] / 13e-3
-    assert gaps == pytest.approx(max(round(gaps), 1))
+    # other gaps of the same strength may part as well, or begin to, while the sample snaps
+    assert found["split_length"] >= 13e-3 * (1.0 - 1e-9)
     assert found["split_angle"] < 1.0
 
 
@@ -86,10 +85,10 @@ def test_what_is_spent_stored_and_damped_is_the_work_of_the_clamp(direction):
 
 
 def test_strength_and_energy_along_the_barbs_do_not_depend_on_the_rows():
-    found = [tear(TearTest("along", rows=rows, columns=4)).as_json() for rows in (11, 21, 41, 81)]
+    found = [tear(TearTest("along", rows=rows)).as_json() for rows in (11, 21, 81)]
     for key in ("strength", "energy_per_length"):
         values = [each[key] for each in found]
-        assert max(values) < 1.05 * min(values)
+        assert max(values) < 1.01 * min(values)
 
 
 def test_the_law_does_not_know_the_rate():
