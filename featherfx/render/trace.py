@@ -107,14 +107,9 @@ class Tracer:
         self._embree = rtcore_scene.EmbreeScene()
         points = np.ascontiguousarray(geometry.points - middle, dtype=np.float32)
         self._mesh = TriangleMesh(self._embree, points, geometry.triangles)
-        self._surface = Surface(
-            geometry.triangles,
-            geometry.material,
-            geometry.normals,
-            geometry.tangents,
-            geometry.colours,
-            geometry.across,
-        )
+        # of one layout in memory, for which kernels are compiled once
+        parts = (getattr(geometry, name) for name in Surface._fields)
+        self._surface = Surface(*map(np.ascontiguousarray, parts))
         # the first query builds the tree; then several threads may ask
         self._hits(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
 

@@ -17,7 +17,7 @@ from featherfx.shot.frames import FeatherPose
 from featherfx.usd.arrays import InPlace
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, MESH, ORIENT, P_BARB, RACHIS
 from featherfx.usd.write import surface_kernels
-from featherfx.usd.write.poses import Key, PosedFeather, condense
+from featherfx.usd.write.poses import Key, PosedFeather, condense, fixed
 from featherfx.usd.write.surface_kernels import DrawnSurface, WrittenSurface
 
 
@@ -35,12 +35,12 @@ class JoinedFeathers:
         rows = np.cumsum([0, *(grid[0] for grid in self._grids)])
         starts = np.cumsum([0, *(len(each.row) for each in surfaces)])
         count = int(starts[-1])
-        none = np.zeros((0, 2), dtype=np.int64)
+        none = fixed(np.zeros((0, 2)))
         self._drawn = DrawnSurface(
-            row=_counted_on([each.row for each in surfaces], rows),
-            node=np.concatenate([each.node for each in surfaces]),
-            offset=np.concatenate([each.offset for each in surfaces]),
-            triangles=_counted_on([each.triangles for each in surfaces], starts),
+            row=fixed(_counted_on([each.row for each in surfaces], rows)),
+            node=fixed(np.concatenate([each.node for each in surfaces])),
+            offset=fixed(np.concatenate([each.offset for each in surfaces]), np.float64),
+            triangles=fixed(_counted_on([each.triangles for each in surfaces], starts)),
             edges=_counted_on([each.edges for each in surfaces], starts).astype(np.int32),
             lips=none,
             world=np.zeros((count, 3)),

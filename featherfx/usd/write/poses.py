@@ -296,12 +296,12 @@ class _Surface:
         overwritten."""
         self._feather, surface = feather, feather.surface
         self.drawn = DrawnSurface(
-            row=_plain(surface.row),
-            node=_plain(surface.node),
-            offset=np.ascontiguousarray(surface.offset, dtype=np.float64),
-            triangles=_plain(surface.triangles),
+            row=fixed(surface.row),
+            node=fixed(surface.node),
+            offset=fixed(surface.offset, np.float64),
+            triangles=fixed(surface.triangles),
             edges=edges,
-            lips=_plain(surface.lips),
+            lips=fixed(surface.lips),
             world=scratch[0],
             sums=scratch[1],
             parted=np.zeros(len(surface.lips), dtype=np.bool_),
@@ -448,5 +448,8 @@ def _curves(points_map: PointMap, values: RowPoints) -> Array:
     return np.ascontiguousarray(points_map(values), dtype=np.float64).reshape(-1, 3)
 
 
-def _plain(indices: Indices) -> Indices:
-    return np.ascontiguousarray(indices, dtype=np.int64)
+def fixed(values: NDArray[Any], kind: Any = np.int64) -> NDArray[Any]:
+    """Read-only, as kernels are compiled for what poses do not change."""
+    own = np.ascontiguousarray(values, dtype=kind).view()
+    own.flags.writeable = False
+    return own
