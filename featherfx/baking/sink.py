@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
+from typing import Any
 
 from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import Task
+from featherfx.usd.write.resume import table_text
 from featherfx.usd.write.write import CacheWriter, Continuation, Place
 
 
@@ -31,8 +32,7 @@ def new_writer(task: Task) -> CacheWriter:
     )
 
 
-def compared(task: Task, dependences: Sequence[str]) -> dict[str, str]:
+def compared(task: Task, dependences: Sequence[str]) -> dict[str, Any]:
     """What a later bake compares itself with (again.py). dependences: of the task's feathers."""
     depend = dict(zip(task.names, dependences, strict=True))
-    texts = {"inputs": task.shot.inputs, "dependences": depend}
-    return {name: json.dumps(dict(value), separators=(",", ":")) for name, value in texts.items()}
+    return {"inputs": table_text(task.shot.inputs), "dependences": table_text(depend)}

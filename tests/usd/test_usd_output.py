@@ -10,7 +10,7 @@ from pathlib import Path
 
 import feathers
 import pytest
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from featherfx.errors import InputError
 from featherfx.files import whole
@@ -18,6 +18,7 @@ from featherfx.usd.types import OutputError
 from featherfx.usd.write import publish
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.output import check_output
+from featherfx.usd.write.resume import layer_metadata, table_text, text_table
 from featherfx.usd.write.write import CacheWriter
 
 NAMES = {"flat": ["out.usda"], "payload": ["out.animation.usdc", "out.payload.usdc", "out.usda"]}
@@ -228,3 +229,16 @@ def test_reading_compiles_nothing():
     code = "; ".join(f"import featherfx.usd.{name}" for name in modules)
     code += "; import featherfx.baking.task, sys; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("count", [0, 3, 5000])
+def test_long_texts_of_a_cache_are_kept_in_pieces_that_others_read(tmp_path, count):
+    table = {f"feather_{k}": f"depends on {k} µm" for k in range(count)}
+    layer = Sdf.Layer.CreateNew(str(tmp_path / "long.usdc"))
+    layer.customLayerData = {"featherfx": {"dependences": table_text(table)}}
+    layer.Save()
+    del layer
+    told = layer_metadata(tmp_path / "long.usdc")["dependences"]
+    assert text_table(told) == table
+    pieces = [told] if isinstance(told, str) else [*told]
+    assert max(map(len, pieces)) < 65_536

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf
+from pxr import Sdf, Vt
 
 from featherfx.errors import Problem
 from featherfx.files.lock import Lock
 from featherfx.groom.read.told import UNTOLD, changes
+from featherfx.usd import arrays
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.output import clips_folder, output_files, parts_folder
@@ -23,6 +24,7 @@ from featherfx.usd.write.parts import (
 )
 
 _MOST_DIFFERENCES = 12
+_PIECE = 60_000
 
 
 def is_finished(
@@ -116,8 +118,19 @@ def baked_inputs(path: Path) -> dict[str, str]:
     return text_table(layer_metadata(path).get("inputs"))
 
 
+def table_text(table: Mapping[str, str]) -> Any:
+    """Texts by name as JSON for metadata; in pieces where it is long, since other readers of USD
+    refuse files with a string of more than 65,536 bytes (tinyusdz 0.9.4)."""
+    text = json.dumps(dict(table), separators=(",", ":"))
+    if len(text) <= _PIECE:
+        return text
+    return arrays.strings(*(text[k : k + _PIECE] for k in range(0, len(text), _PIECE)))
+
+
 def text_table(text: Any) -> dict[str, str]:
-    """Texts by name from JSON; empty where it is none."""
+    """Texts by name from JSON (table_text); empty where it is none."""
+    if isinstance(text, Vt.StringArray):
+        text = "".join(text)
     try:
         found = json.loads(text) if isinstance(text, str) else {}
     except (ValueError, RecursionError):
