@@ -57,10 +57,9 @@ def test_strength_and_energy_of_a_split_are_those_of_the_law(rows):
     assert found["strength"] == pytest.approx(VANE.hook_strength * (1.0 + at_peak), rel=0.02)
     # other gaps of the same strength may part as well, or begin to, while the sample snaps
     assert found["split_length"] >= 13e-3 * (1.0 - 1e-9)
-    assert found["split_angle"] < 1.0
 
 
-@pytest.mark.parametrize("direction", ["tilted", "along"])
+@pytest.mark.parametrize("direction", ["across", "tilted", "along"])
 def test_splits_run_along_the_barbs_whatever_the_pull(direction):
     found = tear(TearTest(direction, rows=11, columns=6, step=0.02)).as_json()
     assert found["split_angle"] < 1.0
