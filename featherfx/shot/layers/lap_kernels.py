@@ -22,6 +22,9 @@ LEAST_COSINE = 0.5
 RIM_PARTS = 3
 # over a distance along a vane's normals, that along the third axis of the vane's own frame
 LEAN = 1.5
+# what a lift changes within a sample, over a feather's length, with which pairs that were apart may
+# come to lap
+YIELD = 0.05
 
 
 @kernel
@@ -251,15 +254,41 @@ def _may_lap(vanes, pose, upper, lower, margin):
 
 
 @kernel
-def find_laps(vanes, stack, pose, follow, span, laps, seen):
-    """Laps of the pairs span[0] to span[1] - 1, in their order; returns how many there are. Of
-    those that laps has no room for, only that they are too many is right. follow: gap up to which
-    points count, in thicknesses. seen: scratch, (n, 2 m + 1, 5)."""
-    count = 0
+def _margin(vanes, upper, lower, follow):
+    """Gap of a pair up to which points count."""
+    between = min(vanes.clear[upper], vanes.clear[lower])
+    return follow * (vanes.half[upper] + vanes.half[lower]) + between
+
+
+@kernel
+def meeting_pairs(vanes, stack, pose, follow, meets, height):
+    """Which pairs may come to lap where feathers are lifted otherwise than in a pose by no more
+    than YIELD over the length of the upper one, meets (K,); and how many feathers, at most, lie
+    on each other under each, height (F,). follow: as of find_laps."""
+    for k in range(stack.order.shape[0]):
+        f, highest = stack.order[k], 0
+        size = pose.own[f, 3] - pose.own[f, 0]
+        for pair in range(stack.first[k], stack.first[k + 1]):
+            lower = stack.pairs[pair, 1]
+            margin = YIELD * size + _margin(vanes, f, lower, follow)
+            meets[pair] = 1 if _may_lap(vanes, pose, f, lower, margin) else 0
+            if meets[pair] != 0:
+                highest = max(highest, height[lower] + 1)
+        height[f] = highest
+
+
+@kernel
+def find_laps(vanes, stack, pose, follow, sought, laps, seen):
+    """Laps of pairs, in their order; returns how many there are. Of those that laps has no room
+    for, only that they are too many is right. follow: gap up to which points count, in
+    thicknesses. sought: the first pair and the one after the last, and (K,) which of them to look
+    at. seen: scratch, (n, 2 m + 1, 5)."""
+    count, (span, meets) = 0, sought
     for pair in range(span[0], span[1]):
+        if meets[pair] == 0:
+            continue
         upper, lower, start = stack.pairs[pair, 0], stack.pairs[pair, 1], count
-        margin = follow * (vanes.half[upper] + vanes.half[lower])
-        margin += min(vanes.clear[upper], vanes.clear[lower])
+        margin = _margin(vanes, upper, lower, follow)
         if not _may_lap(vanes, pose, upper, lower, margin):
             continue
         for role in range(2):

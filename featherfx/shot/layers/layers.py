@@ -1,16 +1,17 @@
 """Feathers as they are shown: laid over those beneath them and over the skin, sample by sample.
 
-What is simulated does not change. Every sample starts from the lifts of the one before. Feathers
-are taken from the lowest up: each is lifted as it was, its laps over what is laid already are
-searched (lap_kernels.py), and the lift that clears them is found (lift_kernels.py).
+What is simulated does not change. Every sample starts from the lifts of the one before, and the
+first one from those that it comes to rest with. Feathers are taken from the lowest up: each is
+lifted as it was, its laps over what is laid already are searched (lap_kernels.py), and the lift
+that clears them is found (lift_kernels.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,12 @@ from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.shot.detail.carried import FeatherPose
 from featherfx.shot.layers.depths import Depths
 from featherfx.shot.layers.ground import ground_beneath
+from featherfx.shot.layers.lap_kernels import meeting_pairs
 from featherfx.shot.layers.lift_kernels import lay_feathers
+from featherfx.shot.layers.pose_kernels import lift_points_of_all
 from featherfx.shot.layers.stack import (
     among,
     beneath,
-    by_height,
     part_of,
     pose_like,
     scratch_of,
@@ -37,9 +39,19 @@ from featherfx.shot.types import Shot
 
 # s, in which a lift that is no longer asked for falls to 1 / e
 FALL = 0.1
-MANNER = Manner(kept=0.0, anew=True, turns=8, follow=4.0, off=1.0, seen=0.1, slope=0.1)
+MANNER = Manner(kept=0.0, turns=8, follow=4.0, off=1.0, seen=0.1, slope=0.3)
 # laps of a feather that there is room for at first
 ROOM = 4096
+# m, what a point may move and still count as resting where it was
+STILL = 1e-6
+# times that the first sample is laid at most, until nothing moves any more
+PASSES = 40
+# feathers of one height from which on threads share them
+SHARED = 4
+# of the numbers that a pose is marked by
+_SEED = 20261123
+_OF_FEATHERS = "same", "moved", "settled", "strays"
+_KEPT = "lift", "settled", "depths", "touching"
 
 
 def shot_stack(shot: Shot, drawn: Sequence[Feather]) -> tuple[Stack, Vanes, RowPoints]:
@@ -76,8 +88,7 @@ class Layers:
     def __init__(self, shot: Shot, drawn: Sequence[Feather], wanted: Indices, jobs: int) -> None:
         stack, vanes, rest = shot_stack(shot, drawn)
         self.needed = beneath(stack, wanted)
-        stack, self.vanes = part_of(stack, vanes, self.needed)
-        self.stack, self._heights = by_height(stack)
+        self.stack, self.vanes = part_of(stack, vanes, self.needed)
         rest = rest.at(self.needed)
         self._names = [shot.groom.feathers[f].id for f in self.needed]
         self._depths, pairs = Depths(self.stack), len(self.stack.pairs)
@@ -85,9 +96,8 @@ class Layers:
         self.lifts = Lifts(
             lift=np.zeros(shape),
             before=np.zeros(shape),
-            moved=np.zeros(shape[0], dtype=np.int8),
-            settled=np.zeros(shape[0], dtype=np.int8),
-            strays=np.zeros(shape[0], dtype=np.int8),
+            **{name: np.zeros(shape[0], dtype=np.int8) for name in _OF_FEATHERS},
+            meets=np.zeros(pairs, dtype=np.int8),
             depths=np.zeros(pairs),
             touching=np.zeros(pairs, dtype=np.int8),
         )
@@ -96,7 +106,7 @@ class Layers:
         skin = shot.skin if shot.layers.contact.skin else None
         self._skin = ground_beneath(skin, self.needed, self.vanes, _nodes(rest.nodes))
         self._skin.ground.triangle[~_touching(shot)[self.needed]] = -1
-        self._under: Array | None = None
+        self._marks = np.zeros(shape[0], dtype=np.uint64)
         self._scratch = [scratch_of(self.vanes, ROOM) for _ in range(jobs)]
 
     def lay(
@@ -108,7 +118,13 @@ class Layers:
         the first.
         """
         points, lifts, pose = stacked([pose.points for pose in poses]), self.lifts, self._pose
-        self._lay(points, self._skin.points(time), duration)
+        skin = self._skin.points(time)
+        self._lay(points, skin, duration)
+        if not duration > 0.0:
+            for _ in range(PASSES):
+                self._lay(points, skin, duration)
+                if not lifts.moved.any():
+                    break
         self._depths.add(lifts.depths, lifts.touching != 0, frame)
         nodes, rates = pose.points.copy(), np.stack([given.velocities.nodes for given in poses])
         if duration > 0.0:
@@ -125,28 +141,51 @@ class Layers:
 
     def _lay(self, points: RowPoints, skin: Array, duration: float) -> None:
         """Lifts and pose of the next sample. points: of all feathers; skin: (V, 3) m."""
-        kept = float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0
-        anew = self._under is None or not np.array_equal(skin, self._under)
-        manner, self._under = MANNER._replace(kept=kept, anew=anew), skin
-        self.lifts.before[:] = self.lifts.lift
+        lifts, marks = self.lifts, _marks(points, skin)
+        lifts.same[:], self._marks = marks == self._marks, marks
+        lifts.before[:] = self._start.lift[:] = lifts.lift
+        manner = MANNER._replace(kept=float(np.exp(-duration / FALL)) if duration > 0.0 else 0.0)
         given = points, self._skin.ground, skin
-
-        def work(job: int, begin: int, end: int) -> None:
-            bodies, poses = (self.vanes, self.stack), (self._start, self._pose)
-            while begin < end:
-                args = manner, (begin, end), self._scratch[job]
-                begin = lay_feathers(bodies, given, self.lifts, poses, *args)
-                if begin < end:
-                    more = 2 * len(self._scratch[job].laps)
-                    self._scratch[job] = scratch_of(self.vanes, more)
-
-        if len(self._scratch) == 1:
-            work(0, 0, len(self.stack.order))
-            return
         with ThreadPoolExecutor(len(self._scratch)) as pool:
-            for low, high in pairwise(self._heights.tolist()):
-                ends = np.linspace(low, high, len(self._scratch) + 1).astype(int).tolist()
-                list(pool.map(work, range(len(self._scratch)), ends[:-1], ends[1:]))
+
+            def shared(work: Callable[..., None], low: int, high: int, costs: Array | None) -> None:
+                list(pool.map(work, *_parts(low, high, len(self._scratch), costs)))
+
+            def start(job: int, begin: int, end: int) -> None:
+                lift_points_of_all(self.vanes, points, self._start, (begin, end))
+
+            shared(start, 0, len(marks), None)
+            # where what rests is
+            for shown, begun in zip(self._pose, self._start, strict=True):
+                shown[:] = begun
+            plan = self._plan(manner)
+
+            def lay(job: int, begin: int, end: int) -> None:
+                bodies, poses = (self.vanes, self.stack, plan.places), (self._start, self._pose)
+                while begin < end:
+                    args = manner, (begin, end), self._scratch[job]
+                    begin = lay_feathers(bodies, given, lifts, poses, *args)
+                    if begin < end:
+                        more = 2 * len(self._scratch[job].laps)
+                        self._scratch[job] = scratch_of(self.vanes, more)
+
+            if len(self._scratch) == 1:
+                lay(0, 0, len(marks))
+                return
+            for low, high in pairwise(plan.heights.tolist()):
+                if high - low < SHARED:
+                    lay(0, low, high)
+                else:
+                    shared(lay, low, high, plan.costs)
+
+    def _plan(self, manner: Manner) -> _Plan:
+        """What may meet in a sample, and in which order that is laid."""
+        stack, lifts, height = self.stack, self.lifts, np.zeros(len(self.stack.order), np.int64)
+        meeting_pairs(self.vanes, stack, self._start, manner.follow, lifts.meets, height)
+        places = np.argsort(height[stack.order], kind="stable")
+        ends = np.searchsorted(height[stack.order][places], np.arange(height.max(initial=-1) + 2))
+        met = np.concatenate([[0], np.cumsum(lifts.meets, dtype=np.int64)])
+        return _Plan(places, ends, (1.0 + met[stack.first[1:]] - met[stack.first[:-1]])[places])
 
     def of(self, wanted: Indices, laid: Sequence[FeatherPose]) -> list[FeatherPose]:
         """Those of the needed feathers' poses that are wanted, by numbers."""
@@ -161,14 +200,47 @@ class Layers:
         """Who lies over whom."""
         return Laid(self.needed, self.stack)
 
-    def memory(self) -> dict[str, Array]:
+    def memory(self) -> dict[str, NDArray[Any]]:
         """What is kept between samples, for checkpoints."""
-        return {"lift": self.lifts.lift.copy()}
+        kept = {name: getattr(self.lifts, name).copy() for name in _KEPT}
+        return kept | {"marks": self._marks.copy()}
 
-    def restore(self, memory: Mapping[str, Array]) -> None:
+    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `memory` gave."""
-        self.lifts.lift[:] = memory["lift"]
-        self._under = None
+        for name in _KEPT:
+            getattr(self.lifts, name)[:] = memory[name]
+        self._marks = memory["marks"].astype(np.uint64)
+
+
+class _Plan(NamedTuple):
+    """In which order a stack is laid. places: (F,) of its order, those of one height in one run;
+    heights: (H + 1,) where these begin; costs: (F,) of laying each, in the same order."""
+
+    places: Indices
+    heights: Indices
+    costs: Array
+
+
+def _marks(points: RowPoints, skin: Array) -> NDArray[np.uint64]:
+    """(F,) numbers that change where a point of a feather or of the skin moves by STILL or more."""
+    return np.asarray(_mark(points.nodes) + _mark(skin[None]))
+
+
+def _mark(points: Array) -> NDArray[np.uint64]:
+    """(N,) of N bodies' points (N, ..., 3) m."""
+    words = (np.rint(points / STILL) + 0.0).reshape(len(points), -1).view(np.uint64)
+    odd = np.random.default_rng(_SEED).integers(0, 2**63, words.shape[1], dtype=np.uint64)
+    return np.asarray(words @ (odd | np.uint64(1)))
+
+
+def _parts(low: int, high: int, count: int, costs: Array | None) -> tuple[list[int], ...]:
+    """Numbers of parts, and where they begin and end. costs: (F,) of each place."""
+    if costs is None:
+        ends = np.linspace(low, high, count + 1).astype(int)
+    else:
+        done = np.concatenate([[0.0], np.cumsum(costs[low:high])])
+        ends = low + np.searchsorted(done, np.linspace(0.0, done[-1], count + 1))
+    return list(range(count)), ends[:-1].tolist(), ends[1:].tolist()
 
 
 def _nodes(points: Array) -> Array:

@@ -14,7 +14,6 @@ goes back slowly. Below the vane the lift falls off to the root, which stays.
 from featherfx.jit.compiled import kernel
 from featherfx.shot.layers.lap_kernels import BESIDE, find_laps, ground_lacks
 from featherfx.shot.layers.pose_kernels import lift_points
-from featherfx.solver.contact.search_kernels import strip_point
 
 # of a point, that a node has at least where it is asked for all that is lacking there
 SHARE = 0.1
@@ -97,26 +96,29 @@ def _to_root(values, vanes, f):
 
 @kernel
 def lay_feathers(bodies, given, lifts, poses, manner, span, scratch):
-    """Lay the feathers at span[0] to span[1] - 1 of the order, of which none lies over another, on
-    those before them. Returns the place of the first that scratch has no room for, else span[1].
+    """Lay the feathers at places[span[0]] to places[span[1] - 1] of the order, of which none lies
+    over another, on those that are laid. Returns the first of the span that scratch has no room
+    for, else its end.
 
-    bodies: vanes and stack. given: RowPoints before they are lifted, ground and skin (V, 3) m.
-    poses: with the lifts of the sample before, and of this one. What has not moved since then, as
-    all beneath it, and then kept its lift, keeps it.
+    bodies: vanes, stack and places. given: RowPoints before they are lifted, ground and skin
+    (V, 3) m. poses: with the lifts of the sample before, and of this one. What has not moved since
+    then, as all beneath it, keeps its lift where it kept it then or would have to rise: it was laid
+    there, and what only falls to rise again would do so for ever.
     """
-    (vanes, stack), (points, ground, skin), (start, pose) = bodies, given, poses
-    for k in range(span[0], span[1]):
-        f, own = stack.order[k], (stack.first[k], stack.first[k + 1])
-        lift, before, same = lifts.lift[f], lifts.before[f], _is_as_before(points, pose, lifts, f)
-        rests, strays = same and lifts.settled[f] != 0 and not manner.anew, False
-        for pair in range(own[0], own[1]):
-            lower = stack.pairs[pair, 1]
-            rests = rests and lifts.moved[lower] == 0
-            strays = strays or lifts.strays[lower] != 0
+    (vanes, stack, places), (points, ground, skin), (start, pose) = bodies, given, poses
+    for place in range(span[0], span[1]):
+        k = places[place]
+        f, own = stack.order[k], ((stack.first[k], stack.first[k + 1]), lifts.meets)
+        lift, before = lifts.lift[f], lifts.before[f]
+        quiet, strays = lifts.same[f] != 0, False
+        for pair in range(own[0][0], own[0][1]):
+            if lifts.meets[pair] != 0:
+                lower = stack.pairs[pair, 1]
+                quiet = quiet and lifts.moved[lower] == 0
+                strays = strays or lifts.strays[lower] != 0
         lifts.moved[f], lifts.strays[f] = 0, 0
-        if rests:
+        if quiet and lifts.settled[f] != 0:
             continue
-        lift_points(vanes, points, before, start, f)
         ground_lacks(vanes, start, ground, skin, f, scratch.asked)
         # where nothing is lifted yet, so that all that is beneath takes this one with it
         count = find_laps(vanes, stack, start, manner.follow, own, scratch.laps, scratch.seen)
@@ -140,34 +142,18 @@ def lay_feathers(bodies, given, lifts, poses, manner, span, scratch):
                     change = _most_change(lift, pose.lift[f])
         if count > scratch.laps.shape[0]:
             _copy(before, lift)
-            return k
-        if _most_change(lift, before) <= manner.seen * vanes.half[f]:
+            return place
+        least = manner.seen * vanes.half[f]
+        if _most_change(lift, before) <= least or (quiet and _most_rise(before, lift) > least):
             _copy(before, lift)
         lift_points(vanes, points, lift, pose, f)
-        for pair in range(own[0], own[1]):
+        for pair in range(own[0][0], own[0][1]):
             lifts.depths[pair], lifts.touching[pair] = -1e300, 0
         _pair_depths(vanes, scratch.laps, count, lifts)
         lifts.strays[f] = 1 if _most_change(lift, before) > manner.off * vanes.half[f] else 0
         lifts.settled[f] = 1 if _most_change(lift, before) == 0.0 else 0
-        lifts.moved[f] = 0 if same and lifts.settled[f] != 0 else 1
+        lifts.moved[f] = 0 if lifts.same[f] != 0 and lifts.settled[f] != 0 else 1
     return span[1]
-
-
-@kernel
-def _is_as_before(points, pose, lifts, f):
-    """Whether a feather, lifted as at the sample before, is where it was shown then."""
-    columns = (lifts.lift.shape[2] - 1) // 2
-    for i in range(lifts.lift.shape[1]):
-        for k in range(3):
-            dorsal = points.directors[f, i, 1, k]
-            if pose.dorsal[f, i, k] != dorsal:
-                return False
-            for c in range(lifts.lift.shape[2]):
-                p = strip_point(c, columns)
-                risen = lifts.lift[f, i, c] * dorsal
-                if pose.points[f, i, p, k] != points.nodes[f, i, p, k] + risen:
-                    return False
-    return True
 
 
 @kernel
@@ -188,6 +174,16 @@ def _most_change(first, second):
 
 
 @kernel
+def _most_rise(first, second):
+    """The most that a field (n, 2 m + 1) is above another one, the first."""
+    most = 0.0
+    for i in range(first.shape[0]):
+        for c in range(first.shape[1]):
+            most = max(most, second[i, c] - first[i, c])
+    return most
+
+
+@kernel
 def _raise_lift(vanes, place, manner, scratch, count, begun):
     """Lift one feather by its laps, of which there are so many. place: lifts, and the feather.
     begun: whether its lift is of this sample, and does not fall: what is lifted off something is
@@ -200,11 +196,12 @@ def _raise_lift(vanes, place, manner, scratch, count, begun):
             wanted[i, c] = max(scratch.asked[i, c], least)
     for k in range(count):
         _ask(vanes, scratch.laps[k], lifts, manner.slope, wanted)
-    if begun and _most_change(wanted, lift) > manner.off * vanes.half[f]:
-        # it fell onto what was not seen from where it was, and would come and go
+    if begun:
+        # what fell onto what was not seen from where it was would come and go
         for i in range(wanted.shape[0]):
             for c in range(wanted.shape[1]):
-                wanted[i, c] = max(wanted[i, c], before[i, c])
+                if wanted[i, c] - lift[i, c] > manner.off * vanes.half[f]:
+                    wanted[i, c] = max(wanted[i, c], before[i, c])
     _spread(wanted, vanes, f, manner.slope)
     _to_root(wanted, vanes, f)
     _copy(wanted, lift)

@@ -29,9 +29,9 @@ def lift_points(vanes, points, lift, pose, f):
 
 
 @kernel
-def lift_points_of_all(vanes, points, pose):
-    """As lift_points, of all feathers, by the lifts that the pose has."""
-    for f in range(vanes.half.shape[0]):
+def lift_points_of_all(vanes, points, pose, span):
+    """As lift_points, of the feathers span[0] to span[1] - 1, by the lifts that the pose has."""
+    for f in range(span[0], span[1]):
         lift_points(vanes, points, pose.lift[f], pose, f)
 
 

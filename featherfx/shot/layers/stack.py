@@ -42,7 +42,7 @@ PAIRS_AT_ONCE = 2_000
 # with 0.08 and 6 the pigeon's coat rises by centimetres, and more of it crosses.
 CLEAR, MOST_CLEAR = 0.024, 1.8
 # depth, over a feather's length, that is undone; beyond twice that the order counts for nothing
-DEEPEST = 0.3
+DEEPEST = 0.6
 
 
 def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: RowPoints) -> Stack:
@@ -62,22 +62,25 @@ def stack_of(placements: Sequence[Placement], vanes: Vanes, rest: RowPoints) -> 
 def _seen_stack(strips: Strips, vanes: Vanes, rest: RowPoints) -> Stack:
     pairs, order = shingle_pairs(replace(strips, reach=REACH * strips.reach), FACING)
     stack = sorted_stack(pairs, order)
-    depth, votes = _seen_at_rest(stack, vanes, rest)
-    if strips.rank.min(initial=0) < 0:
+    ranked = strips.rank.min(initial=0) >= 0
+    depth, votes = _seen_at_rest(stack, vanes, rest, 1.0 if ranked else NEAR)
+    if not ranked:
         return _by_votes(stack.pairs, votes, order)
-    # a layout leaves some feathers on the wrong side of others
+    # a layout leaves some feathers on the wrong side of others, by up to their length
     length = vanes.row.sum(axis=1)
     return sorted_stack(stack.pairs[depth <= WRONG * length[stack.pairs].min(axis=1)], order)
 
 
-def _seen_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> tuple[Array, Indices]:
+def _seen_at_rest(
+    stack: Stack, vanes: Vanes, rest: RowPoints, deepest: float
+) -> tuple[Array, Indices]:
     """(K,) m, how deep the upper feather of each pair is below the lower one, and by how many
     points it is over it, less those by which it is under it. Of all pairs, also of those that lie
-    the other way round."""
+    the other way round, up to a depth over their length."""
     length = vanes.row.sum(axis=1)
-    pose = pose_like(rest, vanes.present.shape)
-    lift_points_of_all(vanes, rest, pose)
-    seen = vanes._replace(deepest=NEAR * length)
+    pose, every = pose_like(rest, vanes.present.shape), np.ones(len(stack.pairs), dtype=np.int8)
+    lift_points_of_all(vanes, rest, pose, (0, len(length)))
+    seen = vanes._replace(deepest=deepest * length)
     follow = NEAR * float((length / vanes.half).max(initial=0.0))
     # part by part: laps of all pairs at once would be the most that a bake holds
     scratch, count = scratch_of(vanes, 1024), len(stack.pairs)
@@ -85,7 +88,8 @@ def _seen_at_rest(stack: Stack, vanes: Vanes, rest: RowPoints) -> tuple[Array, I
     for begin in range(0, count, PAIRS_AT_ONCE):
         span = begin, min(begin + PAIRS_AT_ONCE, count)
         while True:
-            found = find_laps(seen, stack, pose, follow, span, scratch.laps, scratch.seen)
+            sought = span, every
+            found = find_laps(seen, stack, pose, follow, sought, scratch.laps, scratch.seen)
             if found <= len(scratch.laps):
                 break
             scratch = scratch_of(vanes, int(1.25 * found))
@@ -158,18 +162,6 @@ def sorted_stack(pairs: Indices, order: Indices) -> Stack:
     chosen = np.lexsort((rank[pairs[:, 1]], upper))
     first = np.searchsorted(upper[chosen], np.arange(len(order) + 1))
     return Stack(order.astype(np.int64), np.ascontiguousarray(pairs[chosen]), first)
-
-
-def by_height(stack: Stack) -> tuple[Stack, Indices]:
-    """A stack in an order in which those that lie on nothing come first, then those on them alone,
-    and so on; and (H + 1,) the places of the first of each height."""
-    height = np.zeros(len(stack.order), dtype=np.int64)
-    for k, f in enumerate(stack.order.tolist()):
-        lower = stack.pairs[stack.first[k] : stack.first[k + 1], 1]
-        height[f] = height[lower].max(initial=-1) + 1
-    order = stack.order[np.argsort(height[stack.order], kind="stable")]
-    heights = np.arange(height.max(initial=-1) + 2)
-    return sorted_stack(stack.pairs, order), np.searchsorted(height[order], heights)
 
 
 def among(stack: Stack, touching: NDArray[np.bool_]) -> Stack:

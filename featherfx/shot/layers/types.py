@@ -86,29 +86,30 @@ class Ground(NamedTuple):
 
 
 class Lifts(NamedTuple):
-    """How far nodes are lifted. lift: (F, n, 2 m + 1) m, now; before: at the sample before. moved:
-    (F,) whether a feather is shown elsewhere than then; settled: whether its lift is what it was
-    then, strays: whether it is far from that. depths: (K,) how deep each
-    pair is, in thicknesses, below 0 how far apart. touching: (K,) whether it touches."""
+    """How far nodes are lifted. lift: (F, n, 2 m + 1) m, now; before: at the sample before. same:
+    (F,) whether a feather would be where it was then, lifted alike; moved: whether it is shown
+    elsewhere; settled: whether its lift is what it was then, strays: whether it is far from that.
+    meets: (K,) whether a pair is near enough to be looked at, depths: how deep it is, in
+    thicknesses, below 0 how far apart, touching: whether it touches."""
 
     lift: Array
     before: Array
+    same: Bytes
     moved: Bytes
     settled: Bytes
     strays: Bytes
+    meets: Bytes
     depths: Array
     touching: Bytes
 
 
 class Manner(NamedTuple):
     """How a sample is laid. kept: share of a lift that it keeps at least, of the sample before.
-    anew: whether nothing is known of that, so that what has not moved is laid as well. turns:
-    searches of a feather at most. follow: gap up to which nodes are followed, in thicknesses. off:
-    change of a lift, over half a thickness, from which on a feather is searched again; seen: the
-    same, for what is written. slope: what a lift may rise along shaft or barb."""
+    turns: searches of a feather at most. follow: gap up to which nodes are followed, in
+    thicknesses. off: change of a lift, over half a thickness, from which on a feather is searched
+    again; seen: the same, for what is written. slope: what a lift may rise along shaft or barb."""
 
     kept: float
-    anew: bool
     turns: int
     follow: float
     off: float
