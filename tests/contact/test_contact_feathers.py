@@ -17,8 +17,9 @@ from contact_cases import (
 )
 
 from featherfx.mechanics.model import no_loads
+from featherfx.solver.contact.interval import Manner
 from featherfx.solver.step.integrator_kernels import integrator_of
-from featherfx.solver.step.root_path import RootPath
+from featherfx.solver.step.root_path import RootPath, hold_roots
 
 GRID = {"rows": 11, "columns": 4}
 PAIR = [(0, 1), (1, 0)]
@@ -154,6 +155,20 @@ def test_a_feather_that_slipped_through_comes_back_at_the_recovery_speed():
     assert 0.05 < rates[:5].mean() < 0.3
     assert rates.max() < 0.5
     assert heights[-1] > 0.0
+
+
+def test_contacts_that_yield_are_deep_but_not_off():
+    """Neither rounds nor shorter steps are spent on what gives way."""
+    model, state = closing(10.0, place=(0.02, 0.01, 0.001))
+    given = [state], [no_loads(2)], [hold_roots(state)], 3e-4
+    depths = {}
+    for name, soft in (("firm", None), ("one yields", np.array([False, True]))):
+        manner = Manner(yielding=soft)
+        _, _, report = solver_of(model, PAIR, ORDERED).interval(*given, manner=manner)
+        depths[name] = report.depth
+    assert report.residual == 0.0
+    assert depths["one yields"] > 2.0 * THICKNESS
+    assert depths["firm"] < 0.5 * depths["one yields"]
 
 
 def test_what_comes_around_a_rim_stays_on_the_side_where_it_comes():

@@ -36,6 +36,7 @@ from featherfx.solver.contact.sweep_kernels import RoundRules, Sweep
 from featherfx.solver.contact.types import (
     Array,
     ByBody,
+    Bytes,
     Candidates,
     Ground,
     Handing,
@@ -209,15 +210,18 @@ class ContactSolver:
             run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
         self._free, memory, rounds = free, self.memory, 0
         stale = free.copy() if resting is None else free & ~resting
+        soft = np.zeros(self.grids.bodies, dtype=np.int8)
+        if yielding is not None:
+            soft[yielding] = 1
         before, forces = Found(new_touch(1), 0), np.zeros(self.grids.bodies)
         for number in range(SEARCHES):
             searched = run.now.copy()
             self._find(run, walls, (memory, before), stale if number else free, (turns, number > 0))
             if yielding is not None:
-                soften(*self.found, yielding.astype(np.int8), SOFT)
+                soften(*self.found, soft, SOFT)
             if number:
                 stale |= self._pressed_elsewhere(forces) & free
-            solved = self._solve(run, stale)
+            solved = self._solve(run, stale, soft)
             rounds += int(solved.islands.rounds.max(initial=0))
             moved = _largest_moves(run.now, searched)
             stale, before = (moved >= self.settings.margin) & ~run.failed(), self.found
@@ -227,8 +231,10 @@ class ContactSolver:
             add_forces(*self.found, forces)
             order = self.candidates.order
             memory = self.found.remembered(order, self._found_in, self.memory)
-        # what is not where contacts were searched may have missed some
-        off = np.where(stale, np.maximum(moved, solved.marks.worst), solved.marks.worst)
+        # what is not where contacts were searched may have missed some, unless they yield anyway
+        off = np.where(
+            stale & (soft == 0), np.maximum(moved, solved.marks.worst), solved.marks.worst
+        )
         contacts = self.found.contacts
         report = ContactReport(
             contacts=int(np.count_nonzero(contacts["guest_force"] > 0.0)),
@@ -343,16 +349,18 @@ class ContactSolver:
         add_forces(*self.found, found)
         return np.asarray(np.abs(found - forces) > 1e-9 * forces)
 
-    def _solve(self, run: Run, stale: Flags) -> Sweep:
+    def _solve(self, run: Run, stale: Flags, soft: Bytes) -> Sweep:
         """Rounds of solves with the contacts found; what they ended with.
 
-        stale: (B,) bodies that are solved in the first round, whatever their contacts.
+        stale: (B,) bodies that are solved in the first round, whatever their contacts. soft: (B,)
+        those whose contacts yield.
         """
         settings = self.settings
         touching = self._neighbours()
         count, island = islands_of(touching)
         island[~self._free | run.failed()] = -1
-        marks, islands = run.marks(island, stale), islands_before(count, island, self._team.jobs)
+        marks = run.marks(island, stale, soft)
+        islands = islands_before(count, island, self._team.jobs)
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         batches, held = run.batches(room)
         sweep = Sweep(

@@ -112,20 +112,23 @@ def update(body, touch, listed, now):
 
 
 @kernel
-def residual(body, touch, listed, thinnest):
+def residual(body, touch, listed, soft, thinnest):
     """Largest distance of a body's contacts from complementarity, and deepest penetration, m.
 
     A gap that is closed (g < 0) or held shut from both sides with a force counts by its size, that
-    of thicker vanes as much less as they are thicker than the thinnest (m).
+    of thicker vanes as much less as they are thicker than the thinnest (m). Contacts that yield,
+    with a body that is soft (B,), are as they are, and only deep.
     """
     worst, depth = 0.0, 0.0
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
+        depth = max(depth, contact.spared - contact.gap)
+        if soft[contact.guest] != 0 or (contact.host >= 0 and soft[contact.host] != 0):
+            continue
         force = min(contact.guest_force, contact.host_force)
         wrong = abs(min(contact.gap, force / contact.stiffness))
         mismatch = abs(contact.guest_force - contact.host_force) / contact.stiffness
         worst = max(worst, max(wrong, mismatch) * thinnest / contact.thickness)
-        depth = max(depth, contact.spared - contact.gap)
     return worst, depth
 
 

@@ -33,6 +33,7 @@ from featherfx.solver.work import make_work
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+Bytes = NDArray[np.int8]
 
 # bodies of an island that one thread solves by itself, over its share of all, at most
 UNEVEN = 1.2
@@ -140,12 +141,13 @@ class Run:
             most_iterations=min(settings.max_iterations, iterations),
         )
 
-    def marks(self, island: Indices, fresh: Flags) -> Marks:
-        """Bodies of some islands (B,), -1 for those that are not solved."""
+    def marks(self, island: Indices, fresh: Flags, soft: Bytes) -> Marks:
+        """Bodies of some islands (B,), -1 for those that are not solved. fresh, soft: of Marks."""
         return Marks(
             mine=(island >= 0).astype(np.int8),
             island=island,
             fresh=fresh.astype(np.int8),
+            soft=soft,
             active=np.zeros(len(island), dtype=np.int8),
             worst=np.zeros(len(island)),
             depth=np.zeros(len(island)),

@@ -58,13 +58,14 @@ class Batches(NamedTuple):
 
 class Marks(NamedTuple):
     """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of
-    those, -1 of others. fresh: to be solved in the first round, whatever their contacts. active: to
-    be solved in this round. worst, depth: m, of their contacts. solves: of each. status: of the
-    solves."""
+    those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
+    contacts yield. active: to be solved in this round. worst, depth: m, of their contacts. solves:
+    of each. status: of the solves."""
 
     mine: Bytes
     island: Indices
     fresh: Bytes
+    soft: Bytes
     active: Bytes
     worst: Array
     depth: Array
@@ -224,7 +225,7 @@ def _look(body, first, sweep):
     marks.active[body] = 0
     if marks.mine[body] == 0 or sweep.islands.open[marks.island[body]] == 0:
         return
-    worst, depth = residual(body, sweep.touch, sweep.listed, sweep.rules.thinnest)
+    worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft, sweep.rules.thinnest)
     again = worst > sweep.rules.quiet
     if first:
         again = again or marks.fresh[body] != 0
