@@ -93,6 +93,81 @@ variants = 4
 "left_*" = { rachis.camber = 9, width = 1.1 }
 tail = { scale = 1.2 }
 """
+# a plate of two faces, y up, in centimetres
+SKIN = """#usda 1.0
+(
+    metersPerUnit = 0.01
+    upAxis = "Y"
+)
+def Mesh "plate"
+{
+    int[] faceVertexCounts = [4, 4]
+    int[] faceVertexIndices = [0, 3, 4, 1, 1, 4, 5, 2]
+    point3f[] points = [(0, 0, 0), (0, 0, 20), (0, 5, 40), (30, 0, 0), (30, 0, 20), (30, 5, 40)]
+    float[] primvars:edge = [1, 1, 1, 0, 0, 0] (interpolation = "vertex")
+}
+"""
+GROWN = """name = "grown"
+[skin]
+usd = "skin.usda"
+prim = "/plate"
+[space]
+of = "skin"
+left = "-z"
+[layout]
+most_tilt = 20
+least_size = 0.6
+drop = 1e-3
+[[joint]]
+name = "shoulder"
+position = { vertex = 1, offset = [0, 0, 2] }
+[[feather]]
+id = "one"
+kind = "covert"
+position = { primvar = "edge" }
+direction = [-1, 0.1, 0]
+up = [0, 1, 0]
+[[row]]
+id = "right_quills"
+kind = "swan_secondary"
+count = 3
+first = { position = { vertex = 0 }, direction = [-1, 0.1, 0], up = [0, 1, 0] }
+last = { position = { vertex = 2 }, direction = [-1, 0.1, 0.5], up = [0, 1, 0] }
+path = [{ vertex = 0, offset = [0, 0.3, 1] }, { vertex = 1 }, { vertex = 2 }]
+scale = [0.5, 0.4]
+layer = 1
+mirror = "z"
+[[region]]
+id = "coat"
+kind = "body_contour"
+count = 8
+length = 0.03
+fit = 0.9
+layer = 2
+where = [
+    { sphere = { centre = { vertex = 4 }, radius = 30 }, soft = 2 },
+    { primvar = "edge" },
+    { room = 1.0 },
+    { x = [0, 30] },
+]
+flow = { away = { vertex = 4 }, turn = 10 }
+variation = { length = 0.08, curl = 3 }
+"""
+GROWN_SHOT = """name = "grown"
+groom = "grown.toml"
+frames = [1, 3]
+quality = "draft"
+[skin]
+usd = "skin.usda"
+prim = "/plate"
+tolerance = 10
+[[detail]]
+region = "coat"
+level = "guided"
+every = 2
+[contact]
+regions = ["coat"]
+"""
 SHOT = """name = "shot"
 groom = "groom.toml"
 frames = [1, 4]
@@ -203,6 +278,9 @@ def prepare(folder: Path) -> None:
     """A shot with its groom, tables and presets; each is sound."""
     (folder / "groom.toml").write_text(GROOM)
     (folder / "shot.toml").write_text(SHOT)
+    (folder / "skin.usda").write_text(SKIN)
+    (folder / "grown.toml").write_text(GROWN)
+    (folder / "grown_shot.toml").write_text(GROWN_SHOT)
     for name, text in PRESETS.items():
         path = folder / "presets" / f"{name}.toml"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -222,7 +300,7 @@ def damage(random: Random, number: int, folder: Path) -> tuple[str, Sequence[Com
     """Damages one to three times one file, and checks it and what is made of it."""
     del number
     os.mkfifo(folder / "pipe")
-    files = ["groom.toml"] * 4 + ["shot.toml"] * 4 + ["a.csv", "b.npz"]
+    files = ["groom.toml", "shot.toml", "grown.toml"] * 4 + ["grown_shot.toml", "a.csv", "b.npz"]
     files += [f"presets/{name}.toml" for name in PRESETS]
     file = folder / files[random.integers(len(files))]
     told = []
@@ -233,13 +311,16 @@ def damage(random: Random, number: int, folder: Path) -> tuple[str, Sequence[Com
         edit(random, file)
     name = str(file.relative_to(folder))
     presets = ("--presets", "presets")
-    checked = dict.fromkeys([name if name.endswith(".toml") else "groom.toml", "shot.toml"])
+    groom, shot = "groom.toml", "shot.toml"
+    if name.startswith("grown"):
+        groom, shot = "grown.toml", "grown_shot.toml"
+    checked = dict.fromkeys([name if name.endswith(".toml") else groom, shot])
     commands = [Command(("check", *checked, *presets))]
     # what takes its time where it is sound and large is left to the check
     if random.random() < 0.3 and "_number" not in told:
-        plan = ("bake", "shot.toml", "-o", "out.usda", "--plan", "2", *presets)
+        plan = ("bake", shot, "-o", "out.usda", "--plan", "2", *presets)
         commands.append(Command(plan, ("out.plan.json", "out.openjd.json")))
-        rest = ("groom", "groom.toml", "-o", "rest.usda", "--quality", "mine", *presets)
+        rest = ("groom", groom, "-o", "rest.usda", "--quality", "mine", *presets)
         commands.append(Command(rest, ("rest.usda",)))
     return f"{name}: {', '.join(told)}", commands
 
