@@ -20,6 +20,7 @@ from featherfx.usd.convert.condensed import export_condensed
 from featherfx.usd.convert.export import flatten, mesh_sequence
 from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.read.read import Cache
+from featherfx.usd.write import joined
 from featherfx.usd.write.grouping import chosen_group, grouped
 from featherfx.usd.write.join import join_shares
 from featherfx.usd.write.options import WriteOptions
@@ -121,7 +122,10 @@ def test_readers_find_each_feather_as_if_it_stood_alone(single, shared):
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (500.0, -300.0, 20.0)])
 @pytest.mark.parametrize("accelerations", [False, True])
-def test_feathers_posed_together_have_the_bits_of_each_alone(tmp_path, origin, accelerations):
+def test_feathers_posed_together_have_the_bits_of_each_alone(
+    tmp_path, monkeypatch, origin, accelerations
+):
+    monkeypatch.setattr(joined, "AT_ONCE", 3)  # two blocks
     entries = [replace(each, static=False) for each in feathers.entries()]
     own = {"entries": entries, "accelerations": accelerations}
     paths = [
