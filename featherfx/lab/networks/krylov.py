@@ -22,14 +22,15 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, cg, gmres, minres
 
-from featherfx.errors import Problem
+from featherfx.errors import InputError, Problem
 from featherfx.lab.declare import require
 from featherfx.lab.networks.network import Array, HeldSystem, Indices, factor_of
 
-Method = Literal["pcg", "minres", "gmres", "direct"]
+Method = Literal["pcg", "minres", "gmres", "direct", "cholmod"]
 Preconditioner = Literal["NONE", "P_J", "P_Db", "P_Ab", "P_S", "P_AS"]
 METHODS: tuple[Method, ...] = get_args(Method)
 PRECONDITIONERS: tuple[Preconditioner, ...] = get_args(Preconditioner)
+DIRECT = ("direct", "cholmod")
 SYMMETRIC = ("NONE", "P_J", "P_Db", "P_S")
 
 # S has no zeros: beyond this number of unknowns of a direction it does not fit into memory
@@ -42,7 +43,8 @@ RESTART = 100
 class Solved:
     """iterations: of the method, 0 for the direct solution. seconds: processor time with that of
     the preconditioner, preparing: its share of it. unknowns: of the system. residual: |b - H u|
-    over |b|. entries: numbers kept for the preconditioner or the factors. displacements: (n,) m, in
+    over |b|. entries: numbers kept for the preconditioner or the factors, 0 where CHOLMOD does not
+    tell. displacements: (n,) m, in
     the order of the system. early: iterations of GMRES until the residual that the preconditioner
     was applied to is small, by which others count; those of the method elsewhere."""
 
@@ -67,7 +69,8 @@ def solve(
     """Solution of a network's equations, from zero until the residual is tolerance |b|.
 
     most: iterations. directions: of space; the direction of an unknown is its place modulo them.
-    Raises InputError where method and preconditioner do not go together, or S would be too large.
+    Raises InputError where method and preconditioner do not go together, S would be too large, or
+    CHOLMOD is not there.
     """
     _check(len(system.right), method, preconditioner)
     order = np.argsort(system.free % directions, kind="stable")
@@ -78,6 +81,10 @@ def solve(
         factor = factor_of(matrix)
         prepared = time.process_time()
         found, iterations, entries = factor.solve(right), 0, factor.nnz
+    elif method == "cholmod":
+        cholesky = _cholmod(matrix)
+        prepared = time.process_time()
+        found, iterations, entries = cholesky(right), 0, 0
     else:
         apply, entries = _prepared(matrix, preconditioner, starts)
         prepared = time.process_time()
@@ -93,12 +100,37 @@ def solve(
     return Solved(iterations, *spent, len(right), residual, int(entries), moved, early)
 
 
+def _cholmod(matrix: sparse.csr_array) -> Callable[[Array], Array]:
+    """What solves with a symmetric positive definite matrix, by the wheel of cvxopt."""
+    try:
+        from cvxopt import cholmod, spmatrix
+        from cvxopt import matrix as vector
+    except ImportError as error:
+        told = "cholmod, which needs cvxopt; pip install cvxopt"
+        raise InputError(Problem("network", "method", told)) from error
+    lower = sparse.tril(matrix).tocoo()
+    places = (vector(each.astype(np.int64)) for each in (lower.row, lower.col))
+    given = spmatrix(vector(lower.data), *places, matrix.shape)
+    factor = cholmod.symbolic(given)
+    try:
+        cholmod.numeric(given, factor)
+    except ArithmeticError as error:
+        raise ValueError("a factor of it is singular") from error
+
+    def solved(right: Array) -> Array:
+        found = vector(right)
+        cholmod.solve(factor, found)
+        return np.array(found).ravel()
+
+    return solved
+
+
 def _check(unknowns: int, method: Method, preconditioner: Preconditioner) -> None:
     problems = []
     if method in ("pcg", "minres") and preconditioner not in SYMMETRIC:
         text = f"{preconditioner}; allowed with {method}: {', '.join(SYMMETRIC)}"
         problems.append(Problem("network", "preconditioner", text))
-    if method != "direct" and preconditioner in ("P_S", "P_AS") and unknowns > 2 * MOST_DENSE:
+    if method not in DIRECT and preconditioner in ("P_S", "P_AS") and unknowns > 2 * MOST_DENSE:
         text = f"{preconditioner} for {unknowns} unknowns; allowed: up to {2 * MOST_DENSE}"
         problems.append(Problem("network", "preconditioner", text))
     require(*problems)
