@@ -111,8 +111,8 @@ def parts(points, build=BUILDS["pigeon"]):
     right = np.stack([x, np.abs(y), z], axis=-1)  # both sides at once, on the left
     trunk = np.array(build.trunk)
     torso = np.minimum(
-        ellipsoid(points, (-0.012, 0, 0.168), (0.1, 0.043, 0.055) * trunk, 17),
-        ellipsoid(points, (0.044, 0, 0.172), (0.055, 0.054, 0.058) * trunk, 30),
+        ellipsoid(points, (-0.012, 0, 0.168), (0.1, 0.041, 0.053) * trunk, 17),
+        ellipsoid(points, (0.044, 0, 0.172), (0.055, 0.049, 0.055) * trunk, 30),
     )
     leg = capsule(right, (0.005, 0.026, 0.122), (0.0, 0.028, 0.085), 0.021, 0.008)
     for start, end in (
@@ -131,7 +131,7 @@ def parts(points, build=BUILDS["pigeon"]):
         ),
         "head": ellipsoid(points, skull, np.array((0.0265, 0.0205, 0.0215)) * build.head, -8),
         "beak": capsule(points, *beak(build), 0.0075 * build.beak[1], 0.0035 * build.beak[1]),
-        "rump": capsule(points, (-0.06, 0, 0.157), (-0.127, 0, 0.128), 0.034, 0.015),
+        "rump": capsule(points, (-0.06, 0, 0.157), (-0.13, 0, 0.131), 0.034, 0.011),
         "leg": leg,
     }
 
@@ -198,8 +198,8 @@ def landmarks(build):
         "crown": skull + build.head * np.array((0.001, 0, 0.022)),
         "nape": skull + build.head * np.array((-0.023, 0, 0.005)),
         "breast": np.array((0.042 + 0.055 * long, 0, 0.185)),
-        "right_shoulder": np.array((0.055, -0.058 * wide, 0.205)),
-        "left_shoulder": np.array((0.055, 0.058 * wide, 0.205)),
+        "right_shoulder": np.array((0.055, -0.053 * wide, 0.205)),
+        "left_shoulder": np.array((0.055, 0.053 * wide, 0.205)),
         "vent": np.array((-0.075, 0, 0.168 - 0.053 * deep)),
         "tail": np.array((-0.134, 0, 0.138)),
         "right_heel": np.array((-0.008, -0.0285, 0.068)),

@@ -213,7 +213,7 @@ def _tail(
     entry: dict[str, Any], kind: dict[str, Any], points: Points, axes: Array, scale: float
 ) -> dict[str, Any]:
     turned = from_rotation_vector(-np.radians(kind["droop"]) * axes[:, 1]) @ axes
-    own = {name: kind[name] for name in ("kind", "count", "width", "angles")}
+    own = {name: kind[name] for name in ("kind", "count", "width", "angles", "arch")}
     return _filled(
         TAIL,
         id="tail",

@@ -70,8 +70,8 @@ _FLATTEST = 1e-6  # rad, for a wing that bends along its feathers alone
 
 
 def bow_share(fold: Array | float) -> Any:
-    """How much of its bow a wing has at a fold: its cube, chosen by eye."""
-    return np.maximum(fold, 0.0) ** 3
+    """How much of its bow a wing has at a fold: its sixth power, so late that fans are closed."""
+    return np.maximum(fold, 0.0) ** 6
 
 
 def bow_of(

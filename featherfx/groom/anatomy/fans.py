@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import about_x, frames_from, from_rotation_vector, parallel
+from featherfx.groom.anatomy.bow import bow_share
 from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
@@ -32,6 +34,8 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
     frame = frames_from(entry["direction"], entry["up"])
     base, pairs = np.array(entry["position"]), entry["count"] // 2
     closed, opened = (0.5 * np.radians(angle) for angle in entry["angles"])
+    half, arch = 0.5 * entry["root_width"], 0.5 * np.radians(entry["arch"])
+    bent = float(bow_share(1.0 - entry["fan"]))
     lengths = _lengths(entry["lengths"], pairs)
     drafts: list[Draft] = []
     joints = [Joint(entry["id"], base, entry["joint"])]
@@ -42,23 +46,35 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
         joints.append(Joint(bone, base, entry["id"], "body", 0, hinge, 1.0 - entry["fan"]))
         for number in range(pairs):
             share = (number + 0.5) / pairs
-            angle = sign * share * (closed + entry["fan"] * (opened - closed))
-            turned = from_rotation_vector(angle * frame[:, 2]) @ frame
+            opening = sign * share * entry["fan"] * (opened - closed)
+            opens = from_rotation_vector(opening * frame[:, 2])
+            turned = opens @ from_rotation_vector(sign * share * closed * frame[:, 2]) @ frame
             depth = entry["lift"] * (number + (0.0 if sign > 0.0 else 0.5))
-            root = base + sign * share * 0.5 * entry["root_width"] * frame[:, 1]
+            root = base + sign * share * half * frame[:, 1] - depth * frame[:, 2]
+            turning, wrap = Turning((entry["id"], bone), share, base), 0.0
+            if arch:  # round an axis along the tail, as if its feathers lay on a cylinder
+                bow = -sign * share * arch * frame[:, 0]
+                above = from_rotation_vector(bow) @ ((half / arch - depth) * frame[:, 2])
+                shift = base - half / arch * frame[:, 2] + above - root
+                turning = replace(turning, bow=opens @ bow, shift=opens @ shift)
+                root = root + bent * opens @ shift
+                turned = from_rotation_vector(bent * opens @ bow) @ turned
+                length = float(lengths[number])
+                wrap = bent * arch * length / (half + 0.5 * length * closed)
             drafts.append(
                 _draft(
                     entry,
                     place,
                     kind,
                     id=f"{bone}_{number + 1:02d}",
-                    position=root - depth * frame[:, 2],
+                    position=root,
                     rotation=turned,
                     scale=float(lengths[number]) / kind.length,
                     roll=entry["roll"] * share,
                     left=sign < 0.0,
                     stack=2 * (pairs - number) + int(sign > 0.0),
-                    turning=Turning((entry["id"], bone), share, base),
+                    turning=turning,
+                    wrap=(wrap, wrap),
                 )
             )
     return drafts, joints

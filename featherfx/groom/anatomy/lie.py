@@ -23,12 +23,14 @@ Array = NDArray[np.float64]
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
 _WEIGHTS = np.array([1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of these: wrist and tips lie on
-_CLEAR = 0.02  # of the wing's longest feather, at least to the body
+_CLEAR = 0.012  # of the wing's longest feather, at least to the body
 _NEAR = 0.06  # of it, up to which a wing leaves no room for feathers below
 _EDGE = 0.16  # of a feather's length, from its shaft to the edge of its inner vane
-_ROOF, _TUCK, _BOW = (25.0, 95.0), (-15.0, 30.0), (0.0, 30.0)  # deg, allowed; beyond, vanes part
-_STEPS, _STARTS = 200, 3
-_APART = 0.4  # tenths of the longest feather, from the middle of the back to either wing
+# deg, allowed: roof, tuck, bow, beyond which vanes part, and shoulder
+_BOUNDS = ((25.0, 95.0), (-15.0, 30.0), (0.0, 31.0), (60.0, 100.0))
+_STEPS, _STARTS = 250, 3
+_APART = 0.9  # tenths of the longest feather, from the middle of the back to either wing
+_MOVED = 0.3  # weight of ways from the landmark, against gaps
 
 
 @dataclass(frozen=True)
@@ -78,13 +80,13 @@ def lie_on(
 
 
 def _best(fit: _Fit) -> Array:
-    """(5,) values of `placed` that cost least."""
+    """(6,) values of `placed` that cost least."""
     from scipy.optimize import minimize
 
     kind = fit.kind
-    found = np.array([kind.roof[1], kind.tuck[1], 20.0, 0.0, 0.0])
+    found = np.array([60.0, kind.tuck[1], 20.0, kind.shoulder[1], 0.0, 0.0])
     for _ in range(_STARTS):  # a simplex that has gone flat is put up again
-        steps = np.vstack([found, found + np.diag([-15.0, 6.0, -8.0, 1.0, 0.7])])
+        steps = np.vstack([found, found + np.diag([-15.0, 6.0, -8.0, -5.0, 1.0, 0.7])])
         options = {"initial_simplex": steps, "maxfev": _STEPS, "xatol": 0.1, "fatol": 1e-4}
         found = minimize(fit.cost, found, method="Nelder-Mead", options=options).x
     return np.asarray(found)
@@ -120,17 +122,21 @@ class _Fit:
         return self.scale * max(self.kind.primaries.lengths)
 
     def placed(self, values: Array) -> tuple[WingType, Array, Array, Array]:
-        """Type, shoulder, points (N, 3) m of the wing's shafts and inner edges (N, 3) m.
+        """Type, shoulder, points (N, 3) m of the wing's shafts and of its upper edge (K, 3) m.
 
-        values: (5,) roof, tuck and bow, deg, and the ways down and back from the landmark, in
-        tenths of the longest feather.
+        values: (6,) roof, tuck, bow and shoulder, deg, and the ways down and back from the
+        landmark, in tenths of the longest feather.
         """
-        roof, tuck, bow = (
+        roof, tuck, bow, back = (
             float(np.clip(value, *allowed))
-            for value, allowed in zip(values[:3], (_ROOF, _TUCK, _BOW), strict=True)
+            for value, allowed in zip(values[:4], _BOUNDS, strict=True)
         )
         kind = replace(
-            self.kind, roof=(self.kind.roof[0], roof), tuck=(self.kind.tuck[0], tuck), bow=bow
+            self.kind,
+            roof=(self.kind.roof[0], roof),
+            tuck=(self.kind.tuck[0], tuck),
+            shoulder=(self.kind.shoulder[0], back),
+            bow=bow,
         )
         lengths = self.scale * np.array([kind.humerus, kind.forearm, kind.hand])
         bones = folded(kind, self.shoulder, lengths, self.body.axes, False, 1.0)
@@ -138,8 +144,8 @@ class _Fit:
         dorsal = bones.frames[1][:, 2]
         across = np.cross(dorsal, frames[0, :, 0])
         across = across if (roots[-1] - roots[0]) @ across > 0.0 else -across
-        back = frames[0, :, 0] - frames[0, :, 0] @ dorsal * dorsal
-        shift = 0.1 * self.longest * (values[3] * across + values[4] * back)
+        aft = frames[0, :, 0] - frames[0, :, 0] @ dorsal * dorsal
+        shift = 0.1 * self.longest * (values[4] * across + values[5] * aft)
         points = _shafts(kind, roots, frames, sizes)
         for _ in range(3):
             gap = self.body.gaps((points + shift).reshape(-1, 3)).min()
@@ -147,19 +153,20 @@ class _Fit:
         outwards = frames[:, :, 1] * np.sign(frames[:, :, 1] @ across)[:, None]
         points = points + shift
         inner = points - _EDGE * (sizes[:, None] * outwards)[:, None]
-        return kind, self.shoulder + shift, points.reshape(-1, 3), inner.reshape(-1, 3)
+        upper = inner[: max(kind.tertials.count, 1), 1:5]  # of the feathers on the back
+        return kind, self.shoulder + shift, points.reshape(-1, 3), upper.reshape(-1, 3)
 
     def cost(self, values: Array) -> float:
-        kind, shoulder, points, inner = self.placed(values)
+        kind, shoulder, points, upper = self.placed(values)
         size = 0.1 * self.longest
         gaps = self.body.gaps(points) / size
-        aside = ((inner - self.body.middle) @ self.body.axes[:, 1]).max() / size
-        aside = aside + _APART  # the back shows between both wings, of which this is the right one
-        outside = values[:3] - [kind.roof[1], kind.tuck[1], kind.bow]
+        # the back shows between both wings, of which this is the right one
+        aside = ((upper - self.body.middle) @ self.body.axes[:, 1]).mean() / size + _APART
+        outside = values[:4] - [kind.roof[1], kind.tuck[1], kind.bow, kind.shoulder[1]]
         moved = np.linalg.norm(shoulder - self.shoulder) / size
         return float(
             np.average(gaps**2, weights=np.tile(_WEIGHTS, len(gaps) // len(_WEIGHTS)))
             + aside**2
-            + 0.1 * moved**2
+            + _MOVED * moved**2
             + 0.01 * outside @ outside
         )

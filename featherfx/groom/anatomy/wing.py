@@ -339,7 +339,9 @@ def _coverts(wing: _Wing, remiges: _Remiges, number: int) -> Iterator[Draft]:
     row = wing.kind.coverts[number]
     level, height = _stacked(wing, row.side, number + 1)
     sign = 1 if row.side == "above" else -1
-    count = len(remiges.rows)
+    arm = int((remiges.bone < 2).sum())
+    count = len(remiges.rows) if row.hand > 0.0 else arm
+    hand = np.arange(1.0 - arm, count - arm + 1.0) / max(0.5 * wing.kind.primaries.count, 1.0)
     part = _Row(
         kind=row.kind,
         name=row.name,
@@ -348,16 +350,19 @@ def _coverts(wing: _Wing, remiges: _Remiges, number: int) -> Iterator[Draft]:
         layer=sign * (level + 1),
         height=sign * height,
         own=np.arange(count),
-        lengths=row.length * remiges.lengths,
-        forward=row.place * remiges.forward,
+        lengths=(1.0 + (row.hand - 1.0) * np.clip(hand, 0.0, 1.0))
+        * row.length
+        * remiges.lengths[:count],
+        forward=row.place * remiges.forward[:count],
         numbers=tuple(range(1, count + 1)),
     )
     yield from _feathers(wing, remiges, part)
 
 
-def _stacked(wing: _Wing, side: str, count: int) -> tuple[int, float]:
-    """How many of the first rows of coverts are on a side, and their height, m."""
-    gaps = [each.gap for each in wing.kind.coverts[:count] if each.side == side]
+def _stacked(wing: _Wing, side: str, count: int, hand: bool = False) -> tuple[int, float]:
+    """How many of the first rows of coverts are on a side (of the hand), and their height, m."""
+    rows = wing.kind.coverts[:count]
+    gaps = [each.gap for each in rows if each.side == side and (not hand or each.hand > 0.0)]
     return len(gaps), wing.scale * sum(gaps)
 
 
@@ -366,7 +371,7 @@ def _alula(wing: _Wing) -> Iterator[Draft]:
     row = wing.kind.alula
     if not row.count:
         return
-    level, height = _stacked(wing, "above", len(wing.kind.coverts))
+    level, height = _stacked(wing, "above", len(wing.kind.coverts), hand=True)
     thumb = _thumb(wing)
     part = _Row(
         kind=row.kind,

@@ -52,6 +52,12 @@ class CovertRow:
     gap: Annotated[float, Number(0, 0.1, "m"), "Distance from the row that it covers."]
     side: Annotated[str, Text(("above", "below")), "Upper or lower side of the wing."] = "above"
     width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
+    hand: Annotated[
+        float,
+        Number(0, 2),
+        "Factor of the length over the outer half of the hand, reached evenly from the wrist; 0: "
+        "the row ends at the wrist.",
+    ] = 1.0
 
 
 _FLIGHT = Table(keys_of(FlightRow), "table of flight feathers")
@@ -172,6 +178,9 @@ class TailOfBird:
         Default((10.0, 110.0)),
     ] = (10.0, 110.0)
     width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
+    arch: Annotated[float, Number(0, 170, "deg"), "How far the closed tail is bent to a roof."] = (
+        0.0
+    )
     droop: Annotated[
         float, Number(-180, 180, "deg"), "How far the tail points below the line of the back."
     ] = 0.0

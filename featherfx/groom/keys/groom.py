@@ -222,6 +222,11 @@ TAIL = {
     "fan": Key(Number(0, 1), "Closed (0) to open (1).", 0.0),
     "roll": Key(Number(-90, 90, "deg"), "Lift of the outermost's leading vane.", 0.0),
     "lift": Key(Number(0, 0.1, "m"), "How much deeper each root is than the next inner.", 8e-4),
+    "arch": Key(
+        Number(0, 170, "deg"),
+        "How far the closed tail is bent to a roof, from edge to edge; open it is flat.",
+        0.0,
+    ),
     "layer": REGION["layer"],
     "region": Key(_LABEL, "Free label, written to USD.", "tail"),
     "joint": Key(_LABEL, "Joint that carries the tail; empty: the groom itself.", ""),
