@@ -14,6 +14,7 @@ from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.state import nodal_rest_state
 from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.vane_rest import end_corrections
 
 LENGTH = 0.35
 VANE = replace(VANE_MATERIAL, loss_factor=0.0)
@@ -98,9 +99,11 @@ def shifted(state, nodal, step):
 
 
 def end_row_loads(loads, model, direction, total):
-    """Dead load of the given total (N) spread along the last row as a constant traction."""
+    """Dead load of the given total (N) spread along the last row as a constant traction, in the
+    shares in which a vane's stress is summed along its barbs."""
     columns = model.columns
-    weight = np.r_[0.5, np.ones(2 * columns - 1), 0.5] / (2 * columns)
+    side = np.r_[0.5, np.ones(columns - 1), 0.5] @ end_corrections(columns)
+    weight = np.r_[side[:0:-1], 2.0 * side[0], side[1:]] / (2 * columns)
     order = [*range(2 * columns, columns, -1), *range(1 + columns)]
     force = np.zeros((1, model.rows, 1 + 2 * columns, 3))
     force[0, -1, order] = total * weight[:, None] * np.asarray(direction)
