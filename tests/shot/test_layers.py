@@ -155,6 +155,38 @@ def test_the_change_is_steady_and_is_part_of_the_velocities(bakes):
             assert added == pytest.approx(way, rel=0.2, abs=0.1 * THICKNESS)
 
 
+def test_what_stands_still_is_still_and_goes_on_from_a_checkpoint(tmp_path):
+    shot = shingles()
+    feathers = tuple(askew(each, k) for k, each in enumerate(shot.groom.feathers))
+    held = Motion("shake", {"amplitude": 0.0, "frequency": 3.0, "direction": (0.0, 0.0, 1.0)})
+    shot = replace(shot, groom=replace(shot.groom, feathers=feathers), motion=held)
+    simulation = simulate(shot)
+    laid = list(simulation)
+    assert simulation.report["contact"]["pairs_touching"] >= len(laid)
+    for frame in laid[1:]:
+        for points, first in zip(frame.points, laid[0].points, strict=True):
+            assert np.abs(points - first).max() < 1e-6
+    begun = simulate(shot, frames=(0, 2))
+    for _ in begun:
+        pass
+    begun.checkpoint().save(tmp_path / "state.npz")
+    resumed = list(simulate(shot, start=Checkpoint.load(tmp_path / "state.npz")))
+    for frame, other in zip(laid[3:], resumed, strict=True):
+        for points, again in zip(frame.points, other.points, strict=True):
+            assert points.tobytes() == again.tobytes()
+
+
+def test_a_feather_that_lies_far_beneath_what_it_should_lie_over_stays_there():
+    shot = shingles(2)
+    over, under = shot.groom.feathers
+    sunk = over.position - np.array([0.0, 0.0, 0.3 * over.kind.length])
+    feathers = replace(over, position=sunk), under
+    shot = replace(shot, groom=replace(shot.groom, feathers=feathers))
+    for frame, other in zip(simulate(shot), simulate(replace(shot, layers=None)), strict=True):
+        for points, before in zip(frame.points, other.points, strict=True):
+            np.testing.assert_array_equal(points, before)
+
+
 def test_feathers_that_do_not_touch_are_left_as_they_are(bakes):
     shot, _, plain = bakes
     none = replace(shot, layers=Layers(Contact(THICKNESS, regions=("else*",))))

@@ -155,7 +155,7 @@ class Layers:
                 lift_points_of_all(self.vanes, points, self._start, (begin, end))
 
             shared(start, 0, len(marks), None)
-            # where what rests is
+            # where what keeps its lift is
             for shown, begun in zip(self._pose, self._start, strict=True):
                 shown[:] = begun
             plan = self._plan(manner)

@@ -146,7 +146,8 @@ def lay_feathers(bodies, given, lifts, poses, manner, span, scratch):
         least = manner.seen * vanes.half[f]
         if _most_change(lift, before) <= least or (quiet and _most_rise(before, lift) > least):
             _copy(before, lift)
-        lift_points(vanes, points, lift, pose, f)
+        if _most_change(lift, pose.lift[f]) > 0.0:
+            lift_points(vanes, points, lift, pose, f)
         for pair in range(own[0][0], own[0][1]):
             lifts.depths[pair], lifts.touching[pair] = -1e300, 0
         _pair_depths(vanes, scratch.laps, count, lifts)
