@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -129,3 +130,9 @@ def test_light_imports():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_files_of_tests_have_names_of_their_own():
+    """Of two with one name in different folders only one can be imported."""
+    count = Counter(each.name for each in Path(__file__).parent.rglob("test_*.py"))
+    assert [name for name, times in count.items() if times > 1] == []
