@@ -100,7 +100,7 @@ def test_sizes_follow_the_body(bird, tmp_path):
     [
         (r"^crown.*\n", "", "bird.landmarks.crown: missing"),
         (r"^tail = .*", "tail = [0.166, 0, 0.272]", "tail: is at the place of beak"),
-        ("_shoulder = .*0.058", "_shoulder = [0.055, 0.058", "is at the place of"),
+        ("_shoulder = .*0.053", "_shoulder = [0.055, 0.053", "is at the place of"),
         (
             "^right_heel",
             "right_wing = [[0, -1, 0], [1, -1, 0], [0, -2, 0]]\nright_heel",
