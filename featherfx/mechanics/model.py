@@ -53,7 +53,8 @@ class Model(NamedTuple):
 
     held: (F,) bool, whether row 0 is led by the root frame (else the feather flies free).
     length: (F, n-1) m, rest lengths of the rachis elements.
-    rachis_rest: (F, n-1, 6) v0 and p0 of featherfx/mechanics/rachis_kernels.py.
+    rachis_rest: (F, n-1, 6) v0 and p0 of featherfx/mechanics/rachis_kernels.py; with ribbons
+        (F, n-1, 8), then nu and f of ribbon_kernels.py.
     rachis_stiffness: (F, n-1, 6) l c (N m) and d / l (N m).
     clamp: (F, 2, n, 4) rest direction of the barbs in the row frame, quaternions.
     joints: (F, 2, n, m, 4) rest turns between segments; the first is the identity.

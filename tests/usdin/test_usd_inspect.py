@@ -6,7 +6,7 @@ from pathlib import Path
 import creature
 import pytest
 from click.testing import CliRunner
-from pxr import Gf, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 from usdin_scenes import add_curves, add_mesh, add_skinned, arc, new_stage, sheet, write_shot
 
 from featherfx import read_groom, read_shot
@@ -36,12 +36,15 @@ def test_the_body_of_the_pigeon():
     assert (found["start"], found["end"], found["time_codes_per_second"]) == (1, 96, 24)
     mesh, eyes, skeleton = found["prims"]
     assert (eyes["path"], eyes["skeleton"]) == ("/pigeon/eyes", "/pigeon/skeleton")
-    assert (mesh["path"], mesh["points"], mesh["parts"]) == ("/pigeon/body", 9000, 9000)
+    stage = Usd.Stage.Open(str(SAMPLES / "pigeon/body.usdc"))
+    body = UsdGeom.Mesh(stage.GetPrimAtPath(mesh["path"]))
+    points, faces = len(body.GetPointsAttr().Get(1)), len(body.GetFaceVertexCountsAttr().Get())
+    assert (mesh["path"], mesh["points"], mesh["parts"]) == ("/pigeon/body", points, faces)
     assert (mesh["sampled"], mesh["skeleton"]) == ([1, 96], "/pigeon/skeleton")
     assert skeleton["joints"][2] == "body/neck/head"
     primvar = next(each for each in mesh["primvars"] if each["name"] == "torso")
     kind = (primvar["type"], primvar["interpolation"], primvar["count"])
-    assert kind == ("float[]", "vertex", 9000)
+    assert kind == ("float[]", "vertex", points)
 
 
 def test_a_creature_in_centimetres_is_told_in_metres(tmp_path):

@@ -283,7 +283,6 @@ def vane_text(vane: VaneMaterial, source: str) -> str:
     lines = [f"# Vane from a cell of barbs and barbules, with the barbs of {source}.", ""]
     for each in fields(vane):
         value = getattr(vane, each.name)
-        lines.append(
-            f"{each.name} = {json.dumps(value) if isinstance(value, str) else f'{value:.9g}'}"
-        )
+        told = f"{value:.9g}" if isinstance(value, float) else json.dumps(value)
+        lines.append(f"{each.name} = {told}")
     return "\n".join(lines) + "\n"
