@@ -156,7 +156,7 @@ def _shots(
     if options.framing not in (None, "follow") or not (options.framing or travels(way, reach)):
         way = standing_still()
     points = np.concatenate([hull - way(code) for code, hull in reach])
-    right, up = axes_of(options.view, *subjects[0].shape(kept))
+    right, up = axes_of(options.view, *subjects[0].shape(kept), options.floor)
     if options.turntable:
         count = options.turntable
         angles = [2 * math.pi * k / count for k in range(count)]

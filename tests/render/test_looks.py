@@ -167,7 +167,8 @@ def test_a_floor_takes_shadow_and_has_no_colour(two_squares, tmp_path):
     define_square(stage, "high", 0.6, 0.8)
     stage.Save()
     free, stands = (
-        picture(two_squares, tmp_path / "a.png", floor=floor, samples=16) for floor in (False, True)
+        picture(two_squares, tmp_path / "a.png", floor=floor, samples=16, view="top")
+        for floor in (False, True)
     )
     darker = (free - stands).max(axis=2)
     assert darker[~covered(free)].max() > 40
