@@ -151,7 +151,8 @@ def _shots(
             for (time, name, number), eye in zip(named, eyes, strict=True)
         ]
     kept = times if options.framed == "drawn" else None
-    reach = [each for subject in subjects for each in subject.reach(kept)]
+    reaches = [subject.reach(kept) if kept else subject.whole_reach for subject in subjects]
+    reach = [each for found in reaches for each in found]
     way = way_of(reach)
     if options.framing not in (None, "follow") or not (options.framing or travels(way, reach)):
         way = standing_still()
@@ -177,7 +178,7 @@ def _shots(
 
 def _on_floor(shots: Sequence[Shot], subjects: Sequence[Subject]) -> list[Shot]:
     """With a floor as high as the lowest point of all frames, where they are seen from above it."""
-    hulls = [hull for subject in subjects for _, hull in subject.reach()]
+    hulls = [hull for subject in subjects for _, hull in subject.whole_reach]
     height = min(float(hull[:, 2].min()) for hull in hulls)
     return [
         replace(shot, floor=height) if shot.eye.view.eye[2] > height else shot for shot in shots

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -47,16 +48,18 @@ class Subject:
     plumage: Plumage | None = None
     values: dict[float | None, Array] = field(default_factory=dict)
 
-    def reach(self, times: Sequence[float | None] | None = None) -> list[tuple[float, Array]]:
-        """Hulls (N, 3) m of what is looked at, with their time codes, at times or over the whole
-        file; at rest the time is 0."""
-        if times is None and not self.cache.has_frames:
-            times = [None]
-        elif times is None:
-            codes = self.cache.whole_frames() or [self.cache.frames[0]]
-            most = max(_POSES_FRAMED // len(self.close.chosen), 9)
-            kept = np.unique(np.linspace(0, len(codes) - 1, min(len(codes), most)).astype(int))
-            times = [codes[k] for k in kept]
+    @cached_property
+    def whole_reach(self) -> list[tuple[float, Array]]:
+        """As reach, over the whole file."""
+        if not self.cache.has_frames:
+            return self.reach([None])
+        codes = self.cache.whole_frames() or [self.cache.frames[0]]
+        most = max(_POSES_FRAMED // len(self.close.chosen), 9)
+        kept = np.unique(np.linspace(0, len(codes) - 1, min(len(codes), most)).astype(int))
+        return self.reach([codes[k] for k in kept])
+
+    def reach(self, times: Sequence[float | None]) -> list[tuple[float, Array]]:
+        """Hulls (N, 3) m of what is looked at, with their time codes; at rest the time is 0."""
         whole = len(self.close.chosen) == len(self.cache.feathers)
         framed = [each for each in self.scenery if each.framed and whole]
         return [

@@ -39,7 +39,7 @@ def covered(pixels):
 
 
 def whole_reach(subject):
-    return np.concatenate([hull for _, hull in subject.reach()])
+    return np.concatenate([hull for _, hull in subject.whole_reach])
 
 
 def looked_at(cache, size=(400, 300), **options):

@@ -89,6 +89,10 @@ def export_levels(
     stage = Usd.Stage.Open(layer)
     group = _begin(stage, source)
     meshes = [_mesh(stage, group, each, cache, starts) for each in found]
+    vane = f"{MATERIALS}/vane"
+    if source.GetPrimAtPath(source.GetDefaultPrim().GetPath().AppendPath(vane)):
+        for mesh in meshes:
+            _bind(mesh, group.GetParent().GetPath().AppendPath(vane))
     place = UsdGeom.Xformable(source.GetDefaultPrim()).ComputeLocalToWorldTransform(EARLIEST)
     extent = _animate(meshes, found, cache, codes, np.array(place.ExtractTranslation()))
     _add_variants(group)
@@ -169,10 +173,14 @@ def _mesh(stage: Any, group: Any, level: _Level, cache: Cache, starts: Indices) 
             author_primvars(
                 mesh.GetPrim(), usual, **{primvar: kind(np.concatenate(whole)[level.points])}
             )
+    return mesh
+
+
+def _bind(mesh: Any, material: Any) -> None:
+    """Bind a mesh to a material of the cache, which is not in this file yet."""
     UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
     binding = mesh.GetPrim().CreateRelationship(UsdShade.Tokens.materialBinding, False)
-    binding.AddTarget(group.GetParent().GetPath().AppendPath(f"{MATERIALS}/vane"))
-    return mesh
+    binding.AddTarget(material)
 
 
 def _animate(
