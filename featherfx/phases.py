@@ -80,6 +80,9 @@ class Account:
         self._mark = time.perf_counter() if begin is None else begin
         self._begin = self._mark
         self._seconds: dict[str, float] = {}
+        # of a command the processor time counts from the start of the process
+        self._worked = time.process_time() if begin is None else 0.0
+        self._processor: dict[str, float] = {}
         self.failed = ""
 
     def __enter__(self) -> Self:
@@ -96,6 +99,12 @@ class Account:
         with self._lock:
             self._spend()
             return dict(self._seconds)
+
+    def processor_seconds(self) -> dict[str, float]:
+        """s of processor time, of all threads of the process, by name of the phase meanwhile."""
+        with self._lock:
+            self._spend()
+            return dict(self._processor)
 
     def spent(self, *names: str) -> float:
         """s spent so far in some phases."""
@@ -152,6 +161,9 @@ class Account:
         top.seconds += now - self._mark
         self._seconds[top.name] = self._seconds.get(top.name, 0.0) + now - self._mark
         self._mark = now
+        worked = time.process_time()
+        self._processor[top.name] = self._processor.get(top.name, 0.0) + worked - self._worked
+        self._worked = worked
 
     def _tell(self, own: _Phase, left: float | None = None, ended: bool = False) -> None:
         if self._listener is None or own.silent:

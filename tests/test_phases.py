@@ -23,6 +23,19 @@ def test_the_seconds_of_phases_add_up_and_belong_to_the_innermost():
     assert 0.02 <= seconds["outer"] <= own.elapsed - seconds["inner"]
 
 
+def test_processor_time_belongs_to_the_phase_that_works():
+    with Account() as own:
+        with phase("asleep"):
+            time.sleep(0.1)
+        with phase("at work"):
+            end = time.process_time() + 0.1
+            while time.process_time() < end:
+                pass
+        found = own.processor_seconds()
+    assert found["at work"] >= 0.1
+    assert found["asleep"] < 0.05
+
+
 def test_time_counts_from_the_given_beginning():
     with Account(begin=time.perf_counter() - 3.0) as own, phase("late"):
         pass

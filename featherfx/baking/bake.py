@@ -114,6 +114,7 @@ def _summary(task: Task, taken_over: int) -> dict[str, Any]:
     return {
         "version": __version__,
         "shot": task.shot.name,
+        "output": str(task.path),
         "feathers": len(task.names),
         "frames": last - first + 1,
         "samples": task.samples,
@@ -139,10 +140,15 @@ def store_report(result: Mapping[str, Any], report: Path, before: Standing) -> N
 
 
 def _seconds(timed: Account) -> dict[str, Any]:
-    """Where the time has gone: the five parts of a bake, which add up to wall_seconds, and each
-    phase by its own name."""
+    """Where the time has gone: the five parts of a bake, which add up to wall_seconds, each phase
+    by its own name, and the processor time of all."""
     phases = timed.seconds()
-    return {"wall_seconds": sum(phases.values()), "seconds": in_parts(phases), "phases": phases}
+    return {
+        "wall_seconds": sum(phases.values()),
+        "processor_seconds": sum(timed.processor_seconds().values()),
+        "seconds": in_parts(phases),
+        "phases": phases,
+    }
 
 
 def in_parts(phases: Mapping[str, float]) -> dict[str, float]:

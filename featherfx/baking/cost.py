@@ -44,12 +44,19 @@ class _Held(NamedTuple):
     unknowns: float
 
 
-def bake_cost(shot: Shot, jobs: int, read: float, budget: float = TRIAL_SECONDS) -> dict[str, Any]:
+class Spent(NamedTuple):
+    """Time that something took: s on the clock, and of the processors."""
+
+    seconds: float
+    processor: float
+
+
+def bake_cost(shot: Shot, jobs: int, read: Spent, budget: float = TRIAL_SECONDS) -> dict[str, Any]:
     """What a bake of a shot will take on this machine as it is now.
 
-    read: s that starting and reading the shot took. The rest of the time is what bakes of a few of
-    its feathers (trial.py) tell of all. budget: s for these. Memory is that of the
-    process so far and of what the bake adds; an estimate.
+    read: starting and reading the shot. The rest of the time is what bakes of a few of its feathers
+    (trial.py) tell of all. budget: s for these. Memory is that of the process so far and of what
+    the bake adds; an estimate.
     """
     counts, members = _levels(shot)
     held = {level: _hold(shot, level, members[level]) for level in counts}
@@ -64,7 +71,7 @@ def bake_cost(shot: Shot, jobs: int, read: float, budget: float = TRIAL_SECONDS)
     chunk = min(sample * min(frames, WriteOptions.chunk), max(sample, chunk_bytes(total)))
     memory += sample * _AUTHORED + chunk
     learnt = expected(shot, jobs, _preroll(shot), budget)
-    phases = {"reading": read, **learnt.phases}
+    phases = {"reading": read.seconds, **learnt.phases}
     seconds = in_parts(phases)
     return {
         "frames": frames,
@@ -75,6 +82,8 @@ def bake_cost(shot: Shot, jobs: int, read: float, budget: float = TRIAL_SECONDS)
         "unknowns": round(of_a_frame("unknowns")),
         "seconds_of_a_feather_and_frame": phases["simulating"] * jobs / max(frames - 1, 1) / total,
         "wall_seconds": sum(seconds.values()),
+        "processor_seconds": read.processor + learnt.processor,
+        "cores": learnt.cores,
         "seconds": seconds,
         "jobs": jobs,
         "memory_bytes": round((peak_memory_bytes() or 0) + memory),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,6 +22,7 @@ from featherfx.feather.hooked import hooked_share
 from featherfx.feather.render import barb_diameters, render_feather
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Array, Feather, RowMap
+from featherfx.groom.looks import look_text
 from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.limits import refuse_beyond_memory
 from featherfx.mechanics.batch import may_slip
@@ -28,6 +30,9 @@ from featherfx.phases import phase
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.placement import place
 from featherfx.shot.types import Quality, Shot
+from featherfx.usd.read.opening import open_stage
+from featherfx.usd.read.resolve import located
+from featherfx.usd.read.stage import kind_of
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import BOTH, CONDENSED, CURVES
 
@@ -67,6 +72,7 @@ def entries_of(
                 colours_of(placement.kind, feather, None, placement.id, film) if coloured else None
             ),
             shape=shape,
+            look="" if placement.kind.may_part else look_text(placement.kind.barbs),
         )
         for index, (placement, feather, shape) in enumerate(
             zip(groom.feathers, feathers, shapes, strict=True)
@@ -240,17 +246,39 @@ def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
     found += [("collider", each.surface, each.start) for each in shot.colliders]
     # a collider may be the skin, too
     known = {(each[1].file, each[1].path): each for each in reversed(found)}
-    entries = {
-        str(number): {
-            "role": role,
-            "file": _from(path.parent, surface.file),
-            "prim": surface.path,
-            "start": float(start),
-            "first": float(shot.first_frame),
-        }
-        for number, (role, surface, start) in enumerate(reversed(known.values()))
-    }
-    return {"scenery": entries} if entries else {}
+    return _told_scenery(
+        [
+            _scenery(path, role, surface.file, surface.path) | {"start": float(start)}
+            for role, surface, start in reversed(known.values())
+        ],
+        float(shot.first_frame),
+    )
+
+
+def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
+    """What a groom at rest at a path tells of the mesh that it is of, for pictures."""
+    usd, prim, rest = (
+        json.loads(groom.inputs.get(f"skin.{name}", "null")) for name in ("usd", "prim", "rest")
+    )
+    if not (isinstance(usd, str) and isinstance(prim, str)):
+        return {}
+    file = located(groom.source.parent, usd)
+    stage = open_stage(file)
+    if kind_of(stage.GetPrimAtPath(prim)) != "mesh":
+        return {}
+    # at rest a mesh is drawn in the pose that was groomed
+    at = {} if rest is None else {"rest": float(rest)}
+    return _told_scenery([_scenery(path, "skin", file, prim) | {"start": 0.0} | at], 0.0)
+
+
+def _scenery(path: Path, role: str, file: Path, prim: str) -> dict[str, Any]:
+    return {"role": role, "file": _from(path.parent, file), "prim": prim}
+
+
+def _told_scenery(entries: Sequence[dict[str, Any]], first: float) -> dict[str, Any]:
+    """first: time code of the cache at which files are at their `start`."""
+    told = {str(number): each | {"first": first} for number, each in enumerate(entries)}
+    return {"scenery": told} if told else {}
 
 
 def _from(folder: Path, file: Path) -> str:

@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.api import read_groom, read_quality
-from featherfx.baking.entries import drawn_entries, metadata_of, refuse_too_large
+from featherfx.baking.entries import (
+    drawn_entries,
+    metadata_of,
+    refuse_too_large,
+    scenery_of_groom,
+)
 from featherfx.baking.options import GroomOptions, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
@@ -50,7 +55,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
             raise InputError(Problem("groom", key, "not written of instances; leave one out"))
     refuse_inputs(output_files(path, "payload"), read)
     options = in_space(options, groom, None)
-    metadata = metadata_of(groom, grid)
+    metadata = metadata_of(groom, grid) | scenery_of_groom(groom, Path(path))
     first, chosen = repeated_shapes(groom.feathers)
     own = options.barbs or options.textures
     repeat = not own and 2 * len(first) <= len(chosen)

@@ -55,7 +55,11 @@ def simulate_and_write(
             writer.tell(compared(task, task.dependences(simulation.laid)))
     except KeyboardInterrupt as error:
         raise KeyboardInterrupt(_state_of(writer, task)) from error
-    return taken_over, simulation.report | {"writing_beside": sink.seconds} | _told(task, wanted)
+    beside = {
+        "writing_beside": sink.seconds,
+        "writing_processor_seconds": sink.processor_seconds,
+    }
+    return taken_over, simulation.report | beside | _told(task, wanted)
 
 
 def _simulated(task: Task, writer: CacheWriter, start: Checkpoint | None) -> Sequence[int]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.api import Folders, read_groom, read_quality, read_shot
-from featherfx.baking.cost import bake_cost
+from featherfx.baking.cost import Spent, bake_cost
 from featherfx.baking.options import TRIAL_SECONDS
 from featherfx.errors import all_of
 from featherfx.feather.build import repeated_shapes
@@ -40,7 +40,7 @@ def plumage_stats(
     """
     path, folders = Path(path), tuple(preset_folders)
     if _is_shot(path):
-        begin = time.perf_counter()
+        begin, worked = time.perf_counter(), time.process_time()
         shot, chosen = all_of(
             lambda: read_shot(path, folders),
             lambda: read_quality(quality, folders) if quality else None,
@@ -48,8 +48,11 @@ def plumage_stats(
         shot = replace(shot, quality=chosen) if chosen else shot
         current = account()
         # a layout that was found here is kept for the bake
-        spent = time.perf_counter() - begin
-        read = spent if current is None else current.spent("starting", "reading")
+        read = Spent(time.perf_counter() - begin, time.process_time() - worked)
+        if current is not None:
+            own = current.processor_seconds()
+            done = sum(own.get(name, 0.0) for name in ("starting", "reading"))
+            read = Spent(current.spent("starting", "reading"), done)
         cost = bake_cost(shot, jobs, read, budget)
         return _of_groom(shot.groom, shot.quality) | {"bake": cost}
     groom, grid = all_of(

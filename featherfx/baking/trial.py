@@ -2,18 +2,20 @@
 
 A trial is a bake like any other, written to a folder that is removed. Two of them, of few and of
 more feathers, tell what each phase costs by itself and with the work of its feathers; a phase of
-the whole bake is what follows for its work. Feathers of one grid share a batch whose threads wait
-for each other, so that the work of simulating is counted in rounds of all threads.
+the whole bake is what follows for its work. That is done with processor times, which other
+programs on the machine hardly change; how long they take on the clock, with its threads, the writer
+beside them and whatever else is running, all trials tell together. Feathers of one grid share a
+batch whose threads wait for each other, so that the clock goes by rounds of all threads.
 """
 
 from __future__ import annotations
 
 import math
-import os
 import tempfile
 import time
 import warnings
 from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -44,37 +46,50 @@ MORE = 6
 WRITER = "writer"
 _OF_FRAMES = ("simulating", WRITER)
 _ONCE = ("building", "settling", "finishing")
+# those in which threads share the work
+_SHARED = ("settling", "preroll", "simulating", "writing")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A bake of some feathers. frames: that it wrote. work: of simulating them (work_of).
-    phases: s of each."""
+    """A bake of some feathers. frames: that it wrote. work: unknowns of a frame, and rounds: those
+    that threads go through one after another. phases: s of each on the clock. processor: s of each,
+    and of WRITER, which is left out of the others."""
 
     feathers: int
     frames: int
     work: float
+    rounds: float
     phases: dict[str, float]
+    processor: dict[str, float]
 
     @property
     def seconds(self) -> float:
         """s that it took, without compiling."""
-        return sum(self.phases.values()) - self.phases[WRITER] - self.phases.get("compiling", 0.0)
+        return sum(self.phases.values()) - self.phases.get("compiling", 0.0)
+
+    @property
+    def worked(self) -> float:
+        """s of processor time of that."""
+        return sum(self.processor.values()) - self.processor.get("compiling", 0.0)
 
     def frames_of(self, name: str) -> int:
         """Times that a phase came; the first frame is settled, not simulated."""
         return max(self.frames - (name == "simulating"), 1) if name in _OF_FRAMES else 1
 
     def of(self, name: str) -> float:
-        """s of a phase, or of one frame of it."""
-        return self.phases.get(name, 0.0) / self.frames_of(name)
+        """s of processor time of a phase, or of one frame of it."""
+        return self.processor.get(name, 0.0) / self.frames_of(name)
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What a bake will take. phases: s of each. trials: what that was learnt from."""
+    """What a bake will take. phases: s of each on the clock. processor: s of all. cores: that the
+    threads of the trials had at a time. trials: what that was learnt from."""
 
     phases: dict[str, float]
+    processor: float
+    cores: float
     trials: tuple[Trial, ...]
 
 
@@ -85,10 +100,10 @@ def expected(shot: Shot, jobs: int, preroll: int, budget: float = TRIAL_SECONDS)
     the feathers that are tried cannot be simulated.
     """
     total, frames = len(shot.groom.feathers), shot.last_frame - shot.first_frame + 1
-    begin = time.perf_counter()
+    begin, worked = time.perf_counter(), time.process_time()
     # the solver takes its time to load, here as in a bake
     import_module("featherfx.baking.loop")
-    loading = time.perf_counter() - begin
+    loading, loaded = time.perf_counter() - begin, time.process_time() - worked
     with phase("measuring", 2.0) as done:
         begin = time.perf_counter()
         trials = [_trial(shot, min(total, FEW), min(frames, FIRST_FRAMES), jobs)]
@@ -97,26 +112,36 @@ def expected(shot: Shot, jobs: int, preroll: int, budget: float = TRIAL_SECONDS)
         size = _second(trials[0], spent, budget - spent, total, frames)
         if size is not None:
             trials.append(_trial(shot, *size, jobs))
-    whole = Trial(total, frames, work_of(shot, jobs), {})
+    whole = Trial(total, frames, work_of(shot, 1), work_of(shot, jobs), {}, {})
     each = {name: _extrapolated(trials, whole, name) for name in (*_ONCE, *_OF_FRAMES)}
-    phases = {
+    processor = {
         name: _at_first(trials, name) + seconds * whole.frames_of(name)
         for name, seconds in each.items()
     }
-    phases |= {"starting": loading, "preroll": each["simulating"] * preroll}
-    phases |= _side_by_side(phases["simulating"], phases.pop(WRITER), each[WRITER], jobs)
-    return Expected(phases, tuple(trials))
+    processor["preroll"] = each["simulating"] * preroll
+    alone, shared = _clock(trials, whole)
+    # the writer's last frame is what nothing goes on beside
+    phases = {name: alone * processor[name] for name in ("building", "finishing")} | {
+        "starting": loading,
+        "settling": shared * processor["settling"],
+        "preroll": shared * processor["preroll"],
+        "simulating": shared * (processor["simulating"] + processor[WRITER]),
+        "writing": alone * each[WRITER],
+    }
+    cores = sum(t.worked for t in trials) / sum(t.seconds for t in trials)
+    return Expected(phases, loaded + sum(processor.values()), cores, tuple(trials))
 
 
-def _side_by_side(simulating: float, writer: float, last: float, jobs: int) -> dict[str, float]:
-    """s of the loop, where a writer of its own thread works beside the simulation.
+def _clock(trials: Sequence[Trial], whole: Trial) -> tuple[float, float]:
+    """s on the clock of one of processor time, where one thread works, and where all do."""
 
-    simulating, writer: s of each by itself. last: s of the writer's last frame, which nothing goes
-    on beside. Where the simulation leaves no core free, the writer takes its share of all.
-    """
-    cores = os.cpu_count() or 1
-    slowed = simulating + (writer / cores if jobs >= cores else 0.0)
-    return {"simulating": slowed, "writing": max(writer - slowed, 0.0) + last}
+    def of_all(names: Iterable[str]) -> float:
+        worked = sum(t.processor.get(name, 0.0) for t in trials for name in names)
+        taken = sum(t.phases.get(name, 0.0) for t in trials for name in names)
+        return taken / worked if worked > 0.0 else 1.0
+
+    uneven = (whole.rounds / whole.work) / (trials[-1].rounds / trials[-1].work)
+    return of_all(("building", "finishing")), uneven * of_all((*_SHARED, WRITER))
 
 
 def _second(
@@ -126,8 +151,8 @@ def _second(
     fixed from what goes with the feathers; None where the first was all."""
     if (first.feathers, first.frames) == (total, frames):
         return None
-    left = max(left, 0.0)
-    loop = sum(first.of(name) for name in _OF_FRAMES) / first.feathers
+    left, clock = max(left, 0.0), first.seconds / max(first.worked, 1e-9)
+    loop = clock * sum(first.of(name) for name in _OF_FRAMES) / first.feathers
     once = max(spent - loop * first.feathers * (first.frames - 1), 0.0) / first.feathers
     least = min(total, MORE * first.feathers)
     fitting = (left / least - once) / max(loop, 1e-9)
@@ -137,8 +162,8 @@ def _second(
 
 
 def _extrapolated(trials: list[Trial], whole: Trial, name: str) -> float:
-    """s of a phase, or of one frame of it, for the whole: a fixed part, and one that goes with the
-    work."""
+    """s of processor time of a phase, or of one frame of it, for the whole: a fixed part, and one
+    that goes with the work."""
     works = [_measure(each, name) for each in (*trials, whole)]
     seconds = [each.of(name) for each in trials]
     if len(trials) == 1 or works[1] <= works[0]:
@@ -189,8 +214,23 @@ def _trial(shot: Shot, feathers: int, frames: int, jobs: int) -> Trial:
         )
         with Account() as timed:
             _, figures = simulate_and_write(task, lambda done, total: None)
-            phases = timed.seconds() | {WRITER: figures["writing_beside"]}
-    return Trial(feathers, frames, work_of(part, jobs), phases)
+            phases, processor = timed.seconds(), timed.processor_seconds()
+    return Trial(
+        feathers=feathers,
+        frames=frames,
+        work=work_of(part, 1),
+        rounds=work_of(part, jobs),
+        phases=phases,
+        processor=_apart(processor, figures["writing_processor_seconds"]),
+    )
+
+
+def _apart(phases: dict[str, float], writer: float) -> dict[str, float]:
+    """Processor times of phases with the writer's own, which were taken for that of the phases
+    beside which it worked, by itself."""
+    beside = sum(phases.get(name, 0.0) for name in ("simulating", "writing"))
+    left = max(beside - writer, 0.0)
+    return phases | {"simulating": left, "writing": 0.0, WRITER: beside - left}
 
 
 def _some(shot: Shot, count: int) -> Any:

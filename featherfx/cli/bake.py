@@ -163,7 +163,7 @@ def _bake(shot: Path, style: str, options: dict[str, Any]) -> None:
     with Progress("frames", style) as progress:
         result = pipeline.bake(shot, on_frame=progress, **options)
     tell(
-        f"{result['feathers']} feathers, {result['frames']} frames"
+        f"{result['output']}: {result['feathers']} feathers, {result['frames']} frames"
         f" in {result['wall_seconds']:.1f} s"
     )
     if again := result.get("again"):
@@ -231,7 +231,7 @@ def _as_text(value: Any) -> str:
 @click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
 def join(output: Path, shares: int, overwrite: bool) -> None:
     """Write OUTPUT, a USD file that names the shares beside it (OUTPUT.1ofN.usdc and so on)."""
-    click.echo(f"{pipeline.join(output, shares, overwrite)} feathers", err=True)
+    click.echo(f"{output}: {pipeline.join(output, shares, overwrite)} feathers", err=True)
 
 
 @click.command(
@@ -259,4 +259,4 @@ def groom(groom: Path, quality: str | None, style: str, **options: Any) -> None:
     """Write the feathers of GROOM (a TOML or USD file) at rest to USD, without time samples."""
     with Progress("feathers", style):
         count = pipeline.export_groom(groom, quality=quality or "final", **options)
-    click.echo(f"{count} feathers at rest", err=True)
+    click.echo(f"{options['output']}: {count} feathers at rest", err=True)

@@ -77,13 +77,15 @@ def export(
         raise click.UsageError("--morph goes with a .glb file")
     if rigid is not None:
         count = pipeline.export_rigid(cache, output, rigid, overwrite)
-        click.echo(f"{count} feather{'s' * (count != 1)} move rigidly", err=True)
+        click.echo(f"{output}: {count} feather{'s' * (count != 1)} move rigidly", err=True)
         return
     if lod is not None:
         levels = pipeline.export_levels(cache, output, lod, overwrite)
-        click.echo(", ".join(f"{name}: {count} triangles" for name, count in levels), err=True)
+        told = ", ".join(f"{name} {count} triangles" for name, count in levels)
+        click.echo(f"{output}: {told}", err=True)
         return
     files = pipeline.export(
         cache, output, condensed=condensed, morph=morph, frames=frames, overwrite=overwrite
     )
-    click.echo(f"{len(files)} file{'s' if len(files) != 1 else ''}", err=True)
+    several = f"{len(files)} files beside " if len(files) > 1 else ""
+    click.echo(f"{several}{files[0]}", err=True)

@@ -101,6 +101,10 @@ def _facts(prim: PrimReport, parts: str) -> Iterator[str]:
 
 
 def _details(prim: PrimReport) -> Iterator[str]:
+    if prim.kind == "mesh" and prim.box is not None:
+        ends = zip("xyz", *prim.box, strict=True)
+        told = ", ".join(f"{axis} {low:.4g} to {high:.4g}" for axis, low, high in ends)
+        yield f"    at rest, in its own units: {told}"
     for title, names in (
         ("joints", _short(prim.joints)),
         ("subsets", prim.subsets),

@@ -56,3 +56,4 @@ def retime(
     if sum(each is not None for each in (speed, keys, loop)) != 1:
         raise click.UsageError("give one of --speed, --keys and --loop")
     pipeline.retime(cache, output, speed=speed, keys=keys, loop=loop, overwrite=overwrite)
+    click.echo(str(output), err=True)

@@ -114,6 +114,10 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
         f" learnt in {bake['trial_seconds']:.2g} s)"
     )
     lines.append(
+        f"  about {bake['processor_seconds']:.3g} s of processor time, whatever else is running:"
+        f" meanwhile its threads had {bake['cores']:.2g} cores"
+    )
+    lines.append(
         f"  about {bake['memory_bytes'] / 1e6:.3g} MB of memory,"
         f" {bake['bytes_of_the_cache'] / 1e6:.4g} MB of samples"
     )

@@ -15,7 +15,7 @@ class Background:
     room: calls that may wait; one more makes the caller wait, so that memory stays bounded. An
     exception of the function is raised by the caller's next call or at the end, and no later call
     is made. Where a block of it raises itself, calls that wait are dropped. seconds: spent in the
-    function so far.
+    function so far, and processor_seconds: of its thread.
     """
 
     def __init__(self, function: Callable[..., object], room: int = 2) -> None:
@@ -23,7 +23,7 @@ class Background:
         self._queue: Queue[tuple[Any, ...] | None] = Queue(room)
         self._error: BaseException | None = None
         self._stopped = False
-        self.seconds = 0.0
+        self.seconds = self.processor_seconds = 0.0
         self._thread = Thread(target=self._run, name="featherfx writer", daemon=True)
         self._thread.start()
 
@@ -60,12 +60,13 @@ class Background:
         # After an error the queue is still emptied, so that no caller waits for room for ever.
         while (arguments := self._queue.get()) is not None:
             if self._error is None and not self._stopped:
-                begin = time.perf_counter()
+                begin, worked = time.perf_counter(), time.thread_time()
                 try:
                     self._function(*arguments)
                 except BaseException as error:
                     self._error = error
                 self.seconds += time.perf_counter() - begin
+                self.processor_seconds += time.thread_time() - worked
             self._queue.task_done()
 
     def _raise(self) -> None:

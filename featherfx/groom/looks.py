@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Annotated
 
-from featherfx.groom.keys.values import ArrayOf, Number, Table, Text, keys_of
+from featherfx.groom.keys.values import (
+    ArrayOf,
+    Number,
+    Place,
+    Problems,
+    Table,
+    Text,
+    keys_of,
+)
 
 _PLACE = Number(0, 1)
 _FILM = Number(0, 3e-6, "m")
@@ -99,3 +109,24 @@ class BarbLook:
     variants: Annotated[
         int, Number(1, 1000, whole=True), "Different draws among feathers, each by its id."
     ] = 8
+
+
+def look_text(look: BarbLook) -> str:
+    """What of a look is not as usual, for caches; empty where all is."""
+    usual = asdict(BarbLook())
+    told = {name: value for name, value in asdict(look).items() if value != usual[name]}
+    return json.dumps(told, separators=(",", ":")) if told else ""
+
+
+@lru_cache(maxsize=4096)
+def look_of(text: str) -> BarbLook:
+    """The look that a text is of. Raises InputError for other texts."""
+    problems = Problems()
+    place = Place("", "", problems)
+    try:
+        told = json.loads(text or "{}")
+    except (ValueError, RecursionError) as error:
+        told = place.fail(f"is no look of barbs: {error}")
+    found = Table(keys_of(BarbLook), "look of barbs").check(told, place, False)
+    problems.raise_any()
+    return BarbLook(**found)

@@ -27,7 +27,8 @@ Floats = NDArray[np.float32]
 class Scenery:
     """Meshes of one file. scene: those. colour: (3,) of those without one. framed: whether cameras
     are to see all of it. start, first: time code of the file at a time code of the cache. rate:
-    time codes of the file in one of the cache."""
+    time codes of the file in one of the cache. rest: time code of the file at rest; None: its rest
+    pose."""
 
     cache: Cache
     scene: DrawnScene
@@ -36,10 +37,11 @@ class Scenery:
     start: float = 0.0
     first: float = 0.0
     rate: float = 1.0
+    rest: float | None = None
 
     def points(self, time: float | None) -> Array:
         """(V, 3) m at a time code of the cache; None: at rest."""
-        code = None if time is None else self.start + self.rate * (time - self.first)
+        code = self.rest if time is None else self.start + self.rate * (time - self.first)
         return load_points(self.cache, self.scene, code)
 
     def geometry(self, time: float | None) -> Geometry:
@@ -78,16 +80,23 @@ def scenery_of_shot(cache: Cache, path: Path) -> list[Scenery]:
                 start=entry["start"],
                 first=entry["first"],
                 rate=other.frames_per_second / cache.frames_per_second,
+                rest=entry.get("rest"),
             )
         )
     return found
 
 
-def scenery_of_files(cache: Cache, files: Iterable[Path]) -> list[Scenery]:
-    """All meshes of other files, at the same seconds."""
+def scenery_of_files(
+    cache: Cache, files: Iterable[Path], known: Iterable[Scenery] = ()
+) -> list[Scenery]:
+    """All meshes of other files, at the same seconds. known: what is drawn already."""
     found = []
+    drawn = {(each.cache.path, f.path) for each in known for f in each.scene.feathers}
     for file in files:
         other = Cache(file)
         rate = other.frames_per_second / cache.frames_per_second
-        found.append(Scenery(other, load_scene(other), np.array(SKIN), True, rate=rate))
+        left = [(other.path, each.path) not in drawn for each in other.feathers]
+        if any(left):
+            scene = load_scene(other, np.flatnonzero(left))
+            found.append(Scenery(other, scene, np.array(SKIN), True, rate=rate))
     return found

@@ -140,7 +140,7 @@ def open_subject(path: Path, options: PictureOptions) -> Subject:
     scenery: list[Scenery] = []
     if len(near) == len(cache.feathers) or options.surroundings:
         scenery = [] if options.bare else scenery_of_shot(cache, path)
-        scenery += scenery_of_files(cache, [Path(file) for file in options.scenery])
+        scenery += scenery_of_files(cache, [Path(file) for file in options.scenery], scenery)
     return Subject(path.stem, cache, scene, close, scenery)
 
 

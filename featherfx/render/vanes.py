@@ -28,6 +28,9 @@ from numpy.typing import NDArray
 
 from featherfx.feather.density import hermite_weights
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
+from featherfx.files.content import stable_number
+from featherfx.groom.looks import BarbLook
+from featherfx.render.barb_looks import Strips, dressed
 from featherfx.render.geometry import Geometry, geometry_of, joined, vertex_normals
 from featherfx.render.light_kernels import SHAFT, SKIN, VANE
 from featherfx.usd.read.cached_feather import CachedFeather
@@ -157,14 +160,17 @@ def _rows(st: Floats, vertices: Indices) -> list[Indices]:
 
 @dataclass(frozen=True)
 class _Group:
-    """Feathers of one topology and one number of barbs. members: (n,) of the scene. barbs: of a
-    vane. stations: points along a barb. share: of the feather's barbs that are drawn, at most 1."""
+    """Feathers of one topology, one number of barbs and one look. members: (n,) of the scene.
+    barbs: of a vane. stations: points along a barb. share: of the feather's barbs that are drawn,
+    at most 1. draws: (n,) by which each feather draws what is random of the look."""
 
     members: Indices
     topology: Topology
     barbs: int
     stations: int
     share: float
+    look: BarbLook
+    draws: Sequence[int]
 
     @property
     def round(self) -> float:
@@ -252,7 +258,7 @@ def plumage_of(
     of their own keep them.
     """
     known: dict[tuple[bytes, ...], Topology | None] = {}
-    groups: dict[tuple[int, int, int], list[int]] = {}
+    groups: dict[tuple[int, tuple[int, int], BarbLook], list[int]] = {}
     found: dict[int, Topology] = {}
     plain = []
     for index, feather in enumerate(feathers):
@@ -265,13 +271,22 @@ def plumage_of(
             plain.append(index)
             continue
         found[id(topology)] = topology
-        groups.setdefault((id(topology), *_detail(pixels[index])), []).append(index)
+        sort = id(topology), _detail(pixels[index]), feather.look
+        groups.setdefault(sort, []).append(index)
     return Plumage(
         feathers=tuple(feathers) if own else tuple(replace(f, colour=None) for f in feathers),
         starts=starts,
         groups=tuple(
-            _Group(np.array(members), found[key], barbs, stations, _share(pixels[members], barbs))
-            for (key, barbs, stations), members in groups.items()
+            _Group(
+                members=np.array(members),
+                topology=found[key],
+                barbs=barbs,
+                stations=stations,
+                share=_share(pixels[members], barbs),
+                look=look,
+                draws=[stable_number(feathers[k].id) % look.variants for k in members],
+            )
+            for (key, (barbs, stations), look), members in groups.items()
         ),
         plain=np.array(plain, dtype=np.int64),
         colours=colours[0],
@@ -313,16 +328,20 @@ def _strips(
         for along, across in ((edges, inner), (middles, np.ones(1)))
     )
 
-    def of_strips(between: Array, ends: Array, away: Array | float = 0.0) -> Floats:
+    def of_strips(between: Array, ends: Array, away: Array | float = 0.0) -> Array:
         both = np.stack([between[:, :-1], between[:, 1:]], axis=2)
         whole = both.reshape(count, barbs, 2 * stations, 3)
-        all_of_them = np.concatenate([whole, ends], axis=2) + away
-        return all_of_them.reshape(-1, 3).astype(np.float32)
+        return np.asarray(np.concatenate([whole, ends], axis=2) + away)
 
     away: Sequence[Array | float] = (0.0, 0.0, 0.0)
     if parted is not None:
         away = _away(parted, vane, edges, inner)
-    points, along, tangents = (of_strips(*each) for each in zip(sheet, tips, away, strict=True))
+    strips = Strips(*(of_strips(*each) for each in zip(sheet, tips, away, strict=True)))
+    if group.look != BarbLook():
+        strips = dressed(strips, group.look, group.draws, inner, middles)
+    points, along, tangents, colour = (
+        each.reshape(-1, 3).astype(np.float32) for each in (*strips, of_strips(shades, tip_shades))
+    )
     each = np.concatenate([np.repeat([-group.round, group.round], stations), [0.0]])
     triangles = _strip_triangles(stations)
     own = np.arange(count * barbs)[:, None, None] * (2 * stations + 1) + triangles
@@ -332,7 +351,7 @@ def _strips(
         material=np.full(count * barbs * len(triangles), VANE, dtype=np.uint8),
         normals=np.cross(along, tangents),
         tangents=tangents,
-        colours=of_strips(shades, tip_shades),
+        colours=colour,
         across=np.tile(each, count * barbs).astype(np.float32),
     )
 

@@ -32,6 +32,8 @@ P_BARB = ("primvars:P_barbl", "primvars:P_barbr")
 ORIENT = "primvars:barborient"
 # the shape that they are built of, as text (featherfx/feather/shape_text.py), and its factor
 SHAPE, SHAPE_SIZE = "featherShape", "shapeSize"
+# of meshes, how their barbs look in pictures, as text (groom/looks.py)
+LOOK = "barbLook"
 
 # The prims of a feather, or of several that share them, and what is written of these: what is a
 # rate, and what has a value for each face. All else has one for each point.
@@ -73,6 +75,7 @@ class FeatherEntry:
     shape: kind that the feather is built of, whether mirrored, and how many times as large it is;
         condensed feathers are expanded by it.
     chart: (4,) u, v, du, dv of its texture coordinates in the pictures (usd/write/textures.py).
+    look: of its barbs in pictures, as text (groom/looks.py); empty: smooth.
     """
 
     id: str
@@ -92,3 +95,4 @@ class FeatherEntry:
     colours: Colours | None = None
     shape: tuple[FeatherKind, bool, float] | None = None
     chart: Array | None = None
+    look: str = ""

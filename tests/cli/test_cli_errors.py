@@ -155,7 +155,7 @@ def test_options_reach_the_bake(monkeypatch):
         seen.update(options, shot=str(shot))
         options["on_frame"](0, 2)
         options["on_frame"](2, 2)
-        return {"feathers": 3, "frames": 2, "wall_seconds": 1.25}
+        return {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
 
     monkeypatch.setattr(pipeline, "bake", bake)
     result = run("bake", "s.toml", "--frames", "-3-12", "--jobs", "2", "--up-axis", "y")
@@ -163,7 +163,9 @@ def test_options_reach_the_bake(monkeypatch):
     assert (seen["shot"], seen["frames"], seen["jobs"]) == ("s.toml", (-3, 12), 2)
     assert (seen["up_axis"], seen["meters_per_unit"], seen["layout"]) == ("Y", None, "auto")
     assert seen["output"] is None
-    assert result.stderr == "frames: 0 of 2\nframes: 2 of 2\n3 feathers, 2 frames in 1.2 s\n"
+    assert (
+        result.stderr == "frames: 0 of 2\nframes: 2 of 2\np.usdc: 3 feathers, 2 frames in 1.2 s\n"
+    )
 
 
 @pytest.mark.parametrize("command", [name for name in main.commands if name != "presets"])
@@ -195,7 +197,7 @@ def test_an_interrupt_that_a_library_swallows_is_not_lost(monkeypatch):
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         options["on_frame"](0, 2)
-        return {"feathers": 3, "frames": 2, "wall_seconds": 1.25}
+        return {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
 
     monkeypatch.setattr(pipeline, "bake", bake)
     result = run("bake", "s.toml")

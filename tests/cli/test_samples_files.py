@@ -23,7 +23,7 @@ def rest(tmp_path_factory):
     output = tmp_path_factory.mktemp("groom") / "wing.usdc"
     result = run("groom", WING, "-o", output, "--quality", "draft")
     assert result.exit_code == 0, result.stderr
-    assert result.stderr.splitlines()[-1] == "20 feathers at rest"
+    assert result.stderr.splitlines()[-1] == f"{output}: 20 feathers at rest"
     return output
 
 

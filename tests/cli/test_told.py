@@ -85,7 +85,7 @@ def test_a_warning_of_steps_names_feathers_and_frames(monkeypatch):
     ]
 
     def bake(shot, **options):
-        figures = {"feathers": 3, "frames": 2, "wall_seconds": 1.25}
+        figures = {"output": "p.usdc", "feathers": 3, "frames": 2, "wall_seconds": 1.25}
         counts = {"substeps_over_tolerance": 4, "worst_step_error": 4.2e-4}
         return figures | counts | {"worst_substeps": worst}
 
@@ -133,3 +133,17 @@ def test_check_tells_how_far_it_is(tmp_path):
 )
 def test_times_for_people(seconds, told):
     assert about(seconds) == f"about {told}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sample", ["breeze", "swan_wing", "flapping_bird"])
+def test_stats_tell_the_processor_time_of_a_bake_whatever_else_runs(sample, tmp_path):
+    shot, report = PULL.parents[1] / sample / "shot.toml", tmp_path / "report.json"
+    output = ["-o", tmp_path / "out.usdc", "--report", report]
+    told = [sys.executable, "-m", "featherfx", "stats", shot, "--json", "--jobs", "2"]
+    bake = [sys.executable, "-m", "featherfx", "bake", shot, "--jobs", "2", *output]
+    subprocess.run([*bake, "--frames", "1-1"], check=True)  # what has to be compiled
+    said = subprocess.run(told, check=True, capture_output=True, text=True).stdout
+    subprocess.run([*bake, "--overwrite"], check=True)
+    taken = json.loads(report.read_text())["processor_seconds"]
+    assert json.loads(said)["bake"]["processor_seconds"] == pytest.approx(taken, rel=0.3)

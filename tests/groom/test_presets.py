@@ -35,6 +35,9 @@ def test_every_shipped_preset_is_sound_and_says_what_it_is() -> None:
         check_preset(each.family, each.path, library)
     assert library.problems.listed() == []
     assert all(len(each.summary) > 10 for each in listed)
+    gull = next(each for each in listed if str(each) == "wing/gull")
+    told = "Wing of a herring gull: long and narrow, 10 primaries and 24 flight feathers of the arm"
+    assert gull.summary == told
     names = {str(each) for each in listed}
     assert {
         "feather/swan_primary",

@@ -393,3 +393,52 @@ def test_an_mp4_has_every_frame(cache, tmp_path):
     frames = ffmpeg.read_frames(str(tmp_path / "a.mp4"))
     assert next(frames)["size"] == (64, 48)
     assert len(list(frames)) == 5
+
+
+def drawn_with(tmp_path, look, name="one"):
+    """A feather with a look of its barbs, and its strips (B, 2 S + 1, 3) of both vanes."""
+    groom = tmp_path / "groom.toml"
+    groom.write_text(
+        'name = "one"\n[[feather]]\nid = "one"\nkind = "swan_primary"\nposition = [0, 0, 0]\n'
+        f"overrides = {{ {look} }}\n"
+    )
+    export_groom(groom, tmp_path / f"{name}.usdc", quality="draft")
+    subject = open_subject(tmp_path / f"{name}.usdc", PictureOptions())
+    right, up = axes_of("top", *subject.shape())
+    eye = framing(right, up, whole_reach(subject), (400, 300))
+    subject.colour(eye, [None], "shaded")
+    geometry, (group,) = subject.geometry(None), subject.plumage.groups
+    each = 2 * group.stations + 1
+    return geometry.points[: 2 * group.barbs * each].reshape(2, group.barbs, each, 3)
+
+
+def test_pictures_show_how_barbs_look(tmp_path):
+    smooth = drawn_with(tmp_path, "barbs.clumps = 6", "smooth")
+    clumped = drawn_with(tmp_path, "barbs = { clump = 1.0, clumps = 6 }", "clumped")
+    np.testing.assert_allclose(clumped[:, :, 0], smooth[:, :, 0], atol=1e-7)
+    for vane in clumped[:, :, -1]:
+        assert len(np.unique(np.round(vane, 6), axis=0)) == 6
+    known = {tuple(each) for each in np.round(smooth[:, :, -1].reshape(-1, 3), 6).tolist()}
+    ends = np.round(clumped[:, :, -1].reshape(-1, 3), 6)
+    assert {tuple(each) for each in ends.tolist()} <= known
+    uneven = drawn_with(tmp_path, "barbs.jitter = 0.5", "uneven")
+    long, short = (
+        np.linalg.norm(each[:, :, -1] - each[:, :, 0], axis=2) for each in (smooth, uneven)
+    )
+    grown = long > 1e-3
+    assert (short[grown] <= 1.001 * long[grown]).all()
+    assert 0.6 < (short[grown] / long[grown]).mean() < 0.9
+    frizzy = drawn_with(tmp_path, "barbs.frizz = 1e-3", "frizzy")
+    away = np.linalg.norm(frizzy - smooth, axis=3)
+    assert away[:, :, 0].max() < 1e-7
+    assert 2e-4 < away[:, :, -1].mean() < away.max() < 1.5e-3
+
+
+def test_a_look_that_is_none_is_refused(tmp_path):
+    drawn_with(tmp_path, "barbs.frizz = 1e-3")
+    stage = Usd.Stage.Open(str(tmp_path / "one.usdc"))
+    mesh = next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh))
+    mesh.GetAttribute("primvars:barbLook").Set(['{"clumps": 0}'])
+    stage.Save()
+    with pytest.raises(InputError, match=r"barbLook.*clumps: 0.*1 to 1000"):
+        Cache(tmp_path / "one.usdc")

@@ -35,6 +35,18 @@ def exported(cache, name="lod.usda"):
     return target, export_levels(cache, target, overwrite=True)
 
 
+def of_points(cache, code, name):
+    """By place, what a cache has of the points that stand there."""
+    found = {}
+    for index in range(len(cache.feathers)):
+        pose = cache.pose(index, code)
+        values = getattr(pose, name)
+        values = np.zeros(pose.points.shape) if values is None else values  # it stands still
+        for at, value in zip(pose.points.tolist(), values, strict=True):
+            found.setdefault(tuple(at), []).append(value)
+    return found
+
+
 def test_the_finest_is_drawn_and_the_others_hold_some_of_its_points(cache):
     target, told = exported(cache)
     found, whole = Cache(target), Cache(cache)
@@ -64,6 +76,16 @@ def test_the_finest_is_drawn_and_the_others_hold_some_of_its_points(cache):
             for (first, number), wanted in zip(ranges, whole.points_of(every, code), strict=True):
                 own = {tuple(each) for each in points[first : first + number].tolist()}
                 assert own <= {tuple(each) for each in wanted.astype(np.float32).tolist()}
+            for what, attribute in (
+                ("velocities", mesh.GetVelocitiesAttr()),
+                ("normals", mesh.GetNormalsAttr()),
+            ):
+                told_of = of_points(whole, code, what)
+                for at, value in zip(points.tolist(), attribute.Get(code), strict=True):
+                    assert any(np.allclose(value, one, atol=1e-5) for one in told_of[tuple(at)]), (
+                        name,
+                        at,
+                    )
         assert mesh.ComputeVisibility() == UsdGeom.Tokens.invisible
         variants.SetVariantSelection(name)
         assert mesh.ComputeVisibility() == UsdGeom.Tokens.inherited

@@ -10,6 +10,8 @@ from regions_skin import SKIN, region, write_skin
 
 from featherfx.baking.pipeline import check, export_groom, plumage_stats
 from featherfx.cli.main import main
+from featherfx.render.options import PictureOptions
+from featherfx.render.subject import open_subject
 from featherfx.usd.read.read import Cache
 
 GROOM = SKIN + "[layout]\n"
@@ -145,6 +147,18 @@ def test_broken_instancers_are_found(groom):
     assert "protoIndices: 99 is out of range" in found
     assert "scales: 59 values for 60 instances" in found
     assert "ids: 60 values, 1 different" in found
+
+
+@pytest.mark.parametrize("form", ["plain", "small"])
+def test_a_groom_at_rest_names_its_skin_for_pictures(request, form):
+    output = request.getfixturevalue(form)
+    skin = output.with_name("skin.usda")
+    (entry,) = Cache(output).scenery
+    assert (entry["role"], entry["file"], entry["prim"]) == ("skin", "skin.usda", "/skin")
+    # a file that is named besides is not drawn twice
+    subject = open_subject(output, PictureOptions(scenery=(str(skin),)))
+    (drawn,) = subject.scenery
+    assert np.linalg.norm(drawn.points(None), axis=1) == pytest.approx(0.1, abs=1e-6)
 
 
 def _saved(stage, path):

@@ -255,5 +255,6 @@ def test_skins_inside_out_are_refused_and_open_ones_warned_of(tmp_path):
 
 def test_a_place_that_hardly_exists_warns(folder):
     keys = "count = 20\nwhere = [{ sphere = [0, 0, 5, 0.1] }]"
-    with pytest.warns(InputWarning, match="0 of 20 feathers"), warnings.catch_warnings():
+    told = r"reaches x -0\.1 to 0\.1, y -0\.1 to 0\.1, z -0\.1 to 0\.1 .*: 0 of 20 feathers"
+    with pytest.warns(InputWarning, match=told), warnings.catch_warnings():
         grown(folder, region("none", keys), region())

@@ -53,6 +53,7 @@ def test_a_creature_in_centimetres_is_told_in_metres(tmp_path):
     assert code == 0
     assert "0.01 m per unit, Y up" in out
     assert "738 points, 0.4 x 0.197 x 2 m, moves from 1001 to 1024" in out
+    assert "    at rest, in its own units: x -20 to 20, y -9.848 to 9.848, z -100 to 100" in out
     assert "24 joints, moves from 1001 to 1024, 24 samples" in out
     assert "joints: j00, j01, j02" in out
 

@@ -112,7 +112,8 @@ def _doubts(report: LayoutReport) -> list[str]:
         doubts.append(
             f"{len(report.unresolved)} of {len(report.pairs)} pairs of feathers still pass through "
             f"each other or the skin; the worst is '{worst.upper}', {1e3 * worst.depth:.2g} mm "
-            f"below {over}"
+            f"below {over}. [layout] has what they may do: move more (most_tilt, most_lift), be "
+            "shortened (least_size) or left out (drop)"
         )
     return doubts
 

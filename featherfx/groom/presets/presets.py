@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,8 @@ from featherfx.groom.presets.library import Library, Sourced, Tree
 
 @dataclass(frozen=True)
 class PresetFile:
-    """A preset that can be named. summary: the first comment line of its file."""
+    """A preset that can be named. summary: the first sentence of its file's first
+    comment, without what stands in parentheses."""
 
     family: str
     name: str
@@ -41,10 +44,11 @@ def list_presets(preset_folders: Iterable[str | Path] = ()) -> tuple[PresetFile,
 
 def _summary(path: Path) -> str:
     try:
-        first = path.read_text(encoding="utf-8-sig").split("\n", 1)[0]
+        lines = path.read_text(encoding="utf-8-sig").split("\n")
     except (OSError, UnicodeDecodeError):
         return ""
-    return first.lstrip("# ").strip() if first.startswith("#") else ""
+    comment = " ".join(each.lstrip("# ") for each in takewhile(lambda s: s.startswith("#"), lines))
+    return re.sub(r"\s*\([^()]*\)", "", comment).split(". ", 1)[0].strip().rstrip(".")
 
 
 def _named(name: str, library: Library) -> tuple[str, str]:

@@ -193,7 +193,8 @@ def _grown(region: _Region, count: int, regions: Sequence[_Region], prim: str) -
     if len(points) < count:
         warnings.warn(
             f"{region.place.source}: {region.place.key}: '{entry['id']}' has hardly any place on "
-            f"the skin: {len(points)} of {count} feathers",
+            f"the skin, which reaches {_reach(region)} as this groom's points are written: "
+            f"{len(points)} of {count} feathers",
             InputWarning,
             stacklevel=2,
         )
@@ -300,6 +301,13 @@ def _above_ground(region: _Region, found: Scattered) -> Scattered:
         stacklevel=3,
     )
     return Scattered(found.points.some(~buried), found.number[~buried])
+
+
+def _reach(region: _Region) -> str:
+    """Least and greatest of the skin along the axes of the groom's space."""
+    corners = region.space.local(region.surface.corners.reshape(-1, 3))
+    ends = zip("xyz", corners.min(axis=0), corners.max(axis=0), strict=True)
+    return ", ".join(f"{axis} {low:.3g} to {high:.3g}" for axis, low, high in ends)
 
 
 def _fitted(length: Array, points: SurfacePoints, fit: float | None) -> Array:

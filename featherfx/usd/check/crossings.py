@@ -29,17 +29,19 @@ MOST_NAMED = 10
 
 class Scene(NamedTuple):
     """Meshes of a file. chosen: numbers of those. start, first: time code of the file at a time
-    code of the cache; rate: time codes of the file in one of the cache."""
+    code of the cache; rate: time codes of the file in one of the cache. rest: time code of the file
+    at rest; None: its rest pose."""
 
     cache: Cache
     chosen: Sequence[int]
     start: float = 0.0
     first: float = 0.0
     rate: float = 1.0
+    rest: float | None = None
 
     def points(self, code: float | None) -> list[Array]:
         """(V, 3) m, of each mesh at a time code of the cache; None: at rest."""
-        own = None if code is None else self.start + self.rate * (code - self.first)
+        own = self.rest if code is None else self.start + self.rate * (code - self.first)
         unit = self.cache.meters_per_unit
         return [unit * each for each in self.cache.points_of(self.chosen, own)]
 
@@ -100,7 +102,7 @@ def skins_of(cache: Cache, path: Path) -> Iterator[Scene]:
             warnings.warn(message, InputWarning, stacklevel=2)
             continue
         rate = other.frames_per_second / cache.frames_per_second
-        yield Scene(other, chosen, entry["start"], entry["first"], rate)
+        yield Scene(other, chosen, entry["start"], entry["first"], rate, entry.get("rest"))
 
 
 def chosen_frames(

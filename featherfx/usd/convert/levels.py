@@ -1,10 +1,11 @@
 """A cache with versions of fewer points, of which renderers take one by its size on the screen.
 
 The file names the cache, as its finest version, and holds the others: one mesh of all feathers
-each, with some of the cache's points (read/thinned.py) at all of its samples. Only the finest is
-visible; the variant set `levelOfDetail` shows another one instead. Where the installed USD has
-UsdLod (26.11 has it, 24.3 has not), the versions are its items besides: renderers that know it
-choose by the share of the view that a sphere around the feathers takes, and pass over visibility.
+each, with some of the cache's points (read/thinned.py), their normals and velocities at all of its
+samples. Only the finest is visible; the variant set `levelOfDetail` shows another one instead.
+Where the installed USD has UsdLod (26.11 has it, 24.3 has not), the versions are its items besides:
+renderers that know it choose by the share of the view that a sphere around the feathers takes, and
+pass over visibility.
 """
 
 from __future__ import annotations
@@ -190,16 +191,18 @@ def _animate(
     codes: Sequence[float | None],
     place: Array,
 ) -> Array:
-    """Author points and extents at all samples, and return the box of all that is there, (2, 3).
+    """Author what moves at all samples, and return the box of all that is there, (2, 3).
 
     place: (3,) where the meshes stand, so that their numbers are small.
     """
     every, chosen = [], range(len(cache.feathers))
     for mesh in meshes:
+        mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
         if place.any():
             mesh.AddTranslateOp().Set(Gf.Vec3d(*place.tolist()))
     for code in codes:
         points = np.concatenate(cache.points_of(chosen, code))
+        velocities, normals = cache.directions_of(chosen, code)
         every.append([points.min(axis=0), points.max(axis=0)])
         time = Usd.TimeCode.Default() if code is None else Usd.TimeCode(code)
         for mesh, level in zip(meshes, found, strict=True):
@@ -207,6 +210,10 @@ def _animate(
             mesh.GetPointsAttr().Set(arrays.vec3f(own), time)
             box = arrays.vec3f(np.array([own.min(axis=0), own.max(axis=0)]))
             mesh.GetExtentAttr().Set(box, time)
+            if normals is not None:
+                mesh.GetNormalsAttr().Set(arrays.vec3f(normals[level.points]), time)
+            if velocities is not None and code is not None:
+                mesh.GetVelocitiesAttr().Set(arrays.vec3f(velocities[level.points]), time)
     boxes = np.array(every)
     return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 

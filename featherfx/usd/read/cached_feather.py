@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import UsdGeom
 
+from featherfx.errors import InputError
 from featherfx.feather.types import LEADING
+from featherfx.groom.looks import BarbLook, look_of
 from featherfx.usd.read.animated_mesh import fans, topology_of
 from featherfx.usd.read.members import Member, members_of
 from featherfx.usd.read.values import (
@@ -27,7 +29,7 @@ from featherfx.usd.read.values import (
     sized_array,
     text_of,
 )
-from featherfx.usd.types import RANGES
+from featherfx.usd.types import LOOK, RANGES
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -43,7 +45,7 @@ class CachedFeather:
     triangles: (T, 3) point indices; faces with more sides are cut into fans. side: (T,) 0 leading,
     1 trailing, 2 rachis (0 where unknown). face: (T,) face that the triangle was cut from.
     subsets: name to face indices. rest: (V, 3), st: (V, 2) and colour: (V, 3), displayColor (the
-    mean of a point's faces where it is of faces), None where not authored.
+    mean of a point's faces where it is of faces), None where not authored. look: of its barbs.
     """
 
     path: str
@@ -59,6 +61,7 @@ class CachedFeather:
     st: Floats | None
     colour: Floats | None
     is_feather: bool
+    look: BarbLook = BarbLook()
 
 
 def constant_parts(mesh: Any) -> list[tuple[Member, CachedFeather]]:
@@ -80,7 +83,11 @@ def constant_parts(mesh: Any) -> list[tuple[Member, CachedFeather]]:
     if not all(own):
         told = "do not fit the faces, which name points of other feathers"
         raise fault(prim.GetAttribute(f"{RANGES}:points"), told)
-    return [(member, each) for member, each in zip(members, own, strict=True) if each]
+    return [
+        (member, replace(each, look=_look(prim, member.look)))
+        for member, each in zip(members, own, strict=True)
+        if each
+    ]
 
 
 def _cut(whole: CachedFeather, member: Member, triangles: slice) -> CachedFeather | None:
@@ -155,7 +162,17 @@ def _constant_part(mesh: Any) -> CachedFeather:
             primvars.FindPrimvarWithInheritance("displayColor"), counts, indices, total
         ),
         is_feather=bool(authored),
+        look=_look(prim, label(LOOK, "")),
     )
+
+
+def _look(prim: Any, text: str) -> BarbLook:
+    """Of barbs, by what a mesh tells."""
+    try:
+        return look_of(text)
+    except InputError as error:
+        attribute = prim.GetAttribute(f"primvars:{LOOK}")
+        raise fault(attribute, str(error)) from error
 
 
 def _vertex_colours(primvar: Any, counts: Any, indices: Any, total: int) -> Floats | None:

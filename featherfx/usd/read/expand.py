@@ -28,6 +28,7 @@ from featherfx.feather.render import BARB_SEGMENTS
 from featherfx.feather.shape_text import shape_of
 from featherfx.feather.shapes import built_shapes
 from featherfx.feather.types import Array, Feather, Indices, RowMap, RowPoints
+from featherfx.groom.looks import BarbLook
 from featherfx.groom.types import FeatherKind
 from featherfx.limits import MOST_BARBS, MOST_COLUMNS, MOST_ROWS
 from featherfx.usd.installed import refuse_unfit_usd
@@ -58,7 +59,7 @@ class ExpandedFeather:
     """One feather of an expansion. points: its own among all points, and barbs: among all barbs.
 
     triangles: (T, 3) into its own points. side: (T,) 0 leading, 1 trailing, 2 rachis. st: (V, 2).
-    barb_side: (B,) of its barbs.
+    barb_side: (B,) of its barbs. look: of these in pictures.
     """
 
     id: str
@@ -70,6 +71,7 @@ class ExpandedFeather:
     st: Array
     barbs: slice
     barb_side: Indices
+    look: BarbLook
 
 
 def expand(
@@ -186,6 +188,7 @@ class _Shafts:
         if len(members) != len(counts):
             raise self._fault("curveVertexCounts", f"tell of {len(counts)}, {len(members)} named")
         shapes = self._shapes(len(counts))
+        self._looks = [BarbLook() if kind.may_part else kind.barbs for kind, _ in shapes]
         sizes = self._shaped(f"primvars:{SHAPE_SIZE}", DEFAULT, NUMBERS, counts.shape)
         # of the values of this prim, which are in the units of its stage
         scales = sizes.astype(float) / UsdGeom.GetStageMetersPerUnit(prim.GetStage())
@@ -318,6 +321,7 @@ class _Shafts:
                 st=surface.st,
                 barbs=slice(barbs, barbs + len(side)),
                 barb_side=side,
+                look=self._looks[k],
             )
             points, barbs = points + len(surface.row), barbs + len(side)
 

@@ -61,10 +61,12 @@ class PrimReport:
 
     kind: a key of stage.KINDS. points: of a mesh, curves or points at rest. parts: faces of a mesh,
     curves, joints, instances; 0 of others. size: (3,) m, of the box around the points along the
-    stage's axes, transforms included; None without points. sampled: first and last time code of
-    anything that moves it, skeletons included. samples: most that one of its own attributes has.
-    joints: paths of a skeleton's. subsets: names of a mesh's. skeleton: that moves a mesh, empty
-    where none does. prototypes: of an instancer. in_instance: lies within a native instance.
+    stage's axes, transforms included; None without points. box: least and greatest of the points in
+    the prim's own units and axes, as a groom has them in the space of its skin. sampled: first and
+    last time code of anything that moves it, skeletons included. samples: most that one of its own
+    attributes has. joints: paths of a skeleton's. subsets: names of a mesh's. skeleton: that moves
+    a mesh, empty where none does. prototypes: of an instancer. in_instance: lies within a native
+    instance.
     """
 
     path: str
@@ -73,6 +75,7 @@ class PrimReport:
     points: int
     parts: int
     size: tuple[float, ...] | None
+    box: tuple[tuple[float, ...], tuple[float, ...]] | None
     sampled: tuple[float, float] | None
     samples: int
     primvars: tuple[PrimvarReport, ...]
@@ -166,6 +169,7 @@ def _prim_report(scene: SourceScene, prim: Any, kind: str) -> PrimReport:
         points=len(points),
         parts=len(joints) if is_skeleton else _parts(prim, kind),
         size=_size(scene, prim, points),
+        box=_box(points),
         sampled=sampled_range(prim, [*moving, *bones]),
         samples=max((len(times_of(each)) for each in moving), default=0),
         primvars=_primvars(prim),
@@ -213,10 +217,17 @@ def _moving(prim: Any, kind: str) -> list[Any]:
     return [_places(prim), *turning]
 
 
-def _size(scene: SourceScene, prim: Any, points: NDArray[Any]) -> tuple[float, ...] | None:
+def _box(points: NDArray[Any]) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     if not len(points):
         return None
     low, high = points.min(axis=0), points.max(axis=0)
+    return tuple(low.tolist()), tuple(high.tolist())
+
+
+def _size(scene: SourceScene, prim: Any, points: NDArray[Any]) -> tuple[float, ...] | None:
+    if (box := _box(points)) is None:
+        return None
+    low, high = box
     corners = np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(3, -1).T
     # along the world's axes, then put back to the order of the stage's
     matrix = scene.matrix(prim, transform_code(prim, rest_code(_places(prim))))

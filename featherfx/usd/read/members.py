@@ -23,7 +23,7 @@ from featherfx.usd.read.values import (
     sized_array,
     texts_of,
 )
-from featherfx.usd.types import RANGES
+from featherfx.usd.types import LOOK, RANGES
 
 Indices = NDArray[np.int64]
 
@@ -33,13 +33,15 @@ _PAIRS = Kind("iu", (2,), "an array of pairs of integers")
 @dataclass(frozen=True)
 class Member:
     """One feather of a prim. name: to tell it by, the prim's where it is the only one. points,
-    faces: (first, number) of its own, None for all; faces of a mesh, else curves."""
+    faces: (first, number) of its own, None for all; faces of a mesh, else curves. look: of its
+    barbs, as text."""
 
     id: str
     kind: str
     region: str
     points: tuple[int, int] | None = None
     faces: tuple[int, int] | None = None
+    look: str = ""
 
 
 def members_of(prim: Any) -> list[Member]:
@@ -55,9 +57,9 @@ def members_of(prim: Any) -> list[Member]:
     if not len(ids) == len(points) == len(faces):
         told = f"names {len(ids)} feathers, and {RANGES} {len(points)} and {len(faces)}"
         raise fault(_primvar(prim, "featherId").GetAttr(), told)
-    kinds, regions = (_texts(prim, name, faces) for name in ("featherKind", "region"))
+    kinds, regions, looks = (_texts(prim, name, faces) for name in ("featherKind", "region", LOOK))
     ranges = (map(tuple, table.tolist()) for table in (points, faces))
-    return [Member(*each) for each in zip(ids, kinds, regions, *ranges, strict=True)]
+    return [Member(*each) for each in zip(ids, kinds, regions, *ranges, looks, strict=True)]
 
 
 def _ranges(prim: Any, name: str) -> Indices | None:

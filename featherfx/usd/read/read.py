@@ -128,12 +128,13 @@ class Cache:
 
     feathers: one entry per mesh, or instance of one, or feather of one that several share, in the
     order of the stage. frames: start and end time code. scenery: skins and colliders of its shot:
-    role, file from its own folder, prim, and time code `start` of that file at time code `first`.
+    role, file from its own folder, prim, time code `start` of that file at time code `first`, and
+    `rest`, its time code at rest, where that is not its rest pose.
     Raises InputError if the file cannot be opened or holds no mesh.
     """
 
     def __init__(self, path: str | Path) -> None:
-        self._path = str(path)
+        self._path, self.path = str(path), Path(path).resolve()
         self._stage = open_stage(path)
         self.frames = (self._stage.GetStartTimeCode(), self._stage.GetEndTimeCode())
         self.has_frames = self._stage.HasAuthoredTimeCodeRange()
@@ -177,11 +178,6 @@ class Cache:
         """
         own, feather = self._own[index], self.feathers[index]
         points, matrix, code = self._placed([index], time)
-        total = len(own.mesh.read("points", code, VECTORS))
-
-        def of_points(name: str) -> Any:
-            found = own.mesh.read(name, code, VECTORS)
-            return None if found is None or len(found) != total else found[own.points]
 
         def of_faces(name: str, kind: Kind) -> Any:
             """(T, ...) values of a primvar for triangles."""
@@ -192,15 +188,11 @@ class Cache:
         direction = of_faces("barbDirection", VECTORS)
         if direction is not None:
             direction = _unit(direction @ matrix[:3, :3])
-        normals, velocities = of_points("normals"), of_points("velocities")
-        if velocities is None:
-            velocities = of_points(HALF_VELOCITIES)
-        # Normals turn with the inverse transpose; row vectors here.
-        turned = None if normals is None else _unit(normals @ np.linalg.inv(matrix[:3, :3]).T)
+        velocities, normals = self._directions([index], matrix, code)
         return CachedPose(
             points=transformed(points, matrix).astype(np.float32),
-            velocities=None if velocities is None else velocities @ matrix[:3, :3],
-            normals=turned,
+            velocities=velocities,
+            normals=normals,
             barb_direction=direction,
             hooked=of_faces("hooked", NUMBERS),
         )
@@ -220,6 +212,46 @@ class Cache:
             ends = [0 if each.start is None else each.start - own[0].start for each in own]
             found += [moved[a:b] for a, b in pairwise([*ends, len(moved)])]
         return found
+
+    def directions_of(
+        self, chosen: Sequence[int], time: float | None = None
+    ) -> tuple[Array | None, Array | None]:
+        """(V, 3) velocities and normals of the points of some feathers, one after the other, as
+        `pose` has them. Where only some have velocities the others stand still; None where none
+        has, and of normals where one lacks them."""
+        found, places = [], []
+        for run in self._runs(chosen):
+            points, *place = self._placed(run, time)
+            found.append(self._directions(run, *place))
+            places.append(np.zeros(points.shape, np.float32))
+        rates, normals = zip(*found, strict=True)
+        velocities = None
+        if any(each is not None for each in rates):
+            pairs = zip(rates, places, strict=True)
+            velocities = np.concatenate([none if each is None else each for each, none in pairs])
+        has_normals = all(each is not None for each in normals)
+        return velocities, np.concatenate(normals) if has_normals else None
+
+    def _directions(self, run: Sequence[int], matrix: Array, code: Any) -> tuple[Any, Any]:
+        """Velocities and normals of feathers that follow each other, as of _placed."""
+        mesh, total = (
+            self._own[run[0]].mesh,
+            len(self._own[run[0]].mesh.read("points", code, VECTORS)),
+        )
+        cut = slice(self._own[run[0]].points.start, self._own[run[-1]].points.stop)
+
+        def of_points(name: str) -> Any:
+            found = mesh.read(name, code, VECTORS)
+            return None if found is None or len(found) != total else found[cut]
+
+        normals, velocities = of_points("normals"), of_points("velocities")
+        if velocities is None:
+            velocities = of_points(HALF_VELOCITIES)
+        # Normals turn with the inverse transpose; row vectors here.
+        return (
+            None if velocities is None else velocities @ matrix[:3, :3],
+            None if normals is None else _unit(normals @ np.linalg.inv(matrix[:3, :3]).T),
+        )
 
     def some_points_of(self, chosen: Sequence[int], time: float | None, among: Indices) -> Array:
         """(P, 3) points of feathers, one after the other, as `points_of` has them: those with the
@@ -324,6 +356,7 @@ def _expanded(stage: Any) -> Iterator[tuple[_Own, CachedFeather]]:
                 st=each.st.astype(np.float32),
                 colour=None,
                 is_feather=True,
+                look=each.look,
             ),
         )
 
@@ -337,7 +370,7 @@ def _scenery(stage: Any) -> Iterator[dict[str, Any]]:
         if isinstance(entry, dict) and all(
             isinstance(entry.get(key), kind) for key, kind in kinds.items()
         ):
-            yield entry
+            yield entry if isinstance(entry.get("rest", 0.0), float) else {**entry, "rest": None}
 
 
 def _moved(points: Floats, matrix: Array) -> Array:

@@ -15,6 +15,7 @@ from featherfx.feather.types import RACHIS
 from featherfx.usd.read.cached_feather import CachedFeather
 
 Indices = NDArray[np.int64]
+Floats = NDArray[np.float32]
 
 # rows of a thinned vane, tried one after another
 _ROWS = (11, 7, 5, 3)
@@ -115,4 +116,15 @@ def _rows(
     ]
     made = points[np.concatenate([np.stack(each, axis=1) for each in strips])]
     real = (made[:, 0] != made[:, 1]) & (made[:, 1] != made[:, 2]) & (made[:, 2] != made[:, 0])
-    return _used(made[real])
+    made = made[real]
+    # wound as the feather's own
+    whole = _areas(feather.st, feather.triangles[feather.side != RACHIS]).sum()
+    turned = _areas(feather.st, made) * whole < 0.0
+    made[turned] = made[turned][:, [0, 2, 1]]
+    return _used(made)
+
+
+def _areas(st: Floats, triangles: Indices) -> Floats:
+    """(T,) twice the signed areas in texture space."""
+    first, second = (st[triangles[:, k]] - st[triangles[:, 0]] for k in (1, 2))
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])

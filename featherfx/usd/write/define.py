@@ -146,7 +146,7 @@ def _sort(group: PosedGroup, entries: Sequence[FeatherEntry]) -> Any:
         return group.name
     shared = surface.triangles, surface.part, surface.st
     is_held = entries[0].held is None or entries[0].hooked
-    alike = entries[0].root is None, is_held, entries[0].colours is None
+    alike = entries[0].root is None, is_held, entries[0].colours is None, entries[0].look
     return *map(id, shared), entries[0].feather.rows, *alike
 
 

@@ -44,9 +44,16 @@ class WrittenPose:
     finite: Flags
 
     def corners(self) -> Sequence[Floats]:
-        """(2, 3) extents of surface and barbs."""
-        parts = (self.values.get((part, "extent")) for part in (MESH, BARB))
-        return [part.numbers for part in parts if part is not None]
+        """(2, 3) extents of surface and barbs, or where there is no surface of shafts and what
+        they carry."""
+        parts = (MESH, BARB) if (MESH, "extent") in self.values else (RACHIS, BARB)
+        drawn = (self.values.get((part, "extent")) for part in parts)
+        found = [each.numbers for each in drawn if each is not None]
+        if RACHIS in parts:
+            barbs = (self.values.get((RACHIS, name)) for name in P_BARB)
+            numbers = (each.numbers for each in barbs if each is not None)
+            found += [np.stack([each.min(axis=0), each.max(axis=0)]) for each in numbers]
+        return found
 
 
 class PosedGroup:
@@ -120,6 +127,8 @@ class PosedGroup:
         """(M + 1,) where the elements of each feather begin in an attribute, and all."""
         if key[1] in PER_FACE:
             return self.faces
+        if key[0] not in self.points:
+            return np.zeros(len(self.members) + 1, dtype=np.int64)
         return self.points[key[0]] * (self.columns if key[1] in P_BARB else 1)
 
     def new_pose(self, compared: bool = True) -> WrittenPose:
@@ -230,7 +239,7 @@ class PosedGroup:
 
     def digest(self, pose: WrittenPose) -> str:
         """Short name of a pose: equal poses, equal names. Of a single feather the points tell."""
-        named = ("points", *HOOKS) if self.alone else {name for _, name in self.keys}
+        named = ("points", *P_BARB, *HOOKS) if self.alone else {name for _, name in self.keys}
         digest = hashlib.blake2b(digest_size=8)
         for key, value in pose.values.items():
             if key[1] in named and key not in self._unwritten:

@@ -68,7 +68,8 @@ class PosedFeather:
     id: of the feather. widths, barb_widths: (n,) and (B K,) stage units, diameters of shaft and
     barbs; those of the shaft are of the circle of its section's area. parts: the prims that it
     has. points: of each, and faces: of its mesh. held: (faces,) share of barbules that are hooked
-    at rest. vectors, scalars, turns: what is written of the parts. form: what of that is written.
+    at rest. vectors, scalars, turns: what is written of the parts. form: what of that is written;
+    a mesh that is not has neither points nor faces.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class PosedFeather:
         counts = {MESH: len(surface.drawn.row), RACHIS: feather.rows, BARB: len(self.barb_widths)}
         self.points = {part: counts[part] for part in self.parts}
         self.faces = len(surface.drawn.triangles)
-        self.held = np.ones(self.faces) if entry.held is None else entry.held
+        self.held = np.ones(self.faces) if entry.held is None else entry.held[: self.faces]
         split = entry.feather.split
         self._split = np.where(split, 0.0, 1.0) if split.size else None
         each = ("points", "velocities", *([ACCELERATIONS] * self._accelerations))
@@ -105,7 +106,8 @@ class PosedFeather:
             *((RACHIS, name) for name in P_BARB if form.condensed),
         )
         asked = [name for extra, names in DIAGNOSTICS.items() if extra in extras for name in names]
-        asked += HOOKS if entry.hooked else ()
+        self._hooks = entry.hooked and self.faces > 0
+        asked += HOOKS if self._hooks else ()
         self.scalars: tuple[Key, ...] = tuple((MESH, name) for name in asked)
         self.turns: tuple[Key, ...] = ((RACHIS, ORIENT),) if form.condensed else ()
 
@@ -135,8 +137,7 @@ class PosedFeather:
     @property
     def is_plain(self) -> bool:
         """Whether its surface is all that is written, and follows from its nodes alone."""
-        surface = self._entry.feather.surface
-        alone = self._entry.points_map is None and len(surface.lips) == 0
+        alone = self._entry.points_map is None and len(self._surface.drawn.lips) == 0
         return alone and not self.has_barbs and not self.scalars
 
     @property
@@ -222,8 +223,8 @@ class PosedFeather:
         seconds: to the next sample. A velocity that until then carries no point farther than its
         rounding, at the greatest coordinate of a prim, does not count.
         """
-        own = [(MESH, name) for name in HOOKS if (MESH, name) in now]
-        if any((now[key] != before[key]).any() for key in own):
+        own = [(MESH, name) for name in HOOKS] + [(RACHIS, name) for name in P_BARB]
+        if any((now[key] != before[key]).any() for key in own if key in now):
             return True
         return any(
             surface_kernels.changed(
@@ -269,7 +270,7 @@ class PosedFeather:
         """Which lips are open, and hooks and slip of each face; None for hooks that all hold."""
         surface = self._surface
         surface.part(hooked)
-        if not self._entry.hooked:
+        if not self._hooks:
             return
         held, slipped = out[MESH, HOOKED], out[MESH, SLIP]
         held[:], slipped[:] = self.held, 0.0
@@ -291,25 +292,28 @@ class PosedFeather:
 class _Surface:
     """Arrays of a surface that all feathers of one shape share, as the kernels take them."""
 
-    def __init__(self, feather: Feather, edges: NDArray[np.int32], scratch: Array) -> None:
+    def __init__(
+        self, feather: Feather, edges: NDArray[np.int32], scratch: Array, drawn: bool
+    ) -> None:
         """edges: as of barb_edges. scratch: (2, V, 3), also of others, between whose poses it is
-        overwritten."""
-        self._feather, surface = feather, feather.surface
+        overwritten. drawn: whether the surface is; else nothing of it is computed."""
+        self._feather, surface, all_of_it = feather, feather.surface, slice(None if drawn else 0)
+        lips = surface.lips[all_of_it]
         self.drawn = DrawnSurface(
-            row=fixed(surface.row),
-            node=fixed(surface.node),
-            offset=fixed(surface.offset, np.float64),
-            triangles=fixed(surface.triangles),
-            edges=edges,
-            lips=fixed(surface.lips),
-            world=scratch[0],
-            sums=scratch[1],
-            parted=np.zeros(len(surface.lips), dtype=np.bool_),
-            carried=np.zeros((len(surface.lips), 3)),
+            row=fixed(surface.row[all_of_it]),
+            node=fixed(surface.node[all_of_it]),
+            offset=fixed(surface.offset[all_of_it], np.float64),
+            triangles=fixed(surface.triangles[all_of_it]),
+            edges=edges[all_of_it],
+            lips=fixed(lips),
+            world=scratch[0][all_of_it],
+            sums=scratch[1][all_of_it],
+            parted=np.zeros(len(lips), dtype=np.bool_),
+            carried=np.zeros((len(lips), 3)),
         )
         # faces of vanes are in the order of cells
         self.cells = np.flatnonzero(feather.cell)
-        self._lips = Lips.of(feather) if len(surface.lips) else None
+        self._lips = Lips.of(feather) if len(lips) else None
         self.strains = np.zeros((2, len(edges)))
 
     def part(self, hooked: Array | None) -> None:
@@ -357,7 +361,8 @@ def posed_feathers(
             edges[topology] = barb_edges(surface, surface.points(feather.rest))
         if id(feather) not in shapes:
             own = scratch.setdefault(len(surface.row), np.zeros((2, len(surface.row), 3)))
-            shapes[id(feather)] = _Surface(feather, edges[topology], own)
+            drawn = MESH in form.parts
+            shapes[id(feather)] = _Surface(feather, edges[topology], own, drawn)
     return [
         PosedFeather(entry, shapes[id(entry.feather)], space, extras, form) for entry in entries
     ]

@@ -21,7 +21,7 @@ from pxr import Sdf, UsdGeom, UsdShade
 from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, RACHIS, TRAILING
 from featherfx.usd import arrays
-from featherfx.usd.types import BARB, HOOKED, MESH, RANGES, SHAPE, SHAPE_SIZE, FeatherEntry
+from featherfx.usd.types import BARB, HOOKED, LOOK, MESH, RANGES, SHAPE, SHAPE_SIZE, FeatherEntry
 from featherfx.usd.types import RACHIS as SHAFT
 from featherfx.usd.write.materials import COLOURS
 
@@ -66,6 +66,7 @@ _PRIMVARS = {
     # how many times as large it is
     "leadingIsRight": (_TYPES.IntArray, _CONSTANT, 1),
     SHAPE: (_TYPES.StringArray, _CONSTANT, 1),
+    LOOK: (_TYPES.StringArray, _CONSTANT, 1),
     SHAPE_SIZE: (_TYPES.FloatArray, _CONSTANT, 1),
     # for viewers that ignore materials
     "displayColor": (_TYPES.Color3fArray, _CONSTANT, 1),
@@ -221,6 +222,9 @@ def define_mesh(
     _tell_whose(prim, group, entries, points=starts, faces=group.faces)
     if group.alone and entries[0].root is not None:
         author_primvars(prim, **seats(entries))
+    if any(looks := [entry.look for entry in entries]):
+        usual, counts = (_CONSTANT, 1) if group.alone else ("uniform", np.diff(group.faces))
+        author_texts(prim, LOOK, looks, usual, counts)
     st = arrays.vec2f(np.concatenate([each.st for each in surfaces]))
     author_primvars(prim, Pref=rest, rest=rest, st=st, side=arrays.ints(part))
     author_primvars(prim, **painted(entries, MESH))

@@ -1,0 +1,100 @@
+"""Barbs of pictures with the look of their feather: in clumps, frizzy, of uneven lengths.
+
+As barbs that are written as curves have it (feather/barb_looks.py), for the strips of a picture, of
+which there may be more or fewer: the same numbers, other draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.feather.clumps import middle_barbs
+from featherfx.groom.looks import BarbLook
+
+Array = NDArray[np.float64]
+
+_NEAR = 0.05  # place on a barb
+
+
+class Strips(NamedTuple):
+    """Strips of n feathers, (n, B, 2 S + 1, 3) each: points of the one edge, of the other, the tip.
+
+    along, tangents: derivatives of points along the shaft and along the barb.
+    """
+
+    points: Array
+    along: Array
+    tangents: Array
+
+
+def dressed(
+    strips: Strips, look: BarbLook, draws: Sequence[int], inner: Array, roots: Array
+) -> Strips:
+    """Strips with a look. draws: (n,) numbers by which each feather draws. inner: (S,) places of
+    the edges' points on a barb, the tip at 1. roots: (B,) places of barbs on the shaft."""
+    random = [np.random.default_rng([look.seed, draw]) for draw in draws]
+    shape = (len(roots), 1)
+    lengths = np.stack([1.0 - look.jitter * each.uniform(size=shape) for each in random])
+    number = np.stack([each.uniform(2.0 / 3.0, 4.0 / 3.0, shape) for each in random])
+    phases = np.stack([each.uniform(0.0, 2.0 * np.pi, (2, *shape)) for each in random], axis=1)
+    strips = Strips(*(_shortened(each, inner, lengths) for each in strips))
+    strips = strips._replace(tangents=strips.tangents * lengths[..., None])
+    place = np.concatenate([inner, inner, [1.0]])
+    points, tangents = _clumped(strips, look, place, roots)
+    waves = 2.0 * np.pi * look.frizz_waves * number
+    angle = waves * place + phases
+    far = look.frizz * place * np.sin(angle)
+    rate = look.frizz * (np.sin(angle) + place * waves * np.cos(angle))
+    for way, own, change in zip(_ways(strips), far, rate, strict=True):
+        points, tangents = points + own[..., None] * way, tangents + change[..., None] * way
+    return Strips(points, strips.along, tangents)
+
+
+def _shortened(values: Array, inner: Array, lengths: Array) -> Array:
+    """Values of strips of which only the first part is left. lengths: (n, B, 1) parts."""
+    knots, stations = np.append(inner, 1.0), len(inner)
+    place = lengths * knots
+    low = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, stations - 1)
+    part = ((place - knots[low]) / np.diff(knots)[low])[..., None]
+    edges = []
+    for edge in (values[:, :, :stations], values[:, :, stations:-1]):
+        whole = np.concatenate([edge, values[:, :, -1:]], axis=2)
+        below, above = (np.take_along_axis(whole, (low + k)[..., None], axis=2) for k in (0, 1))
+        edges.append(below + part * (above - below))
+    tips = 0.5 * (edges[0] + edges[1])[:, :, -1:]
+    return np.concatenate([edges[0][:, :, :-1], edges[1][:, :, :-1], tips], axis=2)
+
+
+def _clumped(strips: Strips, look: BarbLook, place: Array, roots: Array) -> tuple[Array, Array]:
+    """Points and tangents of strips drawn towards the line of the middle barb of their clump."""
+    middle = middle_barbs(np.zeros(len(roots), dtype=np.int64), roots, look.clumps)
+    share = (look.clump * place**look.clump_shape)[:, None]
+    # barbs that leave the shaft towards each other have no finite slope there
+    slope = np.maximum(place, _NEAR) ** (look.clump_shape - 1.0)
+    rate = (look.clump * look.clump_shape * slope)[:, None]
+    lines = [_line(each)[:, middle] - each for each in (strips.points, strips.tangents)]
+    points = strips.points + share * lines[0]
+    return points, strips.tangents + share * lines[1] + rate * lines[0]
+
+
+def _line(values: Array) -> Array:
+    """Of both edges their mean."""
+    stations = values.shape[2] // 2
+    middle = 0.5 * (values[:, :, :stations] + values[:, :, stations:-1])
+    return np.concatenate([middle, middle, values[:, :, -1:]], axis=2)
+
+
+def _ways(strips: Strips) -> tuple[Array, Array]:
+    """Unit vectors across the barbs in the vane, and out of it."""
+    barb = _unit(strips.tangents)
+    across = strips.along - (strips.along * barb).sum(axis=-1, keepdims=True) * barb
+    return _unit(across), _unit(np.cross(strips.along, strips.tangents))
+
+
+def _unit(vectors: Array) -> Array:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
