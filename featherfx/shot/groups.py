@@ -41,8 +41,9 @@ Array = NDArray[np.float64]
 
 # Newton stops at this fraction of the step's tolerance from the step's solution
 NEWTON_FRACTION = 1e-2
-# the same where forces of contact follow from the poses, so that feathers in balance come to rest
-CONTACT_NEWTON_FRACTION = 1e-3
+# the same where forces of contact follow from the poses, so that feathers in balance come to rest;
+# and m, a small part of what any gap may be off, below which that says nothing
+CONTACT_NEWTON_FRACTION, CONTACT_NEWTON = 1e-3, 2e-7
 
 
 @dataclass
@@ -191,10 +192,12 @@ def _group(
     state = rest_state(model, positions[members], rotations[members])
     state.time[:] = time
     place = {p.id: k for k, p in enumerate(placements)}
-    newton = CONTACT_NEWTON_FRACTION if pushes else NEWTON_FRACTION
+    newton = NEWTON_FRACTION * resolution.tolerance
+    if pushes:
+        newton = min(newton, max(CONTACT_NEWTON_FRACTION * resolution.tolerance, CONTACT_NEWTON))
     settings = Settings(
         tolerance=resolution.tolerance,
-        newton=newton * resolution.tolerance,
+        newton=newton,
         max_substeps=quality.max_substeps,
         spectral_radius=quality.radius,
     )

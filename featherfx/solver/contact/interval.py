@@ -55,8 +55,6 @@ Flags = NDArray[np.bool_]
 # springs of a round over the estimated stiffness of one node: of 2 to 16, 8 took the fewest
 # iterations in a dense plumage (stiffer ones leave feathers unsolved)
 FIT = 8.0
-# a body whose contacts are off by less than this, over the tolerance, is not solved again
-QUIET = 0.3
 # gap, over the margin, beyond which a contact without a force is not handed to a feather
 FAR = 0.5
 # stiffness of contacts that yield, over what it would be
@@ -374,7 +372,7 @@ class ContactSolver:
             rules=RoundRules(
                 rounds=settings.rounds,
                 tolerance=settings.tolerance,
-                quiet=QUIET * settings.tolerance,
+                quiet=settings.tolerance,
                 reach=FAR * settings.margin,
                 friction=settings.friction > 0.0,
                 thinnest=self._thinnest,
