@@ -136,6 +136,35 @@ def transported(points: Array, stations: Array) -> Array:
     return np.stack(turns)
 
 
+def motions(screws: Array) -> tuple[Array, Array]:
+    """Turns (n, 3, 3) and shifts (n, 3) of the motions of screws (n, 6) within a time of 1.
+
+    screws: rotation vector, rad, and the velocity of the origin. A point x goes to turn x + shift.
+    """
+    turning, velocity = screws[:, :3], screws[:, 3:]
+    shifts = np.einsum("nij,nj->ni", _mean_turns(turning), velocity)
+    return vectors_to_frames(turning), shifts
+
+
+def screws_of(turns: Array, shifts: Array) -> Array:
+    """(n, 6) screws of motions, turns (n, 3, 3) by less than half a turn and shifts (n, 3)."""
+    turning = rotation_vectors(turns)
+    velocity = np.linalg.solve(_mean_turns(turning), shifts[:, :, None])[:, :, 0]
+    return np.concatenate([turning, velocity], axis=1)
+
+
+def _mean_turns(vectors: Array) -> Array:
+    """(n, 3, 3) means of the turns by 0 to 1 times rotation vectors (n, 3), the left Jacobian of
+    the exponential map."""
+    square = np.einsum("nk,nk->n", vectors, vectors)[:, None, None]
+    small = square < 1e-6
+    angle = np.sqrt(np.where(small, 1.0, square))
+    second = np.where(small, 0.5 - square / 24.0, (1.0 - np.cos(angle)) / angle**2)
+    third = np.where(small, 1.0 / 6.0 - square / 120.0, (angle - np.sin(angle)) / angle**3)
+    crosses = np.cross(vectors[:, None, :], np.eye(3)).swapaxes(1, 2)
+    return np.asarray(np.eye(3) + second * crosses + third * (crosses @ crosses))
+
+
 def about_x(degrees: ArrayLike) -> Array:
     """(..., 3, 3) rotations about x."""
     angle = np.radians(np.asarray(degrees, dtype=float))

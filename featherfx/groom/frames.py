@@ -30,6 +30,13 @@ class Mirror:
         """(3,) rotation vector mirrored: it changes its sense, too."""
         return -self.directions(vectors)
 
+    def screw(self, screw: Array) -> Array:
+        """(6,) rotation vector and velocity of the origin, mirrored."""
+        turning = screw[:3]
+        there = 2.0 * self.distance * self.normal  # whose image the origin is
+        velocity = screw[3:] + np.cross(turning, there)
+        return np.concatenate([self.rotation_vectors(turning), self.directions(velocity)])
+
     def frames(self, rotation: Array) -> Array:
         """(..., 3, 3) frames of feathers mirrored, right-handed, dorsal still dorsal.
 

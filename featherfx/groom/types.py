@@ -344,7 +344,8 @@ class Joint:
 
     position: (3,). side: +1 on the bird's left, -1 on its right, 0 in the middle (mirrors the
     flap). hinge: (3,) rad, rotation vector against the parent from open (fold 0) to folded (1);
-    None where it does not fold. fold: at rest.
+    None where it does not fold. fold: at rest. bone: (3,) m, the middle of a wing's bone that turns
+    about it; None: it is no wing's.
     """
 
     name: Annotated[str, "Name, unique in the groom."]
@@ -358,6 +359,7 @@ class Joint:
     ] = 0
     hinge: Array | None = None
     fold: float = 0.0
+    bone: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -365,16 +367,15 @@ class Turning:
     """How a follicle turns between two joints, while the feather's joint carries its anchor.
 
     joints: names. share: 0 turns with the first, 1 with the second. anchor: (3,) m, in the groom's
-    frame at rest; the root turns about it. bow: (3,) rad, rotation vector, and shift: (3,) m, of
-    the root, in the groom's frame at rest, of the whole bow of a wing whose second joint is folded
-    (featherfx/groom/anatomy/bow.py); None: it stays flat.
+    frame at rest; the root turns about it. bow: (6,) screw (rad, m) in the groom's frame at rest,
+    of the whole bow of a wing whose second joint is folded (featherfx/groom/anatomy/bow.py); the
+    first carries it; None: it stays flat.
     """
 
     joints: tuple[str, str]
     share: float
     anchor: Array
     bow: Array | None = None
-    shift: Array | None = None
 
 
 @dataclass(frozen=True)

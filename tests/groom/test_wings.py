@@ -202,7 +202,7 @@ raise = {}
 """
 
 
-@pytest.mark.parametrize("text", [TAIL, CREST])
+@pytest.mark.parametrize("text", [TAIL, TAIL + "arch = 40\n", CREST])
 def test_fans_open_in_a_shot_as_in_the_groom(tmp_path: Path, text: str) -> None:
     closed, opened = (groom_of(tmp_path, text.format(value)) for value in (0.0, 1.0))
     keys = [{"time": 0.0, "fold": 1.0}, {"time": 1.0, "fold": 0.0}]
@@ -210,6 +210,7 @@ def test_fans_open_in_a_shot_as_in_the_groom(tmp_path: Path, text: str) -> None:
     frames = joint_roots(closed, skeleton_of(closed), poses).frames(1.0)
     for k, feather in enumerate(opened.feathers):
         np.testing.assert_allclose(frames.rotations[k], feather.rotation, atol=1e-9)
+        np.testing.assert_allclose(frames.positions[k], feather.position, atol=1e-9)
 
 
 def test_tail_is_the_fan_that_it_says_on_both_sides(tmp_path: Path) -> None:

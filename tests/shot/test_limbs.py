@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 
+import featherfx
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.groom.read.read import read_groom
 from featherfx.shot.motion.fold import folding
 from featherfx.shot.motion.joints import joint_roots, roots_at_rest, skeleton_of
 from featherfx.shot.motion.limbs import carried
+from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.motion.roots import RootFrames
 
 GROOM = """
@@ -76,3 +79,63 @@ def test_a_bowed_wing_opens_to_where_the_groom_has_it(tmp_path):
     found = joint_roots(folded, skeleton_of(folded), poses).frames(1.0)
     np.testing.assert_allclose(found.positions, opened.positions, atol=1e-9)
     np.testing.assert_allclose(found.rotations, opened.rotations, atol=1e-9)
+
+
+JOINTS = ("arm", "arm/fore", "arm/fore/hand", "arm/fore/hand/tip")
+PLACES = np.array(
+    [(0.03, -0.03, 0.03), (-0.01, -0.05, 0.03), (0.03, -0.09, 0.03), (0, -0.14, 0.03)]
+)
+FOLDING = (0.0, 25.0, -55.0)  # deg, of elbow and wrist about z, and the arm does not move
+
+
+def write_skeleton(path):
+    """The bones of a right wing, which fold from time code 1 to 2."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdSkel.Root.Define(stage, "/bird")
+    skeleton = UsdSkel.Skeleton.Define(stage, "/bird/skeleton")
+    skeleton.CreateJointsAttr(JOINTS)
+    steps = np.diff(PLACES, axis=0, prepend=0.0).tolist()
+    for create, places in (
+        (skeleton.CreateBindTransformsAttr, PLACES.tolist()),
+        (skeleton.CreateRestTransformsAttr, steps),
+    ):
+        create([Gf.Matrix4d().SetTranslate(Gf.Vec3d(*place)) for place in places])
+    animation = UsdSkel.Animation.Define(stage, "/bird/motion")
+    animation.CreateJointsAttr(JOINTS)
+    animation.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1)] * 4))
+    animation.CreateTranslationsAttr(Vt.Vec3fArray([Gf.Vec3f(*step) for step in steps]))
+    for code in (1, 2):
+        turns = [Gf.Rotation(Gf.Vec3d(0, 0, 1), a * (code - 1)) for a in (*FOLDING, 0.0)]
+        animation.CreateRotationsAttr().Set([Gf.Quatf(each.GetQuat()) for each in turns], code)
+    UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets(
+        [animation.GetPath()]
+    )
+    stage.Save()
+
+
+def test_a_skeleton_folds_a_wing_to_where_landmarks_have_it(tmp_path):
+    write_skeleton(tmp_path / "bones.usda")
+    names = ("shoulder", "elbow", "wrist", "tip")
+    of_joints = (
+        f'{name} = {{ joint = "{path}" }}' for name, path in zip(names, JOINTS, strict=True)
+    )
+    wing = 'name = "w"\n[[wing]]\nid = "right_wing"\ntype = { base = "pigeon", bow = 25 }\n'
+    skin = '[skin]\nusd = "bones.usda"\nprim = "/bird/skeleton"\n'
+    (tmp_path / "groom.toml").write_text("\n".join([wing, *of_joints, skin]))
+    (tmp_path / "shot.toml").write_text(
+        'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n' + skin
+    )
+    shot = featherfx.read_shot(tmp_path / "shot.toml")
+    turn, places = np.eye(3), [PLACES[0]]
+    for angle, step in zip(np.radians(FOLDING), np.diff(PLACES, axis=0), strict=True):
+        turn = turn @ from_rotation_vector(np.array([0.0, 0.0, angle]))
+        places.append(places[-1] + turn @ step)
+    typed = (f"{name} = {place.tolist()}" for name, place in zip(names, places, strict=True))
+    (tmp_path / "groom.toml").write_text("\n".join([wing, *typed]))
+    folded = roots_at_rest(read_groom(tmp_path / "groom.toml"))
+    found = root_motion(shot).frames(1 / 24)
+    assert np.abs(found.positions - roots_at_rest(shot.groom).positions).max() > 0.02
+    np.testing.assert_allclose(found.positions, folded.positions, atol=1e-6)
+    np.testing.assert_allclose(found.rotations, folded.rotations, atol=1e-5)

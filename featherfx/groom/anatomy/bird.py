@@ -179,6 +179,7 @@ def _wing(
         scale=scale,
         side=side,
         joint=entry["joint"],
+        skeleton=entry["skeleton"],
         below=posed or entry["fold"] < 1.0 or entry["opens"],
     )
 

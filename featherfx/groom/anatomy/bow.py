@@ -1,10 +1,10 @@
 """A folded wing is no board: it bends round the body, about a line along its feathers.
 
-Each feather is carried over rigidly, by the turn and the shift of a cylinder at the middle of its
-shaft, so that feathers that lay on each other in the plane still do where their vanes are as hollow
-as the cylinder. Along the feathers the wing is as curved as these are: each goes on where the arc
-that all share has come to at its root. An open wing is flat, and bends late as it folds, when its
-fan is nearly closed.
+Each feather is carried over rigidly, as by a cylinder at the middle of its shaft, so that feathers
+that lay on each other in the plane still do where their vanes are as hollow as the cylinder. How it
+is carried belongs to the forearm: while a fan opens, all that turned as one still does. Along the
+feathers the wing is as curved as these are: each goes on where the arc that all share has come to
+at its root. An open wing is flat, and bends late as it folds, when its fan is nearly closed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import vectors_to_frames
+from featherfx.algebra.rotation import screws_of, vectors_to_frames
+from featherfx.groom.types import FeatherKind
 
 Array = NDArray[np.float64]
 
@@ -40,8 +41,12 @@ class Bow:
         middles = positions + 0.5 * lengths[:, None] * rotations[:, :, 0]
         return np.asarray((middles - self.middle) @ self.across)
 
-    def bent(self, ways: Array, roots: Array, positions: Array) -> tuple[Array, Array]:
-        """The (N, 3, 3) turns and the new places (N, 3) m of positions in the plane.
+    def screws(self, ways: Array, roots: Array) -> Array:
+        """(N, 6) as of `motions`."""
+        return screws_of(*self.motions(ways, roots))
+
+    def motions(self, ways: Array, roots: Array) -> tuple[Array, Array]:
+        """How the cylinder carries feathers from the plane: turns (N, 3, 3) and shifts (N, 3) m.
 
         ways: (N,) m across. roots: (N, 3) m, of the flight feathers that they belong to.
         """
@@ -49,21 +54,34 @@ class Bow:
         sense = float(np.cross(self.across, self.dorsal) @ self.along)
         # outwards is down the cylinder: the dorsal side turns towards `across`
         turns = vectors_to_frames(np.outer(-sense * ways / self.radius, self.along))
-        arcs, positions = self._along_arc(roots, positions)
         centre = self.middle - self.radius * self.dorsal
-        flat = positions - np.outer(ways, self.across) - centre
-        return turns @ arcs, centre + np.einsum("nij,nj->ni", turns, flat)
+        shifts = _about(centre, turns, np.outer(ways, self.across))
+        arcs, before = self._arcs(roots)
+        return turns @ arcs, np.einsum("nij,nj->ni", turns, before) + shifts
 
-    def _along_arc(self, roots: Array, positions: Array) -> tuple[Array, Array]:
+    def _arcs(self, roots: Array) -> tuple[Array, Array]:
         if self.curvature == 0.0:
-            return np.eye(3), positions
+            return np.tile(np.eye(3), (len(roots), 1, 1)), np.zeros_like(roots)
         ways = (roots - self.middle) @ self.along
-        turns = vectors_to_frames(
-            np.outer(ways * self.curvature, np.cross(self.dorsal, self.along))
-        )
+        axis = np.cross(self.dorsal, self.along)
+        turns = vectors_to_frames(np.outer(ways * self.curvature, axis))
         centre = self.middle - self.dorsal / self.curvature
-        flat = positions - np.outer(ways, self.along) - centre
-        return turns, centre + np.einsum("nij,nj->ni", turns, flat)
+        return turns, _about(centre, turns, np.outer(ways, self.along))
+
+
+def _about(centre: Array, turns: Array, back: Array) -> Array:
+    """(N, 3) shifts of motions that go back (N, 3) and turn (N, 3, 3) about a centre (3,)."""
+    return np.asarray(centre - np.einsum("nij,nj->ni", turns, back + centre))
+
+
+def wrapped(kind: FeatherKind, sizes: Array, within: Array) -> Array:
+    """(N, 2) share of the leading and of the trailing vane that lies inwards of the bow's edge.
+
+    sizes: (N,) m, factors of the outlines' widths. within: (N,) m, from the shaft outwards to the
+    edge.
+    """
+    widest = [max(y for _, y in vane.outline) for vane in (kind.leading, kind.trailing)]
+    return np.clip(within[:, None] / np.outer(sizes, widest) + (0.0, 1.0), 0.0, 1.0)
 
 
 _FLATTEST = 1e-6  # rad, for a wing that bends along its feathers alone

@@ -8,8 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import about_x, frames_from, from_rotation_vector, parallel
+from featherfx.algebra.rotation import (
+    about_x,
+    frames_from,
+    from_rotation_vector,
+    motions,
+    parallel,
+    screws_of,
+)
 from featherfx.groom.anatomy.bow import bow_share
+from featherfx.groom.anatomy.remiges import spread_evenly
 from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
@@ -36,7 +44,7 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
     closed, opened = (0.5 * np.radians(angle) for angle in entry["angles"])
     half, arch = 0.5 * entry["root_width"], 0.5 * np.radians(entry["arch"])
     bent = float(bow_share(1.0 - entry["fan"]))
-    lengths = _lengths(entry["lengths"], pairs)
+    lengths = spread_evenly(entry["lengths"], pairs)
     drafts: list[Draft] = []
     joints = [Joint(entry["id"], base, entry["joint"])]
     for sign, side in ((1.0, "right"), (-1.0, "left")):
@@ -51,14 +59,15 @@ def tail(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[Dr
             turned = opens @ from_rotation_vector(sign * share * closed * frame[:, 2]) @ frame
             depth = entry["lift"] * (number + (0.0 if sign > 0.0 else 0.5))
             root = base + sign * share * half * frame[:, 1] - depth * frame[:, 2]
-            turning, wrap = Turning((entry["id"], bone), share, base), 0.0
+            turning, wrap = Turning((entry["id"], bone), share, root), 0.0
             if arch:  # round an axis along the tail, as if its feathers lay on a cylinder
-                bow = -sign * share * arch * frame[:, 0]
-                above = from_rotation_vector(bow) @ ((half / arch - depth) * frame[:, 2])
-                shift = base - half / arch * frame[:, 2] + above - root
-                turning = replace(turning, bow=opens @ bow, shift=opens @ shift)
-                root = root + bent * opens @ shift
-                turned = from_rotation_vector(bent * opens @ bow) @ turned
+                bow = from_rotation_vector(-sign * share * arch * frame[:, 0])
+                above = bow @ ((half / arch - depth) * frame[:, 2])
+                shift = base - half / arch * frame[:, 2] + above - bow @ root
+                screw = screws_of(bow[None], shift[None])
+                turning = replace(turning, bow=screw[0])
+                bow, shift = (each[0] for each in motions(bent * screw))
+                root, turned = bow @ root + shift, bow @ turned
                 length = float(lengths[number])
                 wrap = bent * arch * length / (half + 0.5 * length * closed)
             drafts.append(
@@ -114,7 +123,7 @@ def crest(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[list[D
         Joint(name, path[-1], f"{name}_base", "body", 0, hinge, 1.0 - entry["raise"]),
     ]
     shares = np.linspace(1.0, 0.5, count)
-    lengths = _lengths(entry["lengths"], count)
+    lengths = spread_evenly(entry["lengths"], count)
     drafts = []
     for number, (root, share) in enumerate(zip(roots, shares, strict=True)):
         sign = -1.0 if number % 2 else 1.0
@@ -145,12 +154,6 @@ def _kind(entry: dict[str, Any], place: Place, store: KindStore) -> FeatherKind 
         place.child("up").fail("is parallel to direction")
         return None
     return store.kind(KindChoice((entry["kind"],), 0.0, (), place))
-
-
-def _lengths(values: tuple[float, ...], count: int) -> Array:
-    """(count,) lengths spread evenly between those given."""
-    places = np.linspace(0.0, 1.0, len(values)) if len(values) > 1 else np.zeros(1)
-    return np.interp(np.linspace(0.0, 1.0, count), places, values)
 
 
 def _draft(entry: dict[str, Any], place: Place, kind: FeatherKind, **own: Any) -> Draft:

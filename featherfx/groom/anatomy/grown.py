@@ -59,4 +59,5 @@ def _mirrored(joint: Joint, mirror: Mirror) -> Joint:
         parent=other_side(joint.parent) or joint.parent,
         side=-joint.side,
         hinge=hinge,
+        bone=None if joint.bone is None else mirror.points(joint.bone),
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from featherfx.files.store import kept
 from featherfx.groom.anatomy.pose import folded
-from featherfx.groom.anatomy.wing import lying
+from featherfx.groom.anatomy.remiges import lying
 from featherfx.groom.keys.anatomy import WingType
 from featherfx.groom.skin.search import search_tree
 

@@ -47,6 +47,14 @@ class WingBones:
         x, y = self.frames[1].T[:2] @ self.frames[2][:, 0]
         return float(np.degrees(np.arctan2(self.turn * y, x)))
 
+    def from_forearm(self, other: WingBones, screws: Array) -> Array:
+        """(N, 6) screws of the forearm of another pose of this wing, in this one."""
+        turn = self.frames[1] @ other.frames[1].T
+        origin = self.points[1] - turn @ other.points[1]
+        turning = screws[:, :3] @ turn.T
+        velocity = screws[:, 3:] @ turn.T + np.cross(origin, turning)
+        return np.concatenate([turning, velocity], axis=1)
+
 
 def about_dorsal(degrees: float) -> Array:
     """(3, 3) rotation about z."""

@@ -9,59 +9,47 @@ curved alike, farther up its shaft and farther from the bone. Inner feathers lie
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_from, from_rotation_vector, rotation_vectors
-from featherfx.groom.anatomy.bow import Bow, bow_of, bow_share
-from featherfx.groom.anatomy.pose import WingBones, as_placed, folded, spread_plan
+from featherfx.algebra.rotation import from_rotation_vector, motions
+from featherfx.groom.anatomy.bow import Bow, bow_share, wrapped
+from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
+from featherfx.groom.anatomy.remiges import (
+    ROWS,
+    Remiges,
+    along,
+    bow_folded,
+    curvature_of,
+    depths,
+    frames_at,
+    remiges_of,
+    spread_evenly,
+)
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingType
 from featherfx.groom.keys.values import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.drafts import Draft
-from featherfx.groom.types import FeatherKind, Joint, Turning
+from featherfx.groom.types import Joint, Turning
 
 Array = NDArray[np.float64]
 
-_ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
 _BONES = ("shoulder", "elbow", "wrist")
 _SINGULAR = {"tertials": "tertial", "secondaries": "secondary", "primaries": "primary"}
-# of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
-_TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
 _ALULA = (0.02, 0.2)
 _QUILL_ROOM = 0.4  # of a quill's diameter, at least from root to root
-
-
-@dataclass(frozen=True)
-class _Remiges:
-    """The flight feathers of a wing from the innermost outwards.
-
-    rows: the row that each belongs to. numbers: in it, as ornithology counts them: primaries and
-    secondaries from the wrist. bone: of each. roots: (N, 3) m, on the bones. angles: (N,) deg
-    against the forearm as the wing is. shares: (N,) of the hand's turn that each takes. lengths:
-    (N,) m. forward: (N,) m, from the root to the leading edge.
-    """
-
-    rows: tuple[str, ...]
-    numbers: tuple[int, ...]
-    bone: NDArray[np.int64]
-    roots: Array
-    angles: Array
-    shares: Array
-    lengths: Array
-    forward: Array
 
 
 class _Closed(NamedTuple):
     """A wing that is folded, in its plane, its flight feathers, and how they bend."""
 
     wing: _Wing
-    remiges: _Remiges
+    remiges: Remiges
     bow: Bow
 
 
@@ -94,7 +82,7 @@ def wing(
     if kind is None or bones is None:
         return [], []
     found = _Wing(entry, place, kind, bones, store, entry["scale"])
-    remiges = _remiges(kind, bones, entry["scale"])
+    remiges = remiges_of(kind, bones, entry["scale"])
     found = replace(found, closed=_closed(found, axes))
     if not _sound(found, remiges, axes):
         return [], []
@@ -110,37 +98,9 @@ def wing(
 def _closed(wing: _Wing, axes: Array) -> _Closed | None:
     bones = wing.bones
     shut = folded(wing.kind, bones.points[0], bones.lengths, axes, bones.left, 1.0)
-    remiges = _remiges(wing.kind, shut, wing.scale)
-    bow = _bow(wing.kind, shut, remiges, wing.scale)
+    remiges = remiges_of(wing.kind, shut, wing.scale)
+    bow = bow_folded(wing.kind, shut, remiges, wing.scale)
     return None if bow is None else _Closed(replace(wing, bones=shut), remiges, bow)
-
-
-def lying(kind: WingType, bones: WingBones, scale: float) -> tuple[Array, Array, Array]:
-    """Roots (N, 3) m, frames (N, 3, 3) and lengths (N,) m of the flight feathers of a folded wing
-    of bones, from the innermost outwards, bent as its type says."""
-    remiges = _remiges(kind, bones, scale)
-    frames, roots = _frames(bones, remiges.angles), remiges.roots
-    roots = roots - scale * kind.lift * _below(remiges)[:, None] * frames[:, :, 2]
-    bow = _bow(kind, bones, remiges, scale)
-    if bow is not None:
-        turns, roots = bow.bent(bow.ways(roots, frames, remiges.lengths), remiges.roots, roots)
-        frames = turns @ frames
-    return roots, frames, remiges.lengths
-
-
-def _bow(kind: WingType, bones: WingBones, remiges: _Remiges, scale: float) -> Bow | None:
-    """bones: folded."""
-    shafts, arm = _frames(bones, remiges.angles)[:, :, 0], remiges.bone < 2
-    middles = remiges.roots + 0.5 * remiges.lengths[:, None] * shafts
-    dorsal, curvature = bones.frames[1][:, 2], _curvature(kind, scale)
-    return bow_of(middles[arm], shafts[arm], dorsal, kind.bow, curvature)
-
-
-def _below(remiges: _Remiges) -> Array:
-    """(N,) how many feathers deeper than the innermost primary each lies."""
-    return np.arange(len(remiges.rows), dtype=float) - sum(
-        each != "primaries" for each in remiges.rows
-    )
 
 
 def wing_type(given: Any, place: Place, library: Library) -> WingType | None:
@@ -151,7 +111,7 @@ def wing_type(given: Any, place: Place, library: Library) -> WingType | None:
     if tree is None:
         return None
     values = plain(tree)
-    values |= {name: FlightRow(**values[name]) for name in (*_ROWS, "alula")}
+    values |= {name: FlightRow(**values[name]) for name in (*ROWS, "alula")}
     values["coverts"] = tuple(CovertRow(**each) for each in values["coverts"])
     return WingType(**values)
 
@@ -181,85 +141,10 @@ def _bones(entry: dict[str, Any], place: Place, kind: WingType, axes: Array) -> 
     return bones
 
 
-def _remiges(kind: WingType, bones: WingBones, scale: float) -> _Remiges:
-    counts = [getattr(kind, name).count for name in _ROWS]
-    shoulder, elbow, wrist, tip = bones.points
-    half = 0.5 / max(counts[1], 1)
-    spots = (
-        _along(elbow, shoulder, _TERTIALS, counts[0])[::-1],
-        _along(elbow, wrist, (half, 1.0 - half), counts[1]),
-        _along(wrist, tip, _PRIMARIES, counts[2]),
-    )
-    spread, closed = 180.0 - kind.wrist[0], 180.0 - kind.wrist[1]
-    inner, middle = np.array(kind.innermost), np.array(kind.middle)
-    outer = np.array(kind.outermost) + np.array([spread, closed])
-    arm = np.linspace(0.0, 1.0, counts[0] + counts[1])[:, None]
-    hand = np.linspace(0.0, 1.0, counts[2] + 1)[1:, None]
-    ends = np.concatenate([inner + arm * (middle - inner), middle + hand * (outer - middle)])
-    shares = (ends[:, 1] - ends[:, 0]) / ((closed - spread) or 1.0)
-    lengths = [
-        _spread_evenly(getattr(kind, name).lengths, count)
-        for name, count in zip(_ROWS, counts, strict=True)
-    ]
-    rows = [name for name, count in zip(_ROWS, counts, strict=True) for _ in range(count)]
-    numbers = [
-        *range(counts[0], 0, -1),
-        *range(counts[1], 0, -1),
-        *range(1, counts[2] + 1),
-    ]
-    return _Remiges(
-        rows=tuple(rows),
-        numbers=tuple(numbers),
-        bone=np.repeat(np.arange(3), counts),
-        roots=np.concatenate(spots),
-        angles=ends[:, 0] + shares * (bones.bend - spread),
-        shares=shares,
-        lengths=scale * np.concatenate(lengths),
-        forward=_to_leading_edge(kind, bones.lengths, counts, ends[:, 0]),
-    )
-
-
-def _along(first: Array, last: Array, between: tuple[float, float], count: int) -> Array:
-    """(count, 3) evenly between two shares of the way."""
-    return np.asarray(first + np.linspace(*between, count)[:, None] * (last - first))
-
-
-def _spread_evenly(values: tuple[float, ...], count: int) -> Array:
-    """(count,) values between those given, these evenly spread."""
-    places = np.linspace(0.0, 1.0, len(values)) if len(values) > 1 else np.zeros(1)
-    return np.interp(np.linspace(0.0, 1.0, count), places, values)
-
-
-def _to_leading_edge(kind: WingType, lengths: Array, counts: list[int], angles: Array) -> Array:
-    """(N,) m, against the shafts of the spread wing to the line from shoulder to wrist.
-
-    On the hand, and where that is nearer, `depth` lengths of the hand. angles: (N,) deg.
-    """
-    plan = spread_plan(kind, lengths)
-    least = kind.depth * lengths[2]
-    shoulder, elbow, wrist, _ = plan
-    roots = np.concatenate(
-        [
-            _along(elbow, shoulder, _TERTIALS, counts[0])[::-1],
-            _along(elbow, wrist, (0.0, 1.0), counts[1]),
-        ]
-    )
-    forearm = np.degrees(np.arctan2(*(wrist - elbow)[::-1]))
-    turned = np.radians(angles[: len(roots)] + forearm)
-    back = np.column_stack([np.cos(turned), np.sin(turned)])
-    edge = wrist - shoulder
-    square = back[:, 0] * edge[1] - back[:, 1] * edge[0]
-    away = roots - shoulder
-    distance = (away[:, 0] * edge[1] - away[:, 1] * edge[0]) / np.where(square == 0, 1, square)
-    result = np.full(sum(counts), least)
-    result[: len(roots)] = np.clip(distance, least, lengths[1])
-    return result
-
-
-def _sound(wing: _Wing, remiges: _Remiges, axes: Array) -> bool:
+def _sound(wing: _Wing, remiges: Remiges, axes: Array) -> bool:
     """Whether feathers fit their bones and point backwards; False after adding problems."""
     count = len(wing.place.problems)
-    for number, name in enumerate(_ROWS):
+    for number, name in enumerate(ROWS):
         own = remiges.bone == number
         row = getattr(wing.kind, name)
         kind = wing.store.kind(_choice(wing, row.kind))
@@ -273,7 +158,7 @@ def _sound(wing: _Wing, remiges: _Remiges, axes: Array) -> bool:
                 f"mm apart on a bone of {1e3 * wing.bones.lengths[number]:.3g} mm"
             )
     middle = remiges.bone == 1
-    ways = _frames(wing.bones, remiges.angles[middle])[:, :, 0]
+    ways = frames_at(wing.bones, remiges.angles[middle])[:, :, 0]
     if len(ways) and float((ways.mean(axis=0)) @ axes[:, 0]) > 0.5:
         wing.place.child("wrist").fail(
             "the feathers would point forwards: are landmarks, or the sides, exchanged?"
@@ -283,13 +168,6 @@ def _sound(wing: _Wing, remiges: _Remiges, axes: Array) -> bool:
 
 def _choice(wing: _Wing, name: str) -> KindChoice:
     return KindChoice((name,), 0.0, (), wing.place.child("type"))
-
-
-def _frames(bones: WingBones, angles: Array) -> Array:
-    """(n, 3, 3) frames of feathers at angles (n,) deg against the forearm."""
-    forearm, turned = bones.frames[1], np.radians(angles)[:, None]
-    ways = np.cos(turned) * forearm[:, 0] + bones.turn * np.sin(turned) * forearm[:, 1]
-    return frames_from(ways, np.tile(forearm[:, 2], (len(ways), 1)))
 
 
 def about_y(angle: float) -> Array:
@@ -316,8 +194,8 @@ class _Row:
     numbers: tuple[int, ...]
 
 
-def _flight(wing: _Wing, remiges: _Remiges) -> Iterator[Draft]:
-    for number, name in enumerate(_ROWS):
+def _flight(wing: _Wing, remiges: Remiges) -> Iterator[Draft]:
+    for number, name in enumerate(ROWS):
         row, own = getattr(wing.kind, name), np.flatnonzero(remiges.bone == number)
         part = _Row(
             kind=row.kind,
@@ -334,7 +212,7 @@ def _flight(wing: _Wing, remiges: _Remiges) -> Iterator[Draft]:
         yield from _feathers(wing, remiges, part)
 
 
-def _coverts(wing: _Wing, remiges: _Remiges, number: int) -> Iterator[Draft]:
+def _coverts(wing: _Wing, remiges: Remiges, number: int) -> Iterator[Draft]:
     """number: of the row in the type."""
     row = wing.kind.coverts[number]
     level, height = _stacked(wing, row.side, number + 1)
@@ -390,94 +268,80 @@ def _alula(wing: _Wing) -> Iterator[Draft]:
     yield from _feathers(replace(wing, closed=shut), thumb, part)
 
 
-def _thumb(wing: _Wing) -> _Remiges:
+def _thumb(wing: _Wing) -> Remiges:
     row, bones = wing.kind.alula, wing.bones
     # beside the primaries, not over them
     across = wing.kind.depth * bones.lengths[2] * np.linspace(0.5, 1.0, row.count)
     edge = -bones.turn * across[:, None] * bones.frames[2][:, 1]
-    return _Remiges(
+    return Remiges(
         rows=("alula",) * row.count,
         numbers=tuple(range(1, row.count + 1)),
         bone=np.full(row.count, 2),
-        roots=edge + _along(bones.points[2], bones.points[3], _ALULA, row.count),
+        roots=edge + along(bones.points[2], bones.points[3], _ALULA, row.count),
         angles=np.full(row.count, bones.bend) + float(wing.kind.outermost[0]),
         shares=np.ones(row.count),
-        lengths=wing.scale * _spread_evenly(row.lengths, row.count),
+        lengths=wing.scale * spread_evenly(row.lengths, row.count),
         forward=np.zeros(row.count),
     )
 
 
-def _feathers(wing: _Wing, remiges: _Remiges, row: _Row) -> Iterator[Draft]:
+def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
     entry, closed = wing.entry, wing.closed
     choice = _choice(wing, row.kind)
     kind = wing.store.kind(choice)
     if kind is None:
         return
-    roots, frames = _in_plane(wing, remiges, row)
+    positions, rotations = _in_plane(wing, remiges, row)
+    bows: Sequence[Array | None] = [None] * len(row.own)
+    wraps = np.zeros((len(row.own), 2))
     if closed is not None:
         shut = _in_plane(closed.wing, closed.remiges, row)
         ways = closed.bow.ways(*shut, row.lengths)
-        turns, places = closed.bow.bent(ways, closed.remiges.roots[row.own], shut[0])
-    share = float(bow_share(wing.bones.fold[2]))
+        screws = closed.bow.screws(ways, closed.remiges.roots[row.own])
+        screws = wing.bones.from_forearm(closed.wing.bones, screws)
+        bows = list(screws)
+        share = float(bow_share(wing.bones.fold[2]))
+        turns, shifts = motions(share * screws)
+        positions = np.einsum("nij,nj->ni", turns, positions) + shifts
+        rotations = turns @ rotations
+        inside = wrapped(kind, row.width * row.lengths, closed.bow.edge - ways)
+        wraps = share / closed.bow.radius * row.lengths[:, None] * inside
     for k, remex in enumerate(row.own):
-        length, root = float(row.lengths[k]), remiges.roots[remex]
-        position, rotation, wrap = roots[k], frames[k], (0.0, 0.0)
-        turning = Turning((wing.joint(1), wing.joint(2)), float(remiges.shares[remex]), root)
-        if closed is not None:
-            back = rotation @ shut[1][k].T  # from the folded wing to this one
-            bow = back @ rotation_vectors(turns[k])
-            shift = back @ (places[k] - shut[0][k])
-            turning = replace(turning, bow=bow, shift=shift)
-            position = position + share * shift
-            rotation = from_rotation_vector(share * bow) @ rotation
-            within = _bent(kind, row.width * length, closed.bow.edge - ways[k])
-            bent = share * length / closed.bow.radius * within
-            wrap = float(bent[0]), float(bent[1])
+        length = float(row.lengths[k])
         yield Draft(
             id=f"{entry['id']}_{row.name}_{row.numbers[k]:02d}",
             choice=choice,
-            position=position,
-            rotation=rotation,
+            position=positions[k],
+            rotation=rotations[k],
             region=row.region,
             joint=wing.joint(int(remiges.bone[remex])),
             left=wing.bones.left,
+            skin=entry["skeleton"],
             scale=length / kind.length,
             width=row.width,
             roll=wing.kind.roll,
             place=wing.place,
-            curl=math.degrees(_curvature(wing.kind, wing.scale) * length) - kind.rachis.camber,
-            wrap=wrap,
+            curl=math.degrees(curvature_of(wing.kind, wing.scale) * length) - kind.rachis.camber,
+            wrap=(float(wraps[k, 0]), float(wraps[k, 1])),
             layer=entry["layer"] + row.layer,
             stack=len(remiges.rows) - int(remex),
-            turning=turning,
+            turning=Turning(
+                joints=(wing.joint(1), wing.joint(2)),
+                share=float(remiges.shares[remex]),
+                anchor=remiges.roots[remex],
+                bow=bows[k],
+            ),
         )
 
 
-def _bent(kind: FeatherKind, size: float, within: float) -> Array:
-    """(2,) share of the leading and of the trailing vane that lies inwards of the bow's edge.
-
-    size: m, factor of the outlines' widths. within: m, from the shaft outwards to the edge.
-    """
-    leading, trailing = (
-        size * max(y for _, y in vane.outline) for vane in (kind.leading, kind.trailing)
-    )
-    return np.clip([within / leading, 1.0 + within / trailing], 0.0, 1.0)
-
-
-def _curvature(kind: WingType, scale: float) -> float:
-    """1/m, of all shafts of a wing."""
-    longest = max(max(getattr(kind, name).lengths) for name in _ROWS)
-    return math.radians(kind.camber) / (scale * longest)
-
-
-def _in_plane(wing: _Wing, remiges: _Remiges, row: _Row) -> tuple[Array, Array]:
+def _in_plane(wing: _Wing, remiges: Remiges, row: _Row) -> tuple[Array, Array]:
     """Roots (n, 3) m and frames (n, 3, 3) of a row before rolls, in the wing's plane."""
-    frames = _frames(wing.bones, remiges.angles[row.own])
+    frames = frames_at(wing.bones, remiges.angles[row.own])
     # on the flight feather's own arc, carried on towards the leading edge
-    raised = _curvature(wing.kind, wing.scale) * row.forward
+    raised = curvature_of(wing.kind, wing.scale) * row.forward
     heights = (
         row.height
-        - wing.scale * wing.kind.lift * _below(remiges)[row.own]
+        - wing.scale * wing.kind.lift * depths(remiges)[row.own]
         - 0.5 * raised * row.forward
     )
     shift = heights[:, None] * frames[:, :, 2] - row.forward[:, None] * frames[:, :, 0]
@@ -498,6 +362,7 @@ def _joints(wing: _Wing) -> list[Joint]:
             side=side,
             hinge=wing.bones.hinges[number],
             fold=float(wing.bones.fold[number]),
+            bone=wing.bones.points[number : number + 2].mean(axis=0),
         )
         for number, role in enumerate(_BONES)
     ]

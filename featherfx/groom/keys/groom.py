@@ -182,6 +182,13 @@ TABLE = {
     "mirror": _MIRROR,
 }
 
+_SKELETON = Key(
+    Text(empty=True),
+    "Path of a Skeleton in the file of the shot's skin, whose bones fold wings; empty: the shot's "
+    "skin, which may be one.",
+    "",
+)
+
 WING = {
     "id": Key(Text(), "Start of the ids of its feathers and joints."),
     "type": Key(FAMILIES["wing"], "Wing preset, or a table that starts from one."),
@@ -202,6 +209,7 @@ WING = {
     "joint": Key(_LABEL, "Joint that carries the shoulder; empty: the groom itself.", ""),
     "side": Key(Text(("left", "right")), "Side of the bird.", "right"),
     "below": Key(Flag(), "Coverts below the wing, too; one that stays folded does without.", True),
+    "skeleton": _SKELETON,
     "mirror": _MIRROR,
 }
 
@@ -297,6 +305,7 @@ BIRD = {
         ArrayOf(Table(WHERE), 0, 100), "Rules as of a region: where the body has no feathers.", ()
     ),
     "joint": Key(_LABEL, "Joint that carries wings and tail; empty: the groom itself.", ""),
+    "skeleton": _SKELETON,
 }
 
 USD_NAMES = {name: Key(Text(), "Primvar that holds it.", None) for name in DEFAULT_NAMES}

@@ -110,14 +110,8 @@ def _mirrored(turning: Turning | None, mirror: Mirror) -> Turning | None:
     if turning is None:
         return None
     first, second = (other_side(name) or name for name in turning.joints)
-    bow, shift = turning.bow, turning.shift
-    return Turning(
-        (first, second),
-        turning.share,
-        mirror.points(turning.anchor),
-        None if bow is None else mirror.rotation_vectors(bow),
-        None if shift is None else mirror.directions(shift),
-    )
+    bow = None if turning.bow is None else mirror.screw(turning.bow)
+    return Turning((first, second), turning.share, mirror.points(turning.anchor), bow)
 
 
 def _changes(entry: dict[str, Any], place: Place, store: KindStore) -> tuple[int, ...]:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from featherfx.algebra.ease import smooth_step
 from featherfx.algebra.rotation import (
     from_rotation_vector,
+    motions,
     rotation_vectors,
     shared_turns,
-    vectors_to_frames,
 )
 from featherfx.errors import InputError, Problem
 from featherfx.groom.anatomy.bow import bow_share
@@ -62,6 +62,15 @@ class Skeleton:
             rotations[joints] = carrier @ rotations[joints]
         return rotations, shifts
 
+    def poses(self, rotations: Array, shifts: Array) -> JointPoses:
+        """Of joints that are carried so; see carriers. rotations: (J, 3, 3). shifts: (J, 3)."""
+        own, away = rotations.copy(), shifts.copy()
+        for joints, parents in self.levels:
+            back = rotations[parents].swapaxes(1, 2)
+            own[joints] = back @ rotations[joints]
+            away[joints] = _applied(back, shifts[joints] - shifts[parents])
+        return JointPoses(own, away - self.pivots + _applied(own, self.pivots))
+
 
 def skeleton_of(groom: Groom) -> Skeleton:
     """The skeleton of a groom whose joints form a tree."""
@@ -79,46 +88,60 @@ def skeleton_of(groom: Groom) -> Skeleton:
 
 @dataclass(frozen=True)
 class Bows:
-    """How B of the feathers bend with their wings. members: (B,). joints: (B,) whose fold counts.
+    """How B of the feathers bend with their wings.
 
-    turns: (B, 3) rad and shifts: (B, 3) m, of the whole bow. hinges: (J, 3) 1/rad, of all joints,
-    by which a turn since rest is more fold. folds: (J,) at rest.
+    members: (B,). joints: (B,) whose fold counts, carriers: (B,) that carry the bow. screws: (B, 6)
+    of the whole bow at rest. hinges: (J, 3) 1/rad, of all joints, by which a turn since rest is
+    more fold. folds: (J,) at rest.
     """
 
     members: Indices
     joints: Indices
-    turns: Array
-    shifts: Array
+    carriers: Indices
+    screws: Array
     hinges: Array
     folds: Array
 
-    def bent(self, at_rest: RootFrames, poses: JointPoses) -> RootFrames:
-        """The roots as if the wings had not moved, bent as those of the poses are."""
+    def straightened(self, at_rest: RootFrames) -> RootFrames:
+        """The roots at rest without the bow."""
+        share = -bow_share(self.folds)[self.joints, None]
+        still = np.tile(np.eye(3), (len(self.folds), 1, 1)), np.zeros((len(self.folds), 3))
+        return self._bent(at_rest, share, *still)
+
+    def bent(
+        self, roots: RootFrames, poses: JointPoses, rotations: Array, shifts: Array
+    ) -> RootFrames:
+        """Roots of flat wings, bent as those of the poses are. rotations, shifts: of carriers."""
         turned = rotation_vectors(poses.rotations)
         folds = self.folds + np.einsum("jk,jk->j", turned, self.hinges)
-        more = (bow_share(folds) - bow_share(self.folds))[self.joints, None]
-        positions, rotations = at_rest.positions.copy(), at_rest.rotations.copy()
-        positions[self.members] += more * self.shifts
-        turn = vectors_to_frames(more * self.turns)
-        rotations[self.members] = turn @ rotations[self.members]
-        return RootFrames(positions, rotations)
+        return self._bent(roots, bow_share(folds)[self.joints, None], rotations, shifts)
+
+    def _bent(self, roots: RootFrames, share: Array, rotations: Array, shifts: Array) -> RootFrames:
+        turns, ways = motions(share * self.screws)
+        carrier, origin = rotations[self.carriers], shifts[self.carriers]
+        turns = carrier @ turns @ carrier.swapaxes(1, 2)
+        positions, frames = roots.positions.copy(), roots.rotations.copy()
+        away = positions[self.members] - origin
+        positions[self.members] = origin + _applied(turns, away) + _applied(carrier, ways)
+        frames[self.members] = turns @ frames[self.members]
+        return RootFrames(positions, frames)
 
 
 def _bows(groom: Groom, index: dict[str, int]) -> Bows | None:
     found = [
-        (number, index[turning.joints[1]], turning.bow, turning.shift)
+        (number, index[turning.joints[1]], index[turning.joints[0]], turning.bow)
         for number, feather in enumerate(groom.feathers)
         if (turning := feather.turning) is not None and turning.bow is not None
     ]
     if not found:
         return None
-    members, joints, turns, shifts = (np.array(each) for each in zip(*found, strict=True))
+    members, joints, carriers, screws = (np.array(each) for each in zip(*found, strict=True))
     hinges, folds = np.zeros((len(index), 3)), np.zeros(len(index))
     for number, joint in enumerate(groom.joints, 1):
         if joint.hinge is not None and joint.hinge.any():
             hinges[number] = joint.hinge / (joint.hinge @ joint.hinge)
             folds[number] = joint.fold
-    return Bows(members, joints, turns, shifts, hinges, folds)
+    return Bows(members, joints, carriers, screws, hinges, folds)
 
 
 @dataclass(frozen=True)
@@ -127,8 +150,8 @@ class JointRoots:
 
     joints: (F,) number of each feather's joint. between: (F, 2) of those that it turns between,
     and shares: (F,) how far with the second. anchors: (F, 3) m, what the joint carries, about which
-    the root turns. at_rest: the roots in the groom's frame. poses: of the joints over time. bows:
-    of wings that bend as they fold.
+    the root turns. at_rest: the roots in the groom's frame, of flat wings. poses: of the joints
+    over time. bows: of wings that bend as they fold.
     """
 
     skeleton: Skeleton
@@ -151,10 +174,10 @@ class JointRoots:
         turns = shared_turns(
             rotations[self.between[:, 0]], rotations[self.between[:, 1]], self.shares
         )
-        rest = self.at_rest if self.bows is None else self.bows.bent(self.at_rest, poses)
         positions = _applied(rotations[self.joints], self.anchors) + shifts[self.joints]
-        positions += _applied(turns, rest.positions - self.anchors)
-        return RootFrames(positions, turns @ rest.rotations)
+        positions += _applied(turns, self.at_rest.positions - self.anchors)
+        flat = RootFrames(positions, turns @ self.at_rest.rotations)
+        return flat if self.bows is None else self.bows.bent(flat, poses, rotations, shifts)
 
 
 def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> JointRoots:
@@ -170,6 +193,8 @@ def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> Joint
             shares[number] = feather.turning.share
             anchors[number] = feather.turning.anchor
     bows = _bows(groom, index)
+    if bows is not None:
+        at_rest = bows.straightened(at_rest)
     return JointRoots(skeleton, joints, between, shares, anchors, at_rest, poses, bows)
 
 

@@ -1,7 +1,8 @@
 """Wings, tails and crests that open and close on a skin: it carries the joint that they hang on.
 
 The first joint of a limb goes with the skin as the root that is nearest to it; feathers of the limb
-go with that joint and with the poses of those below it, all others with the skin.
+go with that joint and with the poses of those below it, all others with the skin. On a skeleton the
+bones of wings go with its bones, and feathers between forearm and hand turn as these do.
 """
 
 from __future__ import annotations
@@ -11,8 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.groom.skin.skin import Binding, bind, follow
 from featherfx.groom.types import Groom
+from featherfx.shot.motion.joints import JointPoses, Skeleton, joint_roots, skeleton_of
 from featherfx.shot.motion.roots import RootFrames, Roots
+from featherfx.shot.motion.skin import BoundSkin
+from featherfx.shot.read.sources import MovingSurface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -64,3 +69,66 @@ def carried(groom: Groom, skin: Roots, joints: Roots) -> Roots:
     }
     bearers = [bearer[firsts[groom.feathers[k].joint]] for k in members]
     return LimbRoots(skin, joints, members, np.array(bearers, dtype=np.int64), rest)
+
+
+@dataclass(frozen=True)
+class _Bones:
+    """B bones of wings on the ribbons of a skeleton. joints: (B,) of the groom. middles: (B, 3) m.
+
+    triangles: (U, 3) points of the ribbons that the binding uses. start: time code at 0 s.
+    """
+
+    skeleton: Skeleton
+    joints: Indices
+    middles: Array
+    surface: MovingSurface
+    binding: Binding
+    triangles: Indices
+    start: float
+
+    def poses(self, time: float) -> JointPoses:
+        """Of the groom's joints; those of no wing stay. time: s since the first frame."""
+        code = self.start + time * self.surface.time_codes_per_second
+        corners = self.surface.corners(code, self.triangles)
+        places, turns = follow(self.binding, corners, self.surface.is_mirrored(code))
+        count = len(self.skeleton.names)
+        rotations, shifts = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+        rotations[self.joints] = turns
+        shifts[self.joints] = places - np.einsum("bij,bj->bi", turns, self.middles)
+        return self.skeleton.poses(rotations, shifts)
+
+
+@dataclass(frozen=True)
+class _WingRoots:
+    """Roots of a skin, of which members (L,) go with the joints of wings."""
+
+    skin: Roots
+    wings: Roots
+    members: Indices
+
+    def frames(self, time: float) -> RootFrames:
+        """Where the roots are at a time, s since the first frame."""
+        positions, rotations = self.skin.frames(time)
+        moved, own = self.wings.frames(time), self.members
+        positions[own], rotations[own] = moved.positions[own], moved.rotations[own]
+        return RootFrames(positions, rotations)
+
+
+def on_bones(groom: Groom, skin: BoundSkin) -> Roots:
+    """The roots of a groom on a skin; where that is a skeleton, its bones move the wings'."""
+    ribbons = next((part.surface for part in skin.parts if part.surface.bones is not None), None)
+    bones = {k: each.bone for k, each in enumerate(groom.joints, 1) if each.bone is not None}
+    names = {groom.joints[k - 1].name for k in bones}
+    members = [
+        k
+        for k, each in enumerate(groom.feathers)
+        if each.turning is not None and names.issuperset(each.turning.joints)
+    ]
+    if ribbons is None or not members:
+        return skin
+    middles = np.array(list(bones.values()))
+    binding = bind(middles, ribbons.rest, ribbons.triangles)
+    used, skeleton = ribbons.triangles[binding.used], skeleton_of(groom)
+    joints = np.array(list(bones), dtype=np.int64)
+    own = _Bones(skeleton, joints, middles, ribbons, binding, used, skin.start)
+    return _WingRoots(skin, joint_roots(groom, skeleton, own.poses), np.array(members))

@@ -22,7 +22,7 @@ from featherfx.shot.motion.joints import (
     swung,
 )
 from featherfx.shot.motion.keys import keyed
-from featherfx.shot.motion.limbs import carried
+from featherfx.shot.motion.limbs import carried, on_bones
 from featherfx.shot.motion.roots import SAMPLES, Roots, arrived
 from featherfx.shot.types import Motion, Shot
 from featherfx.solver.step.root_path import RootPath
@@ -33,11 +33,11 @@ Array = NDArray[np.float64]
 def root_motion(shot: Shot) -> Roots:
     """What moves the roots of a shot, its channels included.
 
-    Beside a skin the motion's limbs count, and the skin carries them. Raises InputError for a
-    motion whose joints the groom lacks.
+    Beside a skin the motion's limbs count, and the skin carries them; without them the bones of a
+    skeleton move wings. Raises InputError for a motion whose joints the groom lacks.
     """
     if shot.skin is not None and not shot.motion.of_limbs:
-        return directed(shot, shot.skin)
+        return directed(shot, on_bones(shot.groom, shot.skin))
     skeleton = skeleton_of(shot.groom)
     poses = _poses(shot.motion, shot, skeleton)
     if shot.skin is None:

@@ -141,7 +141,10 @@ class SkinSurfaces:
         )
 
     def _warn(self, groom: Groom, part: _Part) -> None:
-        distance = part.binding.distance
+        bones = {each.name for each in groom.joints if each.bone is not None}
+        bones = bones if part.surface.bones is not None else set()  # which hold them instead
+        held = np.array([groom.feathers[k].joint in bones for k in part.members])
+        distance = np.where(held, 0.0, part.binding.distance)
         far = np.flatnonzero(distance > self.tolerance)
         if len(far) == 0:
             return

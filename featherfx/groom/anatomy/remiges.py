@@ -1,0 +1,158 @@
+"""The flight feathers of a wing: where they stand, which way they point, and how they bend."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from featherfx.algebra.rotation import frames_from
+from featherfx.groom.anatomy.bow import Bow, bow_of
+from featherfx.groom.anatomy.pose import WingBones, spread_plan
+from featherfx.groom.keys.anatomy import WingType
+
+Array = NDArray[np.float64]
+
+ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
+# of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
+_TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
+
+
+@dataclass(frozen=True)
+class Remiges:
+    """The flight feathers of a wing from the innermost outwards.
+
+    rows: the row that each belongs to. numbers: in it, as ornithology counts them: primaries and
+    secondaries from the wrist. bone: of each. roots: (N, 3) m, on the bones. angles: (N,) deg
+    against the forearm as the wing is. shares: (N,) of the hand's turn that each takes. lengths:
+    (N,) m. forward: (N,) m, from the root to the leading edge.
+    """
+
+    rows: tuple[str, ...]
+    numbers: tuple[int, ...]
+    bone: NDArray[np.int64]
+    roots: Array
+    angles: Array
+    shares: Array
+    lengths: Array
+    forward: Array
+
+
+def remiges_of(kind: WingType, bones: WingBones, scale: float) -> Remiges:
+    """Those of a wing of bones. scale: of their lengths."""
+    counts = [getattr(kind, name).count for name in ROWS]
+    shoulder, elbow, wrist, tip = bones.points
+    half = 0.5 / max(counts[1], 1)
+    spots = (
+        along(elbow, shoulder, _TERTIALS, counts[0])[::-1],
+        along(elbow, wrist, (half, 1.0 - half), counts[1]),
+        along(wrist, tip, _PRIMARIES, counts[2]),
+    )
+    spread, closed = 180.0 - kind.wrist[0], 180.0 - kind.wrist[1]
+    inner, middle = np.array(kind.innermost), np.array(kind.middle)
+    outer = np.array(kind.outermost) + np.array([spread, closed])
+    arm = np.linspace(0.0, 1.0, counts[0] + counts[1])[:, None]
+    hand = np.linspace(0.0, 1.0, counts[2] + 1)[1:, None]
+    ends = np.concatenate([inner + arm * (middle - inner), middle + hand * (outer - middle)])
+    shares = (ends[:, 1] - ends[:, 0]) / ((closed - spread) or 1.0)
+    lengths = [
+        spread_evenly(getattr(kind, name).lengths, count)
+        for name, count in zip(ROWS, counts, strict=True)
+    ]
+    rows = [name for name, count in zip(ROWS, counts, strict=True) for _ in range(count)]
+    numbers = [
+        *range(counts[0], 0, -1),
+        *range(counts[1], 0, -1),
+        *range(1, counts[2] + 1),
+    ]
+    return Remiges(
+        rows=tuple(rows),
+        numbers=tuple(numbers),
+        bone=np.repeat(np.arange(3), counts),
+        roots=np.concatenate(spots),
+        angles=ends[:, 0] + shares * (bones.bend - spread),
+        shares=shares,
+        lengths=scale * np.concatenate(lengths),
+        forward=_to_leading_edge(kind, bones.lengths, counts, ends[:, 0]),
+    )
+
+
+def along(first: Array, last: Array, between: tuple[float, float], count: int) -> Array:
+    """(count, 3) evenly between two shares of the way."""
+    return np.asarray(first + np.linspace(*between, count)[:, None] * (last - first))
+
+
+def spread_evenly(values: tuple[float, ...], count: int) -> Array:
+    """(count,) values between those given, these evenly spread."""
+    places = np.linspace(0.0, 1.0, len(values)) if len(values) > 1 else np.zeros(1)
+    return np.interp(np.linspace(0.0, 1.0, count), places, values)
+
+
+def _to_leading_edge(kind: WingType, lengths: Array, counts: list[int], angles: Array) -> Array:
+    """(N,) m, against the shafts of the spread wing to the line from shoulder to wrist.
+
+    On the hand, and where that is nearer, `depth` lengths of the hand. angles: (N,) deg.
+    """
+    plan = spread_plan(kind, lengths)
+    least = kind.depth * lengths[2]
+    shoulder, elbow, wrist, _ = plan
+    roots = np.concatenate(
+        [
+            along(elbow, shoulder, _TERTIALS, counts[0])[::-1],
+            along(elbow, wrist, (0.0, 1.0), counts[1]),
+        ]
+    )
+    forearm = np.degrees(np.arctan2(*(wrist - elbow)[::-1]))
+    turned = np.radians(angles[: len(roots)] + forearm)
+    back = np.column_stack([np.cos(turned), np.sin(turned)])
+    edge = wrist - shoulder
+    square = back[:, 0] * edge[1] - back[:, 1] * edge[0]
+    away = roots - shoulder
+    distance = (away[:, 0] * edge[1] - away[:, 1] * edge[0]) / np.where(square == 0, 1, square)
+    result = np.full(sum(counts), least)
+    result[: len(roots)] = np.clip(distance, least, lengths[1])
+    return result
+
+
+def frames_at(bones: WingBones, angles: Array) -> Array:
+    """(n, 3, 3) frames of feathers at angles (n,) deg against the forearm."""
+    forearm, turned = bones.frames[1], np.radians(angles)[:, None]
+    ways = np.cos(turned) * forearm[:, 0] + bones.turn * np.sin(turned) * forearm[:, 1]
+    return frames_from(ways, np.tile(forearm[:, 2], (len(ways), 1)))
+
+
+def curvature_of(kind: WingType, scale: float) -> float:
+    """1/m, of all shafts of a wing."""
+    longest = max(max(getattr(kind, name).lengths) for name in ROWS)
+    return math.radians(kind.camber) / (scale * longest)
+
+
+def lying(kind: WingType, bones: WingBones, scale: float) -> tuple[Array, Array, Array]:
+    """Roots (N, 3) m, frames (N, 3, 3) and lengths (N,) m of the flight feathers of a folded wing
+    of bones, from the innermost outwards, bent as its type says."""
+    remiges = remiges_of(kind, bones, scale)
+    frames, roots = frames_at(bones, remiges.angles), remiges.roots
+    roots = roots - scale * kind.lift * depths(remiges)[:, None] * frames[:, :, 2]
+    bow = bow_folded(kind, bones, remiges, scale)
+    if bow is not None:
+        ways = bow.ways(roots, frames, remiges.lengths)
+        turns, shifts = bow.motions(ways, remiges.roots)
+        frames, roots = turns @ frames, np.einsum("nij,nj->ni", turns, roots) + shifts
+    return roots, frames, remiges.lengths
+
+
+def bow_folded(kind: WingType, bones: WingBones, remiges: Remiges, scale: float) -> Bow | None:
+    """bones: folded."""
+    shafts, arm = frames_at(bones, remiges.angles)[:, :, 0], remiges.bone < 2
+    middles = remiges.roots + 0.5 * remiges.lengths[:, None] * shafts
+    dorsal, curvature = bones.frames[1][:, 2], curvature_of(kind, scale)
+    return bow_of(middles[arm], shafts[arm], dorsal, kind.bow, curvature)
+
+
+def depths(remiges: Remiges) -> Array:
+    """(N,) how many feathers deeper than the innermost primary each lies."""
+    return np.arange(len(remiges.rows), dtype=float) - sum(
+        each != "primaries" for each in remiges.rows
+    )
