@@ -89,7 +89,7 @@ def compile_steps(model: Model) -> None:
     loads, path, report = wind_of_each(no_loads(1), 1), hold_roots(state), no_steps(1)
     settings = step_settings(Settings(), 1.0, model.length[0])
     compile_ahead(advance, model, loads, 0, path, state, settings, work, report)
-    compile_ahead(start_acceleration, model, loads, 0, 1.0, state, work, path)
+    compile_ahead(start_acceleration, model, loads, 0, path, settings, state, work)
 
 
 class Solver:
@@ -152,11 +152,9 @@ class Solver:
         report = no_steps(self.model.feathers)
 
         def one(f: int) -> None:
-            if state.step[f] == 0.0:
-                wanted = float(state.proposal[f])
-                first = wanted if 0.0 < wanted < duration else float(duration)
-                start_acceleration(self.model, loads, f, first, state, self._work(), path)
             of_frame = step_settings(self.settings, duration, self.model.length[f])
+            if state.step[f] == 0.0:
+                start_acceleration(self.model, loads, f, path, of_frame, state, self._work())
             advance(self.model, loads, f, path, state, of_frame, self._work(), report)
 
         self.for_each(one, range(self.model.feathers) if feathers is None else feathers)

@@ -1,5 +1,7 @@
 """Random absurd cases, a fixed small budget of them, and that the judge sees broken promises."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,7 +49,9 @@ def test_cases_whose_energy_once_grew(seed):
 
 
 def test_what_accelerations_hold_explains_the_ripple_of_resolved_motion():
-    outcome = stress.run_case(draw_case(103837))
+    case = draw_case(103837)
+    looser = replace(case.settings, tolerance=3.0 * case.settings.tolerance, spectral_radius=0.5)
+    outcome = stress.run_case(replace(case, settings=looser))
     assert outcome.forced == 0
     assert outcome.unexplained_gain < stress.ENERGY_SLACK < outcome.energy_gain
 

@@ -26,7 +26,6 @@ from featherfx.solver.state import no_steps
 from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.step.start_kernels import INSTANT
 
 
 def nodal_settle(
@@ -111,7 +110,7 @@ def nodal_start(
 
     As start_acceleration of featherfx/solver/step/start_kernels.py; duration: s.
     """
-    square = (INSTANT * duration) ** 2
+    square = duration**2
     nodal_system(model, nodal, loads, f, 1.0 / square, state, work)
     system, now, trial = work.system, work.now, work.trial
     if not factorise(system.band, system.panel):

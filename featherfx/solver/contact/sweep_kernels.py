@@ -179,9 +179,10 @@ def _solve(body, thread, reach, sweep):
     loads = viewed(batches.loads, own)
     work = viewed(batches.work, own)
     report = viewed(batches.report, g)
+    settings = settings_of(sweep.step, model.length[f])
     if old.step[f] == 0.0:
         _hand(body, f, loads.contacts, reach, True, sweep)
-        start_acceleration(model, loads, f, sweep.step.duration, old, work, path)
+        start_acceleration(model, loads, f, path, settings, old, work)
         old.step[f] = BEGUN
     _hand(body, f, loads.contacts, reach, False, sweep)
     _take(
@@ -190,7 +191,7 @@ def _solve(body, thread, reach, sweep):
         f,
     )
     report.steps[f] = report.forced[f] = report.error[f] = report.move[f] = 0.0
-    advance(model, loads, f, path, new, settings_of(sweep.step, model.length[f]), work, report)
+    advance(model, loads, f, path, new, settings, work, report)
     marks.solves[body] += 1
     if report.status[f] != 0.0:
         marks.mine[body] = 0

@@ -1,60 +1,113 @@
-"""Strains and acceleration of a feather whose steps are yet to begin."""
+"""Strains and acceleration of a feather whose steps are yet to begin, and how long the first is."""
+
+from math import sqrt
+from typing import NamedTuple
 
 from featherfx.algebra.rotation_kernels import conjugate, multiply, rotate, store_rotation
-from featherfx.algebra.vec3_kernels import add, store, sub
+from featherfx.algebra.vec3_kernels import add, dot, store, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.node_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
 from featherfx.solver.step.integrator_kernels import Factors
-from featherfx.solver.step.newton_kernels import evaluate, minimise
+from featherfx.solver.step.newton_kernels import evaluate, largest_move, minimise
 from featherfx.solver.step.pose_kernels import load_pose
+from featherfx.solver.step.retry_kernels import shortest_now
 from featherfx.solver.step.root_kernels import root_at
 from featherfx.solver.step.strain_kernels import copy_strains, strains_of
 
-# the instant over which the first acceleration is taken, as a part of the step, and the Newton
-# iterations that it gets: the second one only corrects for the curved paths of barbs and frames
-INSTANT, START_ITERATIONS = 1.0, 8
+# Newton iterations that a first acceleration gets: the second one only corrects for the curved
+# paths of barbs and frames
+START_ITERATIONS = 8
+
+
+class Span(NamedTuple):
+    """The begin of a frame: its length (s), the fraction of the frame at its end."""
+
+    length: float
+    fraction: float
 
 
 @shared_kernel(None)
-def start_acceleration(model, loads, f, duration, state, work, path):
+def start_acceleration(model, loads, f, path, settings, state, work):
     """Set the strains of feather f, in place, to those of its pose, and the accelerations to those
-    that pose and velocity give.
+    that pose and velocity give; and the proposal, the length of the first step.
 
-    One implicit Euler step over the duration (s), a = (x - x0 - h v0) / h^2, which is then taken
+    One implicit Euler step over its length h, a = (x - x0 - h v0) / h^2, which is then taken
     back. Damping and air take part: without them a relaxing material would first be thrown, and a
     feather that hangs in balance with the wind would fall out of it. What vibrates faster than
-    that is left at rest: with a tenth of the duration, vibrations that the first step does not
-    resolve would double their energy in it (radius 0; with a fifth or more a linear one never
-    gains, with the whole no crumpled feather was seen to). With wrong accelerations the time
-    integration would lose its second order at once. The root of a feather that is in motion goes
-    along its path; of one that is not, it stays, because a path that starts at full speed tells
-    nothing of accelerations. path: of the roots, over the duration.
+    that is left at rest: with a tenth of the step, vibrations that it does not resolve would double
+    their energy in it (radius 0; with a fifth or more a linear one never gains, with the whole no
+    crumpled feather was seen to). With wrong accelerations the time integration would lose its
+    second order at once.
+
+    The error of the first step itself does not tell how wrong they are: out of balance, a step that
+    is too long goes to rest as the implicit Euler step did. So it is halved until h^2 times the
+    accelerations, or their change with half of h, is less than it may err. The root of a feather
+    that is in motion goes along its path; of one that is not, it stays, because a path that starts
+    at full speed tells nothing of accelerations.
+
+    path: of the roots, over the frame. settings: StepSettings of the frame.
     """
-    h = INSTANT * duration
-    now, around = work.now, work.around
+    given, duration = state.proposal[f], settings.duration
+    floor = shortest_now(settings, 0.0, 0, settings.most_iterations)
+    h = given if 0.0 < given < duration else duration
+    before = strains_of(state.strains, f, 0)
+    copy_gaps(gaps_of(state.gaps, f), work.around.gaps)
+    load_pose(model, f, state, work.now)
+    copy_strains(before, work.around.reference)
+    evaluate(model, loads, f, 0.0, _factors(h), work.now, work.around)
+    copy_strains(work.now.strains, before)
+    accepted, finer = points_of(state.acceleration, f), points_of(state.smoothed, f)
+    _accelerate(model, loads, f, path, Span(h, h / duration), state, work, accepted)
+    while 0.5 * h > floor:
+        allowed = min(settings.tolerance, settings.coarse) / (h * h)
+        if _largest(accepted.nodes) <= allowed:
+            break
+        half = Span(0.5 * h, 0.5 * h / duration)
+        _accelerate(model, loads, f, path, half, state, work, finer)
+        if largest_move(accepted, finer, 0.0) <= allowed:
+            break
+        copy_points(finer, accepted)
+        h = half.length
+    copy_points(accepted, finer)
+    state.proposal[f] = h
+
+
+@kernel
+def _factors(h):
+    """Of an implicit Euler step of h (s)."""
+    return Factors(1.0 / (h * h), 1.0 / h, 1.0 / h)
+
+
+@kernel
+def _accelerate(model, loads, f, path, span, state, work, to):
+    """Accelerations of feather f over a Span, to rates."""
+    now, around, h = work.now, work.around, span.length
     points, velocity = points_of(state.points, f), points_of(state.velocity, f)
-    factors, before = Factors(1.0 / (h * h), 1.0 / h, 1.0 / h), strains_of(state.strains, f, 0)
     copy_points(points, around.target)
     copy_points(points, around.past)
-    copy_strains(before, around.reference)
-    copy_gaps(gaps_of(state.gaps, f), around.gaps)
+    copy_strains(strains_of(state.strains, f, 0), around.reference)
     load_pose(model, f, state, now)
-    evaluate(model, loads, f, 0.0, factors, now, around)
-    copy_strains(now.strains, before)
-    copy_strains(before, around.reference)
     if model.held[f] and _moves(velocity) and _goes(path.samples[f]):
-        _carry_along(path, f, work.trial.rotation[0], now)
+        _carry_along(path, f, span.fraction, work.trial.rotation[0], now)
     _go_on(points, h, velocity, around.target)
     if loads.air[0] > 0.0:
         copy_points(points, now.points)
         time = state.time[f] + h
         blow(now.points.nodes, time, loads, f, velocity.nodes, model.cell_stiffness[f], around)
-    minimise(model, loads, f, 0.0, factors, 0.0, START_ITERATIONS, work)
-    acceleration = points_of(state.acceleration, f)
-    _rates_of(now.points, around.target, h * h, acceleration)
-    copy_points(acceleration, points_of(state.smoothed, f))
+    minimise(model, loads, f, 0.0, _factors(h), 0.0, START_ITERATIONS, work)
+    _rates_of(now.points, around.target, h * h, to)
+
+
+@kernel
+def _largest(vectors):
+    """Length of the longest of vectors (n, ., 3)."""
+    worst = 0.0
+    for i in range(vectors.shape[0]):
+        for p in range(vectors.shape[1]):
+            worst = max(worst, dot(vectors[i, p], vectors[i, p]))
+    return sqrt(worst)
 
 
 @kernel
@@ -95,12 +148,13 @@ def _rates_of(points, target, square, to):
 
 
 @kernel
-def _carry_along(path, f, end, pose):
-    """Carry the rows of a pose rigidly to where their root's path ends. end: (4,), scratch."""
+def _carry_along(path, f, fraction, end, pose):
+    """Carry the rows of a pose rigidly to where their root is at a fraction of the frame. end:
+    (4,), scratch."""
     first = add(pose.centre[0], (0.0, 0.0, 0.0))
     turn = conjugate(pose.rotation[0])
     place = pose.centre[0]
-    root_at(path, f, 1.0, end, place)
+    root_at(path, f, fraction, end, place)
     last = add(place, (0.0, 0.0, 0.0))
     move = multiply(end, turn)
     for i in range(pose.rotation.shape[0]):
