@@ -44,7 +44,7 @@ _REAL_SPACING = 5e-4  # m, chosen by eye between those of contour and of flight 
 _STATION = 6.0  # pixels between two points of a barb
 _MOST_BARBS = 1200.0
 _STEP = 1.3  # between numbers of barbs, so that feathers of about one size share their weights
-_ROUND, _ROUND_FAR = 0.90, 0.50  # how round barbs are shaded where each is drawn, and where not
+_ROUND, _ROUND_FAR = 0.90, 0.12  # how round barbs are shaded where each is drawn, and where not
 
 
 class VaneGrid(NamedTuple):

@@ -49,7 +49,7 @@ class Build(NamedTuple):
     trunk: tuple[float, float, float] = (1.0, 1.0, 1.0)
     neck: float = 1.0
     head: float = 1.0
-    beak: tuple[float, float] = (1.0, 1.0)
+    beak: tuple[float, float, float] = (1.0, 1.0, 1.0)
     eye: tuple[float, float] = (0.0042, 0.2)
     colours: Colours = Colours()
 
@@ -60,9 +60,9 @@ _OWL = Colours((0.22, 0.15, 0.09), _HORN, _HORN, (0.35, 0.28, 0.18), (0.80, 0.40
 _SPARROW = Colours((0.24, 0.19, 0.14), _HORN, _HORN, (0.40, 0.24, 0.16), (0.03, 0.02, 0.01))
 BUILDS = {
     "pigeon": Build(1.0),
-    "gull": Build(1.5, (1.05, 0.95, 0.95), 0.9, 1.05, (1.3, 1.2), (0.0038, 0.2), _GULL),
-    "owl": Build(0.95, (0.95, 1.0, 1.05), 0.6, 1.45, (0.75, 1.0), (0.0056, 0.7), _OWL),
-    "sparrow": Build(0.36, (0.9, 1.05, 1.05), 0.65, 1.2, (0.7, 1.3), (0.0040, 0.2), _SPARROW),
+    "gull": Build(1.5, (1.05, 0.95, 0.95), 0.9, 1.05, (1.3, 1.2, 1.0), (0.0038, 0.2), _GULL),
+    "owl": Build(0.95, (0.95, 1.0, 1.05), 0.6, 1.45, (0.62, 0.9, 2.6), (0.0056, 0.7), _OWL),
+    "sparrow": Build(0.36, (0.9, 1.05, 1.05), 0.65, 1.2, (0.7, 1.3, 1.0), (0.0040, 0.2), _SPARROW),
 }
 NECK = np.array((0.06, 0.0, 0.2))  # where it begins
 
@@ -140,7 +140,7 @@ def beak(build):
     """Its root and tip, (3,) m."""
     skull = on_neck(build, (0.117, 0, 0.285))
     root = skull + build.head * np.array((0.018, 0.0, -0.002))
-    return root, root + build.beak[0] * np.array((0.031, 0.0, -0.011))
+    return root, root + build.beak[0] * np.array((0.031, 0.0, -0.011 * build.beak[2]))
 
 
 def eye(build):
@@ -193,6 +193,7 @@ def eye_mesh(build):
 def landmarks(build):
     """Those of a groom's [bird], (3,) m by name, at the bird's size."""
     skull, (long, wide, deep) = on_neck(build, (0.117, 0, 0.285)), build.trunk
+    middle, _ = eye(build)
     found = {
         "beak": beak(build)[1],
         "crown": skull + build.head * np.array((0.001, 0, 0.022)),
@@ -204,6 +205,8 @@ def landmarks(build):
         "tail": np.array((-0.134, 0, 0.138)),
         "right_heel": np.array((-0.008, -0.0285, 0.068)),
         "left_heel": np.array((-0.008, 0.0285, 0.068)),
+        "right_eye": middle * (1.0, -1.0, 1.0),
+        "left_eye": middle,
     }
     return {name: build.size * place for name, place in found.items()}
 

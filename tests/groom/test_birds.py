@@ -95,6 +95,29 @@ def test_sizes_follow_the_body(bird, tmp_path):
     assert max(ratio) == pytest.approx(2.0 * 0.3 / distance)
 
 
+def test_an_owl_has_a_disc_that_points_away_from_its_eyes(tmp_path):
+    thin = ", ".join(f"parts.{part}.cover = 0.3" for part in PARTS)
+    kind = f'type = {{ base = "owl", disc.radius = 0.014, disc.length = 0.005, {thin} }}'
+    path = changed(tmp_path, "^type.*", kind)
+    before = {feather.region for feather in read_groom(path).feathers}
+    eyes = {"right": np.array([0.128, -0.018, 0.289]), "left": np.array([0.128, 0.018, 0.289])}
+    named = "".join(f"{side}_eye = {place.tolist()}\n" for side, place in eyes.items())
+    path.write_text(path.read_text() + named)
+    found = read_groom(path).feathers
+    own = {"right_disc", "left_disc", "right_rim", "left_rim"}
+    assert {feather.region for feather in found} - before == own
+    for feather in found:
+        away = {side: feather.position - place for side, place in eyes.items()}
+        side, _, part = feather.region.partition("_")
+        if feather.region in own:
+            assert away[side] @ feather.rotation[:, 0] > 0.0
+            far = np.linalg.norm(away[side])
+            assert far < np.linalg.norm(away["left" if side == "right" else "right"])
+            assert far < 0.02 if part == "disc" else 0.01 < far < 0.03
+        elif feather.region in PARTS:
+            assert min(np.linalg.norm(each) for each in away.values()) > 0.012
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

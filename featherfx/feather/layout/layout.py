@@ -2,8 +2,8 @@
 
 Feathers are raised and rolled about their roots, and lifted a little, until they clear the skin and
 each other by the layout's clearance (featherfx/feather/layout/move_kernels.py), those beneath
-first. Of those that do not come clear, feathers of regions are shortened and at last left out,
-where the layout allows it.
+first. Of those that do not come clear, feathers of regions are shortened and, as short as they may
+be, left out, where the layout allows it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ _SHORTER, _MOST_ROUNDS, _SWEEPS_PER_ROUND = 0.9, 12, 5
 _SHORTENED = _MOST_SWEEPS + _SWEEPS_PER_SEARCH + _MOST_ROUNDS * _SWEEPS_PER_ROUND
 _MOST_PARTED = 5  # how often meshes that pass through each other are given more clearance
 _NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
-_DROPS = 3  # how often feathers are dropped and the others let settle
+_SHORTER_STILL = 0.75  # by how much before it is dropped, down to the least
+_DROPS = 5  # how often feathers give way, the last time all that must, and the others settle
+_DROPS_OF_MESHES = 3
 _MOST_NAMED = 5
 _UNCHANGED = 1e-12  # relative, of a length
 # figures of materials that no shape depends on; whatever is not named here is taken to matter
@@ -215,7 +217,7 @@ def _moved(placement: Placement, laid: Laid, k: int) -> Placement:
 
 @dataclass(frozen=True)
 class _Solving:
-    """Moves, shortens and drops feathers until none pass through each other.
+    """Moves, shortens and at last drops feathers until none pass through each other.
 
     done: is told of sweeps, those that were not needed counted as done. crossed: pairs as keys, one
     for every time that their meshes were found to pass through each other: so many clearances more
@@ -252,15 +254,18 @@ class _Solving:
         if self.layout.drop is None:
             return pairs, order
         for number in range(_DROPS):
-            if not self._drop(pairs, self.layout.drop):
+            if not self._give_way(pairs, self.layout.drop, number == _DROPS - 1):
                 break
             if number == 0:
                 self.feathers.put_back()  # what was in the way of others is gone
             self._settle(pairs, order, _MOST_SWEEPS)
             self.done(_SHORTENED + (number + 1) * _MOST_SWEEPS)
             pairs = self._search(strips)
-        self._part_meshes(pairs, order)
-        self._drop(pairs, self.layout.drop, crossed=True)
+        for number in range(_DROPS_OF_MESHES):
+            self._part_meshes(pairs, order)
+            last = number == _DROPS_OF_MESHES - 1
+            if not self._give_way(pairs, self.layout.drop, last, crossed=True):
+                break
         return pairs, order
 
     def _search(self, strips: Strips) -> Indices:
@@ -329,21 +334,26 @@ class _Solving:
             size[chosen] = np.maximum(_SHORTER * size[chosen], least[chosen])
             self._settle(pairs, order, _SWEEPS_PER_ROUND)
 
-    def _drop(self, pairs: Indices, depth: float, crossed: bool = False) -> bool:
-        """Drop grown feathers that pass through others or the skin by more than depth; if any.
+    def _give_way(self, pairs: Indices, depth: float, last: bool, crossed: bool = False) -> bool:
+        """Shorten grown feathers that pass through others or the skin by more than depth, and drop
+        those that are as short as they may be, or all of them the last time; if any.
 
         crossed: also those whose meshes pass through each other by less.
         """
-        kept, grown = self.feathers.kept, self.feathers.grown
-        before = int(kept.sum())
-        kept &= ~(grown & (self.feathers.heights(self.skin) < -depth))
-        pairs = pairs[kept[pairs].all(axis=1)]
-        gaps, _ = self.feathers.gaps(pairs)
-        deep, through = gaps < -depth, self.meshes.crossed(self.feathers)
+        feathers, grown = self.feathers, self.feathers.grown
+        low = feathers.kept & grown & (feathers.heights(self.skin) < -depth)
+        pairs = pairs[(feathers.kept & ~low)[pairs].all(axis=1)]
+        gaps, _ = feathers.gaps(pairs)
+        deep, through = gaps < -depth, self.meshes.crossed(feathers)
+        through = through[~low[through].any(axis=1)]
         depths = np.append(-gaps[deep], np.zeros(len(through)))
         must = np.append(np.ones(deep.sum(), np.bool_), np.full(len(through), crossed))
-        kept &= ~_covering(np.concatenate([pairs[deep], through]), depths, must, grown)
-        return int(kept.sum()) < before
+        chosen = low | _covering(np.concatenate([pairs[deep], through]), depths, must, grown)
+        least = self.layout.least_size * feathers.placed_size
+        shorter = chosen & (feathers.size > least) & (not last)
+        feathers.size[shorter] = np.maximum(_SHORTER_STILL * feathers.size, least)[shorter]
+        feathers.kept[chosen & ~shorter] = False
+        return bool(chosen.any())
 
 
 def _covering(pairs: Indices, depths: Array, must: Mask, grown: Mask) -> Mask:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import frames_from, from_rotation_vector, parallel
 from featherfx.groom.anatomy.fans import closed_fan
 from featherfx.groom.anatomy.lie import Body, hidden, lie_on
+from featherfx.groom.anatomy.remiges import shut
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.keys.anatomy import PARTS, WingType
 from featherfx.groom.keys.groom import CREST, TAIL, WING
@@ -31,6 +32,8 @@ Points = dict[str, Array]
 # wings lie on below; chosen by eye
 _LAYERS = {
     **dict.fromkeys(("face", "crown", "throat", "nape", "foreneck", "breast", "mantle"), 30),
+    "rim": 31,
+    "disc": 32,
     "scapular": 20,
     **dict.fromkeys(("back", "flank", "belly", "thigh", "rump", "vent"), -20),
 }
@@ -40,9 +43,10 @@ _LAYOUT = {
     "most_tilt": 40.0,
     "most_tilt_placed": 0.0,
     "most_lift": 5e-3,
-    "least_size": 0.5,
+    "least_size": 0.3,
     "drop": 2e-4,
 }
+_UNEVEN = 0.04  # of feathers of a disc
 _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BEAK = 0.42  # of the way from beak to crown: bare
 
@@ -72,6 +76,8 @@ def hatch(
     wing = wing_type(kind["wing"], at.child("type.wing"), library)
     if wing is None:
         return {}
+    stays = "right_wing" not in points and entry["fold"] == 1.0 and not entry["opens"]
+    wing = shut(wing) if stays else wing
     tail = _tail(entry, kind["tail"], points, axes, scale) if kind["tail"]["count"] else None
     body = _body(parts["skin"], place, read, tail, points["tail"], axes)
     wings = [_wing(entry, wing, side, points, axes, scale) for side in ("right", "left")]
@@ -85,10 +91,15 @@ def hatch(
     sites = _sites(points, axes)
     if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
         sites["below_wing"] = np.concatenate([_hidden(each, body) for each in wings])
+    bare = tuple({**rule, "invert": not rule["invert"]} for rule in entry["bare"])
+    disc = _disc(kind["disc"], points, scale)
+    parts["region"] += [
+        (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
+    ]
     for name in PARTS:
         if kind["parts"][name]["cover"] > 0.0 and name in sites:
             region = _region(name, kind["parts"][name], sites, points, scale)
-            region["where"] += tuple({**r, "invert": not r["invert"]} for r in entry["bare"])
+            region["where"] += bare + disc.outside
             parts["region"].append((at.child(f"type.parts.{name}"), region))
     if parts["layout"] is None:
         parts["layout"] = _filled(LAYOUT, **_LAYOUT)
@@ -180,7 +191,7 @@ def _wing(
         side=side,
         joint=entry["joint"],
         skeleton=entry["skeleton"],
-        below=posed or entry["fold"] < 1.0 or entry["opens"],
+        below=any(row.side == "below" for row in kind.coverts),
     )
 
 
@@ -270,7 +281,10 @@ def _sites(points: Points, axes: Array) -> dict[str, Array]:
         "nape": [p["nape"], between(p["nape"], top, 0.35)],
         "throat": [between(p["beak"], p["breast"], 0.35)],
         "foreneck": [between(p["beak"], p["breast"], 0.7)],
-        "breast": [p["breast"], *(between(p["breast"], each, 0.55) for each in (right, left))],
+        "breast": [
+            p["breast"],
+            *(between(p["breast"], each, way) for each in (right, left) for way in (0.55, 0.85)),
+        ],
         "mantle": [top, between(p["nape"], top, 0.75)],
         "scapular": [
             between(between(each, top, 0.3), p["tail"], share)
@@ -292,7 +306,7 @@ def _sites(points: Points, axes: Array) -> dict[str, Array]:
         if heel is not None:
             hip = between(p["breast"], p["vent"], 0.65)
             found.setdefault("thigh", []).append(between(heel, hip, 0.4))
-            found.setdefault("foot", []).append(heel - 0.4 * (hip - heel))
+            found.setdefault("foot", []).append(heel)
     return {name: np.array(each) for name, each in found.items()}
 
 
@@ -302,32 +316,87 @@ def _region(
     length = scale * kind["length"]
     than = np.concatenate([each for other, each in sites.items() if other != name])
     near = {"to": _tuples(sites[name]), "than": _tuples(than)}
+    flow = {"away": tuple(points["beak"])}
+    if name == "thigh":  # down the leg
+        flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
+    where = (
+        _filled(WHERE, nearest=near, soft=length),
+        _filled(WHERE, room=0.4 * length, soft=0.2 * length),
+    )
+    own = {key: kind[key] for key in ("kind", "cover", "width", "tilt", "curl")}
+    return _coat(name, where, flow, length, kind["uneven"], **own)
+
+
+def _coat(
+    name: str,
+    where: tuple[dict[str, Any], ...],
+    flow: dict[str, Any],
+    length: float,
+    uneven: float,
+    cover: float,
+    **own: Any,
+) -> dict[str, Any]:
+    """A region of the coat. length: m. uneven: as of a part of the body."""
     return _filled(
         REGION,
         id=name,
-        kind=kind["kind"],
         length=length,
-        density=kind["cover"] / length**2,
-        where=(
-            _filled(WHERE, nearest=near, soft=length),
-            _filled(WHERE, room=0.4 * length, soft=0.2 * length),
-        ),
-        flow=_filled(FLOW, away=tuple(points["beak"])),
+        density=cover / length**2,
+        where=where,
+        flow=_filled(FLOW, **flow),
         layer=_LAYERS[name],
-        width=kind["width"],
-        tilt=kind["tilt"],
-        curl=kind["curl"],
         follow=1.0,
         fit=1.0,
         variants=4,
         variation=_filled(
-            SPREAD,
-            length=kind["uneven"],
-            turn=50.0 * kind["uneven"],
-            roll=50.0 * kind["uneven"],
-            curl=50.0 * kind["uneven"],
+            SPREAD, length=uneven, turn=50.0 * uneven, roll=50.0 * uneven, curl=50.0 * uneven
         ),
+        **own,
     )
+
+
+class _Disc(NamedTuple):
+    """regions: of the disc and its rim, around either eye. outside: rules of other regions."""
+
+    regions: tuple[dict[str, Any], ...] = ()
+    outside: tuple[dict[str, Any], ...] = ()
+
+
+def _disc(kind: dict[str, Any], points: Points, scale: float) -> _Disc:
+    """None of it without eyes, or for a bird that has none."""
+    sides = ("right", "left")
+    if not kind["radius"] or any(f"{side}_eye" not in points for side in sides):
+        return _Disc()
+    eyes = [tuple(points[f"{side}_eye"]) for side in sides]
+    radius, rim = scale * kind["radius"], scale * kind["rim_length"]
+
+    def ball(eye: tuple[float, ...], size: float, invert: bool = False) -> dict[str, Any]:
+        return _filled(
+            WHERE, sphere={"centre": eye, "radius": size}, soft=0.15 * radius, invert=invert
+        )
+
+    regions = []
+    for side, own, other in zip(sides, eyes, eyes[::-1], strict=True):
+        near = _filled(WHERE, nearest={"to": (own,), "than": (other,)})
+        within = ball(own, radius)
+        edge = (ball(own, radius + 0.5 * rim), ball(own, radius - 0.25 * rim, invert=True))
+        for part, where, prefix in (("disc", (within,), ""), ("rim", edge, "rim_")):
+            regions.append(
+                _coat(
+                    part,
+                    (near, *where),
+                    length=scale * kind[f"{prefix}length"],
+                    cover=kind[f"{prefix}cover"],
+                    tilt=kind[f"{prefix}tilt"],
+                    kind=kind["rim" if prefix else "kind"],
+                    flow={"away": own},
+                    uneven=_UNEVEN,
+                    width=1.0,
+                    curl=0.0,
+                )
+                | {"id": f"{side}_{part}", "blend": False}
+            )
+    return _Disc(tuple(regions), tuple(ball(eye, radius, invert=True) for eye in eyes))
 
 
 def _tuples(points: Array) -> tuple[tuple[float, ...], ...]:

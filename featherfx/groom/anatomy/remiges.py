@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
+_HAND_ASIDE = 5.0  # deg, of the hand of a shut wing against its outermost primary; by eye
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,19 @@ def curvature_of(kind: WingType, scale: float) -> float:
     """1/m, of all shafts of a wing."""
     longest = max(max(getattr(kind, name).lengths) for name in ROWS)
     return math.radians(kind.camber) / (scale * longest)
+
+
+def shut(kind: WingType) -> WingType:
+    """The type as a wing shows it that stays folded: the hand under the secondaries, as nearly
+    along its primaries as quills have room, and without what these hide."""
+    turned = kind.outermost[1] - _HAND_ASIDE
+    return replace(
+        kind,
+        wrist=(kind.wrist[0], kind.wrist[1] - turned),
+        outermost=(kind.outermost[0], _HAND_ASIDE),
+        alula=replace(kind.alula, count=0),
+        coverts=tuple(replace(row, hand=0.0) for row in kind.coverts if row.side == "above"),
+    )
 
 
 def lying(kind: WingType, bones: WingBones, scale: float) -> tuple[Array, Array, Array]:

@@ -207,11 +207,27 @@ class CrestOfBird:
     width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
 
 
+@dataclass(frozen=True)
+class DiscOfBird:
+    """The disc of an owl's face: feathers that point away from either eye, and their rim."""
+
+    radius: Annotated[float, Number(0, 1, "m"), "From an eye to the rim; 0: no disc."] = 0.0
+    kind: Annotated[str, Text(), "Feather preset of the disc."] = "auricular"
+    length: Annotated[float, _LENGTH, "Length of its feathers."] = 0.014
+    cover: Annotated[float, Number(0, 100), "As of a part of the coat."] = 20.0
+    tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 10.0
+    rim: Annotated[str, Text(), "Feather preset of the rim."] = "contour"
+    rim_length: Annotated[float, _LENGTH, "Length of its feathers."] = 0.012
+    rim_cover: Annotated[float, Number(0, 100), "As of a part of the coat."] = 20.0
+    rim_tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 45.0
+
+
 BIRD_TYPE = {
     "length": Key(Number(1e-3, 100, "m"), "From the tip of the beak to the root of the tail."),
     "wing": Key(Preset("wing", keys_of(WingType)), "Its wings."),
     "tail": Key(Table(keys_of(TailOfBird), "table of a tail"), "Its tail."),
     "crest": Key(Table(keys_of(CrestOfBird), "table of a crest"), "Its crest.", {}),
+    "disc": Key(Table(keys_of(DiscOfBird), "table of a disc"), "The disc of its face.", {}),
     "parts": Key(Table({name: Key(_PART, f"The {name}.") for name in PARTS}), "Its coat."),
     "colours": Key(
         Named(Table(keys_of(Colour))),

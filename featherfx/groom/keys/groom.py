@@ -280,6 +280,8 @@ LANDMARKS = {
     "tail": Key(POINT, "Root of the tail."),
     "right_wing": _WING_LANDMARKS,
     "left_wing": _WING_LANDMARKS,
+    "right_eye": Key(POINT, "Middle of the right eye, for the disc of an owl's face.", None),
+    "left_eye": Key(POINT, "The same of the left eye.", None),
     "right_heel": Key(POINT, "Joint below which the right leg is bare.", None),
     "left_heel": Key(POINT, "The same of the left leg.", None),
 }
