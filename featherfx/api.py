@@ -135,9 +135,9 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
 
 
 def _located(folder: Path, name: str) -> Path:
-    """As featherfx.usd.read.resolve has it; USD is imported for what is not in the folder alone."""
+    """As featherfx.usd.read.opening has it; USD is imported for what is not in the folder alone."""
     path = folder / name
     if path.exists():
         return path
-    found: Path = import_module("featherfx.usd.read.resolve").located(folder, name)
+    found: Path = import_module("featherfx.usd.read.opening").located(folder, name)
     return found

@@ -34,7 +34,7 @@ from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.share import part_of
 from featherfx.shot.simulate import drawn_feathers
 from featherfx.shot.types import LEVELS, Shot
-from featherfx.usd.write.grouping import chosen_group
+from featherfx.usd.write.forms import chosen_group
 from featherfx.usd.write.output import unique_prim_names
 
 # feathers and frames of the first trial

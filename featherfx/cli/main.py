@@ -10,16 +10,13 @@ from featherfx.cli.bench import bench
 from featherfx.cli.check import check
 from featherfx.cli.completion import completion
 from featherfx.cli.doctor import doctor
-from featherfx.cli.export import export
+from featherfx.cli.export import export, retime
 from featherfx.cli.inspect import inspect
 from featherfx.cli.lab.group import lab
 from featherfx.cli.plugins import plugins
-from featherfx.cli.presets import presets
+from featherfx.cli.presets import presets, sample, schema
 from featherfx.cli.preview import preview
 from featherfx.cli.program import Program
-from featherfx.cli.retime import retime
-from featherfx.cli.sample import sample
-from featherfx.cli.schema import schema
 from featherfx.cli.stats import error, stats
 from featherfx.cli.trace import trace
 from featherfx.cli.tune import tune

@@ -1,12 +1,14 @@
-"""`featherfx presets`: which presets there are, and what is in them."""
+"""`featherfx presets`, `sample` and `schema`: what to start from, and what files may hold."""
 
 from __future__ import annotations
 
+import json
 from itertools import groupby
 from pathlib import Path
 
 import click
 
+from featherfx.baking.samples import copy_sample, sample_names
 from featherfx.cli.options import presets_option
 from featherfx.cli.program import Command, CommandGroup
 
@@ -48,3 +50,57 @@ def show_command(name: str, preset_folders: tuple[Path, ...]) -> None:
     from featherfx.groom.presets.presets import show
 
     click.echo(show(name, preset_folders))
+
+
+@click.command(
+    cls=Command,
+    short_help="Copy a sample, a groom and a shot to start from.",
+    epilog="""
+    featherfx sample swan_wing
+    featherfx sample pigeon -o birds/mine
+    """,
+)
+@click.argument("name", type=click.Choice(sample_names()))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="New or empty folder for its files.  [default: NAME]",
+)
+def sample(name: str, output: Path | None) -> None:
+    """Copy the files of the sample NAME and print where they are.
+
+    The copy can be baked as it is: featherfx bake DIR/shot.toml.
+    """
+    for file in copy_sample(name, output or Path(name)):
+        click.echo(str(file))
+
+
+@click.command(
+    cls=Command,
+    short_help="Print the JSON Schema of grooms, shots or presets.",
+    epilog="""
+    featherfx schema shot > shot.schema.json
+    featherfx schema preset --family material/vane > vane.schema.json
+    """,
+)
+@click.argument("kind", type=click.Choice(("groom", "shot", "preset")))
+@click.option(
+    "--family", default="", help="Of presets, the folder that they stand in; default: any family."
+)
+def schema(kind: str, family: str) -> None:
+    """Print the JSON Schema (draft 2020-12) of grooms, shots or presets.
+
+    Editors complete and check TOML files by it: Even Better TOML (VS Code) and others that use
+    Taplo take the one that the first line of a file names, "#:schema ./shot.schema.json".
+    """
+    from featherfx.shot.read import schema as schemas
+
+    if family and kind != "preset":
+        raise click.UsageError("--family goes with preset")
+    if family and family not in schemas.FAMILIES:
+        raise click.BadParameter(
+            f"'{family}' is none of {', '.join(schemas.FAMILIES)}", param_hint="--family"
+        )
+    click.echo(json.dumps(schemas.schema(kind, family), indent=2))

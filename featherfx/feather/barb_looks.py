@@ -10,6 +10,11 @@ along a barb, 0 at the root and 1 at the end:
 
 across: unit, at rest, from the barb before to the one after. Random numbers r, a, b and the waves w
 (within a third of their number) go by the barb and by the draw that the feather's id chooses.
+
+Water draws the ends of neighbouring barbs together, each clump to its middle barb: x_0 a point of a
+dry barb, c the point at the same place of that one, a how far they come together,
+
+    wet      x     =   x_0 + a u^2 (c - x_0)
 """
 
 from __future__ import annotations
@@ -19,19 +24,20 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from featherfx.feather.build import build_feather
-from featherfx.feather.clumps import middle_barbs
 from featherfx.feather.density import linear_weights
 from featherfx.feather.render import barb_curves
-from featherfx.feather.types import BarbCurves, Feather, PointMap
+from featherfx.feather.types import Array, BarbCurves, Feather, Indices, PointMap
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
 from featherfx.groom.types import FeatherKind
 
-Array = NDArray[np.float64]
+# of the part of a vane that a clump takes, how unevenly the parts are cut
+_UNEVEN = 0.7
+_SEED = 7
+
 Matrix = Any
 
 _DORSAL = 1  # number of the director
@@ -125,3 +131,25 @@ def _dorsal(barbs: BarbCurves, feather: Feather) -> Matrix:
     column = rows * nodes + 2 * row + _DORSAL
     shape = len(weights), rows * (nodes + 2)
     return sparse.csr_array((weights[place, row], (place, column)), shape=shape)
+
+
+def clumped(barbs: BarbCurves, points: Array, amount: float, clumps: int) -> Array:
+    """(B K, 3) points of barbs, or their rates, at an amount a. clumps: of each vane."""
+    if amount == 0.0:
+        return points
+    each = points.reshape(*barbs.widths.shape, 3)
+    along = np.linspace(0.0, 1.0, each.shape[1])[:, None]
+    middle = each[middle_barbs(barbs.side, barbs.st[:, 0, 1], clumps)]
+    return np.asarray(each + amount * along**2 * (middle - each)).reshape(points.shape)
+
+
+def middle_barbs(side: Indices, place: Array, clumps: int) -> Indices:
+    """(B,) barb in the middle of each barb's clump. place: (B,) along the shaft, 0 to 1."""
+    rng = np.random.default_rng(_SEED)
+    cuts = (np.arange(clumps) + _UNEVEN * rng.uniform(-0.5, 0.5, clumps))[1:] / clumps
+    span = np.ptp(place) or 1.0
+    number = np.searchsorted(cuts, (place - place.min()) / span) + clumps * side
+    _, first, clump, count = np.unique(
+        number, return_index=True, return_inverse=True, return_counts=True
+    )
+    return np.asarray((first + count // 2)[clump])

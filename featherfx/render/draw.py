@@ -31,7 +31,7 @@ from featherfx.render.files import save
 from featherfx.render.options import SHEET_FRAMES, PictureOptions, check_pixels
 from featherfx.render.subject import Subject, open_subject
 from featherfx.render.trace import ROWS_AT_ONCE, Tracer
-from featherfx.usd.read.cameras import camera_of
+from featherfx.usd.read.scenes import camera_of
 from featherfx.usd.write.output import file_problems
 
 Picture = NDArray[np.uint8]

@@ -12,7 +12,7 @@ from featherfx.baking.groom import export_groom
 from featherfx.errors import InputError
 from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import Groom
-from featherfx.shot.motion.fold import folding
+from featherfx.shot.motion.flap import folding
 from featherfx.shot.motion.joints import joint_roots, skeleton_of
 from featherfx.usd.check.crossings import count_crossings
 

@@ -19,8 +19,8 @@ from featherfx.render.picture import render
 from featherfx.render.scene import load_points
 from featherfx.render.subject import open_subject
 from featherfx.render.vanes import topology_of
-from featherfx.usd.read.cameras import camera_of
 from featherfx.usd.read.read import Cache
+from featherfx.usd.read.scenes import camera_of
 
 pytest.importorskip("embreex", reason="no wheel for this platform")
 

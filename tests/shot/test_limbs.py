@@ -8,7 +8,7 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 import featherfx
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.groom.read.read import read_groom
-from featherfx.shot.motion.fold import folding
+from featherfx.shot.motion.flap import folding
 from featherfx.shot.motion.joints import joint_roots, roots_at_rest, skeleton_of
 from featherfx.shot.motion.limbs import carried
 from featherfx.shot.motion.motion import root_motion

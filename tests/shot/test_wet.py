@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
+from featherfx.feather.barb_looks import clumped
 from featherfx.feather.build import build_feather
-from featherfx.feather.clumps import clumped
 from featherfx.feather.render import barb_curves
 from featherfx.mechanics.batch import make_model, vane_mass
 from featherfx.mechanics.model import no_loads

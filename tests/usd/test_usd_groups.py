@@ -20,8 +20,8 @@ from featherfx.usd.convert.condensed import export_condensed
 from featherfx.usd.convert.export import flatten, mesh_sequence
 from featherfx.usd.read.earlier import EarlierCache
 from featherfx.usd.read.read import Cache
-from featherfx.usd.write import joined
-from featherfx.usd.write.grouping import chosen_group, grouped
+from featherfx.usd.write import posed_groups as joined
+from featherfx.usd.write.forms import chosen_group, grouped
 from featherfx.usd.write.join import join_shares
 from featherfx.usd.write.options import WriteOptions
 from featherfx.usd.write.write import CacheWriter, Continuation, Place

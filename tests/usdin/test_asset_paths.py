@@ -7,8 +7,7 @@ from pxr import Ar
 
 import featherfx
 from featherfx.errors import InputError
-from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.resolve import located
+from featherfx.usd.read.opening import located, open_stage
 
 GROOM = 'name = "g"\n[[feather]]\nid = "a"\nkind = "covert"\nposition = [0, 0, 0]\n'
 SHOT = """

@@ -1,4 +1,4 @@
-"""The procedural wing beat: angles of shoulder, elbow and wrist over a beat.
+"""The procedural wing beat: angles of shoulder, elbow and wrist over a beat; and folding.
 
 Frame: x forward, y to the left, z up. A beat starts at the top of the stroke: phase 0 to 1/2 is
 the downstroke, 1/2 to 1 the upstroke. Positive angles, in degrees, on either side:
@@ -11,10 +11,13 @@ the downstroke, 1/2 to 1 the upstroke. Positive angles, in degrees, on either si
 
 The hinges of elbow and wrist lean from the vertical, so that a folding wing also flexes downwards.
 The beat starts and ends at rest: within a quarter of a period the phase catches up with time.
+
+Wings, tails and crests that open and close turn their joints about their hinges over time.
 """
 
 from __future__ import annotations
 
+import fnmatch
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,11 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.ease import smooth_step
+from featherfx.algebra.ease import eased, smooth_step
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.errors import InputError, Problem
 from featherfx.groom.types import Groom
-from featherfx.shot.motion.joints import JointPoses, PosesOverTime
+from featherfx.shot.motion.joints import JointPoses, PosesOverTime, still_poses
 
 Array = NDArray[np.float64]
 
@@ -104,5 +107,35 @@ def flapping(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverT
     def poses(time: float) -> JointPoses:
         picked = flap.left(time)[roles]
         return JointPoses(np.where(right, picked * _MIRROR, picked), still)
+
+    return poses
+
+
+def folding(groom: Groom, values: Mapping[str, Any], source: str) -> PosesOverTime:
+    """Poses of the joints that fold. values: of the motion. source: of the shot, for messages.
+
+    Raises InputError where none of the joints meant folds.
+    """
+    pattern, keys = values["joints"], values["folds"]
+    hinged = [
+        (number, joint)
+        for number, joint in enumerate(groom.joints, 1)
+        if joint.hinge is not None and fnmatch.fnmatchcase(joint.name, pattern)
+    ]
+    if not hinged:
+        known = ", ".join(joint.name for joint in groom.joints if joint.hinge is not None)
+        message = f"'{pattern}' is no joint that folds; those of wings, tails and crests do"
+        raise InputError(
+            Problem(source, "motion.joints", f"{message}: {known or 'there are none'}")
+        )
+    times, folds = ([key[name] for key in keys] for name in ("time", "fold"))
+
+    def poses(time: float) -> JointPoses:
+        found = still_poses(len(groom.joints) + 1)
+        fold = eased(times, folds, time)
+        for number, joint in hinged:
+            turn = np.asarray(joint.hinge) * (fold - joint.fold)
+            found.rotations[number] = from_rotation_vector(turn)
+        return found
 
     return poses

@@ -9,8 +9,7 @@ from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
 from featherfx.errors import InputError
 from featherfx.shot.direction.roots import directed
 from featherfx.shot.motion.act import clocked, together
-from featherfx.shot.motion.flap import flapping
-from featherfx.shot.motion.fold import folding
+from featherfx.shot.motion.flap import flapping, folding
 from featherfx.shot.motion.joints import (
     JointPoses,
     PosesOverTime,

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.crossings import BODY, Crossings, crossings_of, patches_of
 from featherfx.feather.types import RACHIS
+from featherfx.usd.read.opening import located
 from featherfx.usd.read.read import Cache
-from featherfx.usd.read.resolve import located
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -24,11 +24,11 @@ from featherfx.usd.read.cached_feather import CachedFeather
 from featherfx.usd.read.read import Cache
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.space import StageSpace
+from featherfx.usd.write.layout import StageInfo, author_metadata, define_root, new_layer
 from featherfx.usd.write.output import check_output, prim_name
 from featherfx.usd.write.prims import author_primvars, define_polylines, labels
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.resume import layer_metadata
-from featherfx.usd.write.stage import StageInfo, author_metadata, define_root, new_layer
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]

@@ -30,10 +30,10 @@ from featherfx.usd.read.read import Cache
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.read.thinned import levels, thinned
 from featherfx.usd.read.values import EARLIEST
+from featherfx.usd.write.layout import FEATHERS, MATERIALS
 from featherfx.usd.write.output import check_output
 from featherfx.usd.write.prims import author_primvars, tell_shared
 from featherfx.usd.write.publish import publish
-from featherfx.usd.write.stage import FEATHERS, MATERIALS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -28,9 +28,9 @@ from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import refuse_inputs
 from featherfx.usd.read.values import computed
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, HALF_VELOCITIES, RANGES
+from featherfx.usd.write.layout import FEATHERS, SCOPES
 from featherfx.usd.write.output import check_output, unique_prim_names
 from featherfx.usd.write.publish import publish
-from featherfx.usd.write.stage import FEATHERS, SCOPES
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -12,6 +12,7 @@ from pxr import Sdf
 
 from featherfx.errors import Problem
 from featherfx.usd.types import MESH, PER_FACE, RANGES, RATES, OutputError
+from featherfx.usd.write.layout import SCOPES
 from featherfx.usd.write.output import clips_folder, output_files
 from featherfx.usd.write.parts import chunk_files
 from featherfx.usd.write.resume import (
@@ -20,7 +21,6 @@ from featherfx.usd.write.resume import (
     layer_metadata,
     text_table,
 )
-from featherfx.usd.write.stage import SCOPES
 
 if TYPE_CHECKING:
     from featherfx.usd.write.poses import Written

@@ -14,10 +14,9 @@ from pxr import Usd, UsdGeom
 from featherfx.groom.keys.values import Place
 from featherfx.groom.read.condensed import DrawnBarbs
 from featherfx.groom.read.drawn import DrawnFeather
-from featherfx.usd.read.curve_values import Values
-from featherfx.usd.read.curves import curves_of
+from featherfx.usd.read.curves import Values, curves_of
 from featherfx.usd.read.drawn_meshes import instance_matrices
-from featherfx.usd.read.resolve import located
+from featherfx.usd.read.opening import located
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_note,

@@ -1,4 +1,5 @@
-"""USD files opened as they stand on the disk, and their metadata checked."""
+"""USD files found, beside who names them or by USD's asset resolver, opened as they stand on the
+disk, and their metadata checked."""
 
 from __future__ import annotations
 
@@ -7,13 +8,33 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Ar, Sdf, Usd, UsdGeom
 
 from featherfx.errors import InputError, Problem
 from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.read.resolve import located
 from featherfx.usd.read.values import USD_ERRORS, described, reason_of
 from featherfx.usd.write.options import UP_AXES
+
+
+def located(folder: Path, name: str) -> Path:
+    """Where a file is that is named by someone in a folder.
+
+    What is there as seen from the folder is that; else the resolver of this process is asked, which
+    knows search paths (PXR_AR_DEFAULT_SEARCH_PATH) and, where a studio has its own, addresses such
+    as asset:bird. What it does not find either is as seen from the folder.
+    """
+    own = folder / name
+    if own.exists():
+        return own
+    refuse_unfit_usd()
+    resolver = Ar.GetResolver()
+    beside = str(folder.absolute() / "shot.usda")  # need not be there
+    context = resolver.CreateDefaultContextForAsset(beside)
+    with Ar.ResolverContextBinder(context):
+        asked = resolver.CreateIdentifier(name, Ar.ResolvedPath(beside))
+        found = resolver.Resolve(asked).GetPathString()
+    return Path(found) if found else own
+
 
 # (low, high) of what a stage says of itself; far beyond any stage in use, far within float32
 _ALLOWED = {

@@ -1,19 +1,305 @@
-"""What roots ride on where there is no skin: ribbons along the bones of a skeleton, or a curve."""
+"""What roots ride on where there is no skin: ribbons along the bones of a skeleton, or a curve.
+
+Every bone, from a joint to the one below it and from the last one on, is a narrow strip of
+triangles that moves with the joint. Where a chain goes on, strips share their ends, which move half
+with the joint above and half with the joint there. Roots on it take the mean turn of about half a
+bone around them, by the same smooth field as on a skin: those of a row pass from bone to bone, and
+roots beside it keep their place against it.
+
+Along a curve the ribbon's side at each point is that of the first point, carried along without
+turning about the curve, and the first one's is that of rest, turned by the least that takes its
+tangent along. A curve does not tell how it is turned about itself; transforms of its prim do, and
+are followed.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
 
 import numpy as np
-from pxr import Sdf, UsdGeom, UsdSkel
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
-from featherfx.groom.keys.values import Place
+from featherfx.algebra.rotation import transported
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.animated_mesh import AnimatedMesh, open_mesh
-from featherfx.usd.read.bone_ribbons import BoneRibbons
-from featherfx.usd.read.curve_ribbon import CurveRibbon, curve_fault
-from featherfx.usd.read.stage import SourceScene, find_prim, sampled_range, transform_fault
-from featherfx.usd.read.values import collecting, reading
+from featherfx.usd.read.curves import curves_of
+from featherfx.usd.read.skinning import SkinPose, animated, from_bind
+from featherfx.usd.read.stage import (
+    SourceScene,
+    codes_of,
+    find_prim,
+    rest_code,
+    sampled_range,
+    transform_fault,
+)
+from featherfx.usd.read.values import at, collecting, reading
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_BENT = 0.05  # sine of the angle from which on two bones have a hinge
+_WIDTH = 0.2  # half of a ribbon's, in lengths of the bone or of a piece of the curve
+_PIECES = 4  # of a ribbon along a bone
+_ALONE = 0.1  # length of the bone of a skeleton's only joint, in units of the stage
+
+
+class Ribbons(ABC):
+    """What AnimatedMesh asks of a skinning, of ribbons in the own space of a prim.
+
+    space: the prim. rest: (V, 3) in the bind pose. triangles: (T, 3), faces: (T,) bones or pieces
+    of a curve and lengths: (T,) of these.
+    """
+
+    space: Any
+    rest: Array
+    triangles: Indices
+    faces: Indices
+    lengths: Array
+
+    @property
+    def bind_matrix(self) -> Array:
+        """The ribbons are in the prim's own space."""
+        return np.eye(4)
+
+    def bind_points(self) -> Array:
+        """(V, 3) in the bind pose."""
+        return self.rest
+
+    def points(self, code: Any) -> Array:
+        """(V, 3) in the prim's space at a time code."""
+        return self.posed(self.pose(code))
+
+    @abstractmethod
+    def pose(self, code: Any) -> SkinPose:
+        """What moves the ribbons at a time code."""
+
+    @abstractmethod
+    def posed(self, pose: SkinPose) -> Array:
+        """(V, 3) in the prim's space in a pose of our own."""
+
+
+class CurveRibbon(Ribbons):
+    """A ribbon along a curve, which has been looked at by `curve_fault`; faces are its pieces."""
+
+    def __init__(self, scene: SourceScene, prim: Any) -> None:
+        self.space, self._path = prim, scene.path
+        self._points = UsdGeom.BasisCurves(prim).GetPointsAttr()
+        line = self._line(rest_code(self._points))
+        pieces = np.linalg.norm(np.diff(line, axis=0), axis=1)
+        self._half = _WIDTH * float(pieces.mean())
+        self._tangent = _start(line, _stations(line))
+        across = np.cross(self._tangent, np.eye(3)[np.argmin(np.abs(self._tangent))])
+        self._across = across / np.linalg.norm(across)
+        self.rest = self._ribbon(line)
+        first = 2 * np.arange(len(pieces))[:, None, None]
+        self.triangles = (first + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
+        self.faces = np.repeat(np.arange(len(pieces)), 2)
+        self.lengths = np.repeat(pieces, 2)
+
+    def pose(self, code: Any) -> SkinPose:
+        """What moves the ribbon at a time code: the points of the curve."""
+        return SkinPose(np.eye(4)[None], np.zeros(0), self._line(code))
+
+    def posed(self, pose: SkinPose) -> Array:
+        """(V, 3) along a curve of our own."""
+        return self._ribbon(pose.points)
+
+    def attributes(self) -> list[Any]:
+        """What moves the curve, for its time samples."""
+        return [self._points]
+
+    def _line(self, code: Any) -> Array:
+        problems = Problems()
+        place = Place(str(self._path), str(self.space.GetPath()), problems)
+        found = curves_of(self.space, code, place)
+        problems.raise_any()
+        assert found is not None
+        return found.line(0)
+
+    def _ribbon(self, line: Array) -> Array:
+        stations = _stations(line)
+        # a turn without one about the tangent takes what is square to it along
+        tangent = _start(line, stations)
+        axis, cosine = np.cross(self._tangent, tangent), self._tangent @ tangent
+        start = self._across + np.cross(axis, self._across)
+        start = start + np.cross(axis, np.cross(axis, self._across)) / max(1.0 + cosine, 1e-9)
+        side = self._half * transported(line, stations) @ start
+        return np.stack([line - side, line + side], axis=1).reshape(-1, 3)
+
+
+def _stations(line: Array) -> Array:
+    """(k,) lengths along a line to its points."""
+    pieces = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(pieces)])
+
+
+def _start(line: Array, stations: Array) -> Array:
+    """(3,) unit tangent at the first point, as `transported` has it."""
+    way = line[1] - line[0]
+    if len(line) > 2:
+        way = np.gradient(line, stations, axis=0, edge_order=2)[0]
+    return np.asarray(way / np.linalg.norm(way))
+
+
+def curve_fault(scene: SourceScene, prim: Any, place: Place) -> str:
+    """Why roots cannot follow a curve; empty where they can, or after adding problems."""
+    sizes = set()
+    for code in codes_of(UsdGeom.BasisCurves(prim).GetPointsAttr()):
+        curves = curves_of(prim, code, Place(str(scene.path), str(prim.GetPath()), place.problems))
+        if curves is None:
+            return ""
+        if len(curves) != 1:
+            return f"holds {len(curves)} curves, roots follow one"
+        line = curves.line(0)
+        if (np.diff(line, axis=0) == 0.0).all(axis=1).any():
+            return f"has two points at one place {at(code)}"
+        sizes.add(len(line))
+        if len(sizes) > 1:
+            return f"changes its number of points {at(code)}"
+    return "" if sizes else "has no points"
+
+
+class BoneRibbons(Ribbons):
+    """Ribbons along the bones of a skeleton."""
+
+    def __init__(self, prim: Any) -> None:
+        self.space = prim
+        self._cache = UsdSkel.Cache()  # owns what the query refers to
+        root = UsdSkel.Root.Find(prim)
+        if root:
+            self._cache.Populate(root, Usd.TraverseInstanceProxies())
+        self._skeleton = self._cache.GetSkelQuery(UsdSkel.Skeleton(prim))
+        places = np.array(self._skeleton.GetJointWorldBindTransforms())[:, 3, :3]
+        parents = list(self._skeleton.GetTopology().GetParentIndices())
+        self.rest, self._weights, self.triangles, self.lengths = _strips(places, parents)
+        self.faces = np.arange(len(self.triangles)) // (2 * _PIECES)
+
+    def pose(self, code: Any) -> SkinPose:
+        """What moves the ribbons at a time code."""
+        with reading(self.space):
+            joints = np.array(self._skeleton.ComputeJointLocalTransforms(code))
+        return SkinPose(joints, np.zeros(0), self.rest)
+
+    def posed(self, pose: SkinPose) -> Array:
+        """(V, 3) in the skeleton's space in a pose of our own."""
+        moved = from_bind(self._skeleton, pose.joints)
+        whole = np.column_stack([self.rest, np.ones(len(self.rest))])
+        return np.asarray(np.einsum("vj,vr,jrc->vc", self._weights, whole, moved)[:, :3])
+
+    def attributes(self) -> list[Any]:
+        """What moves the skeleton, for its time samples."""
+        return animated(self._skeleton)
+
+
+def _strips(places: Array, parents: list[int]) -> tuple[Array, Array, Indices, Array]:
+    """Points (V, 3), weights of the joints (V, J) and triangles (T, 3) of the ribbons, and the
+    length of each triangle's bone (T,).
+
+    places: (J, 3) of the joints. parents: of each, before it; -1: none.
+    """
+    children: list[list[int]] = [[] for _ in parents]
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            children[parent].append(joint)
+    strips = _Strips(places, children)
+    waiting = [_Start(joint) for joint, parent in enumerate(parents) if parent < 0]
+    while waiting:
+        waiting += strips.add(waiting.pop())
+    return strips.arrays()
+
+
+class _Start(NamedTuple):
+    """Where bones begin. pair: the first of two points that the bone before ends in, -1: none.
+    way: (3,) of that bone. across: (3,) unit, of its ribbon."""
+
+    joint: int
+    pair: int = -1
+    way: Array | None = None
+    across: Array | None = None
+
+
+class _Strips:
+    """Ribbons as they are made, bone by bone, from the roots of the skeleton on."""
+
+    def __init__(self, places: Array, children: list[list[int]]) -> None:
+        self._places, self._children = places, children
+        self._points: list[Array] = []
+        self._weights: list[Array] = []
+        self._triangles: list[tuple[int, int, int]] = []
+        self._lengths: list[float] = []
+
+    def arrays(self) -> tuple[Array, Array, Indices, Array]:
+        """As of _strips."""
+        triangles = np.array(self._triangles, dtype=np.int64).reshape(-1, 3)
+        lengths = np.array(self._lengths)
+        return np.array(self._points), np.array(self._weights), triangles, lengths
+
+    def add(self, start: _Start) -> list[_Start]:
+        """The strips of the bones below a joint; where the next ones begin."""
+        following, joint = [], start.joint
+        onwards, main = self._onwards(joint, start.way)
+        for way, child in self._bones(joint, start.way):
+            if not way.any():
+                following.append(_Start(child))
+                continue
+            goes_on = start.pair >= 0 and child == main
+            next_way = onwards if child < 0 else self._onwards(child, way)[0]
+            across = _across(way, next_way, start.across)
+            offset = _WIDTH * float(np.linalg.norm(way)) * across
+            pair = start.pair if goes_on else self._pair(joint, offset, [joint])
+            for piece in range(1, _PIECES + 1):
+                shared = [joint, child] if piece == _PIECES and child >= 0 else [joint]
+                pair = self._next(pair, joint, offset, shared, way * (piece / _PIECES))
+            self._lengths += 2 * _PIECES * [float(np.linalg.norm(way))]
+            if child >= 0:
+                following.append(_Start(child, pair, way, across))
+        return following
+
+    def _bones(self, joint: int, way: Array | None) -> list[tuple[Array, int]]:
+        """(way, joint at the end) of each bone below a joint; -1: nothing stands at its end."""
+        bones = [(self._places[k] - self._places[joint], k) for k in self._children[joint]]
+        if bones:
+            return bones
+        return [(np.array([_ALONE, 0.0, 0.0]) if way is None else way, -1)]
+
+    def _onwards(self, joint: int, way: Array | None) -> tuple[Array, int]:
+        """The bone below a joint that goes on straightest: its way, and the joint at its end."""
+        bones = [each for each in self._bones(joint, way) if each[0].any()]
+        if not bones or way is None:
+            return bones[0] if bones else (np.zeros(3), -1)
+        return max(bones, key=lambda each: float(each[0] @ way) / float(np.linalg.norm(each[0])))
+
+    def _next(self, before: int, joint: int, offset: Array, movers: list[int], way: Array) -> int:
+        """A pair of points along a bone, and the triangles to it from the pair before."""
+        pair = self._pair(joint, offset, movers, way)
+        self._triangles += [(before, before + 1, pair + 1), (before, pair + 1, pair)]
+        return pair
+
+    def _pair(self, joint: int, offset: Array, movers: list[int], way: Array | float = 0.0) -> int:
+        """The first of two points beside a place on a bone. movers: joints, in equal
+        shares."""
+        weights = np.zeros(len(self._places))
+        weights[movers] = 1.0 / len(movers)
+        middle = self._places[joint] + way
+        self._points += [middle - offset, middle + offset]
+        self._weights += [weights, weights]
+        return len(self._points) - 2
+
+
+def _across(way: Array, onwards: Array, before: Array | None) -> Array:
+    """(3,) unit, square to a bone: along the hinge to the next one where there is a bend, else as
+    before."""
+    hinge = np.cross(way, onwards)
+    if np.linalg.norm(hinge) < _BENT * np.linalg.norm(way) * np.linalg.norm(onwards):
+        axis = np.eye(3)[np.argmin(np.abs(way))] if before is None else before
+        hinge = axis - way * (axis @ way) / (way @ way)
+    if np.linalg.norm(hinge) < _BENT:
+        hinge = np.cross(way, np.eye(3)[np.argmin(np.abs(way))])
+    found = hinge / np.linalg.norm(hinge)
+    return -found if before is not None and found @ before < 0.0 else found
 
 
 class RibbonMesh(AnimatedMesh):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom
 from scipy.spatial import cKDTree
 
-from featherfx.groom.keys.values import Place
+from featherfx.groom.keys.values import Place, Problems
 from featherfx.shot.detail.view import View
 from featherfx.usd.read.animated_mesh import AnimatedMesh
 from featherfx.usd.read.read import Cache
@@ -295,3 +295,25 @@ def _field_values(base: Any, code: Any) -> tuple[Array, Array]:
     points = sized_array(base.GetPointsAttr(), code, VECTORS)
     velocities = sized_array(base.GetVelocitiesAttr(), code, VECTORS)
     return points.astype(np.float64), velocities.astype(np.float64)
+
+
+def camera_of(path: Path, named: str, cache: Cache) -> Callable[[float | None], View]:
+    """What a camera sees, by the cache's time codes; None: at rest, which is its first frame.
+
+    path: of the cache. named: prim path in that file, or FILE:PATH of another one. Raises
+    InputError with the cameras that there are where it is none of them.
+    """
+    file, colon, prim = named.rpartition(":/")
+    where = Path(file) if colon else path
+    problems = Problems()
+    camera = open_camera(
+        where, f"/{prim}" if colon else named, Place("preview", "camera", problems)
+    )
+    problems.raise_any()
+    assert camera is not None
+    rate = camera.time_codes_per_second / cache.frames_per_second
+
+    def seen(time: float | None) -> View:
+        return camera.view(0.0 if time is None else rate * time)
+
+    return seen

@@ -15,7 +15,7 @@ from featherfx.groom.keys.values import Place, nearest
 from featherfx.groom.skin.faults import skin_faults
 from featherfx.usd.read.animated_mesh import AnimatedMesh, topology_of
 from featherfx.usd.read.curves import curves_of
-from featherfx.usd.read.resolve import located
+from featherfx.usd.read.opening import located
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.skinning import points_of_joint
 from featherfx.usd.read.stage import (

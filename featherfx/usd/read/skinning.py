@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,41 +37,6 @@ class SkinPose(NamedTuple):
     joints: Array
     weights: Array
     points: NDArray[Any]
-
-
-class Ribbons(ABC):
-    """What AnimatedMesh asks of a skinning, of ribbons in the own space of a prim.
-
-    space: the prim. rest: (V, 3) in the bind pose. triangles: (T, 3), faces: (T,) bones or pieces
-    of a curve and lengths: (T,) of these.
-    """
-
-    space: Any
-    rest: Array
-    triangles: Indices
-    faces: Indices
-    lengths: Array
-
-    @property
-    def bind_matrix(self) -> Array:
-        """The ribbons are in the prim's own space."""
-        return np.eye(4)
-
-    def bind_points(self) -> Array:
-        """(V, 3) in the bind pose."""
-        return self.rest
-
-    def points(self, code: Any) -> Array:
-        """(V, 3) in the prim's space at a time code."""
-        return self.posed(self.pose(code))
-
-    @abstractmethod
-    def pose(self, code: Any) -> SkinPose:
-        """What moves the ribbons at a time code."""
-
-    @abstractmethod
-    def posed(self, pose: SkinPose) -> Array:
-        """(V, 3) in the prim's space in a pose of our own."""
 
 
 class Skinning:

@@ -16,12 +16,11 @@ from featherfx.files.whole import Standing, Store
 from featherfx.usd.arrays import Floats
 from featherfx.usd.types import RATES, OutputError
 from featherfx.usd.write.chunk import open_chunk
-from featherfx.usd.write.layout import CacheLayers, Clips, finish_layers
+from featherfx.usd.write.layout import CacheLayers, Clips, StageInfo, finish_layers, new_layer
 from featherfx.usd.write.output import prim_name
 from featherfx.usd.write.parts import MANIFEST, ChunkRecord, Parts
 from featherfx.usd.write.publish import publish
 from featherfx.usd.write.samples import AnimatedPrims
-from featherfx.usd.write.stage import StageInfo, new_layer
 
 
 def assemble(

@@ -23,6 +23,15 @@ from featherfx.feather.shape_text import shape_text
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.usd import arrays
 from featherfx.usd.types import BARB, MESH, P_BARB, RACHIS, SHAPE, SHAPE_SIZE, FeatherEntry
+from featherfx.usd.write.layout import (
+    BARBS,
+    FEATHERS,
+    MATERIALS,
+    RACHISES,
+    SCOPES,
+    StageInfo,
+    define_root,
+)
 from featherfx.usd.write.materials import define_materials, look_of
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import left_leads
@@ -38,15 +47,6 @@ from featherfx.usd.write.prims import (
     seats,
 )
 from featherfx.usd.write.samples import AnimatedPrims
-from featherfx.usd.write.stage import (
-    BARBS,
-    FEATHERS,
-    MATERIALS,
-    RACHISES,
-    SCOPES,
-    StageInfo,
-    define_root,
-)
 
 
 def define_scopes(stage: Any, info: StageInfo, parts: Collection[str]) -> None:

@@ -1,4 +1,5 @@
-"""Which prims a cache has, by the form that is asked for; needs no USD.
+"""Which prims a cache has, by the form that is asked for, and which feathers share them; needs no
+USD.
 
     form        feathers (meshes)   rachises (curves)      barbs (curves, where N are asked for)
     mesh        yes                 yes                    yes
@@ -13,10 +14,17 @@ tip ahead.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from featherfx.usd.types import BARB, MESH, RACHIS, RATES
-from featherfx.usd.write.options import BOTH, CONDENSED, CURVES, WriteOptions
+from featherfx.usd.types import BARB, MESH, RACHIS, RATES, FeatherEntry
+from featherfx.usd.write.options import ALL, BOTH, CONDENSED, CURVES, FEATHER, REGION, WriteOptions
+from featherfx.usd.write.output import unique_prim_names
+
+# Feathers that each have prims of their own where that is left to the writer; readers are slow with
+# thousands of prims side by side.
+MOST_SINGLE = 200
 
 _PARTS = {CURVES: (RACHIS, BARB), CONDENSED: (RACHIS,)}
 
@@ -40,3 +48,40 @@ class Form:
     def writes(self, key: tuple[str, str]) -> bool:
         """Whether an attribute of a part of feathers is written."""
         return key[0] in self.parts and (self.rates or key[1] not in RATES)
+
+
+class Group(NamedTuple):
+    """Feathers of one mesh. name: of its prim. members: their numbers, in order."""
+
+    name: str
+    members: tuple[int, ...]
+
+
+def chosen_group(group: str | None, feathers: int) -> str:
+    """How a cache of so many feathers is grouped: as asked for, else by region if they are many."""
+    return group or (REGION if feathers > MOST_SINGLE else FEATHER)
+
+
+def grouped(
+    entries: Sequence[FeatherEntry], group: str, part: str = "", condensed: bool = False
+) -> list[Group]:
+    """The groups of a cache, in the order of their first feathers.
+
+    group: of GROUPS; feathers without a region go by their kind. part: told in the names, where
+    the cache is a part of a larger one that has the same groups. condensed: feathers of one group
+    must have as many barb nodes, since a primvar has one element size; others are told by these.
+    """
+    if group == FEATHER:
+        names = unique_prim_names([entry.name or entry.id for entry in entries])
+        return [Group(name, (number,)) for number, name in enumerate(names)]
+    members: dict[str, list[int]] = {}
+    first: dict[str, int] = {}
+    for number, entry in enumerate(entries):
+        label = (entry.region if group == REGION else "") or entry.kind
+        label = ALL if group == ALL else label
+        columns = entry.feather.columns
+        if condensed and columns != first.setdefault(label, columns):
+            label = f"{label}_{columns}"
+        members.setdefault(label, []).append(number)
+    names = unique_prim_names([f"{label}_{part}" if part else label for label in members])
+    return [Group(*each) for each in zip(names, map(tuple, members.values()), strict=True)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import frames_to_quats
-from featherfx.feather.clumps import clumped
+from featherfx.feather.barb_looks import clumped
 from featherfx.feather.lips import Lips, carried_rates
 from featherfx.feather.types import (
     LEADING,

@@ -21,9 +21,8 @@ from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, Output
 from featherfx.usd.write.assemble import assemble
 from featherfx.usd.write.chunk import ChunkWriter, WrittenChunk
 from featherfx.usd.write.define import define_prims
-from featherfx.usd.write.forms import Form
-from featherfx.usd.write.grouping import chosen_group, grouped
-from featherfx.usd.write.layout import new_layers
+from featherfx.usd.write.forms import Form, chosen_group, grouped
+from featherfx.usd.write.layout import StageInfo, new_layers
 from featherfx.usd.write.options import FEATHER, GROUPS, UP_AXES, WriteOptions
 from featherfx.usd.write.output import (
     check_output,
@@ -36,7 +35,6 @@ from featherfx.usd.write.parts import Parts, Save, unfinished_bakes
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import PosedFeather, posed_feathers
 from featherfx.usd.write.samples import AnimatedPrims
-from featherfx.usd.write.stage import StageInfo
 from featherfx.usd.write.textures import Atlas, refuse_textures
 
 # A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
