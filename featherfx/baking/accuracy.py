@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from featherfx.api import Folders, read_quality, read_shot
 from featherfx.errors import InputWarning, all_of
-from featherfx.feather.density import density_map
+from featherfx.feather.density import farthest
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
 from featherfx.phases import phase
@@ -264,16 +264,5 @@ def finer_quality(quality: Quality, grid: Resolution, finer: frozenset[str]) -> 
 
 def _ways(fine: _Run, coarse: _Run) -> Array:
     """(F,) m, largest distance of the nodes of a coarse run from where a fine one has them."""
-    found = []
-    for one, other, points, wanted in zip(
-        coarse.feathers, fine.feathers, coarse.points, fine.points, strict=True
-    ):
-        to_coarse = density_map(other, one)
-        grown = np.repeat(one.barb_length.T > 0.0, one.columns, axis=1)
-        there = np.concatenate([np.ones((one.rows, 1), dtype=np.bool_), grown], axis=1)
-        way = [
-            np.linalg.norm(a.nodes - to_coarse(b).nodes, axis=-1)[there].max()
-            for a, b in zip(points, wanted, strict=True)
-        ]
-        found.append(float(max(way)))
-    return np.array(found)
+    pairs = zip(coarse.feathers, fine.feathers, coarse.points, fine.points, strict=True)
+    return np.array([farthest(*each) for each in pairs])

@@ -9,20 +9,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from featherfx.api import read_shot
-    from featherfx.baking.accuracy import error_of
-    from featherfx.baking.bake import bake
-    from featherfx.baking.check import check
-    from featherfx.baking.convert import export, join
-    from featherfx.baking.groom import export_groom
-    from featherfx.baking.plan import plan
-    from featherfx.baking.stats import plumage_stats
-    from featherfx.usd.check.crossings import count_crossings
-    from featherfx.usd.check.outline import measure_holes, measure_moves
-    from featherfx.usd.convert.levels import export_levels
-    from featherfx.usd.convert.retime import retime
-    from featherfx.usd.convert.rigid import export_rigid
-    from featherfx.usd.read.inspect import inspect_stage
+    from featherfx.api import read_shot as read_shot
+    from featherfx.baking.accuracy import error_of as error_of
+    from featherfx.baking.bake import bake as bake
+    from featherfx.baking.check import check as check
+    from featherfx.baking.convert import export as export
+    from featherfx.baking.convert import join as join
+    from featherfx.baking.groom import export_groom as export_groom
+    from featherfx.baking.plan import plan as plan
+    from featherfx.baking.stats import plumage_stats as plumage_stats
+    from featherfx.usd.check.crossings import count_crossings as count_crossings
+    from featherfx.usd.check.outline import measure_holes as measure_holes
+    from featherfx.usd.check.outline import measure_moves as measure_moves
+    from featherfx.usd.convert.levels import export_levels as export_levels
+    from featherfx.usd.convert.retime import retime as retime
+    from featherfx.usd.convert.rigid import export_rigid as export_rigid
+    from featherfx.usd.read.inspect import inspect_stage as inspect_stage
 
 _HOMES = {
     "bake": "featherfx.baking.bake",
@@ -42,24 +44,6 @@ _HOMES = {
     "read_shot": "featherfx.api",
     "retime": "featherfx.usd.convert.retime",
 }
-__all__ = [
-    "bake",
-    "check",
-    "count_crossings",
-    "error_of",
-    "export",
-    "export_groom",
-    "export_levels",
-    "export_rigid",
-    "inspect_stage",
-    "join",
-    "measure_holes",
-    "measure_moves",
-    "plan",
-    "plumage_stats",
-    "read_shot",
-    "retime",
-]
 
 
 def __getattr__(name: str) -> Any:

@@ -33,6 +33,6 @@ def new_writer(task: Task) -> CacheWriter:
 
 
 def compared(task: Task, dependences: Sequence[str]) -> dict[str, Any]:
-    """What a later bake compares itself with (again.py). dependences: of the task's feathers."""
+    """What a later bake compares itself with (see `task`). dependences: of the task's feathers."""
     depend = dict(zip(task.names, dependences, strict=True))
     return {"inputs": table_text(task.shot.inputs), "dependences": table_text(depend)}

@@ -55,17 +55,6 @@ def build_feather(
     return feather
 
 
-def feather_of(placement: Placement, rows: int, columns: int) -> Feather:
-    """Rest geometry of a placed feather, in its own frame; shapes are built once for all sizes.
-
-    rows, columns: as in build_feather. Raises InputError for shapes that cannot be built.
-    """
-    if placement.prototype is None:
-        return build_feather(placement.kind, rows, columns, placement.mirrored)
-    built = build_feather(placement.prototype, rows, columns, placement.mirrored)
-    return scaled(built, placement.size)
-
-
 def repeated_shapes(placements: Sequence[Placement]) -> tuple[list[int], list[int]]:
     """The first placement of every shape, and for each placement the number of its shape."""
     numbers: dict[tuple[int, bool], int] = {}

@@ -16,6 +16,7 @@ so is every barb of a coarse row that is a fine row, too.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,21 @@ def _scaled(unit: PointMap, of_nodes: float, of_directors: float, rows: int) -> 
     nodes = matrix.shape[1] - 2 * rows
     matrix.data *= np.where(matrix.indices < nodes, of_nodes, of_directors)
     return PointMap(matrix, unit.shape)
+
+
+def farthest(
+    coarse: Feather, fine: Feather, points: Sequence[RowPoints], wanted: Sequence[RowPoints]
+) -> float:
+    """m, largest distance of the nodes of a coarse feather from where a fine one has them, in any
+    of some poses; nodes of barbs that are not there do not count."""
+    to_coarse = density_map(fine, coarse)
+    grown = np.repeat(coarse.barb_length.T > 0.0, coarse.columns, axis=1)
+    there = np.concatenate([np.ones((coarse.rows, 1), dtype=np.bool_), grown], axis=1)
+    ways = [
+        np.linalg.norm(a.nodes - to_coarse(b).nodes, axis=-1)[there].max()
+        for a, b in zip(points, wanted, strict=True)
+    ]
+    return float(max(ways))
 
 
 class _Along:

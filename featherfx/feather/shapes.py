@@ -31,7 +31,7 @@ _GRIDS = 4
 
 
 def feathers_of(placements: Sequence[Placement], rows: int, columns: int) -> list[Feather]:
-    """Rest geometry of placed feathers, each in its own frame, as feather_of gives it.
+    """Rest geometry of placed feathers, each in its own frame.
 
     Feathers of one shape and size share theirs. rows, columns: as in build_feather. Raises
     InputError with the problems of all shapes that cannot be built.

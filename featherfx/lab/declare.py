@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import MISSING, field, fields
 from math import inf, isfinite
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 from featherfx.errors import InputError, Problem
 
@@ -63,14 +63,18 @@ def part(*without: str, **defaults: Any) -> Any:
 def out_of_range(
     item: Any, source: str = "", form: str = "{value:g}; allowed: {allowed}"
 ) -> list[Problem]:
-    """Every value of a dataclass that is out of its declared range; None is in every one."""
-    return [
-        Problem(source, each.name, form.format(value=found, allowed=allowed))
-        for each in fields(item)
-        if (allowed := each.metadata.get(ALLOWED)) is not None
-        and (found := getattr(item, each.name)) is not None
-        and not allowed.holds(found)
-    ]
+    """Every value of a dataclass that is none of its choices, or out of its declared range; None is
+    in every one."""
+    problems, hints = [], get_type_hints(type(item))
+    for each in fields(item):
+        found, allowed = getattr(item, each.name), each.metadata.get(ALLOWED)
+        choices = get_args(hints[each.name]) if get_origin(hints[each.name]) is Literal else ()
+        if choices and found not in choices:
+            message = f"'{found}' is not one of {', '.join(choices)}"
+            problems.append(Problem(source, each.name, message))
+        elif allowed is not None and found is not None and not allowed.holds(found):
+            problems.append(Problem(source, each.name, form.format(value=found, allowed=allowed)))
+    return problems
 
 
 def require(*problems: Problem) -> None:

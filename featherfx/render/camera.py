@@ -17,7 +17,6 @@ from featherfx.shot.detail.view import View
 
 Array = NDArray[np.float64]
 
-VIEWS = ("auto", "top", "side", "front")
 
 _ANGLE = math.radians(24)
 _FOCAL_LENGTH = 0.056  # m: sees this angle over the height of a frame of 24 mm

@@ -22,7 +22,6 @@ from featherfx.solver.step.gap_kernels import (
     SLIP,
 )
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

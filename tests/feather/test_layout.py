@@ -12,9 +12,10 @@ from scipy.optimize import minimize
 import featherfx
 from featherfx.algebra.rotation import frames_from
 from featherfx.errors import InputError, InputWarning
-from featherfx.feather.build import build_feather, feather_of, repeated_shapes, scaled
+from featherfx.feather.build import build_feather, repeated_shapes, scaled
 from featherfx.feather.layout.layout import cover, laid_out, lay_out, measured
 from featherfx.feather.layout.overlap import segment_distance, shingle_pairs, strips_of
+from featherfx.feather.shapes import feathers_of
 from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
@@ -120,7 +121,7 @@ def test_cleared_feathers_do_not_meet_as_meshes(kind):
     groom, _ = laid_out(groom_of(*field(kind, 4, 3)))
     meshes = []
     for feather in groom.feathers:
-        built = feather_of(feather, 21, 6)
+        (built,) = feathers_of([feather], 21, 6)
         vanes = built.surface.triangles[built.surface.part != 2]
         points = built.surface.points(built.points) @ feather.rotation.T + feather.position
         meshes.append(trimesh.Trimesh(points, vanes, process=False))

@@ -16,9 +16,8 @@ from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from featherfx.feather.density import density_map
+from featherfx.feather.density import farthest
 from featherfx.feather.shapes import feathers_of
 from featherfx.feather.types import Feather, RowPoints, stacked
 from featherfx.lab.bench.report import ResultTable, Row
@@ -30,8 +29,6 @@ from featherfx.shot.detail.promise import front
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.simulate import simulate
 from featherfx.shot.types import Quality, Shot
-
-Array = NDArray[np.float64]
 
 ROWS = (6, 8, 11, 15, 21, 29, 57)
 COLUMNS = (2, 3, 4, 6, 12)
@@ -103,21 +100,11 @@ def at(shot: Shot, setting: Setting) -> Shot:
 def errors(one: FrontRun, reference: FrontRun) -> list[float]:
     """Per feather the largest distance of any point that one run simulates, at any frame, from
     where the reference has it, over the feather's length."""
-    found = []
-    for f, own in one.feathers.items():
-        to_own, present = density_map(reference.feathers[f], own), present_nodes(own)
-        ways = [
-            np.linalg.norm(a.nodes - to_own(b).nodes, axis=-1)[present].max()
-            for a, b in zip(one.points[f], reference.points[f], strict=True)
-        ]
-        found.append(float(max(ways) / own.station[-1]))
-    return found
-
-
-def present_nodes(feather: Feather) -> NDArray[np.bool_]:
-    """(n, 1 + 2 m) nodes of the shaft and of barbs that are there."""
-    grown = np.repeat(feather.barb_length.T > 0.0, feather.columns, axis=1)
-    return np.concatenate([np.ones((feather.rows, 1), dtype=np.bool_), grown], axis=1)
+    return [
+        farthest(own, reference.feathers[f], one.points[f], reference.points[f])
+        / float(own.station[-1])
+        for f, own in one.feathers.items()
+    ]
 
 
 def estimated_deflections(shot: Shot) -> list[tuple[float, float]]:

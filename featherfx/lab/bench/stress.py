@@ -13,7 +13,6 @@ from time import thread_time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import both
@@ -24,8 +23,6 @@ from featherfx.solver.state import State
 from featherfx.solver.status import CONVERGED, TOO_MUCH_WORK, reason_of
 from featherfx.solver.step.energy_kernels import elastic_energy
 from featherfx.solver.step.energy_promise_kernels import held_energy
-
-Array = NDArray[np.float64]
 
 # growth of energy that round-off and Newton's tolerance may cause, share of all energy there is
 ENERGY_SLACK = 1e-6

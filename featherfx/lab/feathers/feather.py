@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -239,11 +239,6 @@ def _grips(test: FeatherTest) -> tuple[tuple[int, Grip], ...]:
 def _checked(test: FeatherTest, preset_folders: tuple[str | Path, ...]) -> FeatherKind:
     """The preset's kind; raises InputError with every wrong value of the test."""
     problems = out_of_range(test, "feather")
-    if test.kinematics not in get_args(Kinematics):
-        allowed = ", ".join(get_args(Kinematics))
-        problems.append(
-            Problem("feather", "kinematics", f"'{test.kinematics}'; allowed: {allowed}")
-        )
     if test.pull is not None and not np.isfinite(test.pull).all():
         problems.append(Problem("feather", "pull", f"{test.pull}; allowed: finite numbers"))
     try:

@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from featherfx.errors import Problem
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind, RachisMaterial, VaneMaterial, VaneShape
@@ -121,15 +120,7 @@ class FullPull:
     guard: bool = value("With the penalty on lost area of table 6.1.", False)
 
     def __post_init__(self) -> None:
-        problems = [
-            Problem("pull", name, f"'{chosen}' is not one of {', '.join(allowed)}")
-            for name, chosen, allowed in (
-                ("scene", self.scene, get_args(Scene)),
-                ("material", self.material, MATERIALS),
-            )
-            if chosen not in allowed
-        ]
-        require(*problems, *out_of_range(self, "pull"))
+        require(*out_of_range(self, "pull"))
 
 
 @dataclass(frozen=True)

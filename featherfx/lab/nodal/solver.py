@@ -216,10 +216,3 @@ def barb_strain(model: Model, state: NodalState) -> Array:
     start = 6 * (model.rows - 1)
     stretch = state.strains[:, 0, start : start + 2 * model.rows * model.columns]
     return np.abs(stretch).max(axis=1, initial=0.0)
-
-
-def root_path(start: Array, end: Array, base: Array) -> RootPath:
-    """A straight path of all roots, without rotation, from start to end (F, 3) m; base: (F, 4)."""
-    samples = np.zeros((len(start), 2, 6))
-    samples[:, 0, :3], samples[:, 1, :3] = start, end
-    return RootPath(samples, base)

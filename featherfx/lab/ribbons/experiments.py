@@ -29,7 +29,7 @@ from featherfx.lab.ribbons.motion import Air, Pace, RibbonMotion
 from featherfx.lab.ribbons.rest import RibbonRest, settle_ribbon
 from featherfx.lab.rods.rod import Rod, rod_loads, rod_model, tributary_length
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.model import no_loads
+from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
 
@@ -187,20 +187,32 @@ def rod_of(ribbon: Ribbon, thickness: float, segments: int = ROD_SEGMENTS) -> Ro
     )
 
 
-def hang_rod(rod: Rod, line_density: float, clamp: Clamp = "level") -> Array:
-    """(n, 3) m, points of a rod at rest in the frame of the ribbon experiments.
+def hang_rod(rod: Rod, line_density: float) -> Array:
+    """(n, 3) m, points of a rod clamped level at rest in the frame of the ribbon experiments.
 
     line_density: kg/m. Gravity is tilted by a thousandth out of the plane, so that a rod which is
     unstable in it leaves it. Raises InputError, SimulationError.
     """
-    frame = clamp_frame(clamp)
-    model, loads = rod_model(rod), rod_loads(rod)
-    pull = GRAVITY + np.array([0.0, 0.0, TILT * np.linalg.norm(GRAVITY)])
-    loads.force[0, :, 0] = line_density * tributary_length(rod)[:, None] * pull
-    root = np.stack([frame[:, 2], -frame[:, 1], frame[:, 0]], axis=1)
+    across, normal, along = clamp_frame("level").T
+    loads = rod_loads(rod)
+    loads.force[0, :, 0] = line_density * tributary_length(rod)[:, None] * _tilted(TILT)
+    root = np.stack([along, -normal, across], axis=1)
+    return _rest(rod_model(rod), root, [loads], 1e-8 * rod.length)
+
+
+def _tilted(share: float) -> Array:
+    """(3,) m/s^2, gravity with a share of it out of the plane."""
+    return GRAVITY + np.array([0.0, 0.0, share * np.linalg.norm(GRAVITY)])
+
+
+def _rest(model: Model, root: Array, loads: Sequence[Loads], move: float) -> Array:
+    """(n, 3) m, the shaft at rest under the last of some loads, each from the rest of the one
+    before. root: (3, 3) of the clamp, at the origin. move: m, that ends Newton."""
     state = rest_state(model, np.zeros((1, 3)), root[None])
-    state, status, _ = Solver(model, Settings(newton=1e-8 * rod.length)).equilibrium(state, loads)
-    raise_if_failed(status, state.time, ["rod"])
+    solver = Solver(model, Settings(newton=move))
+    for each in loads:
+        state, status, _ = solver.equilibrium(state, each)
+        raise_if_failed(status, state.time, ["strip"])
     return np.array(state.centre[0])
 
 
@@ -243,19 +255,14 @@ def feather_of(ribbon: Ribbon, thickness: float) -> FeatherKind:
     )
 
 
-def hang_feather(kind: FeatherKind, rows: int, clamp: Clamp = "level") -> Array:
-    """(rows, 3) m, the shaft of a feather at rest in the frame of the ribbon experiments.
+def hang_feather(kind: FeatherKind, rows: int) -> Array:
+    """(rows, 3) m, the shaft of a feather clamped level at rest in the frame of the ribbon
+    experiments.
 
     It leaves its plane as in `hang_rod`, then gravity is straight. Raises InputError,
     SimulationError.
     """
-    frame = clamp_frame(clamp)
+    across, normal, along = clamp_frame("level").T
+    loads = [no_loads(1, tuple(_tilted(share))) for share in (0.1, 0.0)]
     model = make_model([build_feather(kind, rows, 1)], [kind], 0)
-    root = np.stack([frame[:, 2], frame[:, 0], frame[:, 1]], axis=1)
-    state = rest_state(model, np.zeros((1, 3)), root[None])
-    solver = Solver(model, Settings(newton=1e-6 * kind.length))
-    for tilt in (0.1, 0.0):
-        pull = GRAVITY + np.array([0.0, 0.0, tilt * np.linalg.norm(GRAVITY)])
-        state, status, _ = solver.equilibrium(state, no_loads(1, tuple(pull)))
-        raise_if_failed(status, state.time, [kind.name])
-    return np.array(state.centre[0])
+    return _rest(model, np.stack([along, across, normal], axis=1), loads, 1e-6 * kind.length)

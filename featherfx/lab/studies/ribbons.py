@@ -330,9 +330,7 @@ def against_rod(folder: Path) -> StudyResult:
     for length in LENGTHS:
         ribbon = replace(CURL, length=length)
         ribbons[length] = hang(ribbon).rest.curve.points
-        rods[length] = hang_rod(
-            rod_of(ribbon, THICKNESS), ribbon.surface_density * ribbon.width, "level"
-        )
+        rods[length] = hang_rod(rod_of(ribbon, THICKNESS), ribbon.surface_density * ribbon.width)
         gap = float(np.linalg.norm(_extent(ribbons[length]) - _extent(rods[length]))) / length
         text = f"distance of the tips at length {length:g} m, over length"
         if length < 0.29:

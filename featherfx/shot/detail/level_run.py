@@ -17,7 +17,6 @@ from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.types import Shot
 from featherfx.solver.step.root_path import RootPath
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Poses = dict[tuple[int, int], FeatherPose]

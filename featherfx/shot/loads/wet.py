@@ -14,15 +14,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import vane_mass
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.types import Shot, Wet
-
-Array = NDArray[np.float64]
 
 
 def wetness(rule: Wet, time: float) -> float:

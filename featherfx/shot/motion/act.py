@@ -21,8 +21,6 @@ from featherfx.algebra.rotation import rotation_vectors, vectors_to_frames
 from featherfx.groom.keys.preset import STEADY, Clock
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 
-Array = NDArray[np.float64]
-
 
 def clocked(poses: PosesOverTime, clock: Clock) -> PosesOverTime:
     """Poses in the time, and by the amount, of a clock."""

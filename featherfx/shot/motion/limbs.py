@@ -19,7 +19,6 @@ from featherfx.shot.motion.roots import RootFrames, Roots
 from featherfx.shot.motion.skin import BoundSkin
 from featherfx.shot.read.sources import MovingSurface
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
