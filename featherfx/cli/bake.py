@@ -18,6 +18,8 @@ from featherfx.cli.options import (
     default_jobs,
     jobs_option,
     options_of,
+    output_option,
+    overwrite_option,
     presets_option,
     progress_option,
     quality_option,
@@ -51,12 +53,10 @@ OF_DASK = ("scheduler", "workers", "shares")
     """,
 )
 @click.argument("shots", metavar="SHOT...", type=readable_path(), nargs=-1, required=True)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    help="USD file to write (.usd, .usdc, .usda); for several shots a folder."
+@output_option(
+    "USD file to write (.usd, .usdc, .usda); for several shots a folder."
     "  [default: the shot's name with .usdc]",
+    required=False,
 )
 @options_of(BakeOptions, "frames")
 @jobs_option("Feathers simulated at a time; the result does not depend on it.")
@@ -228,7 +228,7 @@ def _as_text(value: Any) -> str:
     required=True,
     help="Number of shares, as N of I/N.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
+@overwrite_option("Replace the output if it exists.")
 def join(output: Path, shares: int, overwrite: bool) -> None:
     """Write OUTPUT, a USD file that names the shares beside it (OUTPUT.1ofN.usdc and so on)."""
     click.echo(f"{output}: {pipeline.join(output, shares, overwrite)} feathers", err=True)
@@ -244,13 +244,7 @@ def join(output: Path, shares: int, overwrite: bool) -> None:
     """,
 )
 @click.argument("groom", metavar="GROOM", type=readable_path())
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="USD file to write (.usd, .usdc, .usda).",
-)
+@output_option("USD file to write (.usd, .usdc, .usda).")
 @quality_option("Quality preset that gives rows and columns.  [default: final]")
 @presets_option
 @progress_option

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from featherfx.cli.options import output_option
 from featherfx.cli.program import Command
 from featherfx.lab.bench.options import QUICK_STRESS_CASES, STRESS_CASES, BenchOptions
 
@@ -81,11 +82,10 @@ from featherfx.lab.bench.options import QUICK_STRESS_CASES, STRESS_CASES, BenchO
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="First one.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Threads.  [default: all cores]")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for the page, CSV, JSON and plots; without it the page goes to stdout.",
+@output_option(
+    "Folder for the page, CSV, JSON and plots; without it the page goes to stdout.",
+    required=False,
+    file_okay=False,
 )
 def bench(**values: Any) -> None:
     """Measure the solver on this machine.

@@ -11,9 +11,10 @@ import click
 
 from featherfx.baking import pipeline
 from featherfx.cli.options import (
-    FrameRange,
+    FRAMES,
     default_jobs,
     jobs_option,
+    json_option,
     presets_option,
     progress_option,
     readable_path,
@@ -48,8 +49,8 @@ from featherfx.groom.read.places import located
 @click.option(
     "--moves", is_flag=True, help="Tell how far points move from frame to frame of one cache."
 )
-@click.option("--frames", type=FrameRange(), help="Frames to look at.  [default: all]")
-@click.option("--json", "as_json", is_flag=True, help="What is measured as one JSON object.")
+@click.option("--frames", type=FRAMES, help="Frames to look at.  [default: all]")
+@json_option("What is measured as one JSON object.")
 @jobs_option()
 @progress_option
 @click.pass_context

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from featherfx.cli.options import progress_option
+from featherfx.cli.options import json_option, progress_option
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress, about
 
@@ -21,7 +21,7 @@ from featherfx.cli.progress import Progress, about
     featherfx doctor --json > report.json
     """,
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@json_option()
 @click.option("--no-test", is_flag=True, help="Leave out the self-test.")
 @progress_option
 @click.pass_context

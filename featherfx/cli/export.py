@@ -7,7 +7,14 @@ from pathlib import Path
 import click
 
 from featherfx.baking import pipeline
-from featherfx.cli.options import FrameRange, Numbers, Pairs, readable_path
+from featherfx.cli.options import (
+    FRAMES,
+    NUMBERS,
+    output_option,
+    overwrite_option,
+    pairs,
+    readable_path,
+)
 from featherfx.cli.program import Command
 
 
@@ -25,13 +32,9 @@ from featherfx.cli.program import Command
     """,
 )
 @click.argument("cache", type=readable_path())
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="One plain USD file (.usd, .usdc, .usda), one Alembic file (.abc), or a mesh file per"
-    " frame (.glb, .obj, .ply, .stl).",
+@output_option(
+    "One plain USD file (.usd, .usdc, .usda), one Alembic file (.abc), or a mesh file per"
+    " frame (.glb, .obj, .ply, .stl)."
 )
 @click.option("--morph", is_flag=True, help="glTF: one animated .glb, a morph target a frame.")
 @click.option("--condensed", is_flag=True, help="USD: Houdini's condensed feathers.")
@@ -43,16 +46,16 @@ from featherfx.cli.program import Command
 )
 @click.option(
     "--lod",
-    type=Numbers(),
+    type=NUMBERS,
     is_flag=False,
     flag_value="0.1,0.01,0.001",
     help="USD: beside the cache versions with fewer points, each for feathers that take less than"
     " a share of the view (0.1,0.01,0.001 where none are given).",
 )
 @click.option(
-    "--frames", type=FrameRange(), help="Alembic, meshes: first and last frame.  [default: all]"
+    "--frames", type=FRAMES, help="Alembic, meshes: first and last frame.  [default: all]"
 )
-@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@overwrite_option()
 def export(
     cache: Path,
     output: Path,
@@ -101,17 +104,11 @@ def export(
     """,
 )
 @click.argument("cache", type=readable_path())
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="One plain USD file (.usd, .usdc, .usda).",
-)
+@output_option("One plain USD file (.usd, .usdc, .usda).")
 @click.option("--speed", type=float, help="Frames of the cache that pass in a new one.")
 @click.option(
     "--keys",
-    type=Pairs("NEW:OLD,...", ":", ",", "keys", "1:1,24:12,48:48"),
+    type=pairs("NEW:OLD,...", ":", ",", "keys", "1:1,24:12,48:48"),
     help="New frames and those of the cache that they show.",
 )
 @click.option(
@@ -119,7 +116,7 @@ def export(
     type=click.IntRange(min=1),
     help="Frames at the end of the cache that become a loop; those before them are faded in.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+@overwrite_option("Replace a file that exists.")
 def retime(
     cache: Path,
     output: Path,

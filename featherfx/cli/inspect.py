@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from featherfx.baking import pipeline
-from featherfx.cli.options import readable_path
+from featherfx.cli.options import json_option, readable_path
 from featherfx.cli.program import Command
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ _TITLES = {
     """,
 )
 @click.argument("file", metavar="FILE.usd", type=readable_path())
-@click.option("--json", "as_json", is_flag=True, help="One JSON object, of all prims.")
+@json_option("One JSON object, of all prims.")
 @click.pass_context
 def inspect(ctx: click.Context, file: Path, as_json: bool) -> None:
     """Tell what a USD file holds: units, axis, rates and range; meshes, skeletons with their

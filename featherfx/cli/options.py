@@ -18,125 +18,117 @@ _MOST_DIGITS = 8  # of a frame, a share or a side: with sign, more than any may 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
-class FrameRange(click.ParamType):
-    """A-B, first and last frame, inclusive; or one frame."""
+class Parsed(click.ParamType):
+    """A value that is read out of text. name: in help. read: of a text; raises ValueError that
+    says what is wrong with it."""
 
-    name = "A-B"
+    def __init__(self, name: str, read: Callable[[str], Any]) -> None:
+        self.name, self._read = name, read
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        if isinstance(value, tuple):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not isinstance(value, str):
             return value
-        match = re.fullmatch(r"(-?\d+)(?:-(-?\d+))?", value.strip())
-        if not match:
-            self.fail(f"'{value}' is not a range of frames such as 1-24 or 12", param, ctx)
-        if max(map(len, match.groups(""))) > _MOST_DIGITS:
-            self.fail("frames lie within -1000000 and 1000000", param, ctx)
-        first, last = int(match[1]), int(match[2] or match[1])
-        if last < first:
-            self.fail(f"'{value}' ends before it starts", param, ctx)
-        return first, last
+        try:
+            return self._read(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
 
 
-class Pairs(click.ParamType):
+def _frames(text: str) -> tuple[int, int]:
+    """First and last frame, inclusive; or one frame."""
+    match = re.fullmatch(r"(-?\d+)(?:-(-?\d+))?", text.strip())
+    if not match:
+        raise ValueError(f"'{text}' is not a range of frames such as 1-24 or 12")
+    if max(map(len, match.groups(""))) > _MOST_DIGITS:
+        raise ValueError("frames lie within -1000000 and 1000000")
+    first, last = int(match[1]), int(match[2] or match[1])
+    if last < first:
+        raise ValueError(f"'{text}' ends before it starts")
+    return first, last
+
+
+def _shares(text: str) -> list[tuple[int, int]]:
+    """The i-th of n shares; or some of them one after the other."""
+    match = re.fullmatch(r"(\d+)(?:-(\d+))?/(\d+)", text.strip())
+    if match and (len(match[3]) > _MOST_DIGITS or int(match[3]) > MOST_SHARES):
+        raise ValueError(f"'{text}' is out of range, at most {MOST_SHARES} shares")
+    if match and max(map(len, match.groups(""))) <= _MOST_DIGITS:
+        first, last, count = int(match[1]), int(match[2] or match[1]), int(match[3])
+        if 1 <= first <= last <= count:
+            return [(share, count) for share in range(first, last + 1)]
+    raise ValueError(f"'{text}' is not a share such as 1/4, or some such as 1-3/4")
+
+
+def _size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)x(\d+)", text.strip().lower())
+    if not match:
+        raise ValueError(f"'{text}' is not a size such as 1280x720")
+    if max(map(len, match.groups())) > _MOST_DIGITS:
+        raise ValueError(f"a side has 16 to {MOST_SIDE} pixels")
+    return int(match[1]), int(match[2])
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(each) for each in text.split(",")]
+    except ValueError:
+        raise ValueError(f"'{text}' is no list of numbers such as 0.1,0.01") from None
+
+
+FRAMES = Parsed("A-B", _frames)
+SHARES = Parsed("I/N", _shares)
+SIZE = Parsed("WxH", _size)
+NUMBERS = Parsed("NUMBERS", _numbers)
+
+
+def pairs(name: str, within: str, between: str | None, of: str, example: str) -> Parsed:
     """Pairs of numbers. name: in help. within, between: what stands within a pair and between two,
     None: spaces. of: what they are, and example, for messages."""
 
-    def __init__(self, name: str, within: str, between: str | None, of: str, example: str) -> None:
-        self.name, self._within, self._between = name, within, between
-        self._told = f"is no list of {of} such as {example}"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> list[tuple[float, float]]:
-        if isinstance(value, list):
-            return value
+    def read(text: str) -> list[tuple[float, float]]:
         try:
-            pairs = [map(float, each.split(self._within)) for each in value.split(self._between)]
-            return [(first, second) for first, second in pairs]
+            found = [map(float, each.split(within)) for each in text.split(between)]
+            return [(first, second) for first, second in found]
         except ValueError:
-            self.fail(f"'{value}' {self._told}", param, ctx)
+            raise ValueError(f"'{text}' is no list of {of} such as {example}") from None
+
+    return Parsed(name, read)
 
 
-class Numbers(click.ParamType):
-    """Numbers with commas between."""
-
-    name = "NUMBERS"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> list[float]:
-        if isinstance(value, list):
-            return value
-        try:
-            return [float(each) for each in value.split(",")]
-        except ValueError:
-            self.fail(f"'{value}' is no list of numbers such as 0.1,0.01", param, ctx)
-
-
-class Names(click.ParamType):
+def names(*allowed: str) -> Parsed:
     """Some of the allowed names, with commas between."""
 
-    name = "NAMES"
-
-    def __init__(self, *allowed: str) -> None:
-        self._allowed = allowed
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> list[str]:
-        if isinstance(value, list):
-            return value
-        found = [name.strip() for name in value.split(",") if name.strip()]
+    def read(text: str) -> list[str]:
+        found = [name.strip() for name in text.split(",") if name.strip()]
         for name in found:
-            if name not in self._allowed:
-                self.fail(f"'{name}' is not one of {', '.join(self._allowed)}", param, ctx)
+            if name not in allowed:
+                raise ValueError(f"'{name}' is not one of {', '.join(allowed)}")
         return sorted(set(found))
 
-
-class Shares(click.ParamType):
-    """i/n, the i-th of n shares; or i-j/n, some of them one after the other."""
-
-    name = "I/N"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> list[tuple[int, int]]:
-        if isinstance(value, list):
-            return value
-        match = re.fullmatch(r"(\d+)(?:-(\d+))?/(\d+)", value.strip())
-        if match and (len(match[3]) > _MOST_DIGITS or int(match[3]) > MOST_SHARES):
-            self.fail(f"'{value}' is out of range, at most {MOST_SHARES} shares", param, ctx)
-        if not match or max(map(len, match.groups(""))) > _MOST_DIGITS:
-            self.fail(f"'{value}' is not a share such as 1/4, or some such as 1-3/4", param, ctx)
-        first, last, count = int(match[1]), int(match[2] or match[1]), int(match[3])
-        if not 1 <= first <= last <= count:
-            self.fail(f"'{value}' is not a share such as 1/4, or some such as 1-3/4", param, ctx)
-        return [(share, count) for share in range(first, last + 1)]
-
-
-class Size(click.ParamType):
-    """WxH in pixels."""
-
-    name = "WxH"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        if isinstance(value, tuple):
-            return value
-        match = re.fullmatch(r"(\d+)x(\d+)", value.strip().lower())
-        if not match:
-            self.fail(f"'{value}' is not a size such as 1280x720", param, ctx)
-        if max(map(len, match.groups())) > _MOST_DIGITS:
-            self.fail(f"a side has 16 to {MOST_SIDE} pixels", param, ctx)
-        return int(match[1]), int(match[2])
+    return Parsed("NAMES", read)
 
 
 def readable_path() -> click.Path:
     """A path that the command reads; whether it can is told with the other problems."""
     return click.Path(path_type=Path, readable=False)
+
+
+def output_option(
+    told: str, required: bool = True, metavar: str | None = None, **path: bool
+) -> Callable[[Decorated], Decorated]:
+    """-o of a command. path: what click.Path takes besides."""
+    kind = click.Path(path_type=Path, **path)
+    return click.option("-o", "--output", required=required, type=kind, metavar=metavar, help=told)
+
+
+def overwrite_option(
+    told: str = "Replace files that exist.",
+) -> Callable[[Decorated], Decorated]:
+    return click.option("--overwrite", is_flag=True, help=told)
+
+
+def json_option(told: str = "One JSON object.") -> Callable[[Decorated], Decorated]:
+    return click.option("--json", "as_json", is_flag=True, help=told)
 
 
 def jobs_option(meaning: str = "Threads.") -> Callable[[Decorated], Decorated]:
@@ -181,10 +173,10 @@ def _option(declared: Field[Any], hint: Any) -> Callable[[Decorated], Decorated]
 def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
     """What a field takes on the command line."""
     if "form" in told:
-        return FrameRange() if told["form"] == "A-B" else Shares()
+        return FRAMES if told["form"] == "A-B" else SHARES
     if "allowed" in told:
         if get_origin(hint) is Sequence:
-            return Names(*told["allowed"])
+            return names(*told["allowed"])
         return click.Choice(told["allowed"], case_sensitive=False)
     if "least" in told:
         if float in get_args(hint):

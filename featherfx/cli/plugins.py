@@ -9,6 +9,7 @@ import click
 
 from featherfx.baking.plugins import HOSTS, install, listed
 from featherfx.cli.log import tell
+from featherfx.cli.options import json_option, overwrite_option
 from featherfx.cli.program import Command, CommandGroup
 
 
@@ -26,7 +27,7 @@ def plugins() -> None:
     short_help="List plugins, and which are installed.",
     epilog="featherfx plugins list --json",
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON array.")
+@json_option("One JSON array.")
 def list_command(as_json: bool) -> None:
     """List the programs that there is a plugin for, where it goes, and what is installed."""
     found = listed()
@@ -55,7 +56,7 @@ def list_command(as_json: bool) -> None:
     metavar="FOLDER",
     help="Folder that the program searches.  [default: the user's own]",
 )
-@click.option("--overwrite", is_flag=True, help="Replace a plugin that is installed.")
+@overwrite_option("Replace a plugin that is installed.")
 def install_command(host: str, into: Path | None, overwrite: bool) -> None:
     """Install the plugin of HOST, which calls the featherfx that installed it.
 

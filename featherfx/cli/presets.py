@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from featherfx.baking.samples import copy_sample, sample_names
-from featherfx.cli.options import presets_option
+from featherfx.cli.options import output_option, presets_option
 from featherfx.cli.program import Command, CommandGroup
 
 
@@ -61,13 +61,7 @@ def show_command(name: str, preset_folders: tuple[Path, ...]) -> None:
     """,
 )
 @click.argument("name", type=click.Choice(sample_names()))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="New or empty folder for its files.  [default: NAME]",
-)
+@output_option("New or empty folder for its files.  [default: NAME]", required=False, metavar="DIR")
 def sample(name: str, output: Path | None) -> None:
     """Copy the files of the sample NAME and print where they are.
 

@@ -7,7 +7,15 @@ from typing import Any
 
 import click
 
-from featherfx.cli.options import FrameRange, Size, jobs_option, progress_option, readable_path
+from featherfx.cli.options import (
+    FRAMES,
+    SIZE,
+    jobs_option,
+    output_option,
+    overwrite_option,
+    progress_option,
+    readable_path,
+)
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 from featherfx.limits import MOST_SHEET
@@ -27,13 +35,7 @@ from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
     """,
 )
 @click.argument("file", type=readable_path())
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="File to write: .png, or a film as .gif or .mp4.",
-)
+@output_option("File to write: .png, or a film as .gif or .mp4.")
 @click.option(
     "--frame",
     "single",
@@ -42,7 +44,7 @@ from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
     metavar="N",
     help="Frame to draw; repeat it for several files, or for the frames of a sheet.",
 )
-@click.option("--frames", "span", type=FrameRange(), help="First and last frame to draw.")
+@click.option("--frames", "span", type=FRAMES, help="First and last frame to draw.")
 @click.option(
     "--sheet",
     type=click.IntRange(1, MOST_SHEET),
@@ -62,7 +64,7 @@ from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
     show_default=True,
     help="Shaded vanes, barb angle, region, strain across the barbs, or hooks that hold.",
 )
-@click.option("--size", type=Size(), help="Pixels of one picture.")
+@click.option("--size", type=SIZE, help="Pixels of one picture.")
 @click.option(
     "--view",
     type=click.Choice(VIEWS),
@@ -112,7 +114,7 @@ from featherfx.render.options import COLOURS, FRAMINGS, SAMPLES, VIEWS
 )
 @jobs_option("Threads that draw.")
 @progress_option
-@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@overwrite_option()
 def preview(
     file: Path,
     output: Path,

@@ -14,6 +14,7 @@ from featherfx.cli.lab.show import plain
 from featherfx.cli.options import (
     default_jobs,
     jobs_option,
+    json_option,
     presets_option,
     progress_option,
     quality_option,
@@ -33,7 +34,7 @@ from featherfx.cli.progress import Progress
 )
 @click.argument("file", metavar="SHOT|GROOM", type=readable_path())
 @jobs_option("Of the bake.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object; SI units, bytes.")
+@json_option("One JSON object; SI units, bytes.")
 @quality_option("Quality preset.  [default: the shot's, or final]")
 @presets_option
 @click.option(
@@ -141,7 +142,7 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
     help="How many to look at; more are surer and take longer.",
 )
 @jobs_option()
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@json_option()
 @quality_option("Quality preset.  [default: the shot's, or final]")
 @presets_option
 @progress_option

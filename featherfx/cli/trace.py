@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from featherfx.cli.options import Pairs, readable_path
+from featherfx.cli.options import output_option, overwrite_option, pairs, readable_path
 from featherfx.cli.program import Command
 from featherfx.errors import InputError, Problem
 
@@ -22,9 +22,7 @@ from featherfx.errors import InputError, Problem
     """,
 )
 @click.argument("photo", type=readable_path())
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Preset to write, .toml."
-)
+@output_option("Preset to write, .toml.")
 @click.option(
     "--overlay", type=click.Path(path_type=Path), help="Picture with the feather over it."
 )
@@ -43,7 +41,7 @@ from featherfx.errors import InputError, Problem
 @click.option("--turned", is_flag=True, help="The thicker end is the base.")
 @click.option(
     "--shaft",
-    type=Pairs("COLUMN,ROW ...", ",", None, "pixels", "'40,900 60,30'"),
+    type=pairs("COLUMN,ROW ...", ",", None, "pixels", "'40,900 60,30'"),
     help="Pixels on the shaft, base to tip.  [default: found]",
 )
 @click.option(
@@ -51,7 +49,7 @@ from featherfx.errors import InputError, Problem
     type=click.Choice(["left", "right"]),
     help="Side of the leading vane, seen from base to tip.  [default: the narrower]",
 )
-@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@overwrite_option()
 def trace(photo: Path, output: Path, overlay: Path | None, overwrite: bool, **options: Any) -> None:
     """Make a feather preset of PHOTO, a picture of one feather that lies flat on a plain ground.
 

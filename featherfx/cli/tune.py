@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from featherfx.cli.options import default_jobs, presets_option, serving_options
+from featherfx.cli.options import default_jobs, overwrite_option, presets_option, serving_options
 from featherfx.cli.program import Command
 from featherfx.cli.view import serve
 
@@ -52,7 +52,7 @@ _OF_WING = "wing_primary_*"
 @click.option("--quality", metavar="NAME", default="draft", show_default=True)
 @presets_option
 @serving_options
-@click.option("--overwrite", is_flag=True, help="`save` may replace presets in the folder.")
+@overwrite_option("`save` may replace presets in the folder.")
 def tune(
     what: str,
     feathers: Sequence[str],

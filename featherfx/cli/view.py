@@ -13,7 +13,13 @@ import click
 
 from featherfx.baking import pipeline
 from featherfx.cli.log import tell
-from featherfx.cli.options import default_jobs, progress_option, readable_path, serving_options
+from featherfx.cli.options import (
+    default_jobs,
+    overwrite_option,
+    progress_option,
+    readable_path,
+    serving_options,
+)
 from featherfx.cli.program import Command
 from featherfx.cli.progress import Progress
 
@@ -57,7 +63,7 @@ _QUALITY = "draft"
 @serving_options
 @click.option("--quality", metavar="NAME", help=f"Of grooms and shots.  [default: {_QUALITY}]")
 @progress_option
-@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
+@overwrite_option("Replace a file that exists.")
 def view(
     file: Path,
     against: Path | None,

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import click
 
 from featherfx.cli.lab.show import show
+from featherfx.cli.options import Parsed
 from featherfx.cli.program import Command
 from featherfx.lab.declare import DEFAULTS, MEANING, OPTION, WITHOUT
 
@@ -30,21 +31,12 @@ class Experiment:
         self.test, self.run, self.examples, self.more = test, run, examples, more
 
 
-class Vector(click.ParamType):
-    """X,Y,Z."""
-
-    name = "X,Y,Z"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float, float]:
-        if isinstance(value, tuple):
-            return value
-        try:
-            x, y, z = (float(each) for each in value.split(","))
-        except ValueError:
-            self.fail(f"'{value}' is not three numbers such as 0,0,-1.5", param, ctx)
-        return x, y, z
+def _vector(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(each) for each in text.split(","))
+    except ValueError:
+        raise ValueError(f"'{text}' is not three numbers such as 0,0,-1.5") from None
+    return x, y, z
 
 
 def command_from(name: str, experiment: Experiment) -> Command:
@@ -90,7 +82,7 @@ def _option(each: Field[Any], hint: Any, default: Any) -> click.Option:
     if several:
         kind = get_args(hint)[0]
     elif get_origin(hint) is tuple:
-        kind = Vector()
+        kind = Parsed("X,Y,Z", _vector)
     elif get_origin(hint) is Literal:
         kind = click.Choice(get_args(hint))
     name = each.metadata[OPTION] or each.name

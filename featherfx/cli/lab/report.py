@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from featherfx._version import __version__
+from featherfx.cli.options import json_option, output_option
 from featherfx.cli.program import Command
 from featherfx.errors import InputError, Problem
 from featherfx.lab.studies import report as pages
@@ -31,11 +32,10 @@ from featherfx.lab.studies.study import Study, studies
     featherfx lab report --only elastica --json
     """,
 )
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for validation.html, its pictures, and all numbers as CSV and JSON.",
+@output_option(
+    "Folder for validation.html, its pictures, and all numbers as CSV and JSON.",
+    required=False,
+    file_okay=False,
 )
 @click.option("--only", multiple=True, metavar="NAME", help="A study, can be given several times.")
 @click.option(
@@ -52,7 +52,7 @@ from featherfx.lab.studies.study import Study, studies
     help="Numbers of an earlier report (JSON): exit with 1 if one has moved by more than a tenth of"
     " its tolerance.",
 )
-@click.option("--json", "as_json", is_flag=True, help="All numbers as one JSON object.")
+@json_option("All numbers as one JSON object.")
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
