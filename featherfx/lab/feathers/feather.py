@@ -25,9 +25,8 @@ from featherfx.groom.keys.values import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind, Groom, Placement
-from featherfx.jit.compiled import kernel
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, require, value
-from featherfx.lab.nodal.assembly_kernels import nodal_assemble
+from featherfx.lab.feathers.repeat_kernels import repeat_iteration, repeat_nodal_iteration
 from featherfx.lab.nodal.model import NodalModel, nodal_model
 from featherfx.lab.nodal.solver import NodalSolver, nodal_system
 from featherfx.lab.nodal.state import NodalState, make_nodal_work, nodal_rest_state
@@ -41,11 +40,8 @@ from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step.assembly_kernels import assemble
-from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.integrator_kernels import Factors
 from featherfx.solver.step.modes import with_damping
-from featherfx.solver.vane.pairs_kernels import WHOLE
 
 Array = NDArray[np.float64]
 Kinematics = Literal["nodal", "barb-curvature"]
@@ -301,33 +297,3 @@ def iteration_seconds(repeat: Repeat, step: float) -> tuple[float, float]:
             best = min(best, time.perf_counter() - begin)
         seconds.append(float(best) / TIMED_ITERATIONS)
     return seconds[0], max(seconds[1] - seconds[0], 0.0)
-
-
-@kernel
-def repeat_iteration(model, loads, f, factors, solve, count, work):
-    """Assemble at the pose work.now count times and, if solve, factorise and solve as often.
-
-    Other arguments as in assemble. Returns how many matrices were positive definite.
-    """
-    good = 0
-    for _ in range(count):
-        assemble(model, loads, f, 0.0, factors, WHOLE, 0.0, work)
-        if solve and factorise(work.system.band, work.system.panel):
-            solve_factored(work.system.band, work.system.right)
-            good += 1
-    return good
-
-
-@kernel
-def repeat_nodal_iteration(model, nodal, loads, f, factors, solve, count, work):
-    """Assemble at the pose work.now count times and, if solve, factorise and solve as often.
-
-    Other arguments as in nodal_assemble. Returns how many matrices were positive definite.
-    """
-    good, system = 0, work.system
-    for _ in range(count):
-        nodal_assemble(model, nodal, loads, f, 0.0, factors, False, work)
-        if solve and factorise(system.band, system.panel):
-            solve_factored(system.band, system.right)
-            good += 1
-    return good
